@@ -21,12 +21,16 @@ def checks():
     return module
 
 
-@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem
+)
 def test_every_check_that_a_notebook_calls_is_there_and_none_more(checks, path):
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     text = "\n".join("".join(cell["source"]) for cell in cells)
     known = vars(getattr(checks, IMPORT.search(text)[1]))
-    assert set(re.findall(r"\bcheck\.(\w+)\(", text)) == {name for name in known if not name.isupper()}
+    assert set(re.findall(r"\bcheck\.(\w+)\(", text)) == {
+        name for name in known if not name.isupper()
+    }
 
 
 def test_no_answer_yet(checks):

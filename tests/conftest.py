@@ -14,16 +14,27 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # there are as many of these as cores
     os.environ.setdefault("ENDOLAB_THREADS", "1")
 # As the command line has it; Rerun reads it once.
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # a test may be the first to open a video, which counts
-os.environ.setdefault("CI", "1")  # the one variable by which a Rerun viewer sends no usage data
+os.environ.setdefault(
+    "OPENCV_FFMPEG_LOGLEVEL", "-8"
+)  # a test may be the first to open a video, which counts
+os.environ.setdefault(
+    "CI", "1"
+)  # the one variable by which a Rerun viewer sends no usage data
 
 # Programs that tests start and interrupt would ignore what nohup, or a shell's &, has this one ignore.
 for _name, _usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
-    if hasattr(signal, _name) and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN:
+    if (
+        hasattr(signal, _name)
+        and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN
+    ):
         signal.signal(getattr(signal, _name), _usual)
 
 ROOT = Path(__file__).resolve().parent.parent
-SLOW = ("browser", "hostile", "benchmarks")  # folders: what opens a browser, kills, fills a disk, measures
+SLOW = (
+    "browser",
+    "hostile",
+    "benchmarks",
+)  # folders: what opens a browser, kills, fills a disk, measures
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -58,14 +69,18 @@ def data() -> Path:
     """Give the folder of published frames."""
     folder = Path(os.environ.get("ENDOLAB_DATA") or ROOT.parent / "shared" / "data")
     if not folder.is_dir():
-        pytest.skip(f"the published frames are not in {folder}; ENDOLAB_DATA can name another folder")
+        pytest.skip(
+            f"the published frames are not in {folder}; ENDOLAB_DATA can name another folder"
+        )
     return folder
 
 
 @pytest.fixture(scope="session")
 def mitsuba() -> None:
     """Ask for Mitsuba, an optional extra, and the LLVM that it needs."""
-    pytest.importorskip("mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"')
+    pytest.importorskip(
+        "mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"'
+    )
     from tests.tools import path_tracing
 
     try:

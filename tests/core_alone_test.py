@@ -23,15 +23,30 @@ SENTENCE = '{} is not installed; pip install "endolab[lab]" brings it'
 def run(tmp_path_factory):
     """Run the Python of a fresh environment that holds the core alone, of the versions in the lock."""
     folder = tmp_path_factory.mktemp("alone")
-    source, python = folder / "source", folder / "venv/bin/python"
-    shutil.copytree(ROOT / "endolab", source / "endolab", ignore=shutil.ignore_patterns("__pycache__"))
+    source = folder / "source"
+    python = folder / "venv/bin/python"
+    shutil.copytree(
+        ROOT / "endolab", source / "endolab", ignore=shutil.ignore_patterns("__pycache__")
+    )
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    how = {"cwd": folder, "env": environment, "capture_output": True, "text": True, "timeout": 200}
+    environment = {
+        name: value for name, value in os.environ.items() if name != "PYTHONPATH"
+    }
+    how = {
+        "cwd": folder,
+        "env": environment,
+        "capture_output": True,
+        "text": True,
+        "timeout": 200,
+    }
     subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True, timeout=60)
     uv = Path(sys.executable).with_name("uv")  # several times faster, where it is
-    pip = [uv, "pip", "install", "--python", python] if uv.exists() else [python, "-m", "pip", "install"]
+    pip = (
+        [uv, "pip", "install", "--python", python]
+        if uv.exists()
+        else [python, "-m", "pip", "install"]
+    )
     for what in (["setuptools"], ["--no-build-isolation", source]):
         command = [*pip, "-q", "-c", ROOT / "requirements.lock", *what]
         done = subprocess.run(command, **how)
@@ -47,7 +62,15 @@ def test_the_core_alone_simulates_and_reconstructs(run):
     assert run("-c", code).stdout == "[]\n"
     done = run("-m", "endolab", "simulate", "curved", "--width", 64, "--out", "sim")
     assert done.returncode == 0, done.stderr
-    given = ("sim/frame.png", "--calibration", "sim/endoscope.json", "--mesh", "--prepare", "--out", "out")
+    given = (
+        "sim/frame.png",
+        "--calibration",
+        "sim/endoscope.json",
+        "--mesh",
+        "--prepare",
+        "--out",
+        "out",
+    )
     given += ("--solver", "fast_marching")  # of which little must be compiled
     done = run("-m", "endolab", "reconstruct", *given)
     assert done.returncode == 0, done.stderr
@@ -59,9 +82,21 @@ def test_the_core_alone_simulates_and_reconstructs(run):
 @pytest.fixture
 def without_lab(monkeypatch):
     """No package of the extra can be imported, and none has been."""
-    for name in [name for name in sys.modules if name.startswith(("endolab.recording", "endolab.tuning"))]:
+    for name in [
+        name
+        for name in sys.modules
+        if name.startswith(("endolab.recording", "endolab.tuning"))
+    ]:
         monkeypatch.delitem(sys.modules, name)
-    kept = {"recording", "tuning", "record", "show", "read_recording", "Comparison", "tune"}  # once asked for
+    kept = {
+        "recording",
+        "tuning",
+        "record",
+        "show",
+        "read_recording",
+        "Comparison",
+        "tune",
+    }  # once asked for
     for name in kept & vars(el).keys():
         monkeypatch.delattr(el, name)
     for name in LAB:
@@ -90,15 +125,21 @@ def test_the_command_line_says_it_too(without_lab, capsys):
     assert capsys.readouterr().err == f"endolab: {SENTENCE.format('jupyterlab')}\n"
 
 
-@pytest.mark.parametrize(("version", "accepted"), [("4.14.0.94", False), ("5.0.0.93", True)])
-def test_an_older_opencv_is_refused_in_one_sentence_at_the_first_import(version, accepted, tmp_path):
+@pytest.mark.parametrize(
+    ("version", "accepted"), [("4.14.0.94", False), ("5.0.0.93", True)]
+)
+def test_an_older_opencv_is_refused_in_one_sentence_at_the_first_import(
+    version, accepted, tmp_path
+):
     package = tmp_path / "cv2"
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "version.py").write_text(f'opencv_version = "{version}"\n')
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     command = [sys.executable, "-c", "import endolab"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode == 0) == accepted, done.stderr
     if not accepted:
         assert f"needs OpenCV 5, found {version}" in done.stderr.splitlines()[-1]
@@ -108,7 +149,11 @@ def test_a_script_beside_the_clone_imports_the_package_not_the_clones_folder(tmp
     (tmp_path / "endolab").symlink_to(ROOT, target_is_directory=True)
     script = tmp_path / "script.py"
     script.write_text("import endolab; print(endolab.__version__)")
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment = {
+        name: value for name, value in os.environ.items() if name != "PYTHONPATH"
+    }
     command = [sys.executable, script]
-    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
     assert done.stdout.strip() == el.__version__, done.stderr

@@ -9,9 +9,17 @@ from endolab import metrics
 
 FINDER = doctest.DocTestFinder(recurse=False)
 OFFERED = [
-    thing for module in (el, metrics) for name in module.__all__ if callable(thing := getattr(module, name))
+    thing
+    for module in (el, metrics)
+    for name in module.__all__
+    if callable(thing := getattr(module, name))
 ]
-EXAMPLES = {test.name: test for thing in OFFERED for test in FINDER.find(thing, globs={}) if test.examples}
+EXAMPLES = {
+    test.name: test
+    for thing in OFFERED
+    for test in FINDER.find(thing, globs={})
+    if test.examples
+}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -23,10 +23,38 @@ CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_extras", "__main__"}  # files at the top
 MOST_LEVELS = 9
 
-UPSTAIRS_ONLY = {"rerun", "matplotlib", "ipywidgets", "IPython", "open3d", "tqdm", "pathlib", "io", "csv"}
+UPSTAIRS_ONLY = {
+    "rerun",
+    "matplotlib",
+    "ipywidgets",
+    "IPython",
+    "open3d",
+    "tqdm",
+    "pathlib",
+    "io",
+    "csv",
+}
 FILE_CALLS = {
-    *("open", "print", "input", "imread", "imwrite", "imdecode", "VideoCapture", "VideoWriter", "imshow"),
-    *("savez", "savez_compressed", "loadtxt", "savetxt", "genfromtxt", "fromfile", "tofile"),
+    *(
+        "open",
+        "print",
+        "input",
+        "imread",
+        "imwrite",
+        "imdecode",
+        "VideoCapture",
+        "VideoWriter",
+        "imshow",
+    ),
+    *(
+        "savez",
+        "savez_compressed",
+        "loadtxt",
+        "savetxt",
+        "genfromtxt",
+        "fromfile",
+        "tofile",
+    ),
     *("read_text", "write_text", "read_bytes", "write_bytes"),
 }
 BORROWED = {
@@ -47,16 +75,25 @@ def complaints(source):
         elif isinstance(node, ast.Call):
             name = getattr(node.func, "attr", getattr(node.func, "id", ""))
             wrong |= {f"calls {name}"} & {f"calls {call}" for call in FILE_CALLS}
-        wrong |= {f"imports {name.split('.')[0]}" for name in names if name.split(".")[0] in UPSTAIRS_ONLY}
+        wrong |= {
+            f"imports {name.split('.')[0]}"
+            for name in names
+            if name.split(".")[0] in UPSTAIRS_ONLY
+        }
     return wrong
 
 
 def in_core():
-    return sorted(name for name in structure.modules(PACKAGE) if structure.folder_of(name) in CORE)
+    return sorted(
+        name for name in structure.modules(PACKAGE) if structure.folder_of(name) in CORE
+    )
 
 
 def test_every_file_lives_in_a_folder_that_has_its_place():
-    assert {structure.folder_of(name) for name in structure.modules(PACKAGE)} == {*ORDER, *BESIDE}
+    assert {structure.folder_of(name) for name in structure.modules(PACKAGE)} == {
+        *ORDER,
+        *BESIDE,
+    }
 
 
 def test_no_import_runs_back_up():
@@ -70,15 +107,21 @@ def test_nothing_imports_in_a_circle():
 
 
 def test_the_house_is_not_too_high():
-    folders = structure.by_folder({k: v for k, v in structure.imports(PACKAGE).items() if k not in BESIDE})
+    folders = structure.by_folder(
+        {k: v for k, v in structure.imports(PACKAGE).items() if k not in BESIDE}
+    )
     assert max(structure.levels(folders).values()) <= MOST_LEVELS
 
 
 def test_no_import_hides_where_it_leads():
     for path in structure.modules(PACKAGE).values():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            assert not (isinstance(node, ast.ImportFrom) and node.level), f"{path}: relative"
-            hidden = isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func)
+            assert not (isinstance(node, ast.ImportFrom) and node.level), (
+                f"{path}: relative"
+            )
+            hidden = isinstance(node, ast.Call) and "import_module" in ast.unparse(
+                node.func
+            )
             hidden = hidden and "endolab" in ast.unparse(node)
             assert not hidden, f"{path}: import_module"
 
@@ -90,7 +133,9 @@ def test_no_test_imports_another_test():
             names = [getattr(node, "module", None) or ""]
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names += [alias.name for alias in node.names]
-            assert not any(part.endswith("_test") for name in names for part in name.split(".")), path
+            assert not any(
+                part.endswith("_test") for name in names for part in name.split(".")
+            ), path
 
 
 @pytest.mark.parametrize("module", in_core())
@@ -110,7 +155,9 @@ def house(tmp_path):
 
 
 def test_circles_and_levels_are_found(house):
-    (house / "numerics/low.py").write_text("if TYPE_CHECKING:\n    from endolab.model.middle import x")
+    (house / "numerics/low.py").write_text(
+        "if TYPE_CHECKING:\n    from endolab.model.middle import x"
+    )
     (house / "model/middle.py").write_text("from endolab.numerics.low import y")
     (house / "cli/high.py").write_text("from endolab.model.middle import x")
     graph = structure.imports(house)
@@ -122,8 +169,15 @@ def test_the_map_of_the_house_shows_the_same_order_and_every_file():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The house")[1]
     rows = re.findall(r"^\| `(\w+)/` \|[^|]*\|(.*)\|$", text, re.MULTILINE)
     assert [folder for folder, _ in rows] == ORDER
-    named = {f"{folder}.{name}" for folder, files in rows for name in re.findall(r"`(\w+)/?`", files)}
-    assert named == {".".join(name.split(".")[:2]) for name in structure.modules(PACKAGE)} - BESIDE
+    named = {
+        f"{folder}.{name}"
+        for folder, files in rows
+        for name in re.findall(r"`(\w+)/?`", files)
+    }
+    assert (
+        named
+        == {".".join(name.split(".")[:2]) for name in structure.modules(PACKAGE)} - BESIDE
+    )
 
 
 def test_importing_the_package_loads_nothing_slow():

@@ -11,13 +11,24 @@ from tests.tools.notebook_solutions import solutions
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-TEXTS = [*sorted((ROOT / "notebooks").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+TEXTS = [
+    *sorted((ROOT / "notebooks").rglob("*.md")),
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+]
 PAGES = [*NOTEBOOKS, *TEXTS]
 LINK = re.compile(r"\]\(([^)\s]+)\)")  # its target
-CHECK = re.compile(r"^check\.(\w+)\(", re.MULTILINE)  # of an answer, in a cell; of a solution
+CHECK = re.compile(
+    r"^check\.(\w+)\(", re.MULTILINE
+)  # of an answer, in a cell; of a solution
 CHECKED = re.compile(r"^assert check\.(\w+)\(", re.MULTILINE)
-MOST_CELLS, MOST_WORDS, MOST_CODE = 40, 1800, 220  # of a notebook
-MOST_LINES, MOST_COLUMNS = 15, 110  # of a cell
+# of a notebook
+MOST_CELLS = 40
+MOST_WORDS = 1800
+MOST_CODE = 220
+# of a cell
+MOST_LINES = 15
+MOST_COLUMNS = 110
 NO_PROSE = re.compile(r"```.*?```|\$\$.*?\$\$|\$[^$]*\$", re.DOTALL)  # code and formulas
 
 
@@ -43,7 +54,9 @@ def links_of(path):
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".ipynb":
         cells = json.loads(text)["cells"]
-        text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+        text = "\n\n".join(
+            "".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"
+        )
     return LINK.findall(re.sub(r"```.*?```", "", text, flags=re.DOTALL))
 
 
@@ -63,7 +76,10 @@ def thick(source):
 def broken(path):
     """Relative links that lead to no file."""
     for link in links_of(path):
-        if not re.match(r"[a-z]+:|#", link) and not (path.parent / link.partition("#")[0]).exists():
+        if (
+            not re.match(r"[a-z]+:|#", link)
+            and not (path.parent / link.partition("#")[0]).exists()
+        ):
             yield link
 
 
@@ -75,14 +91,22 @@ def test_it_is_committed_without_what_running_it_leaves(cells):
 
 def test_it_opens_by_saying_what_one_will_do_learn_and_need(cells):
     assert cells[0]["cell_type"] == "markdown"
-    assert all(f"**{words}**" in cells[0]["text"] for words in ("You will", "You will learn", "You need"))
+    assert all(
+        f"**{words}**" in cells[0]["text"]
+        for words in ("You will", "You will learn", "You need")
+    )
 
 
 def test_it_keeps_to_its_budget(cells):
     assert len(cells) <= MOST_CELLS
-    prose = " ".join(NO_PROSE.sub(" ", cell["text"]) for cell in cells if cell["cell_type"] == "markdown")
+    prose = " ".join(
+        NO_PROSE.sub(" ", cell["text"]) for cell in cells if cell["cell_type"] == "markdown"
+    )
     assert sum(any(map(str.isalpha, word)) for word in prose.split()) <= MOST_WORDS
-    assert sum(bool(line.strip()) for text in code_of(cells) for line in text.splitlines()) <= MOST_CODE
+    assert (
+        sum(bool(line.strip()) for text in code_of(cells) for line in text.splitlines())
+        <= MOST_CODE
+    )
     for text in code_of(cells):
         assert len(text.splitlines()) <= MOST_LINES, text
         assert max(map(len, text.splitlines())) <= MOST_COLUMNS, text
@@ -93,9 +117,13 @@ def test_it_defines_no_class_and_no_solver(cells):
 
 
 def test_it_closes_with_an_assertion_and_two_exercises(cells):
-    start = next(i for i, cell in enumerate(cells) if cell["text"].startswith("## Exercises"))
+    start = next(
+        i for i, cell in enumerate(cells) if cell["text"].startswith("## Exercises")
+    )
     assert "assert " in code_of(cells[:start])[-1]
-    text = "\n".join(cell["text"] for cell in cells[start:] if cell["cell_type"] == "markdown")
+    text = "\n".join(
+        cell["text"] for cell in cells[start:] if cell["cell_type"] == "markdown"
+    )
     assert all(f"**{number}" in text for number in (1, 2))
     assert len(code_of(cells[start:])) >= 2, "each exercise has a cell to answer in"
 

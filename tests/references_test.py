@@ -13,7 +13,10 @@ ENTRY = re.compile(r"^@\w+\{(\w+),\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 FIELD = re.compile(r"^  (\w+) = \{(.*)\},$", re.MULTILINE)
 WORK = re.compile(r"^- `(\w+)` (.*?)(?=\n- |\n\n|\Z)", re.MULTILINE | re.DOTALL)
 PREFIX = {"doi": "https://doi.org/", "eprint": "https://arxiv.org/abs/", "url": ""}
-FEWEST, MOST, MOST_NAMES = 2, 5, 4  # works of a notebook; authors who are all named
+# works of a notebook; authors who are all named
+FEWEST = 2
+MOST = 5
+MOST_NAMES = 4
 ENTRIES = {key: dict(FIELD.findall(fields)) for key, fields in ENTRY.findall(BIBLIOGRAPHY)}
 
 
@@ -32,7 +35,8 @@ def wrong(key, text, entries):
     """What a notebook says of a work that its entry does not, or leaves out."""
     if key not in entries:
         return [f"{key}: no such entry"]
-    entry, text = entries[key], " ".join(text.split())
+    entry = entries[key]
+    text = " ".join(text.split())
     people = entry.get("author") or entry["editor"]
     names = [name.partition(",")[0].strip("{}") for name in people.split(" and ")]
     few = names if len(names) <= MOST_NAMES else [names[0], "et al."]
@@ -50,7 +54,9 @@ def test_it_names_its_sources_as_the_bibliography_does(path):
 
 
 def test_every_entry_is_whole_and_read_somewhere():
-    assert len(ENTRIES) == BIBLIOGRAPHY.count("\n@"), "two entries of one key, or one that cannot be read"
+    assert len(ENTRIES) == BIBLIOGRAPHY.count("\n@"), (
+        "two entries of one key, or one that cannot be read"
+    )
     assert {key for path in NOTEBOOKS for key, _ in section(path)} == set(ENTRIES)
     for key, entry in ENTRIES.items():
         assert links(entry) or "publisher" in entry, f"{key}: nobody can find it"

@@ -23,7 +23,11 @@ def blocks(language):
 
 def commands():
     """What the README types, a command a line, without comments."""
-    return [shlex.split(line, comments=True) for text in blocks("sh") for line in text.splitlines()]
+    return [
+        shlex.split(line, comments=True)
+        for text in blocks("sh")
+        for line in text.splitlines()
+    ]
 
 
 def names_in(path):
@@ -39,12 +43,18 @@ def test_the_readme_is_one_page():
 
 
 def test_no_name_only_tells_that_it_tells():
-    paths = [path for folder in ("endolab", "tests") for path in (ROOT / folder).rglob("*.py")]
+    paths = [
+        path for folder in ("endolab", "tests") for path in (ROOT / folder).rglob("*.py")
+    ]
     assert {name for path in paths for name in names_in(path)} & NO_NAMES == set()
 
 
 def test_make_knows_the_targets_of_the_readme():
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    targets = set(
+        re.findall(
+            r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+        )
+    )
     asked = {target for name, *rest in commands() if name == "make" for target in rest}
     assert asked
     assert asked <= targets
@@ -53,8 +63,11 @@ def test_make_knows_the_targets_of_the_readme():
 def run(*words):
     """Type a command of endolab's; the tuner is ended as by Ctrl-C once it has printed its link."""
     more = ["--no-browser"] if words[0] == "tune" else []
-    command, pipe = [sys.executable, "-m", "endolab", *words, *more], subprocess.PIPE
-    with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True) as program:
+    command = [sys.executable, "-m", "endolab", *words, *more]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdout=pipe, stderr=subprocess.STDOUT, text=True
+    ) as program:
         lines = [program.stdout.readline()] if more else []
         if more:
             program.send_signal(signal.SIGINT)
@@ -67,8 +80,27 @@ def run(*words):
 def test_every_command_of_the_readme_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("endoscope.json").write_text(blocks("json")[0])
-    run("simulate", "colon", "--calibration", "endoscope.json", "--width", "1440", "--out", "sim")
-    run("simulate", "sheet", "--target", "vicalib_folded", "--frames", "60", "--video", "--out", "sheet")
+    run(
+        "simulate",
+        "colon",
+        "--calibration",
+        "endoscope.json",
+        "--width",
+        "1440",
+        "--out",
+        "sim",
+    )
+    run(
+        "simulate",
+        "sheet",
+        "--target",
+        "vicalib_folded",
+        "--frames",
+        "60",
+        "--video",
+        "--out",
+        "sheet",
+    )
     Path("sim/frame.png").rename("frame.png")
     next(Path("sheet").glob("*.mkv")).rename("video.mp4")
     for program, *words in commands():

@@ -9,7 +9,14 @@ from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Progress, Session, calibrate, check_names, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, as_path, check_file, read_json, stage_file, stage_folder
+from endolab.io.atomic import (
+    PathLike,
+    as_path,
+    check_file,
+    read_json,
+    stage_file,
+    stage_folder,
+)
 from endolab.io.descriptions import make_calibration, write_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
@@ -55,17 +62,26 @@ def calibrate_to_files(
     """
     if record:
         need("rerun")
-    folder, calibration = report_folder(out), Path(out)
+    folder = report_folder(out)
+    calibration = Path(out)
     channel = options.setdefault("channel", "grey")
     left_out = check_names(options.get("leave_out", ()), frames.names)
     read: list[PathLike | None] = [*inputs]
-    read += [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
-    check_file(calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read)
+    read += (
+        [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
+    )
+    check_file(
+        calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read
+    )
     steps: list[FitIterate] = []
     options["light_observers"] = [steps.append] if record else []
     with stage_folder(folder, overwrite=overwrite, inputs=read) as staging:
         cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
-        detecting: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
+        detecting: dict[str, Any] = {
+            "camera": options.get("camera"),
+            "progress": progress,
+            "say": say,
+        }
         detecting["leave_out"] = left_out
         detected = detect_cached(frames, target, cache, overwrite=overwrite, **detecting)
         options["detections"], options["size"] = detected
@@ -74,7 +90,9 @@ def calibrate_to_files(
         if record:
             from endolab.recording.calibration import record_calibration
 
-            record_calibration(session, frames, staging / "recording.rrd", light_steps=steps)
+            record_calibration(
+                session, frames, staging / "recording.rrd", light_steps=steps
+            )
     with stage_file(calibration, inputs=read) as temporary:
         write_calibration(make_calibration(session, str(frames.path), channel), temporary)
     return session

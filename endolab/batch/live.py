@@ -32,10 +32,16 @@ if TYPE_CHECKING:
 
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
 ENDING = 2.0  # s that a reader gets to end
-CURVES = {"Lag, s": ["lag"], "Frames dropped": ["dropped"], "Median distance": ["median_distance"]}
+CURVES = {
+    "Lag, s": ["lag"],
+    "Frames dropped": ["dropped"],
+    "Median distance": ["median_distance"],
+}
 COLUMNS = (*STEP[:-1], "dropped", "lag", "error")
 
-Shot = tuple[int, str, np.ndarray, float]  # frames that came before, name, picture, and when it came, s
+Shot = tuple[
+    int, str, np.ndarray, float
+]  # frames that came before, name, picture, and when it came, s
 
 
 @dataclass(frozen=True)
@@ -138,12 +144,16 @@ def reconstruct_live(
         raise ValueError(f"width must be at most the picture's {full.width} px, got {wide}")
     # Once for all frames, as the camera's rays take longer than a frame.
     camera = full.resize(wide, max(1, round(full.height * wide / full.width)))
-    inside = np.ones((full.height, full.width), dtype=bool) if mask is None else read_mask(mask)
+    inside = (
+        np.ones((full.height, full.width), dtype=bool) if mask is None else read_mask(mask)
+    )
     check_size("the mask", inside.shape[::-1], full)
     check_scale(**{name: options.get(name) for name in SCALES})
     share = np.array([camera.width / full.width, camera.height / full.height])
     options |= {
-        name: _move_length(options[name], share) for name in SCALES[1:] if options.get(name) is not None
+        name: _move_length(options[name], share)
+        for name in SCALES[1:]
+        if options.get(name) is not None
     }
     named = isinstance(source, int | str | os.PathLike)
     shots = newest(open_stream(source) if named else source)  # type: ignore[arg-type]
@@ -159,8 +169,12 @@ def reconstruct_live(
         if first is None:
             return
         check_size(first[1], first[2].shape[1::-1], full)
-        usual = {"channel": "green" if first[2].ndim == 3 else "grey", "regulariser": "second"}
-        small, last = replace(calibration, camera=camera), -1
+        usual = {
+            "channel": "green" if first[2].ndim == 3 else "grey",
+            "regulariser": "second",
+        }
+        small = replace(calibration, camera=camera)
+        last = -1
         for step in reconstruct_sequence(frames(first), small, **usual | options):
             count, _, _, arrived = taken.pop()
             seen = vars(step) | {"index": count, "dropped": count - last - 1}
@@ -171,7 +185,8 @@ def reconstruct_live(
 def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
     """Make a small frame; one of another size than the mask's stays as it is, to be refused."""
     _, name, picture, _ = shot
-    size, stored = (camera.width, camera.height), picture.dtype == np.uint8
+    size = (camera.width, camera.height)
+    stored = picture.dtype == np.uint8
     smaller = picture.shape[:2] == inside.shape and size != inside.shape[::-1]
     if stored and smaller and inside.all():
         return framed(name, shrunk_bytes(picture, *size, gamma)[..., ::-1])
@@ -185,7 +200,10 @@ def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Fram
 def _move_length(length: Sequence[Any], share: FloatArray) -> tuple[Any, ...]:
     """Give a known length at the pixels of a picture that is this share of the whole one."""
     mm, *pixels = length
-    places = [tuple(place) for place in ((np.reshape(pixels, (-1, 2)) + 0.5) * share - 0.5).tolist()]
+    places = [
+        tuple(place)
+        for place in ((np.reshape(pixels, (-1, 2)) + 0.5) * share - 0.5).tolist()
+    ]
     return (mm, *places) if len(places) > 1 else (mm, *places[0])
 
 
@@ -197,12 +215,16 @@ def live_row(step: LiveStep) -> Row:
 
 def live_summary(rows: list[Row], seconds: float) -> str:
     """Sum the rows of so many seconds up in a sentence."""
-    summary = f"taken {len(rows)} of {len(rows) + sum(row['dropped'] for row in rows)} frames"
+    summary = (
+        f"taken {len(rows)} of {len(rows) + sum(row['dropped'] for row in rows)} frames"
+    )
     if rows:
         lag = 1000 * median(row["lag"] for row in rows)
         summary += f", {len(rows) / seconds:.1f} frames/s, lag {lag:.0f} ms median"
     failed = [row["error"] for row in rows if row["error"]]
-    return summary + (f"; {len(failed)} could not be used, such as {failed[-1]}" if failed else "")
+    return summary + (
+        f"; {len(failed)} could not be used, such as {failed[-1]}" if failed else ""
+    )
 
 
 def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
@@ -212,11 +234,20 @@ def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep
     recorders: list[SequenceRecorder] = []
     for step in steps:
         if step.result is not None:
-            result, problem, row = step.result, step.result.problem, live_row(step)
-            recorders = recorders or [SequenceRecorder(sink, problem.unit, curves=CURVES) for sink in sinks]
+            result = step.result
+            problem = step.result.problem
+            row = live_row(step)
+            recorders = recorders or [
+                SequenceRecorder(sink, problem.unit, curves=CURVES) for sink in sinks
+            ]
             scalars = {name: row[name] for names in CURVES.values() for name in names}
             for recorder in recorders:
                 recorder.log(
-                    step.index, problem.shown, result.distance, result.normals, problem.camera, scalars
+                    step.index,
+                    problem.shown,
+                    result.distance,
+                    result.normals,
+                    problem.camera,
+                    scalars,
                 )
         yield step

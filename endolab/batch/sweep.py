@@ -110,8 +110,11 @@ def sweep(
     if backend not in BACKENDS:
         raise unknown_name("backend", backend, BACKENDS)
     if n_jobs == 0:
-        raise ValueError("n_jobs (--jobs) must be at least 1, or -1 for as many as cores, got 0")
-    xi, regulariser = [check_xi(name) for name in xi], list(regulariser)
+        raise ValueError(
+            "n_jobs (--jobs) must be at least 1, or -1 for as many as cores, got 0"
+        )
+    xi = [check_xi(name) for name in xi]
+    regulariser = list(regulariser)
     for name in regulariser:
         if name not in ("auto", *REGULARISERS):
             raise unknown_name("regulariser", name, REGULARISERS)
@@ -129,19 +132,35 @@ def sweep(
         raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
     target = Path(table)
     rows = read_table(target) if os.path.lexists(target) else {}
-    place = {_key(task[0]): number for number, task in enumerate(tasks)}  # of a row, whoever is done first
+    place = {
+        _key(task[0]): number for number, task in enumerate(tasks)
+    }  # of a row, whoever is done first
 
     def write() -> None:
-        write_rows(target, COLUMNS, (rows[key] for key in sorted(rows, key=lambda key: place.get(key, -1))))
+        write_rows(
+            target,
+            COLUMNS,
+            (rows[key] for key in sorted(rows, key=lambda key: place.get(key, -1))),
+        )
 
-    todo = [task for task in tasks if _is_unfinished(rows.get(_key(task[0])), task[2] is not None)]
+    todo = [
+        task
+        for task in tasks
+        if _is_unfinished(rows.get(_key(task[0])), task[2] is not None)
+    ]
     total = len(tasks)
     done = total - len(todo)
-    calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
+    calibration = replace(
+        calibration, camera=replace(calibration.camera)
+    )  # its ray field stays here
     solve = partial(_solve_row, calibration=calibration, options=options)
     write()  # now, rather than after an hour's run
     try:
-        rows_made = _by_dask(todo, solve) if backend == "dask" else _by_joblib(todo, solve, n_jobs, backend)
+        rows_made = (
+            _by_dask(todo, solve)
+            if backend == "dask"
+            else _by_joblib(todo, solve, n_jobs, backend)
+        )
         with closing(rows_made):
             for row in rows_made:
                 if row["status"] == Status.STOPPED.name:
@@ -155,22 +174,30 @@ def sweep(
         so_far = f"{done} of {total} rows are in the table, the same command goes on"
         if isinstance(failure, KeyboardInterrupt):
             raise KeyboardInterrupt(f"interrupted; {so_far}") from failure
-        raise OSError(f"a worker was lost, perhaps for want of memory; {so_far}") from failure
+        raise OSError(
+            f"a worker was lost, perhaps for want of memory; {so_far}"
+        ) from failure
     return [rows[_key(task[0])] for task in tasks]
 
 
-def _by_joblib(todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, backend: str) -> Generator[Row]:
+def _by_joblib(
+    todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, backend: str
+) -> Generator[Row]:
     """Give rows as threads, or processes which end with this one, make them."""
     import joblib
 
     jobs = n_jobs if n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
     beginning = {"initializer": end_with, "initargs": (os.getpid(),)}  # of processes
-    parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", **beginning)
+    parallel = joblib.Parallel(
+        n_jobs=jobs, backend=backend, return_as="generator_unordered", **beginning
+    )
     solved = parallel(joblib.delayed(solve)(*task) for task in todo)
     try:
         yield from (row for row in solved)  # else it would be closed before what follows
     finally:
-        with warnings.catch_warnings(action="ignore"):  # joblib's: that some of it was in vain
+        with warnings.catch_warnings(
+            action="ignore"
+        ):  # joblib's: that some of it was in vain
             solved.close()
 
 
@@ -180,18 +207,28 @@ def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
         import dask
         import distributed
     except ModuleNotFoundError as error:
-        raise MissingPackage(f"{error.name} is not installed; pip install distributed brings it") from error
+        raise MissingPackage(
+            f"{error.name} is not installed; pip install distributed brings it"
+        ) from error
     try:
         opened: Any = nullcontext(distributed.get_client())
     except ValueError:
         there = dask.config.get("scheduler-address", None)
-        opened = distributed.Client(there) if there else distributed.Client(dashboard_address=None)
+        opened = (
+            distributed.Client(there)
+            if there
+            else distributed.Client(dashboard_address=None)
+        )
     with opened as client:
         futures = [client.submit(solve, *task, pure=False) for task in todo]
         try:
             for future in distributed.as_completed(futures):
                 yield future.result()
-        except (CancelledError, distributed.KilledWorker, distributed.comm.CommClosedError) as error:
+        except (
+            CancelledError,
+            distributed.KilledWorker,
+            distributed.comm.CommClosedError,
+        ) as error:
             raise BrokenExecutor(str(error)) from error
         finally:
             client.cancel(futures)
@@ -206,13 +243,19 @@ def _name_frames(
     frames: list[Frame | PathLike], truth: Sequence[Truth] | None
 ) -> Iterator[tuple[str, Frame | PathLike, Truth | None]]:
     """Give every frame with its name, which is its own, and its truth."""
-    names = [frame.name if isinstance(frame, Frame) else Path(frame).name for frame in frames]
+    names = [
+        frame.name if isinstance(frame, Frame) else Path(frame).name for frame in frames
+    ]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ValueError(f"two frames are called {twice[0]}: the table could not tell them apart")
+        raise ValueError(
+            f"two frames are called {twice[0]}: the table could not tell them apart"
+        )
     truths = [None] * len(names) if truth is None else list(truth)
     if len(truths) != len(names):
-        raise ValueError(f"expected a truth for each of {len(names)} frames, found {len(truths)}")
+        raise ValueError(
+            f"expected a truth for each of {len(names)} frames, found {len(truths)}"
+        )
     return zip(names, map(_anywhere, frames), map(_anywhere, truths), strict=True)
 
 
@@ -240,7 +283,9 @@ def _solve_row(
     options: dict[str, Any],
 ) -> Row:
     """Make one row; runs in a worker."""
-    row: Row = key | dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}
+    row: Row = (
+        key | dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}
+    )
     started = time.perf_counter()
     energy = {name: key[name] for name in ("xi", "regulariser", "lam", "solver")}
     try:
@@ -249,7 +294,9 @@ def _solve_row(
         errors = {} if truth is None else _errors(result, truth)
     except (ValueError, OSError, MemoryError) as error:
         return row | {"error": " ".join(str(error).split()) or "out of memory"}
-    return row | measure_result(result) | {"seconds": time.perf_counter() - started} | errors
+    return (
+        row | measure_result(result) | {"seconds": time.perf_counter() - started} | errors
+    )
 
 
 def _errors(result: Result, truth: Truth) -> Row:
@@ -257,12 +304,18 @@ def _errors(result: Result, truth: Truth) -> Row:
         maps = read_depth(truth, ("distance",))
         truth = maps["distance"], maps.get("normals")
     distance, normals = truth if isinstance(truth, tuple) else (truth, None)
-    shape, cos_alpha = result.mask.shape, result.problem.field.cos_alpha
+    shape = result.mask.shape
+    cos_alpha = result.problem.field.cos_alpha
     distance = resample_truth(distance, shape)
     normals = None if normals is None else resample_truth(normals, shape)
     scale = "none" if result.metric else "median"
     errors = compare(
-        result.distance, distance, cos_alpha, normals=result.normals, true_normals=normals, scale=scale
+        result.distance,
+        distance,
+        cos_alpha,
+        normals=result.normals,
+        true_normals=normals,
+        scale=scale,
     )
     return {name: getattr(errors, name) for name in ERRORS}
 

@@ -35,11 +35,24 @@ def measure_result(result: Result) -> Row:
 
 def step_row(step: Step, index: int) -> Row:
     """What a row tells of a frame of a video or of a camera; see `STEP`."""
-    row: Row = dict.fromkeys(STEP, math.nan) | {"index": index, "frame": step.name, "status": "", "unit": ""}
-    row |= {"warm": int(step.warm), "seconds": step.seconds, "error": " ".join(step.error.split())}
+    row: Row = dict.fromkeys(STEP, math.nan) | {
+        "index": index,
+        "frame": step.name,
+        "status": "",
+        "unit": "",
+    }
+    row |= {
+        "warm": int(step.warm),
+        "seconds": step.seconds,
+        "error": " ".join(step.error.split()),
+    }
     if step.result is not None:
-        problem, known = step.result.problem, step.result.distance[step.result.mask]
-        row |= measure_result(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
+        problem = step.result.problem
+        known = step.result.distance[step.result.mask]
+        row |= measure_result(step.result) | {
+            "unit": problem.unit,
+            "gain": problem.photometry.gain,
+        }
         row |= {"torn": min_steepness_of(step.result) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
@@ -50,7 +63,9 @@ def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) ->
 
     ValueError or OSError in one sentence that names the file, if it is another table.
     """
-    content = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
+    content = read_bytes(path, "table").decode(
+        errors="surrogateescape"
+    )  # a file's name may be any bytes
     with name_damage(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
         head, *lines = filter(None, csv.reader(io.StringIO(content, newline="")))
         rows = [dict(zip(columns, cells, strict=True)) for cells in (head, *lines)]
@@ -73,5 +88,7 @@ def write_rows(path: PathLike, columns: Sequence[str], rows: Iterable[Row]) -> N
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({name: "" if row[name] != row[name] else row[name] for name in columns})
+        writer.writerow(
+            {name: "" if row[name] != row[name] else row[name] for name in columns}
+        )
     write_atomically(path, text.getvalue().encode(errors="surrogateescape"))

@@ -14,7 +14,14 @@ import numpy as np
 
 from endolab._extras import lacking
 from endolab.batch.table import STEP, WORDS, Row, read_rows, step_row, write_rows
-from endolab.io.atomic import REPORT, PathLike, as_json, read_json, stage_folder, write_atomically
+from endolab.io.atomic import (
+    REPORT,
+    PathLike,
+    as_json,
+    read_json,
+    stage_folder,
+    write_atomically,
+)
 from endolab.io.images import read_mask
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
@@ -25,13 +32,20 @@ from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.assumptions import meaning
-from endolab.reconstruction.sequence import Carried, Step, Surface, framed, reconstruct_sequence
+from endolab.reconstruction.sequence import (
+    Carried,
+    Step,
+    Surface,
+    framed,
+    reconstruct_sequence,
+)
 
 if TYPE_CHECKING:
     from endolab.recording.sequence import SequenceRecorder
 
 PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
-TABLE, RECORDING = "frames.csv", "recording.rrd"
+TABLE = "frames.csv"
+RECORDING = "recording.rrd"
 FILES = ("frames", TABLE, RECORDING, REPORT)
 ELSEWHERE = "choose another folder, or begin anew with overwrite=True"
 
@@ -102,10 +116,15 @@ def reconstruct_video(
     frames = open_frames(source)
     wanted = list(frames.names[::every][:limit])
     known = replace(calibration, evidence={}).to_dict()
-    settings = {**options, "mask": None if mask is None else str(mask), "calibration": known}
+    settings = {
+        **options,
+        "mask": None if mask is None else str(mask),
+        "calibration": known,
+    }
     folder = _Folder(Path(out), frames, settings, overwrite, [source, mask, *inputs])
     before = [name for name in wanted if folder.done(name)]
-    last, done = next(iter(before), None), len(before)
+    last = next(iter(before), None)
+    done = len(before)
     try:
         if before and (done < len(wanted) or not (folder.path / RECORDING).exists()):
             folder.record_again(_pictures(frames, before, inside), calibration.camera)
@@ -119,7 +138,9 @@ def reconstruct_video(
                 ((_, picture),) = _pictures(frames, [last], inside)
                 start = folder.carried(framed(last, picture), last, calibration)
             pictures = _pictures(frames, names, inside)
-            for step in reconstruct_sequence(pictures, calibration, before=start, **options):
+            for step in reconstruct_sequence(
+                pictures, calibration, before=start, **options
+            ):
                 if step.result is not None and step.result.status is Status.STOPPED:
                     raise KeyboardInterrupt  # the user's, which ends more than this frame
                 folder.add(step)
@@ -129,7 +150,9 @@ def reconstruct_video(
                     progress(done, len(wanted), folder.rows[step.name])
         rows = [folder.rows[name] for name in wanted]
         if all(row["error"] for row in rows):
-            raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
+            raise ValueError(
+                f"no frame could be reconstructed; the first: {rows[0]['error']}"
+            )
         folder.close()
     except (KeyboardInterrupt, OSError, MemoryError) as failure:
         count = sum(folder.done(name) for name in wanted)
@@ -174,8 +197,10 @@ class _Folder:
         self.path = path
         self.rows: dict[str, Row] = {}
         self._settings = json.loads(json.dumps(settings))
-        self._overwrite, self._inputs = overwrite, inputs
-        self._source, self._meaning = str(frames.path.resolve()), list[str]()
+        self._overwrite = overwrite
+        self._inputs = inputs
+        self._source = str(frames.path.resolve())
+        self._meaning = list[str]()
         self._index = {name: index for index, name in enumerate(frames.names)}
         self._unique = len({Path(name).stem for name in frames.names}) == len(frames.names)
         self._recorder: SequenceRecorder | None = None
@@ -194,11 +219,15 @@ class _Folder:
         if not (isinstance(report, dict) and isinstance(report.get("settings"), dict)):
             raise ValueError(f"{self.path} holds other results; {ELSEWHERE}")
         if report.get("sequence") != self._source:
-            raise ValueError(f"{self.path} holds the frames of {report.get('sequence')}; {ELSEWHERE}")
+            raise ValueError(
+                f"{self.path} holds the frames of {report.get('sequence')}; {ELSEWHERE}"
+            )
         before = report["settings"]
         for name in sorted({*before, *self._settings}):
             if before.get(name) != self._settings.get(name):
-                raise ValueError(f"{self.path} holds frames made with another {name}; {ELSEWHERE}")
+                raise ValueError(
+                    f"{self.path} holds frames made with another {name}; {ELSEWHERE}"
+                )
         for row in read_rows(self.path / TABLE, STEP, WORDS):
             if row["frame"] in self._index and not row["error"]:
                 with suppress(ValueError, OSError):  # it is done again
@@ -207,7 +236,9 @@ class _Folder:
         self._meaning = report.get("meaning", [])
 
     def _depth(self, name: str) -> Path:
-        return self.path / "frames" / (Path(name).stem if self._unique else name) / "depth.npz"
+        return (
+            self.path / "frames" / (Path(name).stem if self._unique else name) / "depth.npz"
+        )
 
     def _maps(self, name: str) -> dict[str, np.ndarray]:
         return read_depth(self._depth(name), ("distance", "normals"))
@@ -218,20 +249,24 @@ class _Folder:
 
     def carried(self, frame: Frame, name: str, calibration: Calibration) -> Carried:
         """Return what a frame that is done hands to the next."""
-        row, distance = self.rows[name], self._maps(name)["distance"].astype(np.float64)
+        row = self.rows[name]
+        distance = self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
         return Carried.again(surface, frame, calibration, float(row["torn"]), row["energy"])
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; OSError in one sentence, and what was there stays."""
-        result, row = step.result, step_row(step, self._index[step.name])
+        result = step.result
+        row = step_row(step, self._index[step.name])
         if result is not None:
             if not any(map(self.done, self.rows)):
                 self._begin(list(meaning(result)))
             self._depth(step.name).parent.mkdir(parents=True, exist_ok=True)
             save_depth(self._depth(step.name), result, result.metric)
             self._write_table(self.path, self.rows | {step.name: row})
-        self.rows[step.name] = row  # that of a broken frame is in the table when the next is written
+        self.rows[step.name] = (
+            row  # that of a broken frame is in the table when the next is written
+        )
         if result is not None:
             maps = {"distance": result.distance, "normals": result.normals}
             self._record(step.name, result.problem.shown, maps, result.problem.camera)
@@ -239,7 +274,9 @@ class _Folder:
     def _begin(self, first: list[str]) -> None:
         """Make it ours, with no frame."""
         self._meaning = first
-        with stage_folder(self.path, overwrite=self._overwrite, inputs=self._inputs) as staging:
+        with stage_folder(
+            self.path, overwrite=self._overwrite, inputs=self._inputs
+        ) as staging:
             self._write_table(staging, {})
             self._write_report(staging)
 
@@ -250,7 +287,9 @@ class _Folder:
         self._write_report(self.path)
 
     def _write_table(self, folder: Path, rows: dict[str, Row]) -> None:
-        write_rows(folder / TABLE, STEP, sorted(rows.values(), key=lambda row: row["index"]))
+        write_rows(
+            folder / TABLE, STEP, sorted(rows.values(), key=lambda row: row["index"])
+        )
 
     def _write_report(self, folder: Path) -> None:
         done = [row for row in self.rows.values() if not row["error"]]
@@ -261,13 +300,17 @@ class _Folder:
             "done": len(done),
             "unit": done[0]["unit"] if done else None,
             "meaning": self._meaning,
-            "broken": {name: row["error"] for name, row in self.rows.items() if row["error"]},
+            "broken": {
+                name: row["error"] for name, row in self.rows.items() if row["error"]
+            },
             "settings": self._settings,
             "files": FILES,
         }
         write_atomically(folder / REPORT, as_json(content))
 
-    def _record(self, name: str, picture: FloatArray, maps: dict[str, np.ndarray], camera: Camera) -> None:
+    def _record(
+        self, name: str, picture: FloatArray, maps: dict[str, np.ndarray], camera: Camera
+    ) -> None:
         if lacking("rerun"):
             return
         from endolab.recording.sequence import SequenceRecorder
@@ -276,14 +319,19 @@ class _Folder:
         if self._recorder is None:
             self._recorder = SequenceRecorder(self.path / RECORDING, row["unit"])
         scalars = {key: row[key] for key in PLOTTED}
-        self._recorder.log(row["index"], picture, maps["distance"], maps["normals"], camera, scalars)
+        self._recorder.log(
+            row["index"], picture, maps["distance"], maps["normals"], camera, scalars
+        )
 
     def record_again(self, pictures: Pictures, camera: Camera) -> None:
         """Record frames that an earlier call has done."""
         for name, picture in pictures:
             maps = self._maps(name)
             height, width = maps["distance"].shape
-            if (camera.width, camera.height) != (width, height):  # once: its rays take their time
+            if (camera.width, camera.height) != (
+                width,
+                height,
+            ):  # once: its rays take their time
                 camera = camera.resize(width, height)
             self._record(name, framed(name, picture).image, maps, camera)
 

@@ -31,7 +31,9 @@ TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its sta
 ROUGH_TOLERANCE = 1.0  # the same for the first stage, which only has to come near
 ROUNDS = 20  # of freezing σ and the outliers, at most
 SMALLEST = 1e-4  # σ is never less, be it of pixels or stored values: rounding would count
-GONE = 1e-13  # eigenvalue, relative to the diagonal, of a direction that the data do not tell
+GONE = (
+    1e-13  # eigenvalue, relative to the diagonal, of a direction that the data do not tell
+)
 ROWS = 256  # of a tall matrix, that are multiplied at once
 
 
@@ -45,8 +47,12 @@ class Linearised:
     by_own: FloatArray  # (n, m, b), by the unknowns of the measurement's own group
     prior: FloatArray  # (q,), residuals of what is known beforehand, in standard deviations
     prior_by_common: FloatArray  # (q, p)
-    own: FloatArray | float = 0.0  # (groups, b), the own unknowns that are known to be near 0 ...
-    own_stiffness: FloatArray | float = 0.0  # (b,), ... and the inverse of their variance, 0 of the others
+    own: FloatArray | float = (
+        0.0  # (groups, b), the own unknowns that are known to be near 0 ...
+    )
+    own_stiffness: FloatArray | float = (
+        0.0  # (b,), ... and the inverse of their variance, 0 of the others
+    )
 
 
 class Model(Protocol):
@@ -120,18 +126,25 @@ class Arrow:
         groups = int(group[-1]) + 1
         root = np.sqrt(weight)[:, None]
         r = lin.residual * root
-        a, b = lin.by_common * root[..., None], lin.by_own * root[..., None]
+        a = lin.by_common * root[..., None]
+        b = lin.by_own * root[..., None]
         flat = a.reshape(r.size, a.shape[-1])
         self.common = product(flat, flat) + lin.prior_by_common.T @ lin.prior_by_common
-        self.common_gradient = product(flat, r.reshape(-1, 1))[:, 0] + lin.prior_by_common.T @ lin.prior
+        self.common_gradient = (
+            product(flat, r.reshape(-1, 1))[:, 0] + lin.prior_by_common.T @ lin.prior
+        )
         self.own = _sums(np.swapaxes(b, 1, 2) @ b, group, groups)
         self.own += np.eye(b.shape[-1]) * lin.own_stiffness
-        self.own_gradient = _sums(np.einsum("nmi,nm->ni", b, r), group, groups) + lin.own_stiffness * lin.own
+        self.own_gradient = (
+            _sums(np.einsum("nmi,nm->ni", b, r), group, groups)
+            + lin.own_stiffness * lin.own
+        )
         self.cross = _sums(np.swapaxes(b, 1, 2) @ a, group, groups)  # (groups, b, p)
 
     def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
         """Solve for the step with the diagonal grown by a factor 1 + damping (Levenberg-Marquardt)."""
-        own, common = self.own.copy(), self.common.copy()
+        own = self.own.copy()
+        common = self.common.copy()
         for matrix in (own, common):
             diagonal = np.einsum("...ii->...i", matrix)
             diagonal += damping * diagonal + (diagonal == 0)
@@ -140,13 +153,22 @@ class Arrow:
         scale = 1 / np.sqrt(np.diag(common))
         reduced = common - np.einsum("gbi,gbj->ij", self.cross, gain)
         right = self.common_gradient - np.einsum("gbi,gb->i", gain, self.own_gradient)
-        step = -scale * np.linalg.lstsq(reduced * scale * scale[:, None], right * scale, rcond=1e-14)[0]
+        step = (
+            -scale
+            * np.linalg.lstsq(reduced * scale * scale[:, None], right * scale, rcond=1e-14)[
+                0
+            ]
+        )
         return step, -rest - gain @ step
 
     def length(self, common: FloatArray, own: FloatArray) -> float:
         """Length of a step in standard errors; no unknown moves by more of its own."""
-        square = common @ self.common @ common + 2 * np.einsum("gb,gbp,p->", own, self.cross, common)
-        return float(np.sqrt(max(square + np.einsum("gi,gij,gj->", own, self.own, own), 0.0)))
+        square = common @ self.common @ common + 2 * np.einsum(
+            "gb,gbp,p->", own, self.cross, common
+        )
+        return float(
+            np.sqrt(max(square + np.einsum("gi,gij,gj->", own, self.own, own), 0.0))
+        )
 
     def covariance(self) -> Covariance:
         """Invert the normal equations; unknowns that they do not tell get inf."""
@@ -178,7 +200,9 @@ class FitIterate:
     unknowns: Any  # as the model keeps them
     residual: FloatArray  # (n, m), read-only
     used: BoolArray  # (n,), measurements that count in this round
-    sigma: float  # standard deviation of one number of a residual, as estimated for this round
+    sigma: (
+        float  # standard deviation of one number of a residual, as estimated for this round
+    )
     cost: float  # what this round minimises: Σ ρ(|r|/σ) + ½ Σ prior²
     change: float = float("nan")
 
@@ -193,18 +217,23 @@ class Fit:
     history: list[dict[str, float]] = field(default_factory=list)
 
 
-def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int, smallest: float = SMALLEST) -> float:
+def robust_sigma(
+    residual: FloatArray, used: BoolArray, unknowns: int, smallest: float = SMALLEST
+) -> float:
     """Estimate σ of one number of a residual, (n, m), from measurements that may hold outliers.
 
     It is the standard deviation of the residuals below `CUT` σ, corrected for the tail that this leaves
     out and for the number of `unknowns` fitted to them; never below `smallest`.
     """
-    size, m = np.linalg.norm(residual[used], axis=1), residual.shape[1]
+    size = np.linalg.norm(residual[used], axis=1)
+    m = residual.shape[1]
     if size.size == 0:
         raise ValueError("no measurement is left to fit")
     sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
     # E[r² | r < CUT σ] of a chi-squared variable, per number.
-    kept = scipy.special.gammainc(m / 2 + 1, CUT**2 / 2) / scipy.special.gammainc(m / 2, CUT**2 / 2)
+    kept = scipy.special.gammainc(m / 2 + 1, CUT**2 / 2) / scipy.special.gammainc(
+        m / 2, CUT**2 / 2
+    )
     for _ in range(30):
         inner = size < CUT * sigma
         count = m * inner.sum()
@@ -236,10 +265,14 @@ class _Round:
         weight = self.used / self.sigma**2
         if self.stage == "huber":
             size = np.linalg.norm(residual, axis=1)
-            weight = weight * np.minimum(1.0, HUBER * self.sigma / np.maximum(size, SMALLEST))
+            weight = weight * np.minimum(
+                1.0, HUBER * self.sigma / np.maximum(size, SMALLEST)
+            )
         return weight
 
-    def next(self, model: Model, unknowns: Any, residual: FloatArray, count: int, smallest: float) -> _Round:
+    def next(
+        self, model: Model, unknowns: Any, residual: FloatArray, count: int, smallest: float
+    ) -> _Round:
         """Choose anew at what this round has found."""
         used = model.usable(unknowns)
         sigma = robust_sigma(residual, used, count, smallest)
@@ -253,14 +286,18 @@ class _Round:
         """Whether another round would find nothing new; the first stage only has to come near."""
         if self.stage == "huber":
             return abs(self.sigma - other.sigma) < 0.1 * self.sigma
-        return np.array_equal(self.used, other.used) and abs(self.sigma - other.sigma) < 1e-3 * self.sigma
+        return (
+            np.array_equal(self.used, other.used)
+            and abs(self.sigma - other.sigma) < 1e-3 * self.sigma
+        )
 
 
 def _descend(
     model: Model, last: FitIterate, choice: _Round, max_iterations: int
 ) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
     """Minimise the cost of one round by Levenberg-Marquardt steps."""
-    damping, tolerance = 1e-10, TOLERANCE if choice.stage == "final" else ROUGH_TOLERANCE
+    damping = 1e-10
+    tolerance = TOLERANCE if choice.stage == "final" else ROUGH_TOLERANCE
     while last.k < max_iterations:
         lin = model.linearise(last.unknowns)
         arrow = Arrow(lin, choice.weight(lin.residual), model.group)
@@ -281,7 +318,12 @@ def _descend(
                 return last, Status.STALLED
         length = arrow.length(step, own)
         last = replace(
-            last, k=last.k + 1, unknowns=moved, residual=frozen(residual), cost=cost, change=length
+            last,
+            k=last.k + 1,
+            unknowns=moved,
+            residual=frozen(residual),
+            cost=cost,
+            change=length,
         )
         yield last
         # A step that is short because it was damped proves nothing.
@@ -300,7 +342,9 @@ def iterate_fit(
     measurement is usable, or too few are left.
     """
     check_int("max_iterations", max_iterations)
-    unknowns, k, status = start, 0, Status.STALLED
+    unknowns = start
+    k = 0
+    status = Status.STALLED
     lin = model.linearise(start)
     loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
     count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
@@ -308,16 +352,27 @@ def iterate_fit(
     nobody = np.zeros(len(model.group), bool)
     stages: tuple[Literal["huber", "final"], ...] = ("huber", "final")
     for stage in stages:
-        choice = _Round(stage, -1, nobody, 0.0).next(model, unknowns, residual, count, smallest)
+        choice = _Round(stage, -1, nobody, 0.0).next(
+            model, unknowns, residual, count, smallest
+        )
         seen: list[_Round] = []
         while True:
             cost = choice.cost(*model.residual(unknowns))
             last = FitIterate(
-                k, stage, choice.number, unknowns, frozen(residual), choice.used, choice.sigma, cost
+                k,
+                stage,
+                choice.number,
+                unknowns,
+                frozen(residual),
+                choice.used,
+                choice.sigma,
+                cost,
             )
             yield last
             last, status = yield from _descend(model, last, choice, max_iterations)
-            unknowns, residual, k = last.unknowns, last.residual, last.k
+            unknowns = last.unknowns
+            residual = last.residual
+            k = last.k
             if status is Status.MAX_ITERATIONS:
                 return status
             again = choice.next(model, unknowns, residual, count, smallest)
@@ -349,7 +404,9 @@ def fit(
     def keep(step: FitIterate, _: float) -> None:
         nonlocal last
         last = step
-        history.append({"k": step.k, "cost": step.cost, "sigma": step.sigma, "change": step.change})
+        history.append(
+            {"k": step.k, "cost": step.cost, "sigma": step.sigma, "change": step.change}
+        )
 
     status = drive(iterate_fit(model, start, max_iterations, smallest), observers, keep)
     assert last is not None

@@ -42,18 +42,25 @@ class Session:
     detections: dict[str, Detection]  # by the name of the frame, in order
     geometry: GeometricFit | None  # None if the camera was given
     camera: KannalaBrandt
-    poses: dict[str, tuple[Pose | None, ...]]  # of each panel, for the frames where the target was located
+    poses: dict[
+        str, tuple[Pose | None, ...]
+    ]  # of each panel, for the frames where the target was located
     samples: Samples  # of all located frames
     light: PhotometricFit | None  # None if the samples could not tell it
     refused: str = ""  # why not; empty if they could
     scores: HeldOut | None = None  # how well frames are predicted that the fit has not seen
-    dropped: dict[str, str] = field(default_factory=dict)  # frames that were not used, and why
-    errors: dict[str, float] = field(default_factory=dict)  # of located frames, rms of what counts, px
+    dropped: dict[str, str] = field(
+        default_factory=dict
+    )  # frames that were not used, and why
+    errors: dict[str, float] = field(
+        default_factory=dict
+    )  # of located frames, rms of what counts, px
 
     def expected(self, name: str) -> FloatArray:
         """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""
         ids = self.detections[name].ids
-        points, radii = self.target.points[ids], self.target.radii[ids]
+        points = self.target.points[ids]
+        radii = self.target.radii[ids]
         panel = self.target.panel_of(points)
         pixels = np.full((len(ids), 2), np.nan)
         for number, pose in enumerate(self.poses[name]):
@@ -71,7 +78,9 @@ def channel_of(image: FloatArray, channel: str) -> FloatArray:
     """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
     if image.ndim == 2:
         return image
-    return image @ GREY_WEIGHTS if channel == "grey" else image[..., CHANNELS.index(channel)]
+    return (
+        image @ GREY_WEIGHTS if channel == "grey" else image[..., CHANNELS.index(channel)]
+    )
 
 
 def detect_all(
@@ -102,7 +111,8 @@ def detect_all(
         else:
             here = image.shape[1], image.shape[0]
             if size is None:
-                size, first = here, name
+                size = here
+                first = name
                 if camera is not None:
                     check_size(name, size, camera, "camera")
             elif here != size:
@@ -128,7 +138,10 @@ def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> lis
 
 
 def locate(
-    detections: Mapping[str, Detection], target: Target, camera: KannalaBrandt, progress: Progress = silent
+    detections: Mapping[str, Detection],
+    target: Target,
+    camera: KannalaBrandt,
+    progress: Progress = silent,
 ) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, float], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
 
@@ -140,7 +153,8 @@ def locate(
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
         placed: list[Pose | None] = [None] * target.panels
-        reason, squares = detection.reason or "too few points", np.zeros(0)
+        reason = detection.reason or "too few points"
+        squares = np.zeros(0)
         for view in views_of(name, detection, target):
             try:
                 placed[view.panel], inliers, residual = find_pose(view, target, camera)
@@ -148,7 +162,8 @@ def locate(
             except ValueError as error:
                 reason = str(error)
         if len(squares):
-            poses[name], errors[name] = tuple(placed), float(np.sqrt(np.mean(squares)))
+            poses[name] = tuple(placed)
+            errors[name] = float(np.sqrt(np.mean(squares)))
         else:
             dropped[name] = reason
         progress("locating", number + 1, len(detections))
@@ -174,7 +189,15 @@ def sample_all(
             continue
         grey = channel_of(image, channel)
         parts.append(
-            sample_sheet(grey, target, poses[name], camera, frame=number[name], gamma=gamma, places=places)
+            sample_sheet(
+                grey,
+                target,
+                poses[name],
+                camera,
+                frame=number[name],
+                gamma=gamma,
+                places=places,
+            )
         )
         progress("sampling", len(parts), len(poses))
     return Samples.concatenate(parts)
@@ -182,8 +205,12 @@ def sample_all(
 
 def _nothing_found_error(detections: Mapping[str, Detection], target: Target) -> ValueError:
     reasons = Counter(detection.reason for detection in detections.values()).most_common()
-    expected = f"{describe_target(target)}: " + ", ".join(f"{reason} in {n}" for reason, n in reasons)
-    return ValueError(f"the target was found in none of {len(detections)} frames; looked for {expected}")
+    expected = f"{describe_target(target)}: " + ", ".join(
+        f"{reason} in {n}" for reason, n in reasons
+    )
+    return ValueError(
+        f"the target was found in none of {len(detections)} frames; looked for {expected}"
+    )
 
 
 def describe_target(target: Target) -> str:
@@ -200,7 +227,9 @@ def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]
     for name in left_out:
         if name not in names:
             some = ", ".join(list(names)[:3])
-            raise ValueError(f"leave_out must name some of the frames ({some}, …), got {name!r}")
+            raise ValueError(
+                f"leave_out must name some of the frames ({some}, …), got {name!r}"
+            )
     return left_out
 
 
@@ -264,10 +293,17 @@ def calibrate(
     check_options(**light)
     check_int("every", every, 1)
     if detections is None:
-        search = {"progress": progress, "size": size, "camera": camera, "leave_out": named(leave_out)}
+        search = {
+            "progress": progress,
+            "size": size,
+            "camera": camera,
+            "leave_out": named(leave_out),
+        }
         detections, size = detect_all(frames, target, **search)  # type: ignore[arg-type]
     left_out = check_names(leave_out, detections)
-    kept = {name: detection for name, detection in detections.items() if name not in left_out}
+    kept = {
+        name: detection for name, detection in detections.items() if name not in left_out
+    }
     if size is None or not any(len(detection.ids) for detection in kept.values()):
         raise _nothing_found_error(kept, target)
     geometry = None
@@ -282,8 +318,12 @@ def calibrate(
     dropped |= dict.fromkeys(left_out, LEFT_OUT)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
-    samples = sample_all(frames, target, poses, camera, channel=channel, gamma=guess, progress=progress)
-    fit, scores, refused = None, None, ""
+    samples = sample_all(
+        frames, target, poses, camera, channel=channel, gamma=guess, progress=progress
+    )
+    fit = None
+    scores = None
+    refused = ""
     # Whatever fails from here on, be it arithmetic, the camera is not lost.
     try:
         fit = calibrate_light(samples, observers=light_observers, **light)
@@ -292,7 +332,19 @@ def calibrate(
     else:
         scores = score(samples, **light)
     every_one = dict(detections)
-    return Session(target, every_one, geometry, camera, poses, samples, fit, refused, scores, dropped, errors)
+    return Session(
+        target,
+        every_one,
+        geometry,
+        camera,
+        poses,
+        samples,
+        fit,
+        refused,
+        scores,
+        dropped,
+        errors,
+    )
 
 
 def score(samples: Samples, **light: Any) -> HeldOut | None:

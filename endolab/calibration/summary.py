@@ -12,7 +12,11 @@ from endolab.calibration.geometric.projection import NAMES, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
-from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty, values_within
+from endolab.calibration.uncertainty import (
+    fall_off_uncertainty,
+    ray_uncertainty,
+    values_within,
+)
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
@@ -33,11 +37,16 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
 def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
     inside = values_within(values, camera, seen)
-    return {"median": float(np.median(inside)), "largest": float(inside.max())} if inside.size else {}
+    return (
+        {"median": float(np.median(inside)), "largest": float(inside.max())}
+        if inside.size
+        else {}
+    )
 
 
 def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
-    seen, good = geometry.max_angle_seen, np.concatenate(geometry.inliers)
+    seen = geometry.max_angle_seen
+    good = np.concatenate(geometry.inliers)
     rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
     return {
         "rmse_px": geometry.rmse,
@@ -55,7 +64,8 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
 
 
 def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
-    names, scores = [list(session.poses)[frame] for frame in light.frames], session.scores
+    names = [list(session.poses)[frame] for frame in light.frames]
+    scores = session.scores
     fall_off = fall_off_uncertainty(light, session.camera)
     held_out = scores and {
         "edges_deg": np.rad2deg(scores.edges),
@@ -94,13 +104,15 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
     nothing but "refused" and that it is "nominal" if the samples could not tell it. `source`: where the
     frames came from.
     """
-    target, light = session.target, session.light
+    target = session.target
+    light = session.light
     refused = {"refused": session.refused, "nominal": True}
     detected = sum(len(detection.ids) > 0 for detection in session.detections.values())
     return _plain(
         {
             "source": source,
-            "target": {"description": describe_target(target), "kind": target.kind} | asdict(target),
+            "target": {"description": describe_target(target), "kind": target.kind}
+            | asdict(target),
             "camera": session.geometry and _camera_facts(session.geometry),
             "photometry": _light_facts(light, session, channel) if light else refused,
             "frames": {
@@ -145,11 +157,16 @@ def by_reason(dropped: Mapping[str, str]) -> list[str]:
 
 def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
     """Name, value, standard error and unit of the camera's numbers."""
-    camera, geometry = session.camera, session.geometry
+    camera = session.camera
+    geometry = session.geometry
     if geometry is None or not isinstance(camera, KannalaBrandt):
         return []
-    errors, values = geometry.standard_errors, camera_vector(camera).tolist()
-    return [(n, v, errors[n], "" if n[0] == "k" else "px") for n, v in zip(NAMES, values, strict=True)]
+    errors = geometry.standard_errors
+    values = camera_vector(camera).tolist()
+    return [
+        (n, v, errors[n], "" if n[0] == "k" else "px")
+        for n, v in zip(NAMES, values, strict=True)
+    ]
 
 
 def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
@@ -159,8 +176,13 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
     for spot in light.photometry.lights:
         tilt = np.array(spot.direction[:2]) / spot.direction[2]
-        values |= {f"light {axis}": place for axis, place in zip("xyz", spot.position, strict=True)}
-        values |= {f"light tilt {axis}": float(value) for axis, value in zip("xy", tilt, strict=True)}
+        values |= {
+            f"light {axis}": place for axis, place in zip("xyz", spot.position, strict=True)
+        }
+        values |= {
+            f"light tilt {axis}": float(value)
+            for axis, value in zip("xy", tilt, strict=True)
+        }
     units = {f"light {axis}": "mm" for axis in "xyz"}
     return [
         (name.replace("gamma", "γ"), value, errors.get(name, 0.0), units.get(name, ""))
@@ -172,15 +194,22 @@ def _known(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
     """Say how well a map of the picture is known within `to` degrees off the axis."""
     if not known:
         return f"{what}: not told by these frames"
-    median, worst = (f"{float(f'{known[name]:.2g}'):g} {unit}" for name in ("median", "largest"))
-    return f"σ of {what}: {median} in the median, {worst} at worst, to {to:.0f}° off the axis"
+    median, worst = (
+        f"{float(f'{known[name]:.2g}'):g} {unit}" for name in ("median", "largest")
+    )
+    return (
+        f"σ of {what}: {median} in the median, {worst} at worst, to {to:.0f}° off the axis"
+    )
 
 
 def _camera_lines(session: Session) -> list[str]:
     geometry = session.geometry
     if geometry is None:
         return [f"camera: as given, {session.camera.model}"]
-    rows = [f"{name} {plus_minus(value, error)}" for name, value, error, _ in camera_values(session)]
+    rows = [
+        f"{name} {plus_minus(value, error)}"
+        for name, value, error, _ in camera_values(session)
+    ]
     facts = _camera_facts(geometry)
     seen = facts["max_angle_deg"]
     lines = [
@@ -192,10 +221,14 @@ def _camera_lines(session: Session) -> list[str]:
         _known("a ray", facts["rays_mrad"], "mrad", seen),
     ]
     if facts["rays_mrad"]:
-        lines[-1] += f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"
+        lines[-1] += (
+            f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"
+        )
     if geometry.agreement < AGREEMENT:
         why = "the lens is of another kind, or the sheet was not flat"
-        lines.append(f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}")
+        lines.append(
+            f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}"
+        )
     if geometry.dropped:
         lines.append(f"left out of the camera: {count_of(len(geometry.dropped), 'view')}")
         lines += [f"  {line}" for line in by_reason(geometry.dropped)]
@@ -203,23 +236,32 @@ def _camera_lines(session: Session) -> list[str]:
 
 
 def _light_lines(session: Session) -> list[str]:
-    light, scores = session.light, session.scores
+    light = session.light
+    scores = session.scores
     if light is None:
         return [f"light: refused: {session.refused}"]
     values = light_values(light)
-    rows = [f"{name} = {plus_minus(value, error)} {unit}".rstrip() for name, value, error, unit in values]
+    rows = [
+        f"{name} = {plus_minus(value, error)} {unit}".rstrip()
+        for name, value, error, unit in values
+    ]
     facts = _light_facts(light, session, "")
     nearest, farthest = light.distance_range
     lines = [
         f"light: {', '.join(rows)}",
         f"residuals: {light.sigma:.2f} grey levels, of {count_of(facts['samples'], 'sample')}, "
         f"{nearest:.0f} to {farthest:.0f} mm away; {facts['samples_left_out']} left out",
-        _known("the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]),
+        _known(
+            "the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]
+        ),
     ]
     known = scores is not None and scores.count >= LEAST_SCORED
     if scores is not None and np.any(known):
-        worst, to = 100 * np.abs(scores.error[known]).max(), np.rad2deg(scores.edges[1:][known].max())
-        agreement = f"their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
+        worst = 100 * np.abs(scores.error[known]).max()
+        to = np.rad2deg(scores.edges[1:][known].max())
+        agreement = (
+            f"their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
+        )
         lines.append(f"frames held out: {agreement}")
     return lines + light.verdict
 
@@ -237,7 +279,8 @@ def account(session: Session) -> list[str]:
 
 def light_errors(session: Session) -> dict[str, float]:
     """Root mean square residual of the samples that counted in each frame, grey levels; nan without any."""
-    light, frame = session.light, session.samples.frame
+    light = session.light
+    frame = session.samples.frame
     if light is None:
         return {}
     counts = np.bincount(frame, light.used, len(session.poses))
@@ -268,6 +311,8 @@ def brdf_of(light: PhotometricFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     if not isinstance(brdf, TabulatedBRDF):
         return np.array(light.theta_range), np.ones(2), np.zeros(2)
     values = np.array(brdf.values)
-    errors = np.array([light.standard_errors[f"brdf {node}"] for node in range(len(values))])
+    errors = np.array(
+        [light.standard_errors[f"brdf {node}"] for node in range(len(values))]
+    )
     pinned = values[np.argmin(errors)]
     return np.array(brdf.theta), values / pinned, errors / pinned

@@ -29,8 +29,12 @@ RASTER = 64  # cells across a spacing, in the search for bare paper
 class Ink:
     """What is printed: black discs, black rectangles, grey discs; mm."""
 
-    discs: FloatArray = field(default_factory=lambda: rows_of([], 3))  # centre x, y and radius
-    rectangles: FloatArray = field(default_factory=lambda: rows_of([], 4))  # left, top, width, height
+    discs: FloatArray = field(
+        default_factory=lambda: rows_of([], 3)
+    )  # centre x, y and radius
+    rectangles: FloatArray = field(
+        default_factory=lambda: rows_of([], 4)
+    )  # left, top, width, height
     # Centre x, y, radius, and reflectance relative to the white of the paper.
     greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
 
@@ -53,7 +57,8 @@ def darkness(
 
     def span(start: float, length: float, count: int) -> tuple[int, int]:
         """First and last (excluded) cell that an interval touches."""
-        first, last = np.floor(start / step - 0.5), np.ceil((start + length) / step + 0.5)
+        first = np.floor(start / step - 0.5)
+        last = np.ceil((start + length) / step + 0.5)
         return int(np.clip(first, 0, count)), int(np.clip(last, 0, count))
 
     for x, y, radius, reflectance in [*((*disc, black) for disc in ink.discs), *ink.greys]:
@@ -66,10 +71,16 @@ def darkness(
         cover = np.clip((radius - np.hypot(down[:, None], across)) / step + 0.5, 0, 1)
         dark[r0:r1, c0:c1] += cover * (1 - reflectance)
     for x, y, width, height in ink.rectangles:
-        covers, cells = [], []
-        for start, length, count in ((y - top, height, shape[0]), (x - left, width, shape[1])):
+        covers = []
+        cells = []
+        for start, length, count in (
+            (y - top, height, shape[0]),
+            (x - left, width, shape[1]),
+        ):
             first, last = span(start, length, count)
-            edges = np.clip(np.arange(first, last + 1), start / step, (start + length) / step)
+            edges = np.clip(
+                np.arange(first, last + 1), start / step, (start + length) / step
+            )
             covers.append(edges[1:] - edges[:-1])
             cells.append(slice(first, last))
         dark[tuple(cells)] += np.outer(*covers) * (1 - black)
@@ -79,7 +90,9 @@ def darkness(
 # Targets --------------------------------------------------------------------------------
 def _lattice(columns: int, rows: int) -> FloatArray:
     """Column and row of each place of a lattice, (n, 2), row by row."""
-    return np.array(np.indices((rows, columns)).reshape(2, -1)[::-1].T, dtype=np.float64, order="C")
+    return np.array(
+        np.indices((rows, columns)).reshape(2, -1)[::-1].T, dtype=np.float64, order="C"
+    )
 
 
 @dataclass(frozen=True)
@@ -90,7 +103,9 @@ class Target:
     rows: int
     spacing: float  # between neighbours, or the side of a square, mm
     margin: float = 10.0  # white paper around the features, mm
-    fold: int | None = None  # the sheet is folded between this many columns on the left and the rest
+    fold: int | None = (
+        None  # the sheet is folded between this many columns on the left and the rest
+    )
 
     kind: ClassVar[str]
     least: ClassVar[int] = 2  # columns and rows
@@ -107,7 +122,9 @@ class Target:
         right = self.panel_of(self.points[self.points[:, 1] == 0])
         if min(np.sum(right == 0), np.sum(right)) < 2:
             given = f"got {self.fold} of {self.columns} columns"
-            raise ValueError(f"fold must leave two columns of features on each side, {given}")
+            raise ValueError(
+                f"fold must leave two columns of features on each side, {given}"
+            )
 
     @property
     def points(self) -> FloatArray:
@@ -132,7 +149,9 @@ class Target:
     def panel_of(self, xy: ArrayLike) -> IntArray:
         """Panel of places on the sheet, (..., 2 or 3), mm: 0, or 1 to the right of the fold."""
         x = np.asarray(xy, dtype=np.float64)[..., 0]
-        return np.zeros(x.shape, int) if self.fold_x is None else (x > self.fold_x).astype(int)
+        return (
+            np.zeros(x.shape, int) if self.fold_x is None else (x > self.fold_x).astype(int)
+        )
 
     @property
     def panels(self) -> int:
@@ -143,10 +162,14 @@ class Target:
     def sheet(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of the paper in the target's frame, mm."""
         ink = self.ink
-        middles, radii = np.split(np.concatenate([ink.discs, ink.greys[:, :3]]), [2], axis=1)
+        middles, radii = np.split(
+            np.concatenate([ink.discs, ink.greys[:, :3]]), [2], axis=1
+        )
         corners, sizes = np.split(ink.rectangles, 2, axis=1)
         left, top = np.concatenate([middles - radii, corners]).min(axis=0) - self.margin
-        right, bottom = np.concatenate([middles + radii, corners + sizes]).max(axis=0) + self.margin
+        right, bottom = (
+            np.concatenate([middles + radii, corners + sizes]).max(axis=0) + self.margin
+        )
         return float(left), float(top), float(right - left), float(bottom - top)
 
     def white_places(self, clearance: float = 0.04) -> FloatArray:
@@ -156,18 +179,26 @@ class Target:
         discs of that radius touch no ink, grey or fold, and the places lie half a spacing apart at least.
         """
         step = self.spacing / RASTER
-        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
+        low = self.points[:, :2].min(axis=0)
+        high = self.points[:, :2].max(axis=0)
         columns, rows = np.floor((high - low) / step + 0.5).astype(int) + 1
         bare = darkness(self.ink, low - step / 2, (rows, columns), step) == 0
-        x, y = low[0] + step * np.arange(columns), low[1] + step * np.arange(rows)
+        x = low[0] + step * np.arange(columns)
+        y = low[1] + step * np.arange(rows)
         if self.fold_x is not None:
             bare &= np.abs(x - self.fold_x) > step
         # Beside the raster may be ink; a cell may be bare to its rim only.
-        radius = (scipy.ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 1) * step
-        ridge = (radius >= clearance * self.spacing) & (radius >= scipy.ndimage.maximum_filter(radius, 3))
+        radius = (
+            scipy.ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 1
+        ) * step
+        ridge = (radius >= clearance * self.spacing) & (
+            radius >= scipy.ndimage.maximum_filter(radius, 3)
+        )
         row, column = np.nonzero(ridge)
         left = np.column_stack([x[column], y[row], radius[ridge]])
-        left = left[scipy.spatial.Delaunay(self.points[:, :2]).find_simplex(left[:, :2]) >= 0]
+        left = left[
+            scipy.spatial.Delaunay(self.points[:, :2]).find_simplex(left[:, :2]) >= 0
+        ]
         left = left[np.argsort(-left[:, 2], kind="stable")]
         places = []
         while len(left):
@@ -182,8 +213,12 @@ class DotGrid(Target):
 
     small: float = 0.0  # radius, mm
     large: float = 0.0  # radius, mm
-    seed: int = VICALIB_SEED  # of the code: top bits of the words of a Mersenne Twister (MT19937)
-    greys: float | None = None  # reflectance of grey discs printed in every second cell; they tell γ
+    seed: int = (
+        VICALIB_SEED  # of the code: top bits of the words of a Mersenne Twister (MT19937)
+    )
+    greys: float | None = (
+        None  # reflectance of grey discs printed in every second cell; they tell γ
+    )
 
     kind: ClassVar[str] = "dots"
 
@@ -191,7 +226,9 @@ class DotGrid(Target):
         super().__post_init__()
         if not 0 < self.small < self.large < self.spacing / 2:
             given = f"small {self.small}, large {self.large}, spacing {self.spacing}"
-            raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {given}")
+            raise ValueError(
+                f"the radii must be 0 < small < large < spacing / 2, got {given}"
+            )
         check_range("small", self.small, "length")
         if check_int("seed", self.seed) >= 2**32:
             raise ValueError(f"seed must be below 2**32, got {self.seed}")
@@ -201,7 +238,9 @@ class DotGrid(Target):
     @cached_property
     def code(self) -> IntArray:
         """1 where the dot is large, (rows, columns)."""
-        words = np.frombuffer(np.random.RandomState(self.seed).bytes(4 * self.rows * self.columns), "<u4")
+        words = np.frombuffer(
+            np.random.RandomState(self.seed).bytes(4 * self.rows * self.columns), "<u4"
+        )
         return (words >> 31).astype(int).reshape(self.rows, self.columns)
 
     @cached_property
@@ -222,7 +261,9 @@ class DotGrid(Target):
         centres = (cells[cells.sum(axis=1) % 2 == 0] + 0.5) * self.spacing
         if self.fold_x is not None:
             centres = centres[np.abs(centres[:, 0] - self.fold_x) > radius]
-        return Ink(discs, greys=rows_of([(x, y, radius, self.greys) for x, y in centres], 4))
+        return Ink(
+            discs, greys=rows_of([(x, y, radius, self.greys) for x, y in centres], 4)
+        )
 
 
 @dataclass(frozen=True)
@@ -239,10 +280,14 @@ class CircleGrid(Target):
 
     def __post_init__(self) -> None:
         if self.fold is not None:
-            raise ValueError("an asymmetric circle grid cannot be folded: it is seen whole or not at all")
+            raise ValueError(
+                "an asymmetric circle grid cannot be folded: it is seen whole or not at all"
+            )
         super().__post_init__()
         if not 0 < self.radius < self.spacing / np.sqrt(2):
-            raise ValueError(f"radius must be positive and below spacing / √2, got {self.radius}")
+            raise ValueError(
+                f"radius must be positive and below spacing / √2, got {self.radius}"
+            )
         check_range("radius", self.radius, "length")
 
     @cached_property
@@ -272,18 +317,27 @@ class Chessboard(Target):
 
     def __post_init__(self) -> None:
         if self.fold is not None:
-            raise ValueError("a chessboard cannot be folded: it is found whole; use dots or ChArUco")
+            raise ValueError(
+                "a chessboard cannot be folded: it is found whole; use dots or ChArUco"
+            )
         super().__post_init__()
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
-        return np.pad(_lattice(self.columns - 1, self.rows - 1), ((0, 0), (0, 1))) * self.spacing
+        return (
+            np.pad(_lattice(self.columns - 1, self.rows - 1), ((0, 0), (0, 1)))
+            * self.spacing
+        )
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
         squares = _lattice(self.columns, self.rows)
-        corners = (squares[squares.sum(axis=1) % 2 == 0] - 1.0) * self.spacing  # the upper left is black
-        return Ink(rectangles=np.column_stack([corners, np.full(corners.shape, self.spacing)]))
+        corners = (
+            squares[squares.sum(axis=1) % 2 == 0] - 1.0
+        ) * self.spacing  # the upper left is black
+        return Ink(
+            rectangles=np.column_stack([corners, np.full(corners.shape, self.spacing)])
+        )
 
 
 @dataclass(frozen=True)
@@ -298,19 +352,30 @@ class Charuco(Chessboard):
     def __post_init__(self) -> None:
         Target.__post_init__(self)
         if not 0 < self.marker < self.spacing:
-            raise ValueError(f"marker must be positive and below spacing, got {self.marker}")
+            raise ValueError(
+                f"marker must be positive and below spacing, got {self.marker}"
+            )
         check_range("marker", self.marker, "length")
-        if not (self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)):
-            raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}")
-        markers, most = len(self.board.getIds()), len(self.board.getDictionary().bytesList)
+        if not (
+            self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)
+        ):
+            raise ValueError(
+                f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}"
+            )
+        markers = len(self.board.getIds())
+        most = len(self.board.getDictionary().bytesList)
         if markers > most:
-            raise ValueError(f"dictionary {self.dictionary} has {most} markers, the board needs {markers}")
+            raise ValueError(
+                f"dictionary {self.dictionary} has {most} markers, the board needs {markers}"
+            )
 
     @property
     def board(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's description of it; corner ids are those of `points`."""
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.spacing, self.marker, dictionary)
+        return cv2.aruco.CharucoBoard(
+            (self.columns, self.rows), self.spacing, self.marker, dictionary
+        )
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
@@ -320,7 +385,9 @@ class Charuco(Chessboard):
         bits = dictionary.markerSize + 2
         cell = self.marker / bits
         boxes = []
-        for number, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
+        for number, corners in zip(
+            np.ravel(board.getIds()), board.getObjPoints(), strict=True
+        ):
             picture = dictionary.generateImageMarker(int(number), bits)
             left, top = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
             for row, column in np.argwhere(picture == 0):
@@ -329,7 +396,14 @@ class Charuco(Chessboard):
 
 
 _BIG = {"columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}
-_SMALL = {"columns": 19, "rows": 10, "spacing": 4.2238, "small": 0.8471, "large": 1.2661, "margin": 8.0}
+_SMALL = {
+    "columns": 19,
+    "rows": 10,
+    "spacing": 4.2238,
+    "small": 0.8471,
+    "large": 1.2661,
+    "margin": 8.0,
+}
 
 TARGETS: dict[str, Target] = {
     "vicalib_big": DotGrid(**_BIG),  # type: ignore[arg-type]

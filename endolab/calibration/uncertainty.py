@@ -47,7 +47,9 @@ def places(camera: Camera, columns: int = COLUMNS) -> FloatArray:
 
 def values_within(values: FloatArray, camera: Camera, angle: float) -> FloatArray:
     """Return the finite values of a map at `places` that lie within an angle off the axis, rad: (n,)."""
-    return values[np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(angle))]
+    return values[
+        np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(angle))
+    ]
 
 
 def ray_uncertainty(
@@ -75,9 +77,11 @@ def ray_uncertainty(
     every = camera.unproject(pixels)
     seen = np.isfinite(every).all(axis=-1)
     rays = every[seen]
-    still, origin = np.broadcast_to(np.eye(3), (len(rays), 3, 3)), np.zeros((len(rays), 3))
+    still = np.broadcast_to(np.eye(3), (len(rays), 3, 3))
+    origin = np.zeros((len(rays), 3))
     there = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
-    by_camera, by_ray = there.by_camera, there.by_pose[..., 3:]
+    by_camera = there.by_camera
+    by_ray = there.by_pose[..., 3:]
     # The turn ω that leaves least of the pixels: Σ |B δ - P (ω × r)|².
     inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)
@@ -105,7 +109,10 @@ def ray_uncertainty(
 
 
 def fall_off_uncertainty(
-    light: PhotometricFit, camera: Camera, pixels: FloatArray | None = None, distance: float | None = None
+    light: PhotometricFit,
+    camera: Camera,
+    pixels: FloatArray | None = None,
+    distance: float | None = None,
 ) -> FloatArray:
     """Return how well the light's fall-off μ′ is known over the picture: its standard error, %.
 
@@ -130,14 +137,25 @@ def fall_off_uncertainty(
     estimate = [light.k, 0.0, 0.0, 0.0, 0.0, 0.0]
     if light.photometry.lights:
         lamp = light.photometry.lights[0]
-        estimate = [light.k, *lamp.position, *(np.array(lamp.direction[:2]) / lamp.direction[2])]
+        estimate = [
+            light.k,
+            *lamp.position,
+            *(np.array(lamp.direction[:2]) / lamp.direction[2]),
+        ]
     ahead, behind = (
-        [_fall_off(estimate + sign * step, distance * rays) for step in STEP * np.eye(6)[: len(index)]]
+        [
+            _fall_off(estimate + sign * step, distance * rays)
+            for step in STEP * np.eye(6)[: len(index)]
+        ]
         for sign in (1, -1)
     )
-    slopes = np.stack([(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    slopes = np.stack(
+        [(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=-1
+    )
     covariance = light.covariance[np.ix_(index, index)]
-    return 100 * np.sqrt(np.maximum(np.einsum("...p,pq,...q->...", slopes, covariance, slopes), 0.0))
+    return 100 * np.sqrt(
+        np.maximum(np.einsum("...p,pq,...q->...", slopes, covariance, slopes), 0.0)
+    )
 
 
 def _fall_off(vector: FloatArray, points: FloatArray) -> FloatArray:

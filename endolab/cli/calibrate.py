@@ -9,10 +9,25 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import lacking
-from endolab.cli.options import add_command, add_overwrite, albedo, count, number, progress_bar, several
+from endolab.cli.options import (
+    add_command,
+    add_overwrite,
+    albedo,
+    count,
+    number,
+    progress_bar,
+    several,
+)
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
-SHEET_OPTIONS = ("target", "frames", "fold", "outliers", "motion", "video")  # what only that can be told
+SHEET_OPTIONS = (
+    "target",
+    "frames",
+    "fold",
+    "outliers",
+    "motion",
+    "video",
+)  # what only that can be told
 LIGHT_FRAMES = 8  # of a video, that are asked for its light
 
 
@@ -50,8 +65,14 @@ def _target(arguments: argparse.Namespace) -> None:
     target = read_target(arguments.name)
     check_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name])
     write_sheet(target, arguments.out)
-    glue = "something flat" if target.fold is None else "two boards, folded by 10 to 30°, away from you"
-    print(f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}")
+    glue = (
+        "something flat"
+        if target.fold is None
+        else "two boards, folded by 10 to 30°, away from you"
+    )
+    print(
+        f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}"
+    )
     print(f"written to {arguments.out}")
 
 
@@ -62,13 +83,16 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     from endolab.io.descriptions import read_target
     from endolab.io.sheet_video import save_sheet_video
 
-    target, frames = arguments.target or "vicalib_small", arguments.frames or 300
+    target = arguments.target or "vicalib_small"
+    frames = arguments.frames or 300
     flat = read_target(target).fold is None
     if arguments.fold is not None and flat:
         raise ValueError(f"--fold is of a folded target, and {target} is flat")
 
     def given(*names: str) -> dict[str, Any]:
-        return {name: value for name in names if (value := getattr(arguments, name)) is not None}
+        return {
+            name: value for name in names if (value := getattr(arguments, name)) is not None
+        }
 
     chosen = given("video", "seed", "overwrite")
     chosen["sensor"] = Sensor(**given("noise", "bits", "outliers", "motion"))
@@ -81,7 +105,16 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     print(f"written to {arguments.out}: {what}, truth.json")
     video = str(Path(arguments.out) / "sheet.mkv") if arguments.video else arguments.out
     gamma = () if flat else ("--gamma", "free")
-    following = ("endolab", "calibrate", video, "--target", target, *gamma, "--out", "endoscope.json")
+    following = (
+        "endolab",
+        "calibrate",
+        video,
+        "--target",
+        target,
+        *gamma,
+        "--out",
+        "endoscope.json",
+    )
     print(f"next: {shlex.join(following)}")
 
 
@@ -93,11 +126,14 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.io.video import open_frames
     from endolab.model.cameras import KannalaBrandt
 
-    frames, target = open_frames(*arguments.source), read_target(arguments.target)
+    frames = open_frames(*arguments.source)
+    target = read_target(arguments.target)
     folder = report_folder(arguments.out)
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
-        raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
+        raise ValueError(
+            f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}"
+        )
     # Checked before a long search for the target.
     patches = len(set(target.ink.greys[:, 3]))
     given = [None if known == "free" else known for known in arguments.reflectance]
@@ -105,15 +141,29 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         count = f"but --reflectance says {len(given)}"
         raise ValueError(f"the target has {patches} kinds of grey patches, {count}")
     check_gamma(arguments.gamma)
-    names = ("every", "channel", "leave_out", "record", "overwrite", "gamma", "brdf", "gain", "light")
+    names = (
+        "every",
+        "channel",
+        "leave_out",
+        "record",
+        "overwrite",
+        "gamma",
+        "brdf",
+        "gain",
+        "light",
+    )
     options = {name: getattr(arguments, name) for name in names}
     options |= {"camera": camera, "reflectance": given or [None] * patches}
     options["inputs"] = [arguments.target, arguments.camera]
     with _bar() as bar:
-        session = calibrate_to_files(frames, target, arguments.out, progress=bar, say=print, **options)
+        session = calibrate_to_files(
+            frames, target, arguments.out, progress=bar, say=print, **options
+        )
     print("\n".join(account(session)))
     if session.light is None:
-        print("The camera is calibrated and the light is not: k 2.5 and γ 2.2 of another endoscope stand in.")
+        print(
+            "The camera is calibrated and the light is not: k 2.5 and γ 2.2 of another endoscope stand in."
+        )
     pageless = lacking("jinja2")
     page = f"there is no report.html: {pageless}" if pageless else "see its report.html"
     print(f"written to {arguments.out}, and to {folder}; {page}")
@@ -132,17 +182,30 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     from endolab.reconstruction.sequence import framed
 
     known = arguments.camera in CALIBRATIONS
-    camera = load_calibration(arguments.camera).camera if known else read_camera(arguments.camera)
+    camera = (
+        load_calibration(arguments.camera).camera
+        if known
+        else read_camera(arguments.camera)
+    )
     frames = open_frames(*arguments.source)
     many = min(arguments.frames, len(frames))
-    names = [frames.names[i] for i in np.linspace(0, len(frames) - 1, many).round().astype(int)]
+    names = [
+        frames.names[i] for i in np.linspace(0, len(frames) - 1, many).round().astype(int)
+    ]
     light: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
     if arguments.albedo is not None:
         light["albedo"] = arguments.albedo
-    read = (framed(name, picture) for name, picture in frames.read(names) if picture is not None)
-    out = {"overwrite": arguments.overwrite, "inputs": [arguments.camera, *arguments.source]}
+    read = (
+        framed(name, picture) for name, picture in frames.read(names) if picture is not None
+    )
+    out = {
+        "overwrite": arguments.overwrite,
+        "inputs": [arguments.camera, *arguments.source],
+    }
     with stage_file(arguments.out, **out) as temporary, _bar() as bar:
-        estimate = estimate_light(read, camera, progress=lambda done, _: bar("light", done, many), **light)
+        estimate = estimate_light(
+            read, camera, progress=lambda done, _: bar("light", done, many), **light
+        )
         if estimate.status is Status.STOPPED:
             raise KeyboardInterrupt
         found = Calibration(camera, estimate.photometry, estimate.evidence)
@@ -161,27 +224,38 @@ def _convert(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import stage_file
     from endolab.io.descriptions import write_calibration, write_camera
 
-    geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
+    geometry = arguments.geometry
+    photometry = arguments.photometry
+    out = Path(arguments.out)
     if out.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {out.name}")
     if Path(geometry).is_dir():
         if photometry is not None:
-            raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
+            raise ValueError(
+                f"{geometry} is a folder, where both files are looked for; name no other"
+            )
         geometry, photometry = find_calibrations(geometry)
-    with stage_file(out, overwrite=arguments.overwrite, inputs=[geometry, photometry]) as temporary:
+    with stage_file(
+        out, overwrite=arguments.overwrite, inputs=[geometry, photometry]
+    ) as temporary:
         if photometry is None:
             write_camera(read_vicalib(geometry), temporary)
         else:
             calibration = read_endomapper(geometry, photometry)
             write_calibration(calibration, temporary)
     if photometry is None:
-        print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
+        print(
+            f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light"
+        )
         return
-    light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
+    light = calibration.photometry
+    fits = calibration.evidence["converted"]["lights"]
     worst = max(fit["worst_distance_percent"] for fit in fits)
     lights = len(light.lights) or "one at the optical centre"
     print(f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {lights}")
-    print(f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance")
+    print(
+        f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance"
+    )
     print(f"written to {out}; the gain is unknown, so distances are relative")
 
 
@@ -193,7 +267,12 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     option("--fold", type=number, metavar="DEG", help="of a folded target (default 20)")
     option("--outliers", type=number, metavar="SHARE", help="of the pixels that are wrong")
     option("--motion", type=number, metavar="PX", help="of motion blur")
-    option("--video", action="store_true", default=None, help="write one video instead of pictures")
+    option(
+        "--video",
+        action="store_true",
+        default=None,
+        help="write one video instead of pictures",
+    )
 
 
 def add_calibration_commands(commands: Any) -> None:
@@ -222,11 +301,25 @@ def add_calibration_commands(commands: Any) -> None:
         "endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json",
     )
     option = command.add_argument
-    option("source", nargs="+", metavar="SOURCE", help="a video, a folder of pictures, or pictures")
+    option(
+        "source",
+        nargs="+",
+        metavar="SOURCE",
+        help="a video, a folder of pictures, or pictures",
+    )
     option("--target", required=True, help="its name, as for target, or TARGET.json")
-    option("--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it")
+    option(
+        "--out",
+        required=True,
+        metavar="CAL.json",
+        help="the report goes into CAL_report beside it",
+    )
     add_overwrite(command.add_argument)
-    option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
+    option(
+        "--camera",
+        metavar="CAL.json",
+        help="calibrate the light only, with the camera of this file",
+    )
     text = "one frame of a video in N goes into the geometry (default 20)"
     option("--every", type=count, default=20, metavar="N", help=text)
     text = "frames, by their names in the report, that the calibration is to do without"
@@ -236,14 +329,28 @@ def add_calibration_commands(commands: Any) -> None:
     text = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
     option("--gamma", type=_known, default=2.2, metavar="γ", help=text)
     for name, usual, other, text in (
-        ("--brdf", "tabulated", "lambertian", "of the paper: tabulated (default) or lambertian"),
+        (
+            "--brdf",
+            "tabulated",
+            "lambertian",
+            "of the paper: tabulated (default) or lambertian",
+        ),
         ("--gain", "free", "locked", "free (default), or locked: the same in all frames"),
-        ("--light", "centred", "free", "centred (default), or free: its offset and direction are fitted too"),
+        (
+            "--light",
+            "centred",
+            "free",
+            "centred (default), or free: its offset and direction are fitted too",
+        ),
     ):
         option(name, choices=(usual, other), default=usual, help=text)
     text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
-    option("--reflectance", type=_known, action="append", default=[], metavar="R", help=text)
-    option("--record", action="store_true", help="write a recording for the Rerun viewer too")
+    option(
+        "--reflectance", type=_known, action="append", default=[], metavar="R", help=text
+    )
+    option(
+        "--record", action="store_true", help="write a recording for the Rerun viewer too"
+    )
 
     command = add_command(
         commands,
@@ -254,16 +361,35 @@ def add_calibration_commands(commands: Any) -> None:
         "endolab calibrate-light a.png b.png --camera paper --out endoscope.json",
     )
     option = command.add_argument
-    option("source", nargs="+", metavar="SOURCE", help="a video, a folder of pictures, or pictures")
+    option(
+        "source",
+        nargs="+",
+        metavar="SOURCE",
+        help="a video, a folder of pictures, or pictures",
+    )
     text = "endoscope.json, of which the camera is taken; or a known endoscope's name"
     option("--camera", required=True, metavar="CAL", help=text)
     option("--out", required=True, metavar="CAL.json")
     add_overwrite(command.add_argument)
     text = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
     option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=text)
-    option("--gamma", type=number, default=2.2, metavar="γ", help="which frames don't tell (default 2.2)")
-    option("--albedo", type=albedo, metavar="A", help="of the wall's green, or R,G,B, if known")
-    option("--k", type=number, default=2.5, metavar="K", help="if it is not found (default 2.5)")
+    option(
+        "--gamma",
+        type=number,
+        default=2.2,
+        metavar="γ",
+        help="which frames don't tell (default 2.2)",
+    )
+    option(
+        "--albedo", type=albedo, metavar="A", help="of the wall's green, or R,G,B, if known"
+    )
+    option(
+        "--k",
+        type=number,
+        default=2.5,
+        metavar="K",
+        help="if it is not found (default 2.5)",
+    )
 
     command = add_command(
         commands,

@@ -13,7 +13,9 @@ from pathlib import Path
 
 from endolab._extras import need
 
-OWN = Path(__file__).resolve().parents[2] / "notebooks"  # of endolab's checkout, where there is one
+OWN = (
+    Path(__file__).resolve().parents[2] / "notebooks"
+)  # of endolab's checkout, where there is one
 PORTS = 50  # that are tried, one after the other
 
 # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
@@ -42,7 +44,14 @@ def write_kernel(folder: str | os.PathLike[str]) -> None:
     kernel = Path(folder) / "kernels" / "endolab"
     kernel.mkdir(parents=True, exist_ok=True)
     # Without frozen modules, for else the debugger warns in the first cell.
-    command = [sys.executable, "-Xfrozen_modules=off", "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    command = [
+        sys.executable,
+        "-Xfrozen_modules=off",
+        "-m",
+        "ipykernel_launcher",
+        "-f",
+        "{connection_file}",
+    ]
     content = {
         "argv": command,
         "display_name": "endolab",
@@ -59,14 +68,18 @@ def free_port(first: int) -> int:
     last = min(first + PORTS - 1, 65535)
     for port in range(first, last + 1):
         with socket.socket() as listener:
-            if os.name == "posix":  # as Jupyter does; else a port stays taken for a minute after its last use
+            if (
+                os.name == "posix"
+            ):  # as Jupyter does; else a port stays taken for a minute after its last use
                 listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 listener.bind(("127.0.0.1", port))
             except OSError:
                 continue
             return port
-    raise OSError(f"all ports from {first} to {last} are taken; name another one with --port")
+    raise OSError(
+        f"all ports from {first} to {last} are taken; name another one with --port"
+    )
 
 
 def _prepend(variable: str, folder: Path) -> None:
@@ -89,14 +102,22 @@ def _sign(notebooks: Iterable[Path]) -> None:
         for path in notebooks:
             try:
                 notebook = read(path, as_version=4)
-            except (ValueError, OSError, ValidationError):  # not a notebook: JupyterLab will say so
+            except (
+                ValueError,
+                OSError,
+                ValidationError,
+            ):  # not a notebook: JupyterLab will say so
                 continue
-            if "widgets" not in notebook.metadata and not any(cell.get("outputs") for cell in notebook.cells):
+            if "widgets" not in notebook.metadata and not any(
+                cell.get("outputs") for cell in notebook.cells
+            ):
                 notary.sign(notebook)
 
 
 def open_lab(
-    notebooks: str | os.PathLike[str] | None = None, port: int = 8888, options: Sequence[str] = ()
+    notebooks: str | os.PathLike[str] | None = None,
+    port: int = 8888,
+    options: Sequence[str] = (),
 ) -> None:
     """Run JupyterLab until it is told to stop; print the link to it.
 
@@ -115,24 +136,33 @@ def open_lab(
         home = Path(scratch)
         write_settings(home)
         write_kernel(home)
-        (home / "token").write_text(token, encoding="utf-8")  # a file is private, a command line is not
+        (home / "token").write_text(
+            token, encoding="utf-8"
+        )  # a file is private, a command line is not
         os.environ["JUPYTER_TOKEN_FILE"] = str(home / "token")
         _prepend("JUPYTER_CONFIG_PATH", home)
         _prepend("JUPYTER_PATH", home)
         # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
         os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
-        asked = [f"--notebook-dir={folder.parent}", f"--LabApp.default_url=/lab/tree/{folder.name}"]
+        asked = [
+            f"--notebook-dir={folder.parent}",
+            f"--LabApp.default_url=/lab/tree/{folder.name}",
+        ]
         asked += ["--ip=127.0.0.1", f"--port={free}", "--ServerApp.port_retries=0"]
         asked += ["--LabApp.extension_manager=readonly"]
         # One line with the link is printed in place of Jupyter's thirty.
         asked += ["--log-level=WARN", "--LabApp.log_level=WARN"]
-        if hasattr(os, "geteuid") and os.geteuid() == 0:  # in a container; Jupyter would refuse
+        if (
+            hasattr(os, "geteuid") and os.geteuid() == 0
+        ):  # in a container; Jupyter would refuse
             asked.append("--allow-root")
 
         from jupyter_core.application import NoStart
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-        with suppress(OSError, sqlite3.Error):  # no place for signatures: JupyterLab trusts none
+        with suppress(
+            OSError, sqlite3.Error
+        ):  # no place for signatures: JupyterLab trusts none
             _sign(OWN.glob("[0-9][0-9]_*.ipynb"))
         with suppress(NoStart):
             server = LabApp.initialize_server([*asked, *options])
@@ -142,6 +172,8 @@ def open_lab(
             server.start()
 
 
-if __name__ == "__main__":  # python -m endolab.cli.lab .venv, for a JupyterLab that is started by hand
+if (
+    __name__ == "__main__"
+):  # python -m endolab.cli.lab .venv, for a JupyterLab that is started by hand
     write_settings(Path(sys.argv[1]) / "etc" / "jupyter")
     write_kernel(Path(sys.argv[1]) / "share" / "jupyter")

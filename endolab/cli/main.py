@@ -28,8 +28,14 @@ from endolab.io.atomic import without_secrets
 
 UNREAD = 141  # the exit status, as shells know it
 _ended: list[int] = []  # the signals that asked for an end
-LONGEST_COMPLAINT = 600  # characters of a complaint; what was typed may be as long as it likes
-FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
+LONGEST_COMPLAINT = (
+    600  # characters of a complaint; what was typed may be as long as it likes
+)
+FRAME_OPTIONS = (
+    "texture",
+    "fog",
+    "highlights",
+)  # of `simulate`, but for its calibration video
 
 
 def _check_scenes_options(arguments: argparse.Namespace) -> None:
@@ -65,10 +71,16 @@ def _simulate(arguments: argparse.Namespace) -> None:
         simulate_sheet(arguments, calibration)
         return
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
-    chosen = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    chosen = {
+        name: value for name in names if (value := getattr(arguments, name)) is not None
+    }
     inputs = [arguments.calibration]
-    with stage_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
-        rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen)
+    with stage_folder(
+        arguments.out, overwrite=arguments.overwrite, inputs=inputs
+    ) as folder:
+        rendered = render(
+            SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen
+        )
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         used = replace(calibration, photometry=rendered.photometry)
         write_calibration(used, folder / "endoscope.json")
@@ -77,7 +89,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
         facts = {"endolab": 1, "scene": arguments.scene, "files": []} | chosen
         write_atomically(folder / "report.json", as_json(facts))
     known = rendered.distance[rendered.mask]
-    print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
+    print(
+        f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm"
+    )
     print(f"written to {arguments.out}: endoscope.json, frame.png, report.json, truth.npz")
 
 
@@ -92,43 +106,67 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     depth = read_depth(arguments.depth)
     distance = depth["distance"].astype(np.float64)
     distance[~(distance > 0)] = np.nan
-    cos_alpha, shape = depth["z"] / distance, distance.shape
+    cos_alpha = depth["z"] / distance
+    shape = distance.shape
     if arguments.truth.endswith(".npz"):
         maps = read_depth(arguments.truth)
-        size, normals = maps["distance"].shape, maps.get("normals")
+        size = maps["distance"].shape
+        normals = maps.get("normals")
         truth = resample_truth(maps["distance"], shape)
         normals = None if normals is None else resample_truth(normals, shape)
     else:
-        z, normals = true_z(arguments.truth), None
-        size, truth = z.shape, resample_truth(z, shape) / cos_alpha
+        z = true_z(arguments.truth)
+        normals = None
+        size = z.shape
+        truth = resample_truth(z, shape) / cos_alpha
     if not 0 < arguments.max_angle <= 180:
-        raise ValueError(f"--max-angle must be above 0 and at most 180, got {arguments.max_angle:g}")
+        raise ValueError(
+            f"--max-angle must be above 0 and at most 180, got {arguments.max_angle:g}"
+        )
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
     metric = bool(depth.get("metric", True))
     scale = arguments.scale or ("none" if metric else "median")
     if scale == "none" and not metric:
-        raise ValueError(f"{arguments.depth} is in relative units: compare it with --scale median")
+        raise ValueError(
+            f"{arguments.depth} is in relative units: compare it with --scale median"
+        )
     known = {"normals": depth.get("normals"), "true_normals": normals}
     e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
-    trusted = coverage_of(distance, depth["sigma"], truth, mask, scale) if "sigma" in depth else None
+    trusted = (
+        coverage_of(distance, depth["sigma"], truth, mask, scale)
+        if "sigma" in depth
+        else None
+    )
     if arguments.json:
-        content: dict[str, Any] = {k: None if np.isnan(value) else value for k, value in asdict(e).items()}
+        content: dict[str, Any] = {
+            k: None if np.isnan(value) else value for k, value in asdict(e).items()
+        }
         if trusted is not None:
-            content["coverage"] = {k: v if np.isfinite(v) else None for k, v in asdict(trusted).items()}
+            content["coverage"] = {
+                k: v if np.isfinite(v) else None for k, v in asdict(trusted).items()
+            }
         if size != shape:
             content["truth_resampled_from"] = size[::-1]
         print(json.dumps(content, indent=2))
         return
     if size != shape:
-        print(f"The truth, {size[1]}x{size[0]} px, is resampled to the result's {shape[1]}x{shape[0]} px.")
+        print(
+            f"The truth, {size[1]}x{size[0]} px, is resampled to the result's {shape[1]}x{shape[0]} px."
+        )
     print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {scale})")
-    print(f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm")
-    print(f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %")
+    print(
+        f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm"
+    )
+    print(
+        f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %"
+    )
     print(f"z         RMSE {e.rmse_z_mm:.4g} mm")
     if not np.isnan(e.mean_degrees):
         print(f"normals   mean {e.mean_degrees:.4g}°, median {e.median_degrees:.4g}°")
     if trusted is not None:
-        within = f"{trusted.within_one:.0f} % within 1 σ, {trusted.within_two:.0f} % within 2 σ"
+        within = (
+            f"{trusted.within_one:.0f} % within 1 σ, {trusted.within_two:.0f} % within 2 σ"
+        )
         print(
             f"σ         {within} (68 and 95 if right); its rank follows the error's by {trusted.spearman:.2f}"
         )
@@ -162,7 +200,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.epilog = "endolab COMMAND --help shows what a command takes, with examples."
     parser.add_argument("--version", action="version", version=f"endolab {__version__}")
     shells = ("bash", "zsh", "tcsh")
-    parser.add_argument("--completion", action=_Completion, choices=shells, help="print it for this shell")
+    parser.add_argument(
+        "--completion", action=_Completion, choices=shells, help="print it for this shell"
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     add_reconstruct_commands(commands)
@@ -177,17 +217,48 @@ def _parser() -> argparse.ArgumentParser:
         "endolab simulate sheet --target vicalib_folded --video --out v",
     )
     option = command.add_argument
-    option("scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video")
+    option(
+        "scene",
+        metavar="SCENE",
+        help="plane, curved, tube or colon; sheet: a calibration video",
+    )
     option("--out", required=True, metavar="DIR", help="folder for the results")
     add_overwrite(command.add_argument)
-    option("--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)")
-    option("--width", type=wide, default=640, metavar="PX", help="of the frame (default 640)")
-    option("--noise", type=number, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
-    option("--bits", type=integer, default=8, choices=(8, 16), help="of each channel (default 8)")
+    option(
+        "--calibration",
+        default="paper",
+        metavar="CAL",
+        help="endoscope.json, or a name (default paper)",
+    )
+    option(
+        "--width", type=wide, default=640, metavar="PX", help="of the frame (default 640)"
+    )
+    option(
+        "--noise",
+        type=number,
+        default=1.0,
+        metavar="GREY",
+        help="standard deviation (default 1 of 255)",
+    )
+    option(
+        "--bits",
+        type=integer,
+        default=8,
+        choices=(8, 16),
+        help="of each channel (default 8)",
+    )
     option("--texture", type=number, metavar="S", help="sd of the albedo's logarithm")
     option("--fog", type=number, metavar="PER_MM", help="attenuation")
-    option("--highlights", type=number, metavar="S", help="share of light a wet film mirrors")
-    option("--seed", type=integer, default=0, metavar="N", help="of all that is random (default 0)")
+    option(
+        "--highlights", type=number, metavar="S", help="share of light a wet film mirrors"
+    )
+    option(
+        "--seed",
+        type=integer,
+        default=0,
+        metavar="N",
+        help="of all that is random (default 0)",
+    )
     add_sheet_options(command)
 
     add_calibration_commands(commands)
@@ -203,9 +274,23 @@ def _parser() -> argparse.ArgumentParser:
     )
     option = command.add_argument
     option("depth", metavar="DEPTH.npz", help="of a result, or of a frame of a video")
-    option("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019")
-    option("--scale", choices=("none", "median"), help="default: median for relative units, else none")
-    option("--max-angle", type=number, default=90.0, metavar="DEG", help="only pixels this near the axis")
+    option(
+        "truth",
+        metavar="TRUTH",
+        help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019",
+    )
+    option(
+        "--scale",
+        choices=("none", "median"),
+        help="default: median for relative units, else none",
+    )
+    option(
+        "--max-angle",
+        type=number,
+        default=90.0,
+        metavar="DEG",
+        help="only pixels this near the axis",
+    )
     option("--json", action="store_true", help="print JSON")
 
     add_tune_command(commands)
@@ -219,8 +304,18 @@ def _parser() -> argparse.ArgumentParser:
         "endolab lab --notebooks mine --port 9000 -- --no-browser",
     )
     option = command.add_argument
-    option("--notebooks", metavar="DIR", help="other notebooks than endolab's own; its parent is shown too")
-    option("--port", type=integer, default=8888, metavar="N", help="the next free one (default 8888)")
+    option(
+        "--notebooks",
+        metavar="DIR",
+        help="other notebooks than endolab's own; its parent is shown too",
+    )
+    option(
+        "--port",
+        type=integer,
+        default=8888,
+        metavar="N",
+        help="the next free one (default 8888)",
+    )
     option("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
     return parser
 
@@ -234,7 +329,9 @@ def in_one_line(error: object) -> str:
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
     if len(text) > LONGEST_COMPLAINT:
         text = f"{text[: LONGEST_COMPLAINT // 2]} … {text[-LONGEST_COMPLAINT // 2 :]}"
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
+    )
 
 
 class _ToldToEnd(KeyboardInterrupt):
@@ -261,7 +358,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if getattr(arguments, "threads", None) is not None:
             os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
         if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
-            raise ValueError("NUMBA_DISABLE_JIT is set in the environment, and endolab's loops need Numba")
+            raise ValueError(
+                "NUMBA_DISABLE_JIT is set in the environment, and endolab's loops need Numba"
+            )
         arguments.run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
@@ -284,7 +383,9 @@ def run() -> NoReturn:
     """Run a command as a process of its own, which ends on SIGTERM and SIGHUP as on Ctrl-C."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
+        if (
+            number is not None and signal.getsignal(number) is not signal.SIG_IGN
+        ):  # as of nohup
             signal.signal(number, _interrupted)
     sys.unraisablehook = _ignored
     for name in ("stdout", "stderr"):
@@ -295,7 +396,9 @@ def run() -> NoReturn:
         warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     # Of a disk that is full Rerun complains on its own, before `recording.stream.Sink` says so in a sentence.
     os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
-    gc.set_threshold(50_000)  # what is imported stays: to look through it takes a sixth of all importing
+    gc.set_threshold(
+        50_000
+    )  # what is imported stays: to look through it takes a sixth of all importing
     status = main()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):

@@ -25,7 +25,11 @@ from endolab.reconstruction.settings import (
 
 LARGEST_COUNT = 2**31 - 1  # that a whole number may be; no count is larger
 SWITCHES = {"auto": None, "yes": True, "no": False}
-SWEPT = {"lam": "0.1,1,10", "xi": "d,1/d", "regulariser": "first,curvature"}  # lists of a sweep
+SWEPT = {
+    "lam": "0.1,1,10",
+    "xi": "d,1/d",
+    "regulariser": "first,curvature",
+}  # lists of a sweep
 COMPILING = "Compiling for this machine, a minute or so; only the first run does."
 LOOPS = 170  # that a default reconstruction compiles
 NOT_KEPT = "Compiling, a minute or so, in every run: NUMBA_CACHE_DIR can name a folder to keep it in."
@@ -122,7 +126,11 @@ READERS: dict[str, Callable[[str], Any]] = {
 
 # Options --------------------------------------------------------------------------------
 def add_command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], None], does: str, *examples: str
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], None],
+    does: str,
+    *examples: str,
 ) -> argparse.ArgumentParser:
     """Add the parser of a command, whose help ends with `examples`, and return it."""
     parser: argparse.ArgumentParser = commands.add_parser(
@@ -138,7 +146,11 @@ def add_command(
 
 def add_overwrite(option: Callable[..., Any]) -> None:
     """Add the option of every command that writes results."""
-    option("--overwrite", action="store_true", help="write even where there are files of others")
+    option(
+        "--overwrite",
+        action="store_true",
+        help="write even where there are files of others",
+    )
 
 
 def add_threads(option: Callable[..., Any]) -> None:
@@ -152,7 +164,10 @@ def add_solving_options(
 ) -> None:
     """Add what `solving` reads, in groups; λ, ξ and order are lists if `swept`."""
     most_used(
-        "--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name"
+        "--calibration",
+        required=True,
+        metavar="CAL",
+        help="endoscope.json, or a known endoscope's name",
     )
     for group in ("", SURFACE, FRAME_AND_LIGHT, SCALE):
         add = parser.add_argument_group(group).add_argument if group else most_used
@@ -179,7 +194,13 @@ def _add_option(add: Callable[..., Any], name: str, facts: Option, swept: bool) 
     reader = READERS[facts.kind]
     if facts.kind == WORD:
         reader = choice(name, facts.choices)
-    add(flag, type=reader, choices=facts.choices or None, metavar=facts.form or None, help=facts.help)
+    add(
+        flag,
+        type=reader,
+        choices=facts.choices or None,
+        metavar=facts.form or None,
+        help=facts.help,
+    )
 
 
 def _add_light_options(add: Callable[..., Any], swept: bool) -> None:
@@ -205,12 +226,15 @@ def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     calibration = load_calibration(arguments.calibration)
     path = getattr(arguments, "settings", None)
     kept = SolvingSettings() if path is None else read_settings(path)
-    light, keywords = dict(kept.photometry), dict(kept.keywords)
+    light = dict(kept.photometry)
+    keywords = dict(kept.keywords)
     if arguments.albedo is not None:
         light["albedo"] = arguments.albedo
     evidence = calibration.evidence.get("photometry")
     if "albedo" not in light and isinstance(evidence, dict) and evidence.get("brdf_of"):
-        print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
+        print(
+            "The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead."
+        )
     chosen: dict[str, Any] = {}
     for part in option_fields():
         value = getattr(arguments, part.name, None)
@@ -244,7 +268,15 @@ def announce_compiling() -> Iterator[None]:
         def on_start(self, event: object) -> None:
             if not bars:
                 tqdm.write(COMPILING if COMPILED["cache"] else NOT_KEPT, file=sys.stderr)
-                bars.append(tqdm(total=LOOPS, unit="loop", desc="compiling", leave=False, disable=None))
+                bars.append(
+                    tqdm(
+                        total=LOOPS,
+                        unit="loop",
+                        desc="compiling",
+                        leave=False,
+                        disable=None,
+                    )
+                )
 
         def on_end(self, event: object) -> None:
             bars[0].update()

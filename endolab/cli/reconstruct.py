@@ -37,7 +37,9 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     if arguments.out is None and not arguments.live:
         raise ValueError("--out is missing: the folder for the results")
     if arguments.live or is_stream(source):
-        _refuse(arguments, (*OF_ONE, "every"), "a camera, whose frames are taken as they come")
+        _refuse(
+            arguments, (*OF_ONE, "every"), "a camera, whose frames are taken as they come"
+        )
         _reconstruct_live(arguments)
     elif is_sequence(source):
         _refuse(arguments, OF_ONE, "a folder or a video")
@@ -58,7 +60,10 @@ def _say_if_large(arguments: argparse.Namespace, calibration: Any) -> None:
     wide = arguments.width or camera.width
     pixels = wide**2 * camera.height / camera.width
     if pixels > LARGE_FRAME:
-        print(f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.", flush=True)
+        print(
+            f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.",
+            flush=True,
+        )
 
 
 def _where(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -81,26 +86,36 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     frame = read_frame(arguments.frame, calibration, arguments.mask)
     _say_if_large(arguments, calibration)
     if depth_layout(arguments.frame) or looks_like_depth(frame.image):
-        print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
+        print(
+            f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise."
+        )
     solver = keywords.setdefault("solver", DEFAULT_SOLVER)
     if arguments.uncertainty:
         from endolab.uncertainty.estimate import check_solver
 
         check_solver(solver)
     if solver == "fast_marching" or arguments.snapshots is not None:
-        keywords["snapshots"] = SNAPSHOTS if arguments.snapshots is None else arguments.snapshots
+        keywords["snapshots"] = (
+            SNAPSHOTS if arguments.snapshots is None else arguments.snapshots
+        )
     unrecorded = lacking("rerun")
     if not unrecorded:
         from endolab.recording.recorder import record
     with announce_compiling(), stage_folder(arguments.out, **_where(arguments)) as folder:
-        prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
+        prepared = (
+            prepare(frame, calibration, highlights="keep") if arguments.prepare else None
+        )
         with (
             nullcontext() if unrecorded else record(folder / "recording.rrd") as recorder,
             progress_bar("it", "solving", keywords.get("snapshots")) as bar,
         ):
 
             def show(iterate: Any) -> None:
-                name = "solving" if iterate.round == 0 else f"{iterate.stage}, round {iterate.round}"
+                name = (
+                    "solving"
+                    if iterate.round == 0
+                    else f"{iterate.stage}, round {iterate.round}"
+                )
                 bar.set_description(name, refresh=False)
                 bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
                 bar.update(iterate.k - bar.n)  # the start is none
@@ -108,13 +123,19 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
             observers: list[Any] = [show] if recorder is None else [recorder, show]
             picture = frame if prepared is None else prepared.frame
             result = reconstruct(picture, calibration, observers=observers, **keywords)
-            uncertainty = _uncertainty(result, calibration) if arguments.uncertainty else None
+            uncertainty = (
+                _uncertainty(result, calibration) if arguments.uncertainty else None
+            )
             if recorder is not None and uncertainty is not None:
                 recorder.add_uncertainty(uncertainty, result)
 
-        from endolab.reports.result import write_files  # now, as drawing takes half a second to load
+        from endolab.reports.result import (
+            write_files,
+        )  # now, as drawing takes half a second to load
 
-        write_files(result, folder, mesh=arguments.mesh, prepared=prepared, uncertainty=uncertainty)
+        write_files(
+            result, folder, mesh=arguments.mesh, prepared=prepared, uncertainty=uncertainty
+        )
         written = sorted(path.name for path in folder.iterdir())
     _tell(result, solver, prepared, uncertainty)
     if unrecorded:
@@ -151,9 +172,13 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     steps = f"{result.iterations} iteration" + "s" * (result.iterations != 1)
     energy = f"energy {result.history[0]['energy']:.3e} to {result.energy:.3e}"
     print(f"{result.status.name}: {result.status.value}")
-    print(f"{solver}, {steps}, {result.seconds:.2f} s, {energy}, {int(result.mask.sum())} pixels")
+    print(
+        f"{solver}, {steps}, {result.seconds:.2f} s, {energy}, {int(result.mask.sum())} pixels"
+    )
     unit = result.problem.unit
-    print(f"distance: median {median:.4g}, 1 % below {nearest:.4g}, 1 % above {farthest:.4g} ({unit})")
+    print(
+        f"distance: median {median:.4g}, 1 % below {nearest:.4g}, 1 % above {farthest:.4g} ({unit})"
+    )
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
@@ -162,14 +187,20 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
         print(note)
     if uncertainty is not None:
         numbers = summarise_uncertainty(result, uncertainty)
-        sigma, scale = numbers["sigma_percent"], numbers["sigma_scale_percent"]
-        shared = f" An error of the scale, common to all, makes {scale:.2g} %." if result.metric else ""
+        sigma = numbers["sigma_percent"]
+        scale = numbers["sigma_scale_percent"]
+        shared = (
+            f" An error of the scale, common to all, makes {scale:.2g} %."
+            if result.metric
+            else ""
+        )
         print(
             f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} to "
             f"{sigma['90th']:.2g} % for four in five.{shared}"
         )
         shares = ", ".join(
-            f"{name} {100 * share:.0f} %" for name, share in numbers["dominant_source"].items()
+            f"{name} {100 * share:.0f} %"
+            for name, share in numbers["dominant_source"].items()
         )
         print("\n".join([f"Pixels decided by: {shares}.", *numbers["notes"]]))
         if numbers["status"] == "STOPPED":
@@ -183,9 +214,13 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
 
     calibration, keywords = solving(arguments)
     _say_if_large(arguments, calibration)
-    depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
+    depths = sorted(
+        path.name for path in Path(arguments.frame).glob("*") if depth_layout(path)
+    )
     if depths:
-        print(f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}.")
+        print(
+            f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}."
+        )
     with announce_compiling(), progress_bar("frame", "video") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
@@ -210,14 +245,19 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     for row in video.rows:
         if row["error"]:
             print(f"not done: {row['error']}")
-    seconds, warm = sum(row["seconds"] for row in done), sum(row["warm"] for row in done)
-    print(f"{len(done)} of {len(video.rows)} frames, {warm} started from the last, {seconds:.2f} s")
+    seconds = sum(row["seconds"] for row in done)
+    warm = sum(row["warm"] for row in done)
+    print(
+        f"{len(done)} of {len(video.rows)} frames, {warm} started from the last, {seconds:.2f} s"
+    )
     if video.done_before:
         print(f"done by an earlier call: {video.done_before} of them")
     middle = [row["median_distance"] for row in done]
     print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
     if done[0]["unit"] != "mm":
-        print("The gain is unknown: distances have no unit, but nearly the same one in all frames.")
+        print(
+            "The gain is unknown: distances have no unit, but nearly the same one in all frames."
+        )
     written = [path.name for path in video.paths]
     if "recording.rrd" not in written:
         print(f"There is no recording.rrd: {lacking('rerun')}.")
@@ -226,7 +266,14 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
 
 def _reconstruct_live(arguments: argparse.Namespace) -> None:
     """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
-    from endolab.batch.live import COLUMNS, LIVE_WIDTH, live_row, live_summary, reconstruct_live, shown
+    from endolab.batch.live import (
+        COLUMNS,
+        LIVE_WIDTH,
+        live_row,
+        live_summary,
+        reconstruct_live,
+        shown,
+    )
     from endolab.batch.table import write_rows
     from endolab.io.atomic import as_json, stage_folder, write_atomically
     from endolab.io.surfaces import save_depth
@@ -236,7 +283,8 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         del keywords["regulariser"]  # that of a live view
     width = keywords.get("width") or min(LIVE_WIDTH, calibration.camera.width)
     rows: list[dict[str, Any]] = []
-    dropped, last = 0, None
+    dropped = 0
+    last = None
     with ExitStack() as ending:
         sinks: list[Any] = []
         if arguments.out is not None:
@@ -264,7 +312,9 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
                     rows.append(live_row(step))
                     last = step.result or last
                     dropped += step.dropped
-                    bar.set_postfix_str(f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False)
+                    bar.set_postfix_str(
+                        f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False
+                    )
                     bar.update()
                     if arguments.out is None and all(sink.gone for sink in sinks):
                         break  # the window is closed
@@ -276,7 +326,9 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
             if not rows:
                 raise ValueError(f"{arguments.frame} gave no frame")
             write_rows(folder / "frames.csv", COLUMNS, rows)
-            write_atomically(folder / "report.json", as_json({"endolab": 1, "live": summary}))
+            write_atomically(
+                folder / "report.json", as_json({"endolab": 1, "live": summary})
+            )
             if last is not None:
                 save_depth(folder / "depth.npz", last, last.metric)
     print(summary)
@@ -346,8 +398,12 @@ def add_reconstruct_commands(commands: Any) -> None:
     add_overwrite(option)
     text = "add σ, the standard deviation of every pixel's distance; takes one to three times as long"
     option("--uncertainty", action="store_true", help=text)
-    option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
-    text = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
+    option(
+        "--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds"
+    )
+    text = (
+        "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
+    )
     option("--prepare", action="store_true", help=text)
     text = f"of fast_marching in the recording (default {SNAPSHOTS})"
     option("--snapshots", type=integer, metavar="N", help=text)
@@ -367,13 +423,25 @@ def add_reconstruct_commands(commands: Any) -> None:
         "endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv",
         "endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz",
     )
-    command.add_argument("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
+    command.add_argument(
+        "frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits"
+    )
     most_used = command.add_argument_group("most used").add_argument
-    most_used("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
+    most_used(
+        "--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)"
+    )
     add_solving_options(command, most_used, swept=True)
     option = command.add_argument_group("output").add_argument
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
-    option("--jobs", type=integer, default=1, metavar="N", help="at once; -1: as many as cores")
+    option(
+        "--jobs", type=integer, default=1, metavar="N", help="at once; -1: as many as cores"
+    )
     text = "loky (processes, the default), threading or dask"
-    option("--backend", choices=("loky", "threading", "dask"), default="loky", metavar="NAME", help=text)
+    option(
+        "--backend",
+        choices=("loky", "threading", "dask"),
+        default="loky",
+        metavar="NAME",
+        help=text,
+    )
     add_threads(option)

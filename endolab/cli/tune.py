@@ -72,7 +72,9 @@ def find_pictures(source: str | Path) -> list[Path]:
     if not is_sequence(path):
         return [path]
     if not path.is_dir():
-        raise ValueError(f"{path}: the tuner takes a picture or a folder of pictures, not a video")
+        raise ValueError(
+            f"{path}: the tuner takes a picture or a folder of pictures, not a video"
+        )
     names = [name for name in open_frames(path).names if depth_layout(name) is None]
     if not names:
         raise ValueError(f"{path}: only depth maps are in this folder, no picture")
@@ -100,7 +102,11 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
 
 def _open(link: str) -> None:
     if not webbrowser.open(link):
-        print("There is no browser that could be opened; open the link.", file=sys.stderr, flush=True)
+        print(
+            "There is no browser that could be opened; open the link.",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def add_tune_command(commands: Any) -> None:
@@ -115,12 +121,28 @@ def add_tune_command(commands: Any) -> None:
         "endolab tune a.png --calibration endoscope.json --truth truth.npz",
     )
     option = command.add_argument
-    option("frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these")
+    option(
+        "frame",
+        metavar="FRAME",
+        help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these",
+    )
     text = "endoscope.json, or a known endoscope's name"
     option("--calibration", required=True, metavar="CAL", help=text)
-    option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
-    option("--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)")
-    option("--port", type=integer, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
+    option(
+        "--truth",
+        metavar="T",
+        help="truth.npz of the frame, or its depth map of a published data set",
+    )
+    option(
+        "--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)"
+    )
+    option(
+        "--port",
+        type=integer,
+        default=PORT,
+        metavar="N",
+        help=f"the next free one (default {PORT})",
+    )
     text = "of a proxy in front of it, such as https://lab.example.org, whose pages may come too"
     option("--origin", metavar="URL", help=text)
     text = "print the link, and open no browser"

@@ -23,9 +23,13 @@ def _numbered(folder: Path, ending: str) -> dict[int, str]:
 def list_c3vd(folder: PathLike) -> dict[int, str]:
     """Name the colour pictures of a sequence, as paths from its folder, by their numbers."""
     for place in _PLACES:
-        names = _numbered(Path(folder) / place, r"\.png" if place == _SECOND else r"_color\.png")
+        names = _numbered(
+            Path(folder) / place, r"\.png" if place == _SECOND else r"_color\.png"
+        )
         if names:
-            return {number: (Path(place) / name).as_posix() for number, name in names.items()}
+            return {
+                number: (Path(place) / name).as_posix() for number, name in names.items()
+            }
     return {}
 
 
@@ -73,4 +77,6 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
     depths = _numbered(Path(folder) / _PLACES[place], r"_depth\.(?:png|tiff)")
     depth = Path(_PLACES[place]) / depths.get(index, f"{index:04d}_depth.tiff")
     known_as = CALIBRATIONS["c3vd_v2" if place == _SECOND else "c3vd"]
-    return load_sample(folder, colour, str(depth), read_c3vd_depth, known_as, shrinkable=True)
+    return load_sample(
+        folder, colour, str(depth), read_c3vd_depth, known_as, shrinkable=True
+    )

@@ -32,10 +32,15 @@ from endolab.model.photometry import Photometry
 from endolab.model.schema import shorten
 
 MAX_BYTES = 1_000_000  # of an XML file; real ones have 1 kB
-FIELD = math.radians(60.0)  # off the light's direction: where sheets are seen well, so the light is known
+FIELD = math.radians(
+    60.0
+)  # off the light's direction: where sheets are seen well, so the light is known
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
 
-_CAMERA_TYPES = {"calibu_fu_fv_u0_v0_kb4": 8, "calibu_fu_fv_u0_v0": 4}  # with their number of parameters
+_CAMERA_TYPES = {
+    "calibu_fu_fv_u0_v0_kb4": 8,
+    "calibu_fu_fv_u0_v0": 4,
+}  # with their number of parameters
 
 
 # Reading XML --------------------------------------------------------------------------------
@@ -65,10 +70,14 @@ class _Part:
     """An element whose children are read one by one; every error names the file and the place."""
 
     def __init__(self, element: ElementTree.Element, where: str, file: str) -> None:
-        self.element, self.where, self.file = element, where, file
+        self.element = element
+        self.where = where
+        self.file = file
 
     def error(self, name: str, what: str) -> ValueError:
-        return ValueError(f"{self.file}: {'/'.join(filter(None, (self.where, name)))}: {what}")
+        return ValueError(
+            f"{self.file}: {'/'.join(filter(None, (self.where, name)))}: {what}"
+        )
 
     def all(self, name: str) -> list[_Part]:
         """Return the children of a name, at least one."""
@@ -89,20 +98,28 @@ class _Part:
         """Return the attribute `type`, which must be one of a few."""
         kind = self.element.get("type")
         if kind not in choices:
-            raise self.error("", f"expected the type {' or '.join(choices)}, found {shorten(str(kind))}")
+            raise self.error(
+                "", f"expected the type {' or '.join(choices)}, found {shorten(str(kind))}"
+            )
         return str(kind)
 
     def numbers(self, name: str, count: int) -> tuple[float, ...]:
         """Read `[ a; b; … ]`, or one bare number."""
         text = (self.one(name).element.text or "").strip()
         inner = re.fullmatch(r"\[([^\[\]]*)\]|([^\[\]]*)", text)
-        parts = re.split(r"[;,]", (inner[1] if inner[1] is not None else inner[2])) if inner else []
+        parts = (
+            re.split(r"[;,]", (inner[1] if inner[1] is not None else inner[2]))
+            if inner
+            else []
+        )
         try:
             values = tuple(float(part) for part in parts)
         except ValueError:
             values = ()
         if len(values) != count or not all(map(math.isfinite, values)):
-            wanted = "a finite number" if count == 1 else f"{count} finite numbers [ a; b; … ]"
+            wanted = (
+                "a finite number" if count == 1 else f"{count} finite numbers [ a; b; … ]"
+            )
             raise self.error(name, f"expected {wanted}, found {shorten(text) or 'nothing'}")
         return values
 
@@ -125,9 +142,20 @@ def read_vicalib(path: PathLike) -> Camera:
     count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
     width, height = (model.number(name) for name in ("width", "height"))
     fu, fv, u0, v0, *distortion = model.numbers("params", count)
-    integer: dict[str, Any] = {"width": width, "height": height, "fx": fu, "fy": fv, "cx": u0, "cy": v0}
+    integer: dict[str, Any] = {
+        "width": width,
+        "height": height,
+        "fx": fu,
+        "fy": fv,
+        "cx": u0,
+        "cy": v0,
+    }
     try:
-        return KannalaBrandt(**integer | {"k": distortion}) if distortion else Pinhole(**integer)
+        return (
+            KannalaBrandt(**integer | {"k": distortion})
+            if distortion
+            else Pinhole(**integer)
+        )
     except ValueError as error:
         raise model.error("", str(error)) from error
 
@@ -143,7 +171,8 @@ def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
     """
     if mu == 0:
         return 0.0, 1.0, 0.0
-    there, here = -mu * (1 - cos_psi), np.log(cos_psi)
+    there = -mu * (1 - cos_psi)
+    here = np.log(cos_psi)
     spread = here - here.mean()
     exponent = float(spread @ there / (spread @ spread))
     offset = float(np.mean(there - exponent * here))
@@ -153,23 +182,36 @@ def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
 
 def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
     part.kind(("sls",))
-    sigma, mu = part.number("sigma"), part.number("mu")
-    position, direction = part.numbers("P", 3), part.numbers("D", 3)
+    sigma = part.number("sigma")
+    mu = part.number("mu")
+    position = part.numbers("P", 3)
+    direction = part.numbers("D", 3)
     if math.hypot(*position) > FARTHEST_LIGHT:
-        raise part.error("P", f"expected metres, at most {FARTHEST_LIGHT:g} m off, found {position}")
+        raise part.error(
+            "P", f"expected metres, at most {FARTHEST_LIGHT:g} m off, found {position}"
+        )
     if abs(math.hypot(*direction) - 1) > 1e-3 or direction[2] <= 0:
-        raise part.error("D", f"expected a unit vector that looks forward (z > 0), found {direction}")
+        raise part.error(
+            "D", f"expected a unit vector that looks forward (z > 0), found {direction}"
+        )
     cos_psi = rays @ np.asarray(direction)
     lit = cos_psi[cos_psi > math.cos(FIELD)]
     if lit.size < 2:
-        raise part.error("D", f"the light does not shine where the camera looks, found {direction}")
+        raise part.error(
+            "D", f"the light does not shine where the camera looks, found {direction}"
+        )
     exponent, weight, worst = cosine_power(mu, lit)
     place = tuple(1000 * value for value in position)
     try:
         made = SpotLight(place, direction, exponent, sigma * weight)  # type: ignore[arg-type]
     except ValueError as error:
         raise part.error("", str(error)) from error
-    known = {"mu": mu, "sigma": sigma, "exponent": exponent, "worst_distance_percent": 100 * worst}
+    known = {
+        "mu": mu,
+        "sigma": sigma,
+        "exponent": exponent,
+        "worst_distance_percent": 100 * worst,
+    }
     return made, known
 
 
@@ -196,8 +238,13 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     made = [_light(light.one("light_model"), rays) for light in top.all("light")]
     lights = tuple(light for light, _ in made)
     evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
-    if len(lights) == 1 and lights[0].position == (0.0, 0.0, 0.0) and lights[0].direction == (0.0, 0.0, 1.0):
-        k, lights = k + lights[0].exponent, ()
+    if (
+        len(lights) == 1
+        and lights[0].position == (0.0, 0.0, 0.0)
+        and lights[0].direction == (0.0, 0.0, 1.0)
+    ):
+        k = k + lights[0].exponent
+        lights = ()
     try:
         return Photometry(k=k, gamma=gamma, gain=None, lights=lights), evidence
     except ValueError as error:
@@ -218,7 +265,8 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
 
 def find_calibrations(folder: PathLike) -> tuple[Path, Path | None]:
     """Find `*_geometrical.xml` and, if it is there, `*_photometrical.xml` in a folder `Endoscope_XX`."""
-    place, calibrations = Path(folder), []
+    place = Path(folder)
+    calibrations = []
     for kind in ("geometrical", "photometrical"):
         paths = sorted(place.glob(f"*_{kind}.xml"))
         if len(paths) > 1:

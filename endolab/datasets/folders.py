@@ -20,7 +20,9 @@ from endolab.numerics.arrays import FloatArray
 _SIMCOL3D = re.compile(r"FrameBuffer_(\d{4})\.png")
 _UCL2019 = re.compile(r"(.+)_FrameBuffer_(\d{4})\.png")
 
-Readers = dict[str, Callable[[], Sample]]  # of frames, by the names of their colour pictures, in order
+Readers = dict[
+    str, Callable[[], Sample]
+]  # of frames, by the names of their colour pictures, in order
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,9 @@ class Folder:
 def _find_frames(place: Path, camera: Camera | None) -> dict[str, Readers]:
     """Find the frames that lie in a folder, by data set."""
     colours = list_c3vd(place)
-    c3vd: Readers = {name: partial(read_c3vd, place, number) for number, name in colours.items()}
+    c3vd: Readers = {
+        name: partial(read_c3vd, place, number) for number, name in colours.items()
+    }
     found: dict[str, Readers] = {"c3vd": c3vd, "simcol3d": {}, "ucl2019": {}}
     with one_sentence(f"{place}: cannot be read"):
         names = sorted(entry.name for entry in place.iterdir())
@@ -62,8 +66,12 @@ def _find_frames(place: Path, camera: Camera | None) -> dict[str, Readers]:
             found["simcol3d"][name] = partial(read_simcol3d, place, int(match[1]))
         elif match := _UCL2019.fullmatch(name):
             if camera is None:
-                raise ValueError(f"{place}: the camera of UCL 2019 is not published; give one")
-            found["ucl2019"][name] = partial(read_ucl2019, place, match[1], int(match[2]), camera)
+                raise ValueError(
+                    f"{place}: the camera of UCL 2019 is not published; give one"
+                )
+            found["ucl2019"][name] = partial(
+                read_ucl2019, place, match[1], int(match[2]), camera
+            )
     return found
 
 
@@ -100,7 +108,9 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
     found = _find_frames(place, camera)
     for sequence in () if any(found.values()) else inside:
         for layout, readers in _find_frames(sequence, camera).items():
-            found[layout] |= {f"{sequence.name}/{name}": read for name, read in readers.items()}
+            found[layout] |= {
+                f"{sequence.name}/{name}": read for name, read in readers.items()
+            }
     fitting = [layout for layout, readers in found.items() if readers]
     if len(fitting) != 1:
         raise ValueError(
@@ -132,7 +142,11 @@ def find_dataset(layout: str, prefer: str = "") -> Folder | None:
     if layout not in (known := ("c3vd", "simcol3d")):
         raise unknown_name("layout", layout, known)
     place = data_folder()
-    inside = [] if place is None else [*sorted(entry for entry in place.iterdir() if entry.is_dir()), place]
+    inside = (
+        []
+        if place is None
+        else [*sorted(entry for entry in place.iterdir() if entry.is_dir()), place]
+    )
     for folder in sorted(inside, key=lambda folder: prefer not in folder.name):
         try:
             dataset = open_dataset(folder)
@@ -150,7 +164,13 @@ def depth_layout(path: PathLike) -> str | None:
         return "c3vd"
     if not name.endswith(".png"):
         return None
-    return "simcol3d" if name.startswith("depth_") else "ucl2019" if "_depth_" in name else None
+    return (
+        "simcol3d"
+        if name.startswith("depth_")
+        else "ucl2019"
+        if "_depth_" in name
+        else None
+    )
 
 
 def true_z(path: PathLike) -> FloatArray:

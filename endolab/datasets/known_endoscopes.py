@@ -12,20 +12,31 @@ from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
 from endolab.numerics.checks import number
 
-NOMINAL = {"photometry": {"nominal": True}}  # evidence of a light that was taken from the paper
+NOMINAL = {
+    "photometry": {"nominal": True}
+}  # evidence of a light that was taken from the paper
 C3VD_PHOTOMETRY = Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.34)))
 # Evidence for C3VD's: one scene, so that its errors are large.
 C3VD_ERRORS = {"k": 0.376, "gamma": 0.158, "red": 0.085, "green": 0.103, "blue": 0.092}
 C3VD_LIGHT = {
     "photometry": {"standard_errors": C3VD_ERRORS},
-    "known_surface": {"frames": ["0001_color.png", "0006_color.png"], "misfit_grey_levels": 4.59},
+    "known_surface": {
+        "frames": ["0001_color.png", "0006_color.png"],
+        "misfit_grey_levels": 4.59,
+    },
 }
 
 CALIBRATIONS: dict[str, Calibration] = {
     # The paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
     "paper": Calibration(
         KannalaBrandt(
-            1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
+            1440,
+            1080,
+            717.21,
+            717.48,
+            735.37,
+            552.80,
+            (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5),
         ),
         Photometry(k=2.5, gamma=2.2, brdf=Lambertian((0.75, 0.38, 0.30))),
     ),
@@ -41,7 +52,13 @@ CALIBRATIONS: dict[str, Calibration] = {
             1080,
             678.544839,
             542.975888,
-            (769.243600037, 0.0, -0.000812770624150226, 6.25674244578925e-07, -1.1966218214428e-09),
+            (
+                769.243600037,
+                0.0,
+                -0.000812770624150226,
+                6.25674244578925e-07,
+                -1.1966218214428e-09,
+            ),
             0.99998686,
             0.00288274,
             -0.00296316,
@@ -56,7 +73,13 @@ CALIBRATIONS: dict[str, Calibration] = {
             1080,
             677.739464,
             543.057998,
-            (767.733695862103, 0.0, -0.000592506426558248, -2.694402666e-07, -2.16380341010063e-10),
+            (
+                767.733695862103,
+                0.0,
+                -0.000592506426558248,
+                -2.694402666e-07,
+                -2.16380341010063e-10,
+            ),
             0.9999,
             1.1e-4,
             -1.83e-4,
@@ -67,7 +90,9 @@ CALIBRATIONS: dict[str, Calibration] = {
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5. Its light, a game
     # engine's, is no endoscope's: of k from 0.7 to 2.5, this one's depths are nearest to five frames' truth.
     "simcol3d": Calibration(
-        Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0), Photometry(k=1.5, gamma=2.2), NOMINAL
+        Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0),
+        Photometry(k=1.5, gamma=2.2),
+        NOMINAL,
     ),
 }
 
@@ -110,5 +135,9 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
         calibration = read_calibration(name)
     if width is None:
         return calibration
-    height = calibration.camera.height * number("width", width, 1, WIDEST) / calibration.camera.width
+    height = (
+        calibration.camera.height
+        * number("width", width, 1, WIDEST)
+        / calibration.camera.width
+    )
     return calibration.resize(width, round(height))

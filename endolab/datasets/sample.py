@@ -33,7 +33,9 @@ class Sample:
 def data_folder() -> Path | None:
     """Folder of published frames: $ENDOLAB_DATA, else ../shared/data beside the checkout; or None."""
     named = os.environ.get("ENDOLAB_DATA")
-    folder = Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
+    folder = (
+        Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
+    )
     return folder if folder.is_dir() else None
 
 
@@ -62,7 +64,9 @@ def load_sample(
     folder: PathLike,
     colour_name: str,
     depth_name: str,
-    read_depth: Callable[[PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]],
+    read_depth: Callable[
+        [PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]
+    ],
     calibration: Calibration,
     shrinkable: bool = False,
 ) -> Sample:
@@ -77,7 +81,9 @@ def load_sample(
     z, known, *shown = read_depth(depth)
     camera = calibration.camera
     if shrinkable and z.shape[1] < camera.width:
-        shrunk = calibration.resize(z.shape[1], round(camera.height * z.shape[1] / camera.width))
+        shrunk = calibration.resize(
+            z.shape[1], round(camera.height * z.shape[1] / camera.width)
+        )
         calibration = shrunk if shrunk.camera.height == z.shape[0] else calibration
         camera = calibration.camera
     check_size(str(depth), z.shape[::-1], camera)
@@ -88,4 +94,6 @@ def load_sample(
         )
     forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
     mask = shown[0] if shown else np.ones(z.shape, dtype=bool)
-    return Sample(Frame(image, mask, colour.name), calibration, np.where(known, z, np.nan) / forward)
+    return Sample(
+        Frame(image, mask, colour.name), calibration, np.where(known, z, np.nan) / forward
+    )

@@ -27,7 +27,9 @@ def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     """
     stored = read_stored_depth(path, "uint16", 200 / 65280)
     if stored.max() > 65280:
-        raise ValueError(f"{path}: expected values up to 65280, which is 200 mm, found {stored.max()}")
+        raise ValueError(
+            f"{path}: expected values up to 65280, which is 200 mm, found {stored.max()}"
+        )
     return stored / 256 / 255 * 200, stored > 0
 
 
@@ -47,6 +49,10 @@ def read_simcol3d(folder: PathLike, index: int) -> Sample:
     """
     colour = f"FrameBuffer_{index:04d}.png"
     depth = f"Depth_{index:04d}.png"
-    sample = load_sample(folder, colour, depth, read_simcol3d_depth, CALIBRATIONS["simcol3d"])
-    image = np.minimum(sample.frame.image * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
+    sample = load_sample(
+        folder, colour, depth, read_simcol3d_depth, CALIBRATIONS["simcol3d"]
+    )
+    image = np.minimum(
+        sample.frame.image * 65535 / 65280, 1.0
+    )  # bytes in the upper half of 16 bits
     return replace(sample, frame=replace(sample.frame, image=image))

@@ -52,11 +52,14 @@ class TracedSample(Sample):
 
 def read(path: PathLike) -> TracedSample:
     """Read a frame of the set; OSError or ValueError in one sentence, if it cannot be read or is none."""
-    source, what = Path(path), "a path-traced frame that endolab wrote"
+    source = Path(path)
+    what = "a path-traced frame that endolab wrote"
 
     stored = read_arrays(source, what, (*DTYPES, "facts"))
     size = stored["distance"].shape if "distance" in stored else ()
-    shapes = dict.fromkeys(("image", *LAYERS[:2]), (*size, 3)) | dict.fromkeys(("distance", "mirrored"), size)
+    shapes = dict.fromkeys(("image", *LAYERS[:2]), (*size, 3)) | dict.fromkeys(
+        ("distance", "mirrored"), size
+    )
     for name, shape in shapes.items():
         if len(size) != 2 or name not in stored or stored[name].shape != shape:
             raise ValueError(f"{source}: not {what}")
@@ -70,13 +73,24 @@ def read(path: PathLike) -> TracedSample:
         raise ValueError(f"{source}: not {what} ({error})") from error
     image = stored["image"] / 255
     check_size(str(source), (image.shape[1], image.shape[0]), made_with.camera)
-    codes = {name: np.cumsum(stored[name], axis=1, dtype=np.uint16) for name in ("distance", *LAYERS)}
-    layers = {name: (codes[name] / GREY_STEPS) ** made_with.photometry.gamma for name in LAYERS}
+    codes = {
+        name: np.cumsum(stored[name], axis=1, dtype=np.uint16)
+        for name in ("distance", *LAYERS)
+    }
+    layers = {
+        name: (codes[name] / GREY_STEPS) ** made_with.photometry.gamma for name in LAYERS
+    }
     mask = codes["distance"] > 0
     distance = np.where(mask, codes["distance"] * DISTANCE_STEP, np.nan)
-    rays, normals = made_with.camera.field.rays[mask], np.full(image.shape, np.nan)
-    here, beyond = (scene.normals((distance[mask] + step)[:, None] * rays) for step in (0.0, DISTANCE_STEP))
-    far_wall = (beyond == [0.0, 0.0, -1.0]).all(axis=-1)  # which begins at its place to rounding
+    rays = made_with.camera.field.rays[mask]
+    normals = np.full(image.shape, np.nan)
+    here, beyond = (
+        scene.normals((distance[mask] + step)[:, None] * rays)
+        for step in (0.0, DISTANCE_STEP)
+    )
+    far_wall = (beyond == [0.0, 0.0, -1.0]).all(
+        axis=-1
+    )  # which begins at its place to rounding
     normals[mask] = np.where(far_wall[:, None], beyond, here)
     frame = Frame(image, mask, source.stem)
     return TracedSample(frame, made_with, distance, normals, scene=scene, **layers)

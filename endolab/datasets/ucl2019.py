@@ -39,7 +39,9 @@ def read_ucl2019_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     """
     stored = read_stored_depth(path, "uint8", STEP)
     if stored.shape != (SIZE, SIZE):
-        raise ValueError(f"{path}: expected {SIZE}x{SIZE} px, found {stored.shape[1]}x{stored.shape[0]} px")
+        raise ValueError(
+            f"{path}: expected {SIZE}x{SIZE} px, found {stored.shape[1]}x{stored.shape[0]} px"
+        )
     return stored * STEP, (stored > 0) & (stored < 255)
 
 
@@ -64,4 +66,6 @@ def read_ucl2019(folder: PathLike, series: str, index: int, camera: Camera) -> S
     """
     colour = f"{series}_FrameBuffer_{index:04d}.png"
     depth = f"{series}_Depth_{index:04d}.png"
-    return load_sample(folder, colour, depth, read_ucl2019_depth, Calibration(camera, Photometry()))
+    return load_sample(
+        folder, colour, depth, read_ucl2019_depth, Calibration(camera, Photometry())
+    )

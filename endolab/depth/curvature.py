@@ -29,7 +29,9 @@ CREASE = 3.0  # times ε: where a curvature is charged its size, not its square;
 SLIGHT = 5e-5
 
 
-def _derivatives(f: FloatArray, mask: BoolArray, cuts: BoolArray | None) -> tuple[FloatArray, FloatArray]:
+def _derivatives(
+    f: FloatArray, mask: BoolArray, cuts: BoolArray | None
+) -> tuple[FloatArray, FloatArray]:
     """First (2, H, W) and second differences (3, H, W) of a map: u, v; uu, uv, vv."""
     first = np.stack(gradient(f, mask, cuts, edge_order=1))
     uu, vv, *mixed = hessian(f, mask, cuts)
@@ -50,12 +52,16 @@ def valid_stencil(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
     The mixed one is the mean of those of the squares around the pixel, one at least.
     """
     link = links(mask, cuts)
-    beside_u, beside_v = (link[i] | shift(link[i], -1, axis, False) for i, axis in ((0, 1), (1, 0)))
+    beside_u, beside_v = (
+        link[i] | shift(link[i], -1, axis, False) for i, axis in ((0, 1), (1, 0))
+    )
     uu, _, vv = hessian_stencils(link)
     return np.stack([uu & beside_v, _squares(link) > 0, vv & beside_u])
 
 
-def plane_shares(field: RayField, mask: BoolArray, cuts: BoolArray | None = None) -> FloatArray:
+def plane_shares(
+    field: RayField, mask: BoolArray, cuts: BoolArray | None = None
+) -> FloatArray:
     """a, b and c of each second difference of the rays, (uu, uv, vv; a, b, c; H, W); 0 where not known."""
     rays = np.where(mask[..., None], field.rays, 0.0)
     each = [_derivatives(rays[..., i], mask, cuts) for i in range(3)]
@@ -67,19 +73,30 @@ def plane_shares(field: RayField, mask: BoolArray, cuts: BoolArray | None = None
     return np.moveaxis(np.where(known[..., None], shares, 0.0), -1, 1)
 
 
-def second_form(w: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray | None = None) -> FloatArray:
+def second_form(
+    w: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray | None = None
+) -> FloatArray:
     """Second differences uu, uv, vv of w = 1/d that are 0 on planes, (3, H, W), and where not known."""
     w = np.where(mask, w, 0.0)
     first, second = _derivatives(w, mask, cuts)
     a, b, c = np.moveaxis(plane_shares(field, mask, cuts), 1, 0)
-    return np.where(valid_stencil(mask, cuts), second - a * first[0] - b * first[1] - c * w, 0.0)
+    return np.where(
+        valid_stencil(mask, cuts), second - a * first[0] - b * first[1] - c * w, 0.0
+    )
 
 
-def size_and_twofold(form: FloatArray, inverse_metric: FloatArray, known: BoolArray) -> FloatArray:
+def size_and_twofold(
+    form: FloatArray, inverse_metric: FloatArray, known: BoolArray
+) -> FloatArray:
     """What is charged, (2, H, W); the second is 0 where not all of the form is known."""
     uu, uv, vv = form * ANGLE**2
     guu, guv, gvv = np.moveaxis(inverse_metric, -1, 0)
-    mixed = [[uu * guu + uv * guv, uu * guv + uv * gvv], [uv * guu + vv * guv, uv * guv + vv * gvv]]
+    mixed = [
+        [uu * guu + uv * guv, uu * guv + uv * gvv],
+        [uv * guu + vv * guv, uv * guv + vv * gvv],
+    ]
     size = np.sqrt(mixed[0][0] ** 2 + 2 * mixed[0][1] * mixed[1][0] + mixed[1][1] ** 2)
     product = (uu * vv - uv * uv) * (guu * gvv - guv * guv)
-    return np.stack([size, np.where(known.all(axis=0), product / np.hypot(size, SLIGHT), 0.0)])
+    return np.stack(
+        [size, np.where(known.all(axis=0), product / np.hypot(size, SLIGHT), 0.0)]
+    )

@@ -26,7 +26,13 @@ is missing: then the normal equations couple no pixels further apart than the He
 
 import numpy as np
 
-from endolab.depth.curvature import CREASE, TWOFOLD, second_form, size_and_twofold, valid_stencil
+from endolab.depth.curvature import (
+    CREASE,
+    TWOFOLD,
+    second_form,
+    size_and_twofold,
+    valid_stencil,
+)
 from endolab.depth.problem import EXACT, LOWER_BOUND, Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -36,7 +42,9 @@ from endolab.numerics.penalties import huber
 
 def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """The frame (H, W) that a map of v = log d predicts, normals from its gradient; nan outside the mask."""
-    tan2 = slant(*gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field)
+    tan2 = slant(
+        *gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field
+    )
     predicted = problem.photometry.shade(log_distance, tan2, problem.field.cos_alpha)[0]
     return np.where(problem.mask, predicted, np.nan)
 
@@ -45,18 +53,27 @@ def contradicts(problem: Problem, residual: FloatArray) -> BoolArray:
     """Where the picture is evidence against a model that is brighter by this residual, (H, W)."""
     if problem.evidence is None:
         return problem.mask
-    one_sided = (problem.evidence == LOWER_BOUND) & (np.where(problem.mask, residual, 0.0) < 0)
+    one_sided = (problem.evidence == LOWER_BOUND) & (
+        np.where(problem.mask, residual, 0.0) < 0
+    )
     return problem.mask & ((problem.evidence == EXACT) | one_sided)
 
 
 def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """What the regulariser charges, without λ and g, (H, W): ‖D ξ/ξ̃‖_ε, or how the surface bends."""
-    mask, cuts, epsilon = problem.mask, problem.cuts, problem.epsilon
-    xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha) / problem.xi_median
+    mask = problem.mask
+    cuts = problem.cuts
+    epsilon = problem.epsilon
+    xi = (
+        to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha)
+        / problem.xi_median
+    )
     xi = np.where(mask, xi, 0.0)
     if problem.regulariser == "curvature":
         form = second_form(xi, problem.field, mask, cuts)
-        size, twofold = size_and_twofold(form, problem.field.inverse_metric, valid_stencil(mask, cuts))
+        size, twofold = size_and_twofold(
+            form, problem.field.inverse_metric, valid_stencil(mask, cuts)
+        )
         epsilon *= CREASE
         return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
     operator = forward_gradient if problem.regulariser == "first" else hessian
@@ -66,7 +83,8 @@ def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
 
 def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]:
     """The terms "data" and "regulariser" (λ included), whose sum is the energy, of a map of v = log d."""
-    mask, count = problem.mask, int(problem.mask.sum())
+    mask = problem.mask
+    count = int(problem.mask.sum())
     residual = model_image(problem, log_distance) - problem.image
     residual = residual[contradicts(problem, residual)]
     roughness = problem.edge_weight * _roughness(problem, log_distance)

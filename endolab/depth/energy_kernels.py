@@ -68,7 +68,11 @@ class Penalties(NamedTuple):
 
 @kernel
 def _shade_row(
-    slant: FloatArray, table: FloatArray, step: float, shading: FloatArray, slope: FloatArray
+    slant: FloatArray,
+    table: FloatArray,
+    step: float,
+    shading: FloatArray,
+    slope: FloatArray,
 ) -> None:
     """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ), on a row."""
     for j in range(slant.size):
@@ -82,8 +86,13 @@ def _shade_row(
         w = np.sqrt(shading[j])
         k = min(int(w / step), table.shape[1] - 2)
         s = w / step - k
-        y0, y1, d0, d1 = table[0, k], table[0, k + 1], step * table[1, k], step * table[1, k + 1]
-        a, b = 2 * (y0 - y1) + d0 + d1, 3 * (y1 - y0) - 2 * d0 - d1  # Hermite's cubic
+        y0 = table[0, k]
+        y1 = table[0, k + 1]
+        d0 = step * table[1, k]
+        d1 = step * table[1, k + 1]
+        # Hermite's cubic
+        a = 2 * (y0 - y1) + d0 + d1
+        b = 3 * (y1 - y0) - 2 * d0 - d1
         slope[j] = (d0 + s * (2 * b + 3 * s * a)) / step / max(2 * w, 1e-9)
         shading[j] = y0 + s * (d0 + s * (b + s * a))
 
@@ -99,14 +108,30 @@ def slopes_row(
     slant: FloatArray,
 ) -> None:
     """G⁻¹ ∇v and tan²θ on a row, ∇v being the mean of the differences that there are."""
-    row, up, down = v[i], v[i - 1], v[i + 1]
-    across, below, above = link[0, i], link[1, i], link[1, i - 1]
-    guu, guv, gvv = metric[0, i], metric[1, i], metric[2, i]
+    row = v[i]
+    up = v[i - 1]
+    down = v[i + 1]
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    guu = metric[0, i]
+    guv = metric[1, i]
+    gvv = metric[2, i]
     for j in range(slant.size):
-        right, left, south, north = across[j + 2], across[j + 1], below[j + 2], above[j + 2]
-        both, along = 1 - 0.5 * (float(right) * left), 1 - 0.5 * (float(south) * north)
-        u = both * (float(right) * (row[j + 3] - row[j + 2]) + float(left) * (row[j + 2] - row[j + 1]))
-        w = along * (float(south) * (down[j + 2] - row[j + 2]) + float(north) * (row[j + 2] - up[j + 2]))
+        right = across[j + 2]
+        left = across[j + 1]
+        south = below[j + 2]
+        north = above[j + 2]
+        both = 1 - 0.5 * (float(right) * left)
+        along = 1 - 0.5 * (float(south) * north)
+        u = both * (
+            float(right) * (row[j + 3] - row[j + 2])
+            + float(left) * (row[j + 2] - row[j + 1])
+        )
+        w = along * (
+            float(south) * (down[j + 2] - row[j + 2])
+            + float(north) * (row[j + 2] - up[j + 2])
+        )
         raised_u[j] = guu[j + 2] * u + guv[j + 2] * w
         raised_w[j] = guv[j + 2] * u + gvv[j + 2] * w
         slant[j] = raised_u[j] * u + raised_w[j] * w
@@ -123,7 +148,10 @@ def fill_xi(
 ) -> None:
     """ξ/ξ̃ where the mask is, 0 elsewhere."""
     for i in range(rows[0], rows[1]):
-        row, by, there, out = v[i], factor[i], active[i], xi[i]
+        row = v[i]
+        by = factor[i]
+        there = active[i]
+        out = xi[i]
         for j in range(row.size):
             out[j] = float(there[j]) * by[j] * exp(sign * row[j])
 
@@ -140,7 +168,9 @@ def advance(
 ) -> None:
     """Go a share of a step of which nothing is longer than `longest`, no higher than a ceiling, if any."""
     for i in range(rows[0], rows[1]):
-        row, step, there = v[i], delta[i], out[i]
+        row = v[i]
+        step = delta[i]
+        there = out[i]
         for j in range(row.size):
             there[j] = row[j] + share * min(max(step[j], -longest), longest)
         if ceiling.size > 0:
@@ -150,7 +180,9 @@ def advance(
 
 
 @on_cores(cost=3)
-def fill_slants(rows: Span, v: FloatArray, metric: FloatArray, link: ByteArray, out: FloatArray) -> None:
+def fill_slants(
+    rows: Span, v: FloatArray, metric: FloatArray, link: ByteArray, out: FloatArray
+) -> None:
     """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
     raised = np.empty((2, v.shape[1] - 2 * PAD))
@@ -159,15 +191,26 @@ def fill_slants(rows: Span, v: FloatArray, metric: FloatArray, link: ByteArray, 
 
 
 @kernel
-def _predict_row(v: FloatArray, picture: Picture, wall: Wall, i: int, rows: FloatArray) -> None:
+def _predict_row(
+    v: FloatArray, picture: Picture, wall: Wall, i: int, rows: FloatArray
+) -> None:
     """On a row: the residual, how much it counts (0 or 1), the model, and what the last two come from."""
     image, log_scale, metric, _, active, link, evidence, _ = picture
     gamma, table, step = wall
-    residual, counts, model, slope = rows[0], rows[1], rows[2], rows[3]
-    slant, raised_u, raised_w, shading = rows[4], rows[5], rows[6], rows[7]
+    residual = rows[0]
+    counts = rows[1]
+    model = rows[2]
+    slope = rows[3]
+    slant = rows[4]
+    raised_u = rows[5]
+    raised_w = rows[6]
+    shading = rows[7]
     slopes_row(v, metric, link, i, raised_u, raised_w, slant)
     _shade_row(slant, table, step, shading, slope)
-    row, brightness, seen, there = v[i], log_scale[i], image[i], active[i]
+    row = v[i]
+    brightness = log_scale[i]
+    seen = image[i]
+    there = active[i]
     for j in range(model.size):
         model[j] = exp(brightness[j + 2] + (shading[j] - 2 * row[j + 2]) / gamma)
     for j in range(model.size):
@@ -181,24 +224,44 @@ def _predict_row(v: FloatArray, picture: Picture, wall: Wall, i: int, rows: Floa
 
 
 @kernel
-def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: FloatArray) -> None:
+def _roughness_row(
+    x: FloatArray, link: ByteArray, kind: int, i: int, size: FloatArray
+) -> None:
     """‖D x‖ on a row, per pixel or per pixel squared."""
-    row, up, down = x[i], x[i - 1], x[i + 1]
-    across, below, above = link[0, i], link[1, i], link[1, i - 1]
+    row = x[i]
+    up = x[i - 1]
+    down = x[i + 1]
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
     if kind == FIRST:
         for j in range(size.size):
-            right, south = row[j + 3] - row[j + 2], down[j + 2] - row[j + 2]
-            right, south = float(across[j + 2]) * right, float(below[j + 2]) * south
+            right = row[j + 3] - row[j + 2]
+            south = down[j + 2] - row[j + 2]
+            right = float(across[j + 2]) * right
+            south = float(below[j + 2]) * south
             size[j] = np.sqrt(right * right + south * south)
         return
     squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
     for j in range(squares.size):
-        lower = square(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
-        upper = square(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+        lower = square(link, i, j + 1) * (
+            down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1]
+        )
+        upper = square(link, i - 1, j + 1) * (
+            row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1]
+        )
         squares[j] = lower * lower + upper * upper
     for j in range(size.size):
-        uu = float(across[j + 2]) * float(across[j + 1]) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
-        vv = float(below[j + 2]) * float(above[j + 2]) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        uu = (
+            float(across[j + 2])
+            * float(across[j + 1])
+            * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
+        )
+        vv = (
+            float(below[j + 2])
+            * float(above[j + 2])
+            * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        )
         size[j] = np.sqrt(uu * uu + vv * vv + 0.5 * (squares[j] + squares[j + 1]))
 
 
@@ -207,9 +270,15 @@ def _add_smooth_row(
     x: FloatArray, weight: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray
 ) -> None:
     """Add the slope of ½ Σ weight ‖D x‖² over a row to a map."""
-    row, up, down = x[i], x[i - 1], x[i + 1]
-    across, below, above = link[0, i], link[1, i], link[1, i - 1]
-    here, over, under = out[i], out[i - 1], out[i + 1]
+    row = x[i]
+    up = x[i - 1]
+    down = x[i + 1]
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    here = out[i]
+    over = out[i - 1]
+    under = out[i + 1]
     n = weight.size
     uu = np.empty(n)
     if kind == FIRST:
@@ -223,7 +292,8 @@ def _add_smooth_row(
             here[j + 3] += uu[j]
         return
     for j in range(n):
-        both, along = float(across[j + 2]) * float(across[j + 1]), float(below[j + 2]) * float(above[j + 2])
+        both = float(across[j + 2]) * float(across[j + 1])
+        along = float(below[j + 2]) * float(above[j + 2])
         uu[j] = weight[j] * both * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
         vv = weight[j] * along * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
         here[j + 2] -= 2 * uu[j] + 2 * vv
@@ -233,11 +303,20 @@ def _add_smooth_row(
         here[j + 3] += uu[j]
     for j in range(n):
         here[j + 1] += uu[j]
-    lower, upper = np.empty(n + 1), np.empty(n + 1)
+    lower = np.empty(n + 1)
+    upper = np.empty(n + 1)
     for j in range(n + 1):
         beside = 0.5 * ((weight[j - 1] if j > 0 else 0.0) + (weight[j] if j < n else 0.0))
-        lower[j] = beside * square(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
-        upper[j] = beside * square(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+        lower[j] = (
+            beside
+            * square(link, i, j + 1)
+            * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
+        )
+        upper[j] = (
+            beside
+            * square(link, i - 1, j + 1)
+            * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+        )
     for j in range(n + 1):
         under[j + 1] -= lower[j]
         here[j + 1] += lower[j] - upper[j]
@@ -259,11 +338,19 @@ def _fill_sums(
     out: FloatArray,
 ) -> None:
     """Each band's part of `sums`."""
-    metric, edge, link, shares = picture[2], picture[3], picture[5], picture[7]
+    metric = picture[2]
+    edge = picture[3]
+    link = picture[5]
+    shares = picture[7]
     _, threshold, epsilon, scale, kind = penalties
     count = v.shape[1] - 2 * PAD
-    work, form, totals = np.empty((8, count)), np.empty((3, count)), np.empty((2, count))
-    residual, counts, data, rough = work[0], work[1], totals[0], totals[1]
+    work = np.empty((8, count))
+    form = np.empty((3, count))
+    totals = np.empty((2, count))
+    residual = work[0]
+    counts = work[1]
+    data = totals[0]
+    rough = totals[1]
     for start in range(rows[0], rows[1], ROWS):
         first, last = rows_within((start, start + ROWS), PAD, v.shape[0] - PAD)
         totals[:] = 0.0
@@ -283,7 +370,8 @@ def _fill_sums(
                 size = scale * form[0, j]
                 small = min(size, epsilon)
                 rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
-        out[start // ROWS, 0], out[start // ROWS, 1] = data.sum(), rough.sum()
+        out[start // ROWS, 0] = data.sum()
+        out[start // ROWS, 1] = rough.sum()
 
 
 def sums(
@@ -298,18 +386,36 @@ def sums(
 
 @kernel
 def _pull_row(
-    residual: FloatArray, weight: FloatArray, factors: FloatArray, link: ByteArray, i: int, out: FloatArray
+    residual: FloatArray,
+    weight: FloatArray,
+    factors: FloatArray,
+    link: ByteArray,
+    i: int,
+    out: FloatArray,
 ) -> None:
     """Subtract Jᵀ W r of a row from a map; `factors` are a and b of J, which it spoils."""
-    by_v, by_u, by_w = factors[0], factors[1], factors[2]
-    across, below, above = link[0, i], link[1, i], link[1, i - 1]
-    here, up, down = out[i], out[i - 1], out[i + 1]
+    by_v = factors[0]
+    by_u = factors[1]
+    by_w = factors[2]
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    here = out[i]
+    up = out[i - 1]
+    down = out[i + 1]
     for j in range(residual.size):
-        right, left, south, north = across[j + 2], across[j + 1], below[j + 2], above[j + 2]
+        right = across[j + 2]
+        left = across[j + 1]
+        south = below[j + 2]
+        north = above[j + 2]
         forced = weight[j] * residual[j]
         by_u[j] *= forced * (1 - 0.5 * (float(right) * left))
         by_w[j] *= forced * (1 - 0.5 * (float(south) * north))
-        own = forced * by_v[j] + by_u[j] * (float(left) - right) + by_w[j] * (float(north) - south)
+        own = (
+            forced * by_v[j]
+            + by_u[j] * (float(left) - right)
+            + by_w[j] * (float(north) - south)
+        )
         here[j + 2] -= own
         down[j + 2] -= by_w[j] * float(south)
         up[j + 2] += by_w[j] * float(north)
@@ -320,11 +426,21 @@ def _pull_row(
 
 
 @kernel
-def _differentiate_row(rows: FloatArray, gamma: float, threshold: float, factors: FloatArray) -> None:
+def _differentiate_row(
+    rows: FloatArray, gamma: float, threshold: float, factors: FloatArray
+) -> None:
     """a and b of J on a row, from what `_predict_row` wrote; the counts become the weights W."""
-    residual, counts, model, slope = rows[0], rows[1], rows[2], rows[3]
-    slant, raised_u, raised_w, by_slant = rows[4], rows[5], rows[6], rows[7]
-    by_v, by_u, by_w = factors[0], factors[1], factors[2]
+    residual = rows[0]
+    counts = rows[1]
+    model = rows[2]
+    slope = rows[3]
+    slant = rows[4]
+    raised_u = rows[5]
+    raised_w = rows[6]
+    by_slant = rows[7]
+    by_v = factors[0]
+    by_u = factors[1]
+    by_w = factors[2]
     for j in range(model.size):
         by_v[j] = -2 * counts[j] * model[j] / gamma
     for j in range(model.size):
@@ -337,9 +453,12 @@ def _differentiate_row(rows: FloatArray, gamma: float, threshold: float, factors
 
 
 @kernel
-def _weight_row(active: ByteArray, edge: FloatArray, lam: float, i: int, out: FloatArray) -> None:
+def _weight_row(
+    active: ByteArray, edge: FloatArray, lam: float, i: int, out: FloatArray
+) -> None:
     """λ w on a row, 0 outside the mask."""
-    there, g = active[i], edge[i]
+    there = active[i]
+    g = edge[i]
     for j in range(out.size):
         out[j] = float(there[j + 2]) * lam * g[j + 2]
 
@@ -363,20 +482,29 @@ def linearise(
     out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
-    metric, edge, active, link, shares = picture[2], picture[3], picture[4], picture[5], picture[7]
+    metric = picture[2]
+    edge = picture[3]
+    active = picture[4]
+    link = picture[5]
+    shares = picture[7]
     gamma = wall[0]
     lam, threshold, epsilon, scale, kind = penalties
     parts, descent, smooth = out
     count = v.shape[1] - 2 * PAD
-    work, form, factors = np.empty((8, count)), np.empty((3, count)), np.empty((3, count))
-    residual, weight_row = work[0], work[1]
+    work = np.empty((8, count))
+    form = np.empty((3, count))
+    factors = np.empty((3, count))
+    residual = work[0]
+    weight_row = work[1]
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
                 clear_row(descent[i])
                 clear_row(smooth[i])
             continue
-        odd = turn - 1  # every second band: what a row adds to its neighbours' must not meet
+        odd = (
+            turn - 1
+        )  # every second band: what a row adds to its neighbours' must not meet
         for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
             first, last = rows_within((start, start + ROWS), PAD, v.shape[0] - PAD)
             for i in range(first, last):
@@ -389,7 +517,9 @@ def linearise(
                 _weight_row(active, edge, lam, i, weight_row)
                 if kind == CURVATURE:
                     bend_row(xi, link, shares, i, form)
-                    weigh_bending_row(form, metric, link, i, epsilon, weight_row, parts[SMOOTHNESS:])
+                    weigh_bending_row(
+                        form, metric, link, i, epsilon, weight_row, parts[SMOOTHNESS:]
+                    )
                     add_unbent_row(form, link, shares, i, smooth)
                     continue
                 _roughness_row(xi, link, kind, i, form[0])
@@ -410,7 +540,11 @@ def finish(
 ) -> None:
     """Subtract X Dᵀ Q D ξ from -Jᵀ W r, for pixels that are free, and write X."""
     for i in range(rows[0], rows[1]):
-        down, rough, here, known, slope = descent[i], smooth[i], xi[i], free[i], parts[SLOPE, i]
+        down = descent[i]
+        rough = smooth[i]
+        here = xi[i]
+        known = free[i]
+        slope = parts[SLOPE, i]
         for j in range(down.size):
             slope[j] = sign * here[j]
             down[j] = float(known[j]) * (down[j] - sign * here[j] * rough[j])
@@ -428,19 +562,30 @@ def be_cautious(
     """Write what slopes of a step are charged for beforehand, see `grid.Grid.equations_at`."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
     count = v.shape[1] - 2 * PAD
-    raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
+    raised_u = np.empty(count)
+    raised_w = np.empty(count)
+    slant = np.empty(count)
     for i in range(first, last):
         slopes_row(v, metric, link, i, raised_u, raised_w, slant)
-        by_v, weight, likely = parts[BY_V, i], parts[WEIGHT, i], slants[i]
-        u, w, guu, gvv = parts[CAUTION_U, i], parts[CAUTION_W, i], metric[0, i], metric[2, i]
+        by_v = parts[BY_V, i]
+        weight = parts[WEIGHT, i]
+        likely = slants[i]
+        u = parts[CAUTION_U, i]
+        w = parts[CAUTION_W, i]
+        guu = metric[0, i]
+        gvv = metric[2, i]
         for j in range(count):
-            bend = by_v[j + 2] / (2 * (1 + slant[j]))  # ∂²M by the slope, as of a Lambertian wall that faces
+            bend = by_v[j + 2] / (
+                2 * (1 + slant[j])
+            )  # ∂²M by the slope, as of a Lambertian wall that faces
             charged = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
             u[j + 2] = charged * guu[j + 2]
             w[j + 2] = charged * gvv[j + 2]
 
 
-def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[FloatArray, float]:
+def shading_table(
+    photometry: Photometry, size: int = TABLE_SIZE
+) -> tuple[FloatArray, float]:
     """Shading of a BRDF against slant, for `_shade_row`: table (2, size) and the step between its nodes.
 
     The rows are log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which
@@ -453,4 +598,6 @@ def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[Float
     unit = replace(photometry, k=0.0, gain=1.0, gamma=1.0)
     intensity, _, by_slant = unit.shade(np.zeros(size), np.expm1(w**2), np.ones(size))
     shading = np.log(intensity / unit.shade(0.0, 0.0, 1.0)[0])
-    return np.stack([shading, 2 * w * by_slant * np.exp(w**2) / intensity]), float(w[2] - w[1])
+    return np.stack([shading, 2 * w * by_slant * np.exp(w**2) / intensity]), float(
+        w[2] - w[1]
+    )

@@ -35,14 +35,21 @@ from endolab.numerics.derivatives import links, shift
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
 _AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
-_FAR, _ACCEPTED, _OUTSIDE = -1, -2, -3  # else a pixel's entry in `place` is its index in the heap
+# else a pixel's entry in `place` is its index in the heap
+_FAR = -1
+_ACCEPTED = -2
+_OUTSIDE = -3
 
 
 BitArray = NDArray[np.uint8]
 Offset = tuple[int, int]  # column, row
-Step = tuple[float, float]  # s, t of the difference s y + t of the unknown y at a pixel to a neighbour
+Step = tuple[
+    float, float
+]  # s, t of the difference s y + t of the unknown y at a pixel to a neighbour
 Terms = tuple[float, float, float]  # a, b, c of a y² + 2 b y + c
-Table = tuple[FloatArray, FloatArray]  # log c and log(1 + P), both empty for a Lambertian surface
+Table = tuple[
+    FloatArray, FloatArray
+]  # log c and log(1 + P), both empty for a Lambertian surface
 
 
 class Front(NamedTuple):
@@ -73,7 +80,8 @@ def _rise(value: FloatArray, heap: IndexArray, place: IndexArray, child: int) ->
 @kernel
 def _pop(value: FloatArray, heap: IndexArray, place: IndexArray, size: int) -> int:
     """Take the pixel of least value off a heap of `size` entries, and accept it."""
-    top, pixel = heap[0], heap[size - 1]
+    top = heap[0]
+    pixel = heap[size - 1]
     place[top] = _ACCEPTED
     parent = 0
     while 2 * parent + 1 < size - 1:
@@ -110,19 +118,29 @@ def _root(terms: Terms, low: float, y0: float, table: Table) -> float:
         discriminant = b * b - (a + 4) * (c - 4 * y0 * y0)
         y = (np.sqrt(discriminant) - b) / (a + 4) if discriminant >= 0 else np.nan
         return y if low <= y <= y0 else np.nan
-    left, right = low, y0
-    at_left, at_right = _excess(left, terms, y0, table), _excess(right, terms, y0, table)
+    left = low
+    right = y0
+    at_left = _excess(left, terms, y0, table)
+    at_right = _excess(right, terms, y0, table)
     if at_left > 0 or at_right < 0:
         return np.nan
     for _ in range(100):  # regula falsi, the stale end's value halved (Illinois)
-        y = (left * at_right - right * at_left) / (at_right - at_left) if at_right > at_left else left
+        y = (
+            (left * at_right - right * at_left) / (at_right - at_left)
+            if at_right > at_left
+            else left
+        )
         excess = _excess(y, terms, y0, table)
         if abs(excess) <= 1e-14 * y0 * y0 or right - left <= 1e-14 * y0:
             return y
         if excess < 0:
-            left, at_left, at_right = y, excess, 0.5 * at_right
+            left = y
+            at_left = excess
+            at_right = 0.5 * at_right
         else:
-            right, at_right, at_left = y, excess, 0.5 * at_left
+            right = y
+            at_right = excess
+            at_left = 0.5 * at_left
     return 0.5 * (left + right)
 
 
@@ -164,14 +182,23 @@ def _across_triangle(
     (sa, ta), (sb, tb) = step_a, step_b
     turn = a[0] * b[1] - a[1] * b[0]  # ±1 for neighbouring neighbours, so its own inverse
     # p·a = sa y + ta, p·b = sb y + tb  =>  p = α y + β
-    alpha_u, alpha_v = (b[1] * sa - a[1] * sb) * turn, (a[0] * sb - b[0] * sa) * turn
-    beta_u, beta_v = (b[1] * ta - a[1] * tb) * turn, (a[0] * tb - b[0] * ta) * turn
-    raised_u, raised_v = g[0] * alpha_u + g[1] * alpha_v, g[1] * alpha_u + g[2] * alpha_v
+    alpha_u = (b[1] * sa - a[1] * sb) * turn
+    alpha_v = (a[0] * sb - b[0] * sa) * turn
+    beta_u = (b[1] * ta - a[1] * tb) * turn
+    beta_v = (a[0] * tb - b[0] * ta) * turn
+    raised_u = g[0] * alpha_u + g[1] * alpha_v
+    raised_v = g[1] * alpha_u + g[2] * alpha_v
     constant = g[0] * beta_u * beta_u + 2 * g[1] * beta_u * beta_v + g[2] * beta_v * beta_v
-    terms = (raised_u * alpha_u + raised_v * alpha_v, raised_u * beta_u + raised_v * beta_v, constant)
+    terms = (
+        raised_u * alpha_u + raised_v * alpha_v,
+        raised_u * beta_u + raised_v * beta_v,
+        constant,
+    )
     y = _root(terms, low, y0, table)
-    p_u, p_v = alpha_u * y + beta_u, alpha_v * y + beta_v
-    down_u, down_v = -(g[0] * p_u + g[1] * p_v), -(g[1] * p_u + g[2] * p_v)
+    p_u = alpha_u * y + beta_u
+    p_v = alpha_v * y + beta_v
+    down_u = -(g[0] * p_u + g[1] * p_v)
+    down_v = -(g[1] * p_u + g[2] * p_v)
     weight_a = (down_u * b[1] - down_v * b[0]) * turn
     weight_b = (a[0] * down_v - a[1] * down_u) * turn
     slack = -1e-9 * (abs(weight_a) + abs(weight_b))
@@ -179,11 +206,14 @@ def _across_triangle(
 
 
 @kernel
-def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatArray, table: Table) -> int:
+def _advance(
+    count: int, size: int, front: Front, y0: FloatArray, metric: FloatArray, table: Table
+) -> int:
     """Accept `count` more pixels; return the number left in the heap, of `size` before."""
     value, heap, place, fixed, ways = front
     width = y0.shape[1]
-    upper, inverse_metric = y0.ravel(), metric.reshape(-1, 3)
+    upper = y0.ravel()
+    inverse_metric = metric.reshape(-1, 3)
     for _ in range(count):
         if size == 0:
             break
@@ -194,12 +224,16 @@ def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatA
             if not seen >> (k + 4 & 7) & 1:
                 continue
             pixel = np.int64(accepted) - _AROUND[k, 0] * width - _AROUND[k, 1]
-            if pixel < 0:  # never; but numba, told so, compiles indices without their wrap from the end
+            if (
+                pixel < 0
+            ):  # never; but numba, told so, compiles indices without their wrap from the end
                 continue
             limit = upper[pixel]
             if place[pixel] <= _ACCEPTED or fixed[pixel] or value[accepted] >= limit:
                 continue
-            guu, guv, gvv = inverse_metric[pixel, 0], inverse_metric[pixel, 1], inverse_metric[pixel, 2]
+            guu = inverse_metric[pixel, 0]
+            guv = inverse_metric[pixel, 1]
+            gvv = inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
             a = (_AROUND[k, 1], _AROUND[k, 0])
             step_a, ya = _difference(value, place, ways, accepted, k, width)
@@ -214,7 +248,8 @@ def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatA
                 least = y
             for side in (1, 7):
                 # All three sides of the triangle: y is interpolated along the third too.
-                j, third = k + side & 7, k + side * (2 + (k & 1)) & 7
+                j = k + side & 7
+                third = k + side * (2 + (k & 1)) & 7
                 if not ways[pixel] >> j & seen >> third & 1:
                     continue
                 other = pixel + _AROUND[j, 0] * width + _AROUND[j, 1]
@@ -248,7 +283,8 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
     mask alone set nothing apart: behind a highlight the surface goes on.
     """
     right, lower = links(mask, cuts)
-    left, upper = shift(right, -1, 1, False), shift(lower, -1, 0, False)
+    left = shift(right, -1, 1, False)
+    upper = shift(lower, -1, 0, False)
     beside = (shift(mask, 1, 1, False), shift(mask, -1, 1, False))
     to_right, to_left = (mask & shift(side, 1, 0, False) for side in beside)
     if cuts is not None:
@@ -257,8 +293,10 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
         to_right &= around | ~torn
         around = left & shift(lower, -1, 1, False) | lower & shift(left, 1, 0, False)
         to_left &= around | ~shift(torn, -1, 1, False)
-    from_right, from_left = shift(to_right, -1, 0, False), shift(to_left, -1, 0, False)
-    up_left, up_right = shift(from_right, -1, 1, False), shift(from_left, 1, 1, False)
+    from_right = shift(to_right, -1, 0, False)
+    from_left = shift(to_left, -1, 0, False)
+    up_left = shift(from_right, -1, 1, False)
+    up_right = shift(from_left, 1, 1, False)
     turns = (right, to_right, lower, to_left, left, up_left, upper, up_right)
     return np.packbits(np.stack(turns), axis=0, bitorder="little")[0]
 
@@ -269,7 +307,9 @@ def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: BitArray) -> BoolAr
     height, width = y0.shape
     lowest = mask.copy()
     for k, (r, c) in enumerate(_AROUND):
-        lowest &= (y0 <= padded[1 + r : 1 + r + height, 1 + c : 1 + c + width]) | (ways >> k & 1 == 0)
+        lowest &= (y0 <= padded[1 + r : 1 + r + height, 1 + c : 1 + c + width]) | (
+            ways >> k & 1 == 0
+        )
     return lowest
 
 
@@ -309,12 +349,15 @@ class March:
             fixed = (mask & ~np.isnan(inflow)).ravel()
             value[fixed] = np.exp(2 * inflow.ravel()[fixed])
         seeds = np.flatnonzero(np.isfinite(value))
-        seeds = seeds[np.argsort(value[seeds], kind="stable")]  # in order, which makes it a heap
+        seeds = seeds[
+            np.argsort(value[seeds], kind="stable")
+        ]  # in order, which makes it a heap
         heap = np.empty(value.size, dtype=np.int32)
         heap[: seeds.size] = seeds
         place = np.where(mask.ravel(), _FAR, _OUTSIDE).astype(np.int32)
         place[seeds] = np.arange(seeds.size)
-        table, metric = table or (np.empty(0), np.empty(0)), np.ascontiguousarray(metric)
+        table = table or (np.empty(0), np.empty(0))
+        metric = np.ascontiguousarray(metric)
         return cls(y0, value, heap, place, fixed, ways.ravel(), metric, table, seeds.size)
 
     def advance(self, count: int) -> None:
@@ -330,4 +373,6 @@ class March:
     @property
     def log_distance(self) -> FloatArray:
         """v = log d, (H, W): the march where it has arrived, the upper bound d₀ elsewhere."""
-        return 0.5 * np.log(np.where(self.arrived, self.value.reshape(self.y0.shape), self.y0))
+        return 0.5 * np.log(
+            np.where(self.arrived, self.value.reshape(self.y0.shape), self.y0)
+        )

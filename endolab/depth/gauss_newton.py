@@ -48,15 +48,24 @@ ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 # Added to the diagonal, as a share of what the data put there without slant: at least; once less than half
 # of a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a
 # whole one. Torn surfaces need it: what hangs together by little is to move far otherwise.
-DAMPING, HELD, MOST_DAMPING, CHANGE = 1e-3, 1.0, 1e3, 4.0
-PRECISION, MOST_INNER_STEPS = 0.1, 20  # of the inner solver: residual left, steps
-RATE, SLOWEST = 0.65, 0.95  # of a fall, how much is taken to follow: at first, at most
+DAMPING = 1e-3
+HELD = 1.0
+MOST_DAMPING = 1e3
+CHANGE = 4.0
+# of the inner solver: residual left, steps
+PRECISION = 0.1
+MOST_INNER_STEPS = 20
+# of a fall, how much is taken to follow: at first, at most
+RATE = 0.65
+SLOWEST = 0.95
 COARSEST = 24  # rows and columns of the coarsest grid, at least
 CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
 COARSE_STEPS = 4  # on each of the coarser grids
 LOOK = 2  # times the grid is halved to see whether a start is near
 NEARLY_BEST = 1.2  # it is if its energy there is at most this many times what a step leaves
-SAME_ENERGY = 1e-9  # share by which energies of one map differ, once distances were in another unit
+SAME_ENERGY = (
+    1e-9  # share by which energies of one map differ, once distances were in another unit
+)
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,9 @@ class _State:
         tells of that rate too: the quadratic bends more than the energy then, as Huber's parabolas do, so
         that a share q of the error remains, and q² of the fall.
         """
-        coefficients, descent = self.grid.equations_at(self.v, self.lam, self.slants, self.coefficients)
+        coefficients, descent = self.grid.equations_at(
+            self.v, self.lam, self.slants, self.coefficients
+        )
         multigrid = self.multigrid
         for damping in (self.next_damping, max(10 * self.next_damping, HELD)):
             multigrid = Multigrid(coefficients, damping, multigrid)
@@ -116,7 +127,9 @@ class _State:
             slants = self.grid.slants(delta)
             lowest = self._along(delta, promise)
             longest = float(np.abs(delta).max())
-            if lowest is self and longest > LONGEST_STEP:  # cut off at its longest, it was another step
+            if (
+                lowest is self and longest > LONGEST_STEP
+            ):  # cut off at its longest, it was another step
                 lowest = self._along(delta * (LONGEST_STEP / longest), promise)
             if lowest is not self:
                 break
@@ -142,12 +155,17 @@ class _State:
 
         Half a step is promised 3/4 of what the whole is: no need to try it where the whole kept more.
         """
-        lowest, share, there = self, 1.0, np.empty_like(self.v)
+        lowest = self
+        share = 1.0
+        there = np.empty_like(self.v)
         while share >= SHORTEST:
             advance(self.v, delta, share, LONGEST_STEP, self.grid.ceiling, there)
-            tried = replace(self, v=there, terms=self.grid.terms(there, self.lam), share=share)
+            tried = replace(
+                self, v=there, terms=self.grid.terms(there, self.lam), share=share
+            )
             if tried.energy < lowest.energy:
-                lowest, there = tried, np.empty_like(self.v)
+                lowest = tried
+                there = np.empty_like(self.v)
             elif lowest is not self:
                 break
             if self.energy - lowest.energy > 0.75 * promise:
@@ -165,7 +183,9 @@ class _State:
         return state
 
 
-def _begin_march(grid: Grid, guess: FloatArray | None, lam: float, march: bool) -> tuple[_State, bool]:
+def _begin_march(
+    grid: Grid, guess: FloatArray | None, lam: float, march: bool
+) -> tuple[_State, bool]:
     """March with the guess's values where it enters, or the guess itself if its energy is less.
 
     The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
@@ -183,9 +203,13 @@ def _begin_march(grid: Grid, guess: FloatArray | None, lam: float, march: bool) 
     return given, False
 
 
-def _guesses(grids: list[Grid], tolerance: float) -> Generator[tuple[FloatArray, bool], None, None]:
+def _guesses(
+    grids: list[Grid], tolerance: float
+) -> Generator[tuple[FloatArray, bool], None, None]:
     """Maps at full size, as found on ever finer grids but the finest, and whether to march there."""
-    lam, guess, march = grids[0].problem.lam, None, True
+    lam = grids[0].problem.lam
+    guess = None
+    march = True
     for level in range(len(grids) - 1, 0, -1):
         state, march = _begin_march(grids[level], guess, lam, march)
         v = state.v
@@ -207,7 +231,9 @@ def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
 
 def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
     """Return the start if it is near, or what ever finer grids make of it."""
-    lam, grids, starts = finest.problem.lam, _coarsen(finest, LOOK), [start]
+    lam = finest.problem.lam
+    grids = _coarsen(finest, LOOK)
+    starts = [start]
     if len(grids) == 1:
         return start
     for grid in grids[:-1]:
@@ -218,7 +244,8 @@ def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArra
         return start
     state = state.descend(tolerance)
     for level in range(len(grids) - 2, -1, -1):
-        coarse, fine = grids[level + 1], grids[level]
+        coarse = grids[level + 1]
+        fine = grids[level]
         change = coarse.finer(state.v - starts[level + 1], fine)
         maps = coarse.finer(state.v, fine), starts[level] + change
         state = min((_State.at(fine, v, lam) for v in maps), key=lambda state: state.energy)
@@ -264,7 +291,11 @@ def gauss_newton(
     finest = Grid.of(problem, inflow)
     if start is not None:
         v = pad_maps(
-            np.where(mask, start if inflow is None else np.where(np.isnan(inflow), start, inflow), 0.0)
+            np.where(
+                mask,
+                start if inflow is None else np.where(np.isnan(inflow), start, inflow),
+                0.0,
+            )
         )
         state = _State.at(finest, v, problem.lam)
         iterate = Iterate.of(problem, inner(v), terms=state.terms)
@@ -285,7 +316,8 @@ def gauss_newton(
         v = pad_maps(np.where(mask, problem.log_d0, 0.0))
         iterate = Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
         yield iterate
-        guess, march = None, True
+        guess = None
+        march = True
         for guess, again in _guesses(_coarsen(finest), tolerance):
             march = again
             terms = finest.terms(guess, problem.lam)
@@ -302,7 +334,9 @@ def gauss_newton(
         if state.share == 0:
             return Status.CONVERGED if state.has_converged(tolerance) else Status.STALLED
         if state.energy < iterate.energy:
-            iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms, scalars=state.scalars)
+            iterate = Iterate.of(
+                problem, inner(state.v), iterate, terms=state.terms, scalars=state.scalars
+            )
             yield iterate
         if state.has_converged(tolerance) or max(moved, iterate.change) < settled:
             return Status.CONVERGED

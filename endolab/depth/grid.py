@@ -39,7 +39,15 @@ from endolab.depth.normal_equations import (
 from endolab.depth.problem import CURVATURE, EXACT, LOWER_BOUND, NONE, REGULARISERS, Problem
 from endolab.depth.tears import Cells, coarser_links, largest_fragments
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
-from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, leads, pad_maps
+from endolab.numerics.compiled import (
+    PAD,
+    block_sums,
+    halved,
+    inner,
+    kernel,
+    leads,
+    pad_maps,
+)
 from endolab.numerics.derivatives import links
 
 ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
@@ -57,12 +65,16 @@ def _enters(
 ) -> None:
     """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
     count = out.shape[1]
-    raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
+    raised_u = np.empty(count)
+    raised_w = np.empty(count)
+    slant = np.empty(count)
     for row in range(out.shape[0]):
         slopes_row(v, metric, link, PAD + row, raised_u, raised_w, slant)
         for column in range(out.shape[1]):
-            i, j = PAD + row, PAD + column
-            up, wp = raised_u[column], raised_w[column]
+            i = PAD + row
+            j = PAD + column
+            up = raised_u[column]
+            wp = raised_w[column]
             right = not active[i, j + 1] or link[0, i, j] < uncut_links[0, i, j]
             left = not active[i, j - 1] or link[0, i, j - 1] < uncut_links[0, i, j - 1]
             below = not active[i + 1, j] or link[1, i, j] < uncut_links[1, i, j]
@@ -78,16 +90,22 @@ class Grid:
 
     problem: Problem
     image: FloatArray  # stored values
-    log_scale: FloatArray  # logarithm of the image of a facing surface at one unit of distance
+    log_scale: (
+        FloatArray  # logarithm of the image of a facing surface at one unit of distance
+    )
     metric: FloatArray  # (3, ...): uu, uv, vv of G⁻¹, in this grid's pixels squared
     factor: FloatArray  # ξ/ξ̃ is this times e^±v
     edge: FloatArray  # edge weight g
     active: ByteArray  # the mask
-    link: ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
+    link: (
+        ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
+    )
     uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is torn
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
     rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
-    inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
+    inflow: (
+        FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
+    )
     scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
     table: FloatArray  # of `energy_kernels.shading_table`, as is the step
     step: float
@@ -95,7 +113,8 @@ class Grid:
     @classmethod
     def of(cls, problem: Problem, inflow: FloatArray | None = None) -> Grid:
         """Grid of a problem's own pixels."""
-        mask, field = problem.mask, problem.field
+        mask = problem.mask
+        field = problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
         uncut_links = pad_maps(links(mask).astype(np.int8))
         torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
@@ -104,16 +123,23 @@ class Grid:
             pad_maps(np.where(mask, problem.image, 0.0)),
             pad_maps(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
             pad_maps(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
-            pad_maps((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
+            pad_maps(
+                (1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape))
+                / problem.xi_median
+            ),
             pad_maps(problem.edge_weight),
             pad_maps(mask.astype(np.int8)),
             pad_maps(links(mask, problem.cuts).astype(np.int8)) if torn else uncut_links,
             uncut_links,
-            np.empty((0, 0), np.int8) if problem.evidence is None else pad_maps(problem.evidence),
+            np.empty((0, 0), np.int8)
+            if problem.evidence is None
+            else pad_maps(problem.evidence),
             pad_maps(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
             if problem.regulariser == "curvature"
             else np.empty((3, 0, 0)),
-            np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
+            np.full(mask.shape, np.nan)
+            if inflow is None
+            else np.where(mask, inflow, np.nan),
             problem.derivative_scale,
             *shading_table(problem.photometry),
         )
@@ -153,9 +179,14 @@ class Grid:
         if self.evidence.size == 0:
             return image, self.evidence
         speaks = self.main * (self.evidence != NONE)
-        count, bounds = block_sums(speaks), block_sums(speaks * (self.evidence == LOWER_BOUND))
-        evidence = np.where(count == 0, NONE, np.where(2 * bounds > count, LOWER_BOUND, EXACT))
-        return np.where(count > 0, _block_means(self.image, speaks), image), evidence.astype(np.int8)
+        count = block_sums(speaks)
+        bounds = block_sums(speaks * (self.evidence == LOWER_BOUND))
+        evidence = np.where(
+            count == 0, NONE, np.where(2 * bounds > count, LOWER_BOUND, EXACT)
+        )
+        return np.where(
+            count > 0, _block_means(self.image, speaks), image
+        ), evidence.astype(np.int8)
 
     def restrict(self, a: FloatArray) -> FloatArray:
         """Mean of a map over the active pixels for which each 2×2 block stands."""
@@ -164,7 +195,9 @@ class Grid:
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
         blocks = Cells(self.active, self.link, self.uncut_links)
-        way = Interpolation.to(Cells(fine.active, fine.link, fine.uncut_links), fine.main, blocks)
+        way = Interpolation.to(
+            Cells(fine.active, fine.link, fine.uncut_links), fine.main, blocks
+        )
         out = np.zeros(fine.active.shape)
         way.add(v, out)
         if self.is_cut:
@@ -174,7 +207,9 @@ class Grid:
             out[i, j] = v[PAD + (i - PAD + down) // 2, PAD + (j - PAD + across) // 2]
             left_out = (fine.active > 0) & (fine.main == 0)
             out[left_out] = np.minimum(out, pad_maps(fine.log_d0))[left_out]
-        return np.where(pad_maps(np.isfinite(fine.inflow)), pad_maps(np.nan_to_num(fine.inflow)), out)
+        return np.where(
+            pad_maps(np.isfinite(fine.inflow)), pad_maps(np.nan_to_num(fine.inflow)), out
+        )
 
     @property
     def mask(self) -> BoolArray:
@@ -227,7 +262,9 @@ class Grid:
         Values are taken from the guess where the march enters the picture and where the picture is
         not exact, and from `inflow` where that is given.
         """
-        mask, log_d0, inflow = self.mask, self.log_d0, self.inflow
+        mask = self.mask
+        log_d0 = self.log_d0
+        inflow = self.inflow
         if guess is not None:
             enters = self.inflow_pixels(guess)
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
@@ -262,7 +299,15 @@ class Grid:
     def _energy(self, lam: float) -> tuple[Picture, Wall, Penalties]:
         """What the compiled energy takes beside the map."""
         p = self.problem
-        arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
+        arrays = (
+            self.image,
+            self.log_scale,
+            self.metric,
+            self.edge,
+            self.active,
+            self.link,
+            self.evidence,
+        )
         wall = Wall(p.photometry.gamma, self.table, self.step)
         return (
             Picture(*arrays, self.shares),
@@ -293,7 +338,11 @@ class Grid:
         return Structure(free, self.link, self.uncut_links, self.rays, self._kind)
 
     def equations_at(
-        self, v: FloatArray, lam: float, slants: FloatArray | None = None, old: Coefficients | None = None
+        self,
+        v: FloatArray,
+        lam: float,
+        slants: FloatArray | None = None,
+        old: Coefficients | None = None,
     ) -> tuple[Coefficients, FloatArray]:
         """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side.
 
@@ -317,7 +366,9 @@ class Grid:
             parts[CAUTION_U : CAUTION_W + 1] = 0.0
         else:
             be_cautious(parts, v, self.metric, self.link, slants)
-        return Coefficients(parts, self.structure(free, None if old is None else old.structure)), descent
+        return Coefficients(
+            parts, self.structure(free, None if old is None else old.structure)
+        ), descent
 
     @cached_property
     def free(self) -> ByteArray:

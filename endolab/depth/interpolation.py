@@ -17,18 +17,23 @@ from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, 
 from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
 
-Strands = tuple[IntArray, IntArray, FloatArray]  # those of `Interpolation`: pixel, block, weight
+Strands = tuple[
+    IntArray, IntArray, FloatArray
+]  # those of `Interpolation`: pixel, block, weight
 
 
 @on_cores(cost=0.4)
 def _prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
-    down, at = lead(x, step, 0), PAD - lead(x, step, 1)
+    down = lead(x, step, 0)
+    at = PAD - lead(x, step, 1)
     for i in range(first, last):
-        ci, ni = PAD + (i - PAD + down) // 2, 1 if (i - PAD + down) % 2 else -1
+        ci = PAD + (i - PAD + down) // 2
+        ni = 1 if (i - PAD + down) % 2 else -1
         for cj in range(step.shape[1] - 2 * PAD):
-            nearest, beneath = 9 * step[ci, cj + 2], step[ci + ni, cj + 2]
+            nearest = 9 * step[ci, cj + 2]
+            beneath = step[ci + ni, cj + 2]
             left = nearest + 3 * (beneath + step[ci, cj + 1]) + step[ci + ni, cj + 1]
             right = nearest + 3 * (beneath + step[ci, cj + 3]) + step[ci + ni, cj + 3]
             x[i, 2 * cj + at] += share[i, 2 * cj + at] * left
@@ -36,11 +41,14 @@ def _prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray)
 
 
 @on_cores(cost=2)
-def _restrict(rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray) -> None:
+def _restrict(
+    rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray
+) -> None:
     """Adjoint of `_prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     taken = np.empty((4, r.shape[1]))
-    down, at = lead(r, out, 0), PAD - lead(r, out, 1)
+    down = lead(r, out, 0)
+    at = PAD - lead(r, out, 1)
     for ci in range(first, last):
         i = 2 * ci - PAD - down
         for k in range(4):
@@ -48,7 +56,9 @@ def _restrict(rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coa
                 taken[k, j] = share[i + k - 1, j] * r[i + k - 1, j]
         a, b, c, d = taken
         for cj in range(out.shape[1] - 2 * PAD):
-            j = 2 * cj + at  # of the block's first pixel; what changes places in a turned picture comes first
+            j = (
+                2 * cj + at
+            )  # of the block's first pixel; what changes places in a turned picture comes first
             amid = 9 * ((b[j] + c[j + 1]) + (b[j + 1] + c[j]))
             beside = (b[j - 1] + c[j + 2]) + (b[j + 2] + c[j - 1])
             beside += (a[j] + d[j + 1]) + (a[j + 1] + d[j])
@@ -68,9 +78,13 @@ def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
 
 
 @kernel
-def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
+def _add_from(
+    source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray
+) -> None:
     """Add weighted elements of one array to those of another, rounding but once."""
-    values, sums, more = a.ravel(), out.reshape(-1), np.zeros(out.size)
+    values = a.ravel()
+    sums = out.reshape(-1)
+    more = np.zeros(out.size)
     for k in range(weight.size):
         more[target[k]] += weight[k] * values[source[k]]
     for k in range(weight.size):
@@ -79,14 +93,24 @@ def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: FloatAr
 
 
 @kernel
-def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: FloatArray) -> int:
+def _fill_shares(
+    active: ByteArray, main: ByteArray, blocks: Cells, share: FloatArray
+) -> int:
     """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
     known, across, uncut = blocks
-    others, top, first = 0, PAD - 1 + lead(active, known, 0), PAD - 1 + lead(active, known, 1)
+    others = 0
+    top = PAD - 1 + lead(active, known, 0)
+    first = PAD - 1 + lead(active, known, 1)
     for i in range(PAD - 1, known.shape[0] - PAD):
         for j in range(PAD - 1, known.shape[1] - PAD):
-            together = known[i, j] and known[i, j + 1] and known[i + 1, j] and known[i + 1, j + 1]
-            together = together and across[0, i, j] == uncut[0, i, j] and across[1, i, j] == uncut[1, i, j]
+            together = (
+                known[i, j] and known[i, j + 1] and known[i + 1, j] and known[i + 1, j + 1]
+            )
+            together = (
+                together
+                and across[0, i, j] == uncut[0, i, j]
+                and across[1, i, j] == uncut[1, i, j]
+            )
             together = together and across[0, i + 1, j] == uncut[0, i + 1, j]
             together = together and across[1, i, j + 1] == uncut[1, i, j + 1]
             for row in range(2 * i - top, min(2 * i - top + 2, active.shape[0])):
@@ -100,13 +124,17 @@ def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: Float
 
 
 @kernel
-def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArray, strands: Strands) -> int:
+def _fill_strands(
+    pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArray, strands: Strands
+) -> int:
     """Write the strands to active pixels that have no share, or their shares; return how many strands."""
     active, link, uncut_links = pixels
     known, across, _ = blocks
     pixel, block, weight = strands
-    count, wide = 0, known.shape[1]
-    top, first = PAD - lead(active, known, 0), PAD - lead(active, known, 1)
+    count = 0
+    wide = known.shape[1]
+    top = PAD - lead(active, known, 0)
+    first = PAD - lead(active, known, 1)
     for i in range(PAD, active.shape[0] - PAD):
         for j in range(PAD, active.shape[1] - PAD):
             if not active[i, j] or share[i, j] > 0:
@@ -121,17 +149,22 @@ def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArr
             share_of_each = 1.0 if one == other else 0.5
             for k in range(one, other + 1):
                 row, column, down, right = _place(i - top, j - first, k)
-                own, here = 1.0, row * wide + column
+                own = 1.0
+                here = row * wide + column
                 for axis, aside, step in ((0, right, 1), (1, down, wide)):
                     ahead = 1 if aside > 0 else -1
                     for way in (ahead, -ahead):
-                        r, c = row + way * axis, column + way * (1 - axis)
+                        r = row + way * axis
+                        c = column + way * (1 - axis)
                         if across[axis, min(r, row), min(c, column)] and known[r, c]:
-                            pixel[count], block[count] = i * active.shape[1] + j, here + way * step
+                            pixel[count] = i * active.shape[1] + j
+                            block[count] = here + way * step
                             weight[count] = share_of_each * aside * way
-                            own, count = own - aside * way, count + 1
+                            own = own - aside * way
+                            count = count + 1
                             break
-                pixel[count], block[count] = i * active.shape[1] + j, here
+                pixel[count] = i * active.shape[1] + j
+                block[count] = here
                 weight[count] = share_of_each * own
                 count += 1
     return count

@@ -61,24 +61,42 @@ def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) ->
     count = x.shape[2] - 2 * PAD
     for j in range(count):
         beside = m[E, i, j + 2] * x[k, i, j + 3] + m[E, i, j + 1] * x[k, i, j + 1]
-        around = beside + (m[S, i, j + 2] * x[k, i + 1, j + 2] + m[S, i - 1, j + 2] * x[k, i - 1, j + 2])
-        falling = m[SE, i, j + 2] * x[k, i + 1, j + 3] + m[SE, i - 1, j + 1] * x[k, i - 1, j + 1]
-        rising = m[SW, i, j + 2] * x[k, i + 1, j + 1] + m[SW, i - 1, j + 3] * x[k, i - 1, j + 3]
+        around = beside + (
+            m[S, i, j + 2] * x[k, i + 1, j + 2] + m[S, i - 1, j + 2] * x[k, i - 1, j + 2]
+        )
+        falling = (
+            m[SE, i, j + 2] * x[k, i + 1, j + 3] + m[SE, i - 1, j + 1] * x[k, i - 1, j + 1]
+        )
+        rising = (
+            m[SW, i, j + 2] * x[k, i + 1, j + 1] + m[SW, i - 1, j + 3] * x[k, i - 1, j + 3]
+        )
         out[j] = (m[CENTRE, i, j + 2] * x[k, i, j + 2] + around) + (falling + rising)
     for j in range(count):
         beside = m[EE, i, j + 2] * x[k, i, j + 4] + m[EE, i, j] * x[k, i, j]
-        out[j] += beside + (m[SS, i, j + 2] * x[k, i + 2, j + 2] + m[SS, i - 2, j + 2] * x[k, i - 2, j + 2])
+        out[j] += beside + (
+            m[SS, i, j + 2] * x[k, i + 2, j + 2] + m[SS, i - 2, j + 2] * x[k, i - 2, j + 2]
+        )
     if len(m) <= SEE:
         return
     for j in range(count):
         falling = m[SEE, i, j + 2] * x[k, i + 1, j + 4] + m[SEE, i - 1, j] * x[k, i - 1, j]
-        wide = falling + (m[SWW, i, j + 2] * x[k, i + 1, j] + m[SWW, i - 1, j + 4] * x[k, i - 1, j + 4])
-        falling = m[SSE, i, j + 2] * x[k, i + 2, j + 3] + m[SSE, i - 2, j + 1] * x[k, i - 2, j + 1]
-        rising = m[SSW, i, j + 2] * x[k, i + 2, j + 1] + m[SSW, i - 2, j + 3] * x[k, i - 2, j + 3]
+        wide = falling + (
+            m[SWW, i, j + 2] * x[k, i + 1, j] + m[SWW, i - 1, j + 4] * x[k, i - 1, j + 4]
+        )
+        falling = (
+            m[SSE, i, j + 2] * x[k, i + 2, j + 3]
+            + m[SSE, i - 2, j + 1] * x[k, i - 2, j + 1]
+        )
+        rising = (
+            m[SSW, i, j + 2] * x[k, i + 2, j + 1]
+            + m[SSW, i - 2, j + 3] * x[k, i - 2, j + 3]
+        )
         out[j] += wide + (falling + rising)
     for j in range(count):
         falling = m[SE2, i, j + 2] * x[k, i + 2, j + 4] + m[SE2, i - 2, j] * x[k, i - 2, j]
-        out[j] += falling + (m[SW2, i, j + 2] * x[k, i + 2, j] + m[SW2, i - 2, j + 4] * x[k, i - 2, j + 4])
+        out[j] += falling + (
+            m[SW2, i, j + 2] * x[k, i + 2, j] + m[SW2, i - 2, j + 4] * x[k, i - 2, j + 4]
+        )
 
 
 @on_cores(cost=0.3)
@@ -135,7 +153,8 @@ def _smooth_row(
     """Go the k-th step in row i, x += step and r -= M step, and write the one that follows."""
     _row_times(m, steps, k, i, row)
     n = first + k
-    kept, added = max(2 * n - 1, 0) / (2 * n + 3), (8 * n + 4) / (2 * n + 3)
+    kept = max(2 * n - 1, 0) / (2 * n + 3)
+    added = (8 * n + 4) / (2 * n + 3)
     for j in range(row.size):
         step = steps[k, i, j + 2]
         x[i, j + 2] += step
@@ -160,7 +179,9 @@ def _smooth(
     distance, while what they read is still near; and where rows are another's to do, each of its steps
     ends two rows earlier than the one before. What is left there is the second turn's.
     """
-    top, end, degree = PAD, x.shape[0] - PAD, len(steps) - 1
+    top = PAD
+    end = x.shape[0] - PAD
+    degree = len(steps) - 1
     row = np.empty(x.shape[1] - 2 * PAD)
     if turns[0] == 0:
         for leading in range(rows[0], rows[1] + PAD * degree):
@@ -194,7 +215,12 @@ def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
 
 @on_cores(cost=1)
 def _begin(
-    rows: Span, x: FloatArray, r: FloatArray, b: FloatArray, inverse: FloatArray, steps: FloatArray
+    rows: Span,
+    x: FloatArray,
+    r: FloatArray,
+    b: FloatArray,
+    inverse: FloatArray,
+    steps: FloatArray,
 ) -> None:
     """x = 0, r = b, and the first of the smoothing steps from there."""
     for i in range(rows[0], rows[1]):
@@ -208,7 +234,8 @@ def _begin(
 def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) -> None:
     """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
-    row, one = np.empty(out.shape[1] - 2 * PAD), np.ones((1, 2 * PAD + 1, out.shape[1]))
+    row = np.empty(out.shape[1] - 2 * PAD)
+    one = np.ones((1, 2 * PAD + 1, out.shape[1]))
     sizes = np.empty((len(m), PAD + 1, out.shape[1]))  # of this row and those above
     for i in range(first, last):
         for k in range(len(m)):
@@ -223,12 +250,14 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
 def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     """Inverse of the matrix of a small grid's active pixels."""
     i, j = np.nonzero(active)
-    number, dense = np.full(active.shape, -1), np.zeros((i.size, i.size))
+    number = np.full(active.shape, -1)
+    dense = np.zeros((i.size, i.size))
     number[i, j] = np.arange(i.size)
     for entry, (down, right) in enumerate(REACH[: len(m)]):
         other = number[i + down, j + right]
         known = other >= 0
-        here, there = number[i, j][known], other[known]
+        here = number[i, j][known]
+        there = other[known]
         dense[here, there] = dense[there, here] = m[entry, i, j][known]
     diagonal = np.diag(dense)
     dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
@@ -253,7 +282,9 @@ class _Level:
         shape = structure.active.shape
         inverse, x, b, r = np.zeros((4, *shape))
         steps = np.zeros((DEGREE + 1, *shape))
-        return cls(structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps)
+        return cls(
+            structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps
+        )
 
     def began(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
@@ -275,13 +306,22 @@ class Multigrid:
     """
 
     def __init__(
-        self, coefficients: Coefficients, damping: float = 1e-3, old: Multigrid | None = None
+        self,
+        coefficients: Coefficients,
+        damping: float = 1e-3,
+        old: Multigrid | None = None,
     ) -> None:
         if old is not None and old.levels[0].structure is not coefficients.structure:
             old = None
-        self.room: FloatArray = np.empty((3, *coefficients.active.shape)) if old is None else old.room
-        self.levels: list[_Level] = [_Level.on(coefficients.structure)] if old is None else old.levels
-        self.coarse: list[FloatArray] = [] if old is None else old.coarse  # maps of `Coefficients`
+        self.room: FloatArray = (
+            np.empty((3, *coefficients.active.shape)) if old is None else old.room
+        )
+        self.levels: list[_Level] = (
+            [_Level.on(coefficients.structure)] if old is None else old.levels
+        )
+        self.coarse: list[FloatArray] = (
+            [] if old is None else old.coarse
+        )  # maps of `Coefficients`
         depth = 0
         while True:
             level = self.levels[depth]
@@ -295,7 +335,8 @@ class Multigrid:
                 self.levels.append(_Level.on(below))
                 parts = np.zeros((len(coefficients.parts), *below.active.shape))
                 self.coarse.append(parts)
-            coefficients, depth = coefficients.coarser(self.coarse[depth]), depth + 1
+            coefficients = coefficients.coarser(self.coarse[depth])
+            depth = depth + 1
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
@@ -310,7 +351,9 @@ class Multigrid:
         self._cycle(depth + 1)
         at.correct(below.x)
 
-    def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
+    def solve(
+        self, b: FloatArray, tolerance: float, most: int
+    ) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
 
         A residual may be that of a few pixels at first, beside which all others look solved. So what it
@@ -323,7 +366,9 @@ class Multigrid:
         self.room[:] = 0.0
         r = top.b
         r[:] = b
-        start, last, done = 0.0, 1.0, 0.0
+        start = 0.0
+        last = 1.0
+        done = 0.0
         kept: list[tuple[FloatArray, FloatArray, float]] = []
         for step in range(most + 1):
             for past, answer, size in kept:

@@ -70,38 +70,61 @@ BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
 
 @kernel
-def _add_products(left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray) -> None:
+def _add_products(
+    left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray
+) -> None:
     """Add products of the nine pixels' numbers to their entries of m."""
     for n in range(len(products)):
         k, other, entry, term = products[n]
-        row, column = i + DOWN[k], PAD + RIGHT[k]
+        row = i + DOWN[k]
+        column = PAD + RIGHT[k]
         for j in range(left.shape[2]):
             m[entry, row, column + j] += left[term, k, j] * right[term, other, j]
 
 
 @kernel
 def _data_row(
-    parts: FloatArray, link: ByteArray, i: int, damping: float, t: FloatArray, qt: FloatArray, m: FloatArray
+    parts: FloatArray,
+    link: ByteArray,
+    i: int,
+    damping: float,
+    t: FloatArray,
+    qt: FloatArray,
+    m: FloatArray,
 ) -> None:
     """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
-    across, below, above = link[0, i], link[1, i], link[1, i - 1]
-    by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
-    cautious_u, cautious_w, beneath_w = parts[CAUTION_U, i], parts[CAUTION_W, i], parts[CAUTION_W, i + 1]
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    by_v = parts[BY_V, i]
+    by_u = parts[BY_U, i]
+    by_w = parts[BY_W, i]
+    weight = parts[WEIGHT, i]
+    cautious_u = parts[CAUTION_U, i]
+    cautious_w = parts[CAUTION_W, i]
+    beneath_w = parts[CAUTION_W, i + 1]
     count = t.shape[2]
     for j in range(count):
-        right, left = float(across[j + 2]), float(across[j + 1])
+        right = float(across[j + 2])
+        left = float(across[j + 1])
         u = by_u[j + 2] * (1 - 0.5 * right * left)
-        t[3, 1, j], t[3, 2, j] = u * right, -u * left
+        t[3, 1, j] = u * right
+        t[3, 2, j] = -u * left
     for j in range(count):
-        south, north = float(below[j + 2]), float(above[j + 2])
+        south = float(below[j + 2])
+        north = float(above[j + 2])
         w = by_w[j + 2] * (1 - 0.5 * south * north)
-        t[3, 3, j], t[3, 4, j] = w * south, -w * north
+        t[3, 3, j] = w * south
+        t[3, 4, j] = -w * north
     for j in range(count):
         t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
     for k in range(5):
         for j in range(count):
             qt[3, k, j] = weight[j + 2] * t[3, k, j]
-    centre, beneath, e, s = m[CENTRE, i], m[CENTRE, i + 1], m[E, i], m[S, i]
+    centre = m[CENTRE, i]
+    beneath = m[CENTRE, i + 1]
+    e = m[E, i]
+    s = m[S, i]
     for j in range(count):
         centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
@@ -109,7 +132,9 @@ def _data_row(
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += 0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        centre[j + 3] += (
+            0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        )
     for j in range(count):
         w = 0.5 * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
         centre[j + 2] += w
@@ -120,24 +145,36 @@ def _data_row(
 @kernel
 def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
     """Weights of the nine pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
-    across, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    beneath = link[0, i + 1]
     count = t.shape[2]
     if kind == FIRST:
         for j in range(count):
-            t[0, 1, j], t[2, 3, j] = float(across[j + 2]), float(below[j + 2])
-            t[0, 0, j], t[2, 0, j] = -float(across[j + 2]), -float(below[j + 2])
+            t[0, 1, j] = float(across[j + 2])
+            t[2, 3, j] = float(below[j + 2])
+            t[0, 0, j] = -float(across[j + 2])
+            t[2, 0, j] = -float(below[j + 2])
         return
     root2 = np.sqrt(2.0)
     for j in range(count):
         both = float(across[j + 2]) * float(across[j + 1])
-        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * both, both, both
+        t[0, 0, j] = -2 * both
+        t[0, 1, j] = both
+        t[0, 2, j] = both
     for j in range(count):
         both = float(below[j + 2]) * float(above[j + 2])
-        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * both, both, both
+        t[2, 0, j] = -2 * both
+        t[2, 3, j] = both
+        t[2, 4, j] = both
     for j in range(count):
         square = root2 * float(across[j + 2]) * float(below[j + 2])
         square *= float(beneath[j + 2]) * float(below[j + 3])
-        t[1, 0, j], t[1, 1, j], t[1, 3, j], t[1, 5, j] = square, -square, -square, square
+        t[1, 0, j] = square
+        t[1, 1, j] = -square
+        t[1, 3, j] = -square
+        t[1, 5, j] = square
 
 
 @kernel
@@ -159,22 +196,28 @@ def _smooth_row(
     count = t.shape[2]
     for n in range(len(entries)):
         term, k = entries[n]
-        row, column = i + DOWN[k], PAD + RIGHT[k]
+        row = i + DOWN[k]
+        column = PAD + RIGHT[k]
         for j in range(count):
             t[term, k, j] *= parts[SLOPE, row, column + j]
     if kind != CURVATURE:
-        here, below = parts[SMOOTHNESS, i], parts[SMOOTHNESS, i + 1]
+        here = parts[SMOOTHNESS, i]
+        below = parts[SMOOTHNESS, i + 1]
         for n in range(len(entries)):
             term, k = entries[n]
             for j in range(count):
                 weight = here[j + 2]
-                if term == 1:  # of the squares around a pixel, each has a quarter of its weight
+                if (
+                    term == 1
+                ):  # of the squares around a pixel, each has a quarter of its weight
                     weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
                 qt[term, k, j] = weight * t[term, k, j]
         return
     for k in range(9):
         for term in range(3):  # the rows of Q
-            a, b, c = SMOOTHNESS + term, SMOOTHNESS + (1, 3, 4)[term], SMOOTHNESS + (2, 4, 5)[term]
+            a = SMOOTHNESS + term
+            b = SMOOTHNESS + (1, 3, 4)[term]
+            c = SMOOTHNESS + (2, 4, 5)[term]
             for j in range(count):
                 here = parts[a, i, PAD + j] * t[0, k, j] + parts[b, i, PAD + j] * t[1, k, j]
                 qt[term, k, j] = here + parts[c, i, PAD + j] * t[2, k, j]
@@ -199,14 +242,17 @@ def _assemble(
     """
     products = form[2]
     count = m.shape[2] - 2 * PAD
-    t, qt = np.empty((4, 9, count)), np.empty((4, 9, count))
+    t = np.empty((4, 9, count))
+    qt = np.empty((4, 9, count))
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
                 for k in range(len(m)):
                     clear_row(m[k, i])
             continue
-        odd = turn - 1  # every second band: what a row adds to its neighbours' must not meet
+        odd = (
+            turn - 1
+        )  # every second band: what a row adds to its neighbours' must not meet
         for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
             first, last = rows_within((start, start + ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):
@@ -217,31 +263,42 @@ def _assemble(
 
 @kernel
 def _halve_row(
-    above: FloatArray, below: FloatArray, kept: ByteArray, kept_below: ByteArray, out: FloatArray
+    above: FloatArray,
+    below: FloatArray,
+    kept: ByteArray,
+    kept_below: ByteArray,
+    out: FloatArray,
 ) -> None:
     """Sums over a row of 2×2 blocks, of the pixels that are kept; maps begin where the first block does."""
-    upper, lower = np.empty(2 * out.size), np.empty(2 * out.size)
+    upper = np.empty(2 * out.size)
+    lower = np.empty(2 * out.size)
     for j in range(upper.size):
-        upper[j], lower[j] = kept[j] * above[j], kept_below[j] * below[j]
+        upper[j] = kept[j] * above[j]
+        lower[j] = kept_below[j] * below[j]
     for j in range(out.size):
         out[j] = (upper[2 * j] + lower[2 * j + 1]) + (upper[2 * j + 1] + lower[2 * j])
 
 
 @on_cores(cost=25)
-def _coarsen(rows: Span, out: FloatArray, parts: FloatArray, kept: ByteArray, kind: int) -> None:
+def _coarsen(
+    rows: Span, out: FloatArray, parts: FloatArray, kept: ByteArray, kind: int
+) -> None:
     """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
     first, last = rows_within(rows, PAD, out.shape[1] - PAD)
     count = out.shape[2] - 2 * PAD
-    kept_sum, known = np.empty(count), np.empty(count)
+    kept_sum = np.empty(count)
+    known = np.empty(count)
     flags = np.empty((4, parts.shape[2]))
-    down, at = lead(parts[0], out[0], 0), PAD - lead(parts[0], out[0], 1)
+    down = lead(parts[0], out[0], 0)
+    at = PAD - lead(parts[0], out[0], 1)
     for ci in range(first, last):
         i = 2 * ci - PAD - down
         for below in range(2):
             for j in range(parts.shape[2]):
                 flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
                 flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
-        here, beneath = kept[i, at:], kept[i + 1, at:]
+        here = kept[i, at:]
+        beneath = kept[i + 1, at:]
         _halve_row(flags[0, at:], flags[1, at:], here, beneath, kept_sum)
         _halve_row(flags[2, at:], flags[3, at:], here, beneath, known)
         for k in range(len(parts)):
@@ -300,9 +357,13 @@ class Structure:
         rays = self.rays
         if rays.size:
             # Blocks of pixels that are given have rays, too: their neighbours' second differences need them.
-            inside, known = block_sums(self.main), block_sums(rays.any(axis=0).astype(np.int8))
+            inside = block_sums(self.main)
+            known = block_sums(rays.any(axis=0).astype(np.int8))
             count = np.maximum(np.where(inside > 0, inside, known), 1)
-            sums = (np.where(inside > 0, block_sums(ray * self.main), block_sums(ray)) for ray in rays)
+            sums = (
+                np.where(inside > 0, block_sums(ray * self.main), block_sums(ray))
+                for ray in rays
+            )
             rays = np.stack([ray / count for ray in sums])
         return Structure(active, link, uncut_links, rays, self.kind)
 
@@ -311,7 +372,9 @@ class Structure:
         """Linear interpolation from the coarser grid."""
         below = self.coarser
         blocks = Cells(below.active, below.link, below.uncut_links)
-        return Interpolation.to(Cells(self.active, self.link, self.uncut_links), self.main, blocks)
+        return Interpolation.to(
+            Cells(self.active, self.link, self.uncut_links), self.main, blocks
+        )
 
 
 def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:

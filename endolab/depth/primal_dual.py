@@ -42,7 +42,14 @@ from endolab.depth.problem import EXACT, LOWER_BOUND, NONE, Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.photometry import Photometry
 from endolab.model.surface import from_xi, to_xi
-from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, SingleArray, Span
+from endolab.numerics.arrays import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    SingleArray,
+    Span,
+)
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import framed, kernel, pad_maps
 from endolab.numerics.derivatives import gradient, hessian_stencils, links, px_per_reference
@@ -55,11 +62,20 @@ NORMS = {"first": 8, "second": 64}  # ‖K‖² of differences per pixel, at mos
 
 
 # Numbers of single precision keep a loop's so.
-SINGLE, INDEX = np.float32, np.uint64
-HALF, ONE, TWO, THREE, ROOT_HALF = SINGLE(0.5), SINGLE(1), SINGLE(2), SINGLE(3), SINGLE(np.sqrt(0.5))
-ODD = tuple(SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13))  # artanh z = z (1 + z²/3 + z⁴/5 ...)
+SINGLE = np.float32
+INDEX = np.uint64
+HALF = SINGLE(0.5)
+ONE = SINGLE(1)
+TWO = SINGLE(2)
+THREE = SINGLE(3)
+ROOT_HALF = SINGLE(np.sqrt(0.5))
+ODD = tuple(
+    SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13)
+)  # artanh z = z (1 + z²/3 + z⁴/5 ...)
 PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
-FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/χc of pixels that nothing limits; a size above 0
+# 1/χc of pixels that nothing limits; a size above 0
+FREE = SINGLE(1 / 999)
+TINY = SINGLE(1e-30)
 STRIP = 128  # columns that are averaged together, at least
 PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
 TABLE_SIZE = 4096  # of a BRDF
@@ -148,21 +164,36 @@ class Given(NamedTuple):
 def _artanh(z: np.float32) -> np.float32:
     """Artanh of a number between -½ and ½."""
     s = z * z
-    return z * (ONE + s * (ODD[0] + s * (ODD[1] + s * (ODD[2] + s * (ODD[3] + s * (ODD[4] + s * ODD[5]))))))
+    return z * (
+        ONE
+        + s
+        * (ODD[0] + s * (ODD[1] + s * (ODD[2] + s * (ODD[3] + s * (ODD[4] + s * ODD[5])))))
+    )
 
 
 @kernel
 def _slopes(
-    p: SingleArray, x: SingleArray, steps: ByteArray, offsets: SingleArray, sign: float, i: int
+    p: SingleArray,
+    x: SingleArray,
+    steps: ByteArray,
+    offsets: SingleArray,
+    sign: float,
+    i: int,
 ) -> None:
     """Gradient of v = ± log ξ on a row, into p (2, ...), by central differences."""
-    for j in range(x.shape[1] - 2):  # log b/a = 2 artanh((b - a)/(b + a)), over the number of steps
+    for j in range(
+        x.shape[1] - 2
+    ):  # log b/a = 2 artanh((b - a)/(b + a)), over the number of steps
         here = x[i, j + 1]
-        back, on = SINGLE(steps[0, i, j]), SINGLE(steps[0, i, j + 1])
-        a, b = here + back * (x[i, j] - here), here + on * (x[i, j + 2] - here)
+        back = SINGLE(steps[0, i, j])
+        on = SINGLE(steps[0, i, j + 1])
+        a = here + back * (x[i, j] - here)
+        b = here + on * (x[i, j + 2] - here)
         p[0, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
-        back, on = SINGLE(steps[1, i - 1, j + 1]), SINGLE(steps[1, i, j + 1])
-        a, b = here + back * (x[i - 1, j + 1] - here), here + on * (x[i + 1, j + 1] - here)
+        back = SINGLE(steps[1, i - 1, j + 1])
+        on = SINGLE(steps[1, i, j + 1])
+        a = here + back * (x[i - 1, j + 1] - here)
+        b = here + on * (x[i + 1, j + 1] - here)
         p[1, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
     if offsets.size > 0:
         for j in range(x.shape[1]):
@@ -171,7 +202,9 @@ def _slopes(
 
 
 @kernel
-def _along_rows(p: SingleArray, i: int, patches: Patches, lines: SingleArray, sums: FloatArray) -> None:
+def _along_rows(
+    p: SingleArray, i: int, patches: Patches, lines: SingleArray, sums: FloatArray
+) -> None:
     """Means of both slopes along a row, in place."""
     for k in range(2):
         _along_row(p, k, i, patches, lines, sums)
@@ -183,8 +216,12 @@ def _along_row(
 ) -> None:
     """Means of a slope along a row, in place: a window's sum is that of some of 2, 4, 8... pixels."""
     radius, share, odd, ends = patches
-    width, reach, at = INDEX(p.shape[2]), INDEX(radius), 0
-    span, done, length = INDEX(1), INDEX(1), width + reach + reach
+    width = INDEX(p.shape[2])
+    reach = INDEX(radius)
+    at = 0
+    span = INDEX(1)
+    done = INDEX(1)
+    length = width + reach + reach
     for j in range(width):
         lines[0, j + reach] = p[k, i, j]
     for j in range(width):
@@ -194,7 +231,8 @@ def _along_row(
         length -= span
         for j in range(length):
             lines[to, j] = lines[at, j] + lines[at, j + span]
-        span, at = span + span, to
+        span = span + span
+        at = to
         if (reach + reach) & span:
             for j in range(width):
                 lines[3, j] += lines[at, j + done]
@@ -221,14 +259,18 @@ def _along_columns(
 ) -> None:
     """Means of a slope along some columns."""
     radius, share, odd, ends = patches
-    begin, end, height = INDEX(columns[0]), INDEX(columns[1]), p.shape[1]
+    begin = INDEX(columns[0])
+    end = INDEX(columns[1])
+    height = p.shape[1]
     for j in range(begin, end):
         running[k, j] = 0.0
     for i in range(radius + 1):
         for j in range(begin, end):
             running[k, j] += p[k, min(i, height - 1), j]
     for i in range(1, height - 1):
-        above, below = max(i - radius - 1, 0), min(i + radius, height - 1)  # both ends are 0
+        # both ends are 0
+        above = max(i - radius - 1, 0)
+        below = min(i + radius, height - 1)
         for j in range(begin, end):
             total = running[k, j] + (p[k, below, j] - p[k, above, j])
             running[k, j] = total
@@ -239,19 +281,27 @@ def _along_columns(
                 sums[k, i + 1, j] = sums[k, i, j] + p[k, i, j]
         for j in range(columns[0], columns[1]):
             for n in range(ends[j], ends[j + 1]):
-                i, above, below = odd[n, 0], odd[n, 1], odd[n, 2]
+                i = odd[n, 0]
+                above = odd[n, 1]
+                below = odd[n, 2]
                 out[k, i, j] = share[1, i, j] * (sums[k, below, j] - sums[k, above, j])
 
 
 @kernel
 def _down_columns(
-    rows: Span, out: SingleArray, p: SingleArray, patches: Patches, running: FloatArray, sums: FloatArray
+    rows: Span,
+    out: SingleArray,
+    p: SingleArray,
+    patches: Patches,
+    running: FloatArray,
+    sums: FloatArray,
 ) -> None:
     """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
     height, width = p.shape[1:]
     several = max(width // STRIP, 1)
     for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
-        first, last = strip // 2 * width // several, (strip // 2 + 1) * width // several
+        first = strip // 2 * width // several
+        last = (strip // 2 + 1) * width // several
         _along_columns(out, p, strip % 2, (first, last), patches, running, sums)
 
 
@@ -260,15 +310,26 @@ def _dual_first(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
     """Dual ascent on a row, of the differences to the right and the lower neighbour."""
     sigma, valid_stencil, shrink, bound, _, _ = rule
     for j in range(x.shape[1] - 2):
-        here, rate, less = x[i, j + 1], sigma[i, j + 1], shrink[i, j + 1]
-        q0 = less * (q[0, i, j + 1] + rate * SINGLE(valid_stencil[0, i, j + 1]) * (x[i, j + 2] - here))
-        q1 = less * (q[1, i, j + 1] + rate * SINGLE(valid_stencil[1, i, j + 1]) * (x[i + 1, j + 1] - here))
+        here = x[i, j + 1]
+        rate = sigma[i, j + 1]
+        less = shrink[i, j + 1]
+        q0 = less * (
+            q[0, i, j + 1]
+            + rate * SINGLE(valid_stencil[0, i, j + 1]) * (x[i, j + 2] - here)
+        )
+        q1 = less * (
+            q[1, i, j + 1]
+            + rate * SINGLE(valid_stencil[1, i, j + 1]) * (x[i + 1, j + 1] - here)
+        )
         factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1), TINY))
-        q[0, i, j + 1], q[1, i, j + 1] = factor * q0, factor * q1
+        q[0, i, j + 1] = factor * q0
+        q[1, i, j + 1] = factor * q1
 
 
 @kernel
-def _mixed_differences(x: SingleArray, valid_stencil: ByteArray, i: int, out: SingleArray) -> None:
+def _mixed_differences(
+    x: SingleArray, valid_stencil: ByteArray, i: int, out: SingleArray
+) -> None:
     """f_uv/√2 of the squares to the lower right of a row's pixels."""
     for j in range(x.shape[1] - 1):
         part = (x[i + 1, j + 1] - x[i + 1, j]) - (x[i, j + 1] - x[i, j])
@@ -277,25 +338,37 @@ def _mixed_differences(x: SingleArray, valid_stencil: ByteArray, i: int, out: Si
 
 @kernel
 def _dual_second(
-    q: SingleArray, x: SingleArray, rule: Rule, i: int, above: SingleArray, below: SingleArray
+    q: SingleArray,
+    x: SingleArray,
+    rule: Rule,
+    i: int,
+    above: SingleArray,
+    below: SingleArray,
 ) -> None:
     """Dual ascent on a row, of the second differences as `hessian` gives them."""
     sigma, valid_stencil, shrink, bound, _, _ = rule
     _mixed_differences(x, valid_stencil, i - 1, above)
     _mixed_differences(x, valid_stencil, i, below)
     for j in range(x.shape[1] - 2):
-        here, rate, less = x[i, j + 1], sigma[i, j + 1], shrink[i, j + 1]
+        here = x[i, j + 1]
+        rate = sigma[i, j + 1]
+        less = shrink[i, j + 1]
         uu = (x[i, j + 2] - here) - (here - x[i, j])
         vv = (x[i + 1, j + 1] - here) - (here - x[i - 1, j + 1])
         q0 = less * (q[0, i, j + 1] + rate * SINGLE(valid_stencil[0, i, j + 1]) * uu)
         q1 = less * (q[1, i, j + 1] + rate * SINGLE(valid_stencil[2, i, j + 1]) * vv)
-        q2, q3 = less * (q[2, i, j + 1] + rate * below[j + 1]), less * (q[3, i, j + 1] + rate * below[j])
-        q4, q5 = less * (q[4, i, j + 1] + rate * above[j + 1]), less * (q[5, i, j + 1] + rate * above[j])
+        q2 = less * (q[2, i, j + 1] + rate * below[j + 1])
+        q3 = less * (q[3, i, j + 1] + rate * below[j])
+        q4 = less * (q[4, i, j + 1] + rate * above[j + 1])
+        q5 = less * (q[5, i, j + 1] + rate * above[j])
         size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3) + (q4 * q4 + q5 * q5))
         factor = min(ONE, bound[i, j + 1] / max(size, TINY))
-        q[0, i, j + 1], q[1, i, j + 1] = factor * q0, factor * q1
-        q[2, i, j + 1], q[3, i, j + 1] = factor * q2, factor * q3
-        q[4, i, j + 1], q[5, i, j + 1] = factor * q4, factor * q5
+        q[0, i, j + 1] = factor * q0
+        q[1, i, j + 1] = factor * q1
+        q[2, i, j + 1] = factor * q2
+        q[3, i, j + 1] = factor * q3
+        q[4, i, j + 1] = factor * q4
+        q[5, i, j + 1] = factor * q5
 
 
 @kernel
@@ -311,12 +384,19 @@ def _pull_first(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
 def _pull_squares(q: SingleArray, i: int, out: SingleArray) -> None:
     """What the four pixels of each square to the lower right of a row's make of it."""
     for j in range(out.size - 1):
-        out[j] = ROOT_HALF * ((q[2, i, j] + q[3, i, j + 1]) + (q[4, i + 1, j] + q[5, i + 1, j + 1]))
+        out[j] = ROOT_HALF * (
+            (q[2, i, j] + q[3, i, j + 1]) + (q[4, i + 1, j] + q[5, i + 1, j + 1])
+        )
 
 
 @kernel
 def _pull_second(
-    pull: SingleArray, q: SingleArray, rule: Rule, i: int, above: SingleArray, below: SingleArray
+    pull: SingleArray,
+    q: SingleArray,
+    rule: Rule,
+    i: int,
+    above: SingleArray,
+    below: SingleArray,
 ) -> None:
     """Kᵀq on a row; q is 0 where a difference has not all its steps."""
     scale = rule[4]
@@ -331,12 +411,22 @@ def _pull_second(
 
 @kernel
 def _tilt(
-    dark: SingleArray, turn: SingleArray, p: SingleArray, metric: SingleArray, table: SingleArray, i: int
+    dark: SingleArray,
+    turn: SingleArray,
+    p: SingleArray,
+    metric: SingleArray,
+    table: SingleArray,
+    i: int,
 ) -> None:
     """C² and -∂(log C)/∂P on a row: for a Lambertian surface 1/(1 + P) and half of it."""
     for j in range(dark.size):
-        p_u, p_v = p[0, i, j], p[1, i, j]
-        slant = metric[0, i, j] * p_u * p_u + TWO * metric[1, i, j] * p_u * p_v + metric[2, i, j] * p_v * p_v
+        p_u = p[0, i, j]
+        p_v = p[1, i, j]
+        slant = (
+            metric[0, i, j] * p_u * p_u
+            + TWO * metric[1, i, j] * p_u * p_v
+            + metric[2, i, j] * p_v * p_v
+        )
         dark[j] = ONE / (ONE + slant)
         turn[j] = HALF * dark[j]
     if table.size > 0:
@@ -350,36 +440,56 @@ def _tilt(
 
 @kernel
 def _primal(
-    i: int, theta: float, state: State, rows: Rows, metric: SingleArray, share: SingleArray, data: Data
+    i: int,
+    theta: float,
+    state: State,
+    rows: Rows,
+    metric: SingleArray,
+    share: SingleArray,
+    data: Data,
 ) -> None:
     """Data update and primal descent on a row."""
     x, rest, ahead, _, limit, p, _ = state
     pull, dark, turn = rows
     image, unit, pace, evidence, away, gamma, threshold, safety = data
-    per_gamma, per_theta, lift = ONE / gamma, ONE / theta, HALF / safety
+    per_gamma = ONE / gamma
+    per_theta = ONE / theta
+    lift = HALF / safety
     sign = -TWO / gamma if away else TWO / gamma
     for j in range(pull.size):
         # 1/χc = 1/τ - 1 at least, of τ = `safety` times 2/(1 + A²), less than 1
-        p_u, p_v = p[0, i, j], p[1, i, j]
-        along_u = abs(metric[0, i, j] * p_u + metric[1, i, j] * p_v) * min(ONE, PASSES * share[0, i, j])
-        along_v = abs(metric[1, i, j] * p_u + metric[2, i, j] * p_v) * min(ONE, PASSES * share[1, i, j])
+        p_u = p[0, i, j]
+        p_v = p[1, i, j]
+        along_u = abs(metric[0, i, j] * p_u + metric[1, i, j] * p_v) * min(
+            ONE, PASSES * share[0, i, j]
+        )
+        along_v = abs(metric[1, i, j] * p_u + metric[2, i, j] * p_v) * min(
+            ONE, PASSES * share[1, i, j]
+        )
         s = turn[j] * (along_u + along_v)
         least = max((ONE + s * s) * lift - ONE, FREE)
         # I_model/I = w^(1/γ), w = (d₀/d)² C = u², log u = 2 artanh z, exp(4 y) = exp(y)⁴
-        here, wanted = x[i, j], image[i, j]
-        ratio, fourth = here * unit[i, j], np.sqrt(np.sqrt(dark[j]))
+        here = x[i, j]
+        wanted = image[i, j]
+        ratio = here * unit[i, j]
+        fourth = np.sqrt(np.sqrt(dark[j]))
         over, under = (fourth, ratio) if away else (fourth * ratio, ONE)
         y = _artanh((over - under) / (over + under)) * per_gamma
-        even, odd = SINGLE(120) + SINGLE(12) * y * y, y * (SINGLE(60) + y * y)
+        even = SINGLE(120) + SINGLE(12) * y * y
+        odd = y * (SINGLE(60) + y * y)
         e = (even + odd) / (even - odd)
         model = wanted * (e * e) * (e * e)
         # What the picture wants is the model's own value where no residual counts.
-        silent = (evidence[i, j] == NONE) | ((evidence[i, j] == LOWER_BOUND) & (model > wanted))
+        silent = (evidence[i, j] == NONE) | (
+            (evidence[i, j] == LOWER_BOUND) & (model > wanted)
+        )
         wanted = model if silent else wanted
         least = FREE if silent else least
         limit[i, j] = least
         # The slope is that by log ξ, and what is per ξ² is times ξ²: c, 1/τ_p and 1/χ.
-        residual, slope, own = model - wanted, sign * model, pace[i, j] * here * here
+        residual = model - wanted
+        slope = sign * model
+        own = pace[i, j] * here * here
         weight = threshold / max(threshold, abs(residual))
         c = weight * slope * slope
         stiff = max(own * per_theta, least * c)
@@ -389,18 +499,24 @@ def _primal(
         # ξ is x and a rest too small for it.
         less = rest[i, j] - step
         new = here + less
-        x[i, j], rest[i, j], ahead[i, j] = new, less - (new - here), new - step
+        x[i, j] = new
+        rest[i, j] = less - (new - here)
+        ahead[i, j] = new - step
 
 
 @on_cores(cost=3)
-def _advance(rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, given: Given) -> None:
+def _advance(
+    rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, given: Given
+) -> None:
     """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `given` is that of `_Path`."""
     x, _, ahead, q, _, p, other = state
     slopes, along, down, rule, data, table, room = given
     sign, steps, offsets, metric = slopes
     works, lines, line_sums, running, sums = room
     band = rows[0] // ROWS
-    pull, dark, turn_by = works[band, 0], works[band, 1], works[band, 2]
+    pull = works[band, 0]
+    dark = works[band, 1]
+    turn_by = works[band, 2]
     first, last = rows_within(rows, 1, xi.shape[0] - 1)
     current = SINGLE(theta)
     for turn in range(turns[0], turns[1]):
@@ -430,21 +546,25 @@ def _advance(rows: Span, turns: Span, xi: SingleArray, theta: float, state: Stat
             _down_columns(rows, after, before, down, running, sums)
 
 
-def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, IntArray, IntArray]:
+def _windows(
+    joined: BoolArray, mask: BoolArray, radius: int
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Patches along rows: as far as steps lead, at most `radius` pixels.
 
     Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask
     within the radius beyond it, as place, first and one after the last; and how many of them come before
     each row.
     """
-    place, size = np.arange(mask.shape[1]), mask.shape[1]
+    place = np.arange(mask.shape[1])
+    size = mask.shape[1]
     starts = np.where(np.roll(joined, 1, axis=1), 0, place)
     stops = np.where(joined, size - 1, place)[:, ::-1]
     first = np.maximum(np.maximum.accumulate(starts, axis=1), place - radius)
     after = np.minimum(np.minimum.accumulate(stops, axis=1)[:, ::-1], place + radius) + 1
     before = np.pad(np.cumsum(mask, axis=1), ((0, 0), (1, 0)))
     around: IntArray = (
-        before[:, np.minimum(place + radius + 1, size)] - before[:, np.maximum(place - radius, 0)]
+        before[:, np.minimum(place + radius + 1, size)]
+        - before[:, np.maximum(place - radius, 0)]
     )
     row, column = np.nonzero(mask & (around > after - first))
     odd = np.stack([column, first[row, column], after[row, column]], axis=-1)
@@ -456,7 +576,8 @@ def _brdf_table(photometry: Photometry) -> SingleArray:
     if photometry.slant_table() is None:
         return np.empty((2, 0), SINGLE)
     cosine = np.maximum(1 - np.linspace(0, 1, TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9)))
-    f, slope = photometry.brdf.value(cosine, cosine), sum(photometry.brdf.derivative(cosine, cosine))
+    f = photometry.brdf.value(cosine, cosine)
+    slope = sum(photometry.brdf.derivative(cosine, cosine))
     return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
 
 
@@ -476,47 +597,66 @@ class _Path:
     @classmethod
     def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
         """Begin at a depth map, the dual at rest."""
-        mask, cosine, scale = problem.mask, problem.field.cos_alpha, problem.derivative_scale
-        first, away = problem.regulariser == "first", problem.xi == "d"
+        mask = problem.mask
+        cosine = problem.field.cos_alpha
+        scale = problem.derivative_scale
+        first = problem.regulariser == "first"
+        away = problem.xi == "d"
 
         def frame_xi(v: FloatArray) -> FloatArray:
             xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
             return framed(np.where(mask, xi, 1.0), 1.0)
 
         joined = links(mask, problem.cuts)
-        steps, inside = np.pad(joined, ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
-        along, (share, *down) = _windows(steps[0], inside, radius), _windows(steps[1].T, inside.T, radius)
+        steps = np.pad(joined, ((0, 0), (1, 1), (1, 1)))
+        inside = np.pad(mask, 1)
+        along, (share, *down) = (
+            _windows(steps[0], inside, radius),
+            _windows(steps[1].T, inside.T, radius),
+        )
         (shares,) = _single(np.stack([along[0], share.T]))
         offsets = np.empty((2, 0, 0))
         if problem.xi == "1/z":
             beside = -np.log(np.where(mask, cosine, 1.0))
-            offsets = np.nan_to_num(framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
-        metric = framed(np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0))
+            offsets = np.nan_to_num(
+                framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1)))
+            )
+        metric = framed(
+            np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0)
+        )
 
-        x, image = frame_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)
+        x = frame_xi(start)
+        image = framed(np.where(mask, problem.image, 1.0), 1.0)
         tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
         # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
         widest = framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
         for axis in (0, 1):
             widest = np.max([np.roll(widest, k, axis) for k in (-1, 0, 1)], axis=0)
-        sigma = 1 / (NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0))
+        sigma = 1 / (
+            NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0)
+        )
         bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
         valid_stencil = joined if first else np.stack(hessian_stencils(joined))
-        evidence = np.full(mask.shape, EXACT, np.int8) if problem.evidence is None else problem.evidence
+        evidence = (
+            np.full(mask.shape, EXACT, np.int8)
+            if problem.evidence is None
+            else problem.evidence
+        )
 
         height, width = x.shape
         several = -(-height // ROWS)
         slopes = np.zeros((2, 2, height, width), SINGLE)
-        resting, limit = (
-            np.zeros((2 if first else 6, height, width), SINGLE),
-            np.zeros((height, width), SINGLE),
-        )
-        start_xi, lost = x.astype(SINGLE), (x - x.astype(SINGLE)).astype(SINGLE)
+        resting = np.zeros((2 if first else 6, height, width), SINGLE)
+        limit = np.zeros((height, width), SINGLE)
+        start_xi = x.astype(SINGLE)
+        lost = (x - x.astype(SINGLE)).astype(SINGLE)
         rate, reluctance, most = _single(sigma * scale, shrink, bound)
         picture, unit, pace = _single(image, 1 / frame_xi(problem.log_d0), 1 / tau_p)
         given = Given(
-            Slopes(SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)),
+            Slopes(
+                SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)
+            ),
             Patches(radius, shares, *along[1:]),
             Patches(radius, shares, *down),
             Rule(
@@ -551,7 +691,9 @@ class _Path:
 
     def advance(self, count: int, theta: float = 1.0) -> None:
         """Take steps with χ, in units of 1/c at the start."""
-        _advance(self.state.x, theta / BALANCE, self.state, self.given, turns=count * PHASES)
+        _advance(
+            self.state.x, theta / BALANCE, self.state, self.given, turns=count * PHASES
+        )
 
     @property
     def x(self) -> FloatArray:
@@ -600,7 +742,9 @@ def primal_dual(
     steps (`k`); their scalars are steps, and tau, the part of its way that a pixel goes in one.
     """
     if problem.regulariser == "curvature":
-        raise ValueError("primal_dual takes regulariser='first' or 'second', got 'curvature'")
+        raise ValueError(
+            "primal_dual takes regulariser='first' or 'second', got 'curvature'"
+        )
     number("patch", patch, 0, 32)
     number("tolerance", tolerance, 0)
     check_int("every", every, 1)
@@ -608,7 +752,9 @@ def primal_dual(
     check_maps(problem.mask, start)
     v = problem.log_d0 if start is None else start
     radius = round(patch * px_per_reference(problem.mask.shape))
-    path, steps, grid = _Path.at(problem, v, radius, SAFETY), 0, Grid.of(problem)
+    path = _Path.at(problem, v, radius, SAFETY)
+    steps = 0
+    grid = Grid.of(problem)
     iterate = Iterate.of(problem, v)
     yield iterate
     while steps < max_iterations:

@@ -18,7 +18,10 @@ from endolab.numerics.derivatives import differences, px_per_reference
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
 EDGE_SCALE = 0.05  # image gradient, per 1/320 of the longer side, at which g falls to 1/e
-EXACT, LOWER_BOUND, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
+# what a pixel's value says of the surface's: see `Problem`
+EXACT = 0
+LOWER_BOUND = 1
+NONE = 2
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,9 @@ class Problem:
     # charged like total variation. The paper's 1e-4, in the unit of its ξ, makes staircases of a wall's
     # curvature.
     epsilon: float = 1e-3
-    threshold: float = 0.05  # where the data's Huber penalty becomes a line; stored value, positive
+    threshold: float = (
+        0.05  # where the data's Huber penalty becomes a line; stored value, positive
+    )
     metric: bool = True  # whether distances are in mm; else in relative units
     # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is torn, as
     # at an occluding contour: no derivative and no march takes them.
@@ -48,14 +53,18 @@ class Problem:
     # this. LOWER_BOUND (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
     # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
-    picture: FloatArray | None = None  # (H, W) or (H, W, 3), the frame as it looked, for people
+    picture: FloatArray | None = (
+        None  # (H, W) or (H, W, 3), the frame as it looked, for people
+    )
 
     def __post_init__(self) -> None:
         check_xi(self.xi)
         if self.regulariser not in REGULARISERS:
             raise unknown_name("regulariser", self.regulariser, REGULARISERS)
         if self.regulariser == "curvature" and self.xi != "1/d":
-            raise ValueError(f"regulariser='curvature' is that of xi='1/d', got xi={self.xi!r}")
+            raise ValueError(
+                f"regulariser='curvature' is that of xi='1/d', got xi={self.xi!r}"
+            )
         for name in ("lam", "epsilon", "threshold"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
             check_range(name, getattr(self, name))
@@ -63,20 +72,32 @@ class Problem:
         object.__setattr__(self, "image", readonly_copy(real_array("image", self.image)))
         object.__setattr__(self, "mask", readonly_copy(mask_array("mask", self.mask)))
         if self.picture is not None:
-            object.__setattr__(self, "picture", readonly_copy(real_array("picture", self.picture)))
+            object.__setattr__(
+                self, "picture", readonly_copy(real_array("picture", self.picture))
+            )
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
-        for name, kind, wanted in (("cuts", bool, (2, *shape)), ("evidence", np.int8, shape)):
+                raise ValueError(
+                    f"{name} has shape {getattr(self, name).shape}, the camera {shape}"
+                )
+        for name, kind, wanted in (
+            ("cuts", bool, (2, *shape)),
+            ("evidence", np.int8, shape),
+        ):
             given = getattr(self, name)
-            fits = isinstance(given, np.ndarray) and (given.dtype, given.shape) == (kind, wanted)
+            fits = isinstance(given, np.ndarray) and (given.dtype, given.shape) == (
+                kind,
+                wanted,
+            )
             if given is not None and not fits:
                 expected = f"an array of {np.dtype(kind)} of shape {wanted}"
                 raise ValueError(f"{name} must be {expected}, got {excerpt(given)}")
         if self.evidence is not None:
             unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, LOWER_BOUND, NONE))
             if unknown.size:
-                raise ValueError(f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}")
+                raise ValueError(
+                    f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}"
+                )
 
     @property
     def field(self) -> RayField:
@@ -106,27 +127,39 @@ class Problem:
         Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
         """
         scale = px_per_reference(self.mask.shape)
-        informative = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
+        informative = (
+            self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
+        )
         size = np.linalg.norm(differences(self.image, informative), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
 
     @property
     def derivative_scale(self) -> float:
         """What a derivative of ξ per pixel is multiplied by: (longer side/320)^order."""
-        return px_per_reference(self.mask.shape) ** (1 if self.regulariser == "first" else 2)
+        return px_per_reference(self.mask.shape) ** (
+            1 if self.regulariser == "first" else 2
+        )
 
     @cached_property
     def xi_median(self) -> float:
         """ξ̃, the median of ξ at the start d₀."""
         inside = self.mask
-        return float(np.median(to_xi(self.log_d0[inside], self.xi, self.field.cos_alpha[inside])))
+        return float(
+            np.median(to_xi(self.log_d0[inside], self.xi, self.field.cos_alpha[inside]))
+        )
 
 
-def check_maps(mask: BoolArray, start: FloatArray | None = None, inflow: FloatArray | None = None) -> None:
+def check_maps(
+    mask: BoolArray, start: FloatArray | None = None, inflow: FloatArray | None = None
+) -> None:
     """Raise a ValueError if log-distances, to start from or said to be known, cannot be used."""
     for name, given in (("start", start), ("inflow", inflow)):
-        if given is not None and not (isinstance(given, np.ndarray) and given.dtype.kind == "f"):
-            raise ValueError(f"{name} must be an array of log-distances, got {excerpt(given)}")
+        if given is not None and not (
+            isinstance(given, np.ndarray) and given.dtype.kind == "f"
+        ):
+            raise ValueError(
+                f"{name} must be an array of log-distances, got {excerpt(given)}"
+            )
         if given is not None and given.shape != mask.shape:
             raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
     if inflow is not None and np.isinf(inflow[mask]).any():

@@ -26,8 +26,12 @@ class PreparationReport:
     height: int
     smooth: float  # standard deviation of the Gaussian that averaged the light first, px
     highlights: str  # what was done with them
-    misplaced: float = 0.0  # share of the mask that was given which lies beyond what the endoscope shows
-    fingerprint: str = field(default="", repr=False)  # of picture, mask and endoscope: equal for equal ones
+    misplaced: float = (
+        0.0  # share of the mask that was given which lies beyond what the endoscope shows
+    )
+    fingerprint: str = field(
+        default="", repr=False
+    )  # of picture, mask and endoscope: equal for equal ones
 
 
 class LightOutcome(Enum):
@@ -48,7 +52,9 @@ class LightReport:
     reason: str = ""  # why the colours tell nothing, or are not believed
     albedo: tuple[float, ...] = ()  # of the wall in red, green and blue
     given: bool = False  # whether the calibration told these albedos
-    percent: tuple[float, ...] = ()  # medians of indirect over direct light in red, green and blue
+    percent: tuple[
+        float, ...
+    ] = ()  # medians of indirect over direct light in red, green and blue
     factor: float = 0.0  # indirect light over what surface and albedos predict
     lamp: float = 0.0  # share of k that is the lamp's, the rest being the lens's
     film: float = 0.0  # strength of a wet film's sheen; 1 mirrors 4 % at normal incidence
@@ -80,7 +86,9 @@ class ContourReport:
 
     outcome: ContourOutcome
     steps: int = 0  # between neighbours that are cut
-    min_steepness: float | None = None  # of log d₀ per 1/320 of the longer side; None if nothing is cut
+    min_steepness: float | None = (
+        None  # of log d₀ per 1/320 of the longer side; None if nothing is cut
+    )
     searched: SearchedPicture | None = field(default=None, compare=False, repr=False)
 
 
@@ -89,7 +97,9 @@ class Scale:
     """What fixed the unit of distances, other than the gain of the endoscope."""
 
     by: str  # "known distance", "known diameter", "median distance", or "frame before" of a video
-    length: Any = None  # as it was given: mm, (mm, column, row) or (mm, (column, row), (column, row))
+    length: Any = (
+        None  # as it was given: mm, (mm, column, row) or (mm, (column, row), (column, row))
+    )
     by_gain: float | None = None  # what the gain says of that length, mm
 
 
@@ -97,7 +107,9 @@ class Scale:
 class Provenance:
     """What was asked for and done on the way from a frame to a surface; None of what was not done."""
 
-    asked: Mapping[str, object] = field(default_factory=dict)  # options by name, of the surface that counts
+    asked: Mapping[str, object] = field(
+        default_factory=dict
+    )  # options by name, of the surface that counts
     preparation: PreparationReport | None = None
     light: LightReport | None = None
     contours: ContourReport | None = None
@@ -107,7 +119,11 @@ class Provenance:
     def albedo(self) -> tuple[float, ...] | None:
         """Of the wall, with which indirect light was removed; None if none was."""
         removed = (LightOutcome.REMOVED, LightOutcome.COMPUTED)
-        return self.light.albedo if self.light is not None and self.light.outcome in removed else None
+        return (
+            self.light.albedo
+            if self.light is not None and self.light.outcome in removed
+            else None
+        )
 
     @property
     def channel(self) -> str | None:

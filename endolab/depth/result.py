@@ -24,7 +24,9 @@ from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, check_observers, closing, drive
 
-SOLUTION, SCALED = "solution", "scaled"  # the stage whose answer counts, and the same in a known unit
+# the stage whose answer counts, and the same in a known unit
+SOLUTION = "solution"
+SCALED = "scaled"
 NOTHING = "the solver produced no depth map that is finite"
 
 
@@ -36,10 +38,18 @@ class Iterate:
     k: int  # counts from 0, the start
     log_distance: FloatArray  # (H, W), v = log d; nan outside the mask; read-only
     terms: Mapping[str, float]  # of the energy: "data" and "regulariser"
-    change: float = float("nan")  # root mean square change of v since the last iterate; nan at the start
-    maps: Mapping[str, np.ndarray] = field(default_factory=dict)  # (H, W), whatever else there is to show
-    scalars: Mapping[str, float] = field(default_factory=dict)  # likewise: step, damping, inner iterations
-    stage: str = SOLUTION  # of a reconstruction: "bounced light", "contours", "solution", "scaled"
+    change: float = float(
+        "nan"
+    )  # root mean square change of v since the last iterate; nan at the start
+    maps: Mapping[str, np.ndarray] = field(
+        default_factory=dict
+    )  # (H, W), whatever else there is to show
+    scalars: Mapping[str, float] = field(
+        default_factory=dict
+    )  # likewise: step, damping, inner iterations
+    stage: str = (
+        SOLUTION  # of a reconstruction: "bounced light", "contours", "solution", "scaled"
+    )
     round: int = 0  # of that stage, from 1 where there are several
     provenance: Provenance = field(default_factory=Provenance)  # of the problem
 
@@ -60,7 +70,14 @@ class Iterate:
         if previous is not None:
             change = float(np.sqrt(np.mean((v - previous.log_distance)[problem.mask] ** 2)))
         k = 0 if previous is None else previous.k + 1
-        return cls(problem, k, v, energy_terms(problem, v) if terms is None else terms, change, **shown)
+        return cls(
+            problem,
+            k,
+            v,
+            energy_terms(problem, v) if terms is None else terms,
+            change,
+            **shown,
+        )
 
     @property
     def energy(self) -> float:
@@ -129,7 +146,9 @@ class Result:
         if not (np.all(v >= least) and np.all(v <= most)):
             with np.errstate(over="ignore"):
                 span = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
-            cause = "the gain, or the length that fixes the scale, is wrong by powers of ten"
+            cause = (
+                "the gain, or the length that fixes the scale, is wrong by powers of ten"
+            )
             raise ValueError(f"distances would be {span}: {cause}")
 
     @property
@@ -193,7 +212,12 @@ class _Kept:
     def add(self, iterate: Iterate, seconds: float) -> None:
         self.last = iterate
         self.lowest = iterate if iterate.energy < self.lowest.energy else self.lowest
-        row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        row = {
+            "k": iterate.k,
+            "energy": iterate.energy,
+            **iterate.terms,
+            "change": iterate.change,
+        }
         self.history.append(row | {"seconds": seconds, **iterate.scalars})
 
     def answer(self, status: Status) -> Iterate:
@@ -216,7 +240,11 @@ def limit_steps(
             if not np.all(np.isfinite(iterate.log_distance[iterate.mask])):
                 return Status.NON_FINITE
             yield change(iterate)
-            if max_iterations is not None and iterate.stage == SOLUTION and iterate.k >= max_iterations:
+            if (
+                max_iterations is not None
+                and iterate.stage == SOLUTION
+                and iterate.k >= max_iterations
+            ):
                 return Status.MAX_ITERATIONS
     finally:
         steps.close()
@@ -224,10 +252,14 @@ def limit_steps(
 
 def with_provenance(steps: Solver, provenance: Provenance) -> Solver:
     """Pass a solver's iterates on with the provenance of their problem."""
-    return limit_steps(steps, change=lambda iterate: replace(iterate, provenance=provenance))
+    return limit_steps(
+        steps, change=lambda iterate: replace(iterate, provenance=provenance)
+    )
 
 
-def name_stage(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None, Iterate]:
+def name_stage(
+    steps: Solver, stage: str, round: int = 0
+) -> Generator[Iterate, None, Iterate]:
     """Pass a solver's iterates on as those of a stage, and return the answer."""
     kept: list[_Kept] = []
 
@@ -275,7 +307,10 @@ def run(
     stages: list[Stage] = []
 
     def keep(iterate: Iterate, seconds: float) -> None:
-        if not kept or (kept[-1].last.stage, kept[-1].last.round) != (iterate.stage, iterate.round):
+        if not kept or (kept[-1].last.stage, kept[-1].last.round) != (
+            iterate.stage,
+            iterate.round,
+        ):
             kept.append(_Kept(iterate))
         kept[-1].add(iterate, seconds)
 
@@ -286,8 +321,13 @@ def run(
             raise ValueError(NOTHING)
         before = 0.0
         for stage in kept:
-            shown, after = stage.last, stage.history[-1]["seconds"]
-            stages.append(Stage(shown.stage, shown.round, shown.k, stage.lowest.energy, after - before))
+            shown = stage.last
+            after = stage.history[-1]["seconds"]
+            stages.append(
+                Stage(
+                    shown.stage, shown.round, shown.k, stage.lowest.energy, after - before
+                )
+            )
             before = after
         result = kept[-1].answer(status)
         answer = result if last is None else last(result)

@@ -25,11 +25,15 @@ def facing(problem: Problem) -> Solver:
     One iterate: d₀ is an upper bound of the distance, reached where the surface faces the camera.
     """
     grid = Grid.of(problem)
-    yield Iterate.of(problem, grid.log_d0, terms=grid.terms(pad_maps(grid.log_d0), problem.lam))
+    yield Iterate.of(
+        problem, grid.log_d0, terms=grid.terms(pad_maps(grid.log_d0), problem.lam)
+    )
     return Status.CONVERGED
 
 
-def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1) -> Solver:
+def fast_marching(
+    problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1
+) -> Solver:
     """Viscosity solution of the simplified model in one pass; see `March`.
 
     `inflow` (H, W) is log d where it is known, at the picture's border say, nan elsewhere; `snapshots`
@@ -40,7 +44,9 @@ def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots:
     """
     check_maps(problem.mask, inflow=inflow)
     check_int("snapshots", snapshots, 1)
-    mask, metric, grid = problem.mask, problem.field.inverse_metric, Grid.of(problem)
+    mask = problem.mask
+    metric = problem.field.inverse_metric
+    grid = Grid.of(problem)
     table = problem.photometry.slant_table()
     march = March.seeded(problem.log_d0, mask, metric, table, inflow, problem.cuts)
 

@@ -3,7 +3,7 @@
 A block that cuts divide stands for its largest part alone, of equals that nearer the picture's middle, so
 that a turned picture's blocks are the turned ones. The pixels left out follow a neighbouring block of their
 own side, if there is one. So a line of cuts is a line of cuts on every coarser grid. `link` holds the steps
-that there are and `uncut_links` those that there would be without cuts, padded both (see `numerics.compiled`);
+that there are and `uncut_links` those that there would be without cuts, both padded (`numerics.compiled`);
 where nothing is torn they are one array.
 """
 
@@ -20,21 +20,36 @@ from endolab.numerics.derivatives import shift
 
 @kernel
 def _largest_fragments(
-    active: ByteArray, link: ByteArray, uncut_links: ByteArray, leads: tuple[int, int], out: ByteArray
+    active: ByteArray,
+    link: ByteArray,
+    uncut_links: ByteArray,
+    leads: tuple[int, int],
+    out: ByteArray,
 ) -> None:
     """Mark the active pixels of each block that are of its largest part."""
-    pixels, part = np.zeros((4, 2), np.int64), np.zeros(4, np.int64)
+    pixels = np.zeros((4, 2), np.int64)
+    part = np.zeros(4, np.int64)
     middle = (active.shape[0] - 1) / 2, (active.shape[1] - 1) / 2
     for top in range(PAD - leads[0], active.shape[0] - PAD, 2):
         for first in range(PAD - leads[1], active.shape[1] - PAD, 2):
             pixels[:, 0] = top, top, top + 1, top + 1
             pixels[:, 1] = first, first + 1, first + 1, first
             # Around the block from pixel to pixel: 0 to 1, 1 to 2, 2 to 3, 3 to 0.
-            steps = link[0, top, first], link[1, top, first + 1], link[0, top + 1, first], link[1, top, first]
-            would = (
-                uncut_links[0, top, first] + uncut_links[1, top, first + 1] + uncut_links[0, top + 1, first]
+            steps = (
+                link[0, top, first],
+                link[1, top, first + 1],
+                link[0, top + 1, first],
+                link[1, top, first],
             )
-            is_torn = steps[0] + steps[1] + steps[2] + steps[3] < would + uncut_links[1, top, first]
+            would = (
+                uncut_links[0, top, first]
+                + uncut_links[1, top, first + 1]
+                + uncut_links[0, top + 1, first]
+            )
+            is_torn = (
+                steps[0] + steps[1] + steps[2] + steps[3]
+                < would + uncut_links[1, top, first]
+            )
             part[:] = 0
             if is_torn:
                 part[:] = 0, 1, 2, 3
@@ -42,21 +57,30 @@ def _largest_fragments(
                     for k in range(4):
                         if steps[k]:
                             part[k] = part[(k + 1) % 4] = min(part[k], part[(k + 1) % 4])
-            largest, most, least = 0, 0, np.inf
+            largest = 0
+            most = 0
+            least = np.inf
             for label in range(4):
-                size, away = 0, 0.0
+                size = 0
+                away = 0.0
                 for k in range(4):
                     if part[k] == label and active[pixels[k, 0], pixels[k, 1]]:
                         size += 1
-                        away += (pixels[k, 0] - middle[0]) ** 2 + (pixels[k, 1] - middle[1]) ** 2
+                        away += (pixels[k, 0] - middle[0]) ** 2 + (
+                            pixels[k, 1] - middle[1]
+                        ) ** 2
                 if size > most or (size == most and away < least):
-                    largest, most, least = label, size, away
+                    largest = label
+                    most = size
+                    least = away
             for k in range(4):
                 i, j = pixels[k]
                 out[i, j] = active[i, j] if part[k] == largest else 0
 
 
-def largest_fragments(active: ByteArray, link: ByteArray, uncut_links: ByteArray) -> ByteArray:
+def largest_fragments(
+    active: ByteArray, link: ByteArray, uncut_links: ByteArray
+) -> ByteArray:
     """Active pixels for which the block that they are in stands."""
     if link is uncut_links:
         return active
@@ -65,7 +89,9 @@ def largest_fragments(active: ByteArray, link: ByteArray, uncut_links: ByteArray
     return out
 
 
-def coarser_links(main: ByteArray, link: ByteArray, uncut_links: ByteArray) -> tuple[ByteArray, ByteArray]:
+def coarser_links(
+    main: ByteArray, link: ByteArray, uncut_links: ByteArray
+) -> tuple[ByteArray, ByteArray]:
     """Links between the main parts of blocks, and those that there would be without cuts."""
     coarse = halve_links(uncut_links)
     if link is uncut_links:
@@ -82,7 +108,9 @@ def held_pixels(link: ByteArray, second: bool) -> BoolArray:
     out = np.zeros_like(link[0])
     for step, axis in ((link[0], 1), (link[1], 0)):
         taken = step & shift(step, -1, axis, 0) if second else step
-        out |= taken | shift(taken, -1, axis, 0) | (shift(taken, 1, axis, 0) if second else 0)
+        out |= (
+            taken | shift(taken, -1, axis, 0) | (shift(taken, 1, axis, 0) if second else 0)
+        )
     return out
 
 
@@ -95,9 +123,13 @@ class Cells(NamedTuple):
 
 
 @kernel
-def _is_cut(link: ByteArray, uncut_links: ByteArray, i: int, j: int, down: int, right: int) -> bool:
+def _is_cut(
+    link: ByteArray, uncut_links: ByteArray, i: int, j: int, down: int, right: int
+) -> bool:
     """Whether the step from (i, j), down or right by ±1, is cut."""
-    axis, i, j = abs(down), i + min(down, 0), j + min(right, 0)
+    axis = abs(down)
+    i = i + min(down, 0)
+    j = j + min(right, 0)
     return uncut_links[axis, i, j] and not link[axis, i, j]
 
 
@@ -116,9 +148,12 @@ def same_side(
     below it, and on the diagonal. A block is reached from block to block, or from pixel to pixel.
     """
     active, across, uncut = blocks
-    down_from, right_from = i - PAD + lead(main, active, 0), j - PAD + lead(main, active, 1)
-    down, right = 2 * (down_from % 2) - 1, 2 * (right_from % 2) - 1
-    ci, cj = PAD + down_from // 2, PAD + right_from // 2
+    down_from = i - PAD + lead(main, active, 0)
+    right_from = j - PAD + lead(main, active, 1)
+    down = 2 * (down_from % 2) - 1
+    right = 2 * (right_from % 2) - 1
+    ci = PAD + down_from // 2
+    cj = PAD + right_from // 2
     if main[i, j]:
         beside = not _is_cut(across, uncut, ci, cj, 0, right)
         below = not _is_cut(across, uncut, ci, cj, down, 0)

@@ -9,7 +9,9 @@ import numpy as np
 from endolab.io.atomic import PathLike, name_damage, read_bytes
 from endolab.numerics.memory import check_memory
 
-MOST_BYTES = 2_000_000_000  # bytes of arrays; the maps of a frame of 10 megapixels take a sixth
+MOST_BYTES = (
+    2_000_000_000  # bytes of arrays; the maps of a frame of 10 megapixels take a sixth
+)
 
 
 def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, np.ndarray]:
@@ -20,11 +22,17 @@ def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, 
     """
     content = read_bytes(path)
     with name_damage(path, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
-        sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
+        sizes = {
+            entry.filename.removesuffix(".npy"): entry.file_size
+            for entry in archive.infolist()
+        }
     needed = sum(sizes.get(name, 0) for name in names)
     if needed > MOST_BYTES:
         raise ValueError(f"{path}: not {what}: it would take {needed / 1e9:.1f} GB")
     check_memory(2 * needed, f"{path}: what it holds")
-    with name_damage(path, what), np.load(io.BytesIO(content), allow_pickle=False) as archive:
+    with (
+        name_damage(path, what),
+        np.load(io.BytesIO(content), allow_pickle=False) as archive,
+    ):
         arrays = {name: archive[name] for name in names if name in sizes}
         return {name: np.asarray(array, order="C") for name, array in arrays.items()}

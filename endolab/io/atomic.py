@@ -19,7 +19,9 @@ ASK = "or replace it with overwrite=True"  # the command line says --overwrite
 _TEMPORARY = ".endolab-"  # how the names of what is on its way begin
 
 
-_URL = re.compile(r"([A-Za-z][\w+.-]+):/+(?:.*@)?(\[[\da-fA-F:.]*\]|[\w.-]*)\S*")  # scheme and host
+_URL = re.compile(
+    r"([A-Za-z][\w+.-]+):/+(?:.*@)?(\[[\da-fA-F:.]*\]|[\w.-]*)\S*"
+)  # scheme and host
 
 
 # Sentences ------------------------------------------------------------------------------
@@ -37,7 +39,9 @@ def as_path(path: PathLike) -> Path:
     """Take a path; ValueError in one sentence, if nothing can be called so."""
     name = os.fspath(path)
     if isinstance(name, str) and is_url(name):
-        raise ValueError(f"{without_secrets(name)} is a stream, where a file or a folder is expected")
+        raise ValueError(
+            f"{without_secrets(name)} is a stream, where a file or a folder is expected"
+        )
     with suppress(UnicodeEncodeError):
         if name and b"\0" not in os.fsencode(name):
             return Path(name)
@@ -87,7 +91,9 @@ def spare_inputs(places: Iterable[Path], inputs: Iterable[PathLike | None]) -> N
     read = [path for path in inputs if path is not None and os.path.exists(path)]
     for place in places:
         if any(os.path.exists(place) and os.path.samefile(place, path) for path in read):
-            raise FileExistsError(f"{place} is read by this very call; write to another place")
+            raise FileExistsError(
+                f"{place} is read by this very call; write to another place"
+            )
 
 
 def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
@@ -105,7 +111,9 @@ def files_of_report(folder: Path, report: str = REPORT) -> list[Path]:
     files: list[Path] = []
     if isinstance(names, list):
         for path in folder.iterdir():
-            if path.name in names:  # a folder is that of a video's frames, in which there may be more
+            if (
+                path.name in names
+            ):  # a folder is that of a video's frames, in which there may be more
                 files += path.glob("*/depth.npz") if path.is_dir() else [path]
     return files
 
@@ -114,7 +122,9 @@ def check_folder(folder: Path) -> None:
     """Raise OSError in one sentence, unless a folder is new, empty or endolab's own."""
     with one_sentence(f"cannot write to the folder {folder}"):
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    others = [name for name in names if not name.startswith(_TEMPORARY)]  # which a killed run may leave
+    others = [
+        name for name in names if not name.startswith(_TEMPORARY)
+    ]  # which a killed run may leave
     if others and not _own_report(folder):
         content = f"holds {min(others)} and no results of endolab's; choose another folder"
         raise FileExistsError(f"{folder} {content}, {ASK}")
@@ -154,7 +164,9 @@ def stage_folder(
                 path.rmdir()
 
 
-def _move_in(staging: Path, target: Path, inputs: Collection[PathLike | None], report: str) -> None:
+def _move_in(
+    staging: Path, target: Path, inputs: Collection[PathLike | None], report: str
+) -> None:
     """Move all files to their places, after all that can go wrong has been tried."""
     files = sorted(staging.iterdir(), key=lambda path: (path.name == report, path.name))
     places = [target / path.name for path in files]
@@ -191,7 +203,9 @@ def _sync(path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def check_file(path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()) -> None:
+def check_file(
+    path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()
+) -> None:
     """Raise OSError in one sentence, if a file must not be written; parameters as of `stage_file`."""
     target = as_path(path)
     with one_sentence(f"cannot write {target}"):
@@ -253,15 +267,21 @@ def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> by
 def as_json(content: dict[str, Any]) -> bytes:
     """Encode as strict, indented JSON: a value that is not finite is an error."""
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    return text.encode(errors="backslashreplace")  # a file's name may be any bytes: \udc80, in JSON as here
+    return text.encode(
+        errors="backslashreplace"
+    )  # a file's name may be any bytes: \udc80, in JSON as here
 
 
 def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
     content = read_bytes(path, what, MOST_JSON)
     try:
-        return json.loads(content.decode(json.detect_encoding(content)))  # whatever byte order mark it has
+        return json.loads(
+            content.decode(json.detect_encoding(content))
+        )  # whatever byte order mark it has
     except RecursionError as error:
-        raise ValueError(f"{Path(path)}: not valid JSON: it is nested too deeply") from error
+        raise ValueError(
+            f"{Path(path)}: not valid JSON: it is nested too deeply"
+        ) from error
     except ValueError as error:
         raise ValueError(f"{Path(path)}: not valid JSON: {error}") from error

@@ -7,13 +7,18 @@ import zlib
 
 import numpy as np
 
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
-NEEDED = re.compile(b"IHDR|PLTE|tRNS|IDAT|IEND")  # chunks of a PNG, without which it shows something else
+PNG = b"\x89PNG\r\n\x1a\n"
+JPEG = b"\xff\xd8"
+NEEDED = re.compile(
+    b"IHDR|PLTE|tRNS|IDAT|IEND"
+)  # chunks of a PNG, without which it shows something else
 LAST = b"IEND\xaeB`\x82"  # and its checksum
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG, by its colour type
 ENOUGH = 0.8  # of the rows
 MOST_BYTES = 2**31  # of a picture's rows
-SCAN, END = b"\xff\xda", b"\xff\xd9"  # of a JPEG: before its pixels, and after them
+# of a JPEG: before its pixels, and after them
+SCAN = b"\xff\xda"
+END = b"\xff\xd9"
 LAST_SCAN = rb"(?s)\x00\x08\x01\x01..\x3f[\x00\x10]"  # how that of a progressive JPEG begins, the finest grey
 FILLED = b"\x55" * 64  # enough to be seen in place of what is cut off
 
@@ -72,7 +77,9 @@ def _mend_png(content: bytes) -> tuple[bytes, int, int]:
     if interlaced:  # what is missing is missing everywhere
         whole = rows if unpacking.eof else 0
     elif ENOUGH * rows <= whole < rows:
-        chunks[b"IDAT"][:] = zlib.compress(raw[: whole * stride].ljust(rows * stride, b"\0"), 1)
+        chunks[b"IDAT"][:] = zlib.compress(
+            raw[: whole * stride].ljust(rows * stride, b"\0"), 1
+        )
     return _as_png(chunks), whole, rows
 
 
@@ -83,9 +90,15 @@ def _mend_jpeg(content: bytes) -> tuple[bytes, int, int]:
     content = content.rstrip(b"\xff")  # half a marker
     files = (io.BytesIO(content + filled + END) for filled in (b"", FILLED))
     one, other = (Image.open(file, formats=["JPEG"]) for file in files)
-    differ = np.any(np.asarray(one) != np.asarray(other), axis=1).reshape(one.height, -1).any(axis=1)
+    differ = (
+        np.any(np.asarray(one) != np.asarray(other), axis=1)
+        .reshape(one.height, -1)
+        .any(axis=1)
+    )
     whole = int(np.argmax([*differ, True]))
-    if whole < one.height:  # the colours of its last row are mixed with those below, however these are filled
+    if (
+        whole < one.height
+    ):  # the colours of its last row are mixed with those below, however these are filled
         whole = max(whole - 1, 0)
     scan = content[content.rfind(SCAN) + 2 :]
     if whole < one.height and "progressive" in one.info and not re.match(LAST_SCAN, scan):

@@ -7,7 +7,14 @@ from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, Target
+from endolab.calibration.targets import (
+    TARGETS,
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    DotGrid,
+    Target,
+)
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration, camera_from_dict, camera_to_dict
@@ -17,7 +24,9 @@ from endolab.model.schema import Section, quote, unknown_name
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
 
-NOMINAL = Photometry(k=2.5, gamma=2.2)  # the paper's, of an endoscope whose light was not measured
+NOMINAL = Photometry(
+    k=2.5, gamma=2.2
+)  # the paper's, of an endoscope whose light was not measured
 
 
 def read_camera(path: PathLike) -> Camera:
@@ -52,7 +61,9 @@ def write_calibration(calibration: Calibration, path: PathLike) -> None:
     write_atomically(path, as_json(calibration.to_dict()))
 
 
-def make_calibration(session: Session, source: str = "", channel: str = "grey") -> Calibration:
+def make_calibration(
+    session: Session, source: str = "", channel: str = "grey"
+) -> Calibration:
     """Make what `endoscope.json` holds: camera, light and the evidence for them.
 
     Parameters as of `evidence`. The BRDF is that of the sheet; the gain is None unless one was fitted to
@@ -71,7 +82,9 @@ def make_calibration(session: Session, source: str = "", channel: str = "grey") 
 
 
 # Descriptions ---------------------------------------------------------------------------
-KINDS: dict[str, type[Target]] = {make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)}
+KINDS: dict[str, type[Target]] = {
+    make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)
+}
 WHOLE = ("columns", "rows", "fold", "seed")
 
 

@@ -12,7 +12,13 @@ from endolab.calibration.detection.detect import Detection
 from endolab.calibration.detection.dots import nothing
 from endolab.calibration.session import LEFT_OUT, Progress, detect_all, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, check_file, one_sentence, read_bytes, write_atomically
+from endolab.io.atomic import (
+    PathLike,
+    check_file,
+    one_sentence,
+    read_bytes,
+    write_atomically,
+)
 from endolab.io.video import Frames
 from endolab.model.cameras import KannalaBrandt
 
@@ -45,7 +51,13 @@ def read_detections(
 
 
 def _line(name: str, detection: Detection, size: tuple[int, int]) -> str:
-    fields = [name, size, detection.ids.tolist(), detection.pixels.tolist(), detection.reason]
+    fields = [
+        name,
+        size,
+        detection.ids.tolist(),
+        detection.pixels.tolist(),
+        detection.reason,
+    ]
     return json.dumps(fields) + "\n"
 
 
@@ -69,29 +81,44 @@ def detect_cached(
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}
-    head = json.dumps({"endolab_detections": VERSION, "target": sheet, "files": frames.stamp})
+    head = json.dumps(
+        {"endolab_detections": VERSION, "target": sheet, "files": frames.stamp}
+    )
     known: Found = {}
     size = None
     if path.exists():
         check_file(path, overwrite=overwrite or read_bytes(path).startswith(MARK.encode()))
         known, size = read_detections(path, head, leave_out)
     if known and say is not None:
-        say(f"{len(known)} of {len(frames)} frames were searched before; going on from there")
+        say(
+            f"{len(known)} of {len(frames)} frames were searched before; going on from there"
+        )
     # What was read is written again: a line that was cut off must not be gone on with.
     before = [_line(name, entry, size) for name, entry in known.items() if size is not None]
     write_atomically(path, "".join([head, "\n", *before]).encode())
 
     def keep(name: str, detection: Detection, size: tuple[int, int]) -> None:
-        with one_sentence(f"cannot write {path}"), path.open("a", encoding="utf-8") as stream:
+        with (
+            one_sentence(f"cannot write {path}"),
+            path.open("a", encoding="utf-8") as stream,
+        ):
             stream.write(_line(name, detection, size))
         known[name] = detection
 
     rest = [name for name in frames.names if name not in known and name not in leave_out]
-    reading = {"count": len(rest), "progress": progress, "keep": keep, "size": size, "camera": camera}
+    reading = {
+        "count": len(rest),
+        "progress": progress,
+        "keep": keep,
+        "size": size,
+        "camera": camera,
+    }
     try:
         detections, size = detect_all(frames.read(rest), target, **reading)  # type: ignore[arg-type]
     except KeyboardInterrupt:
-        progress_so_far = f"interrupted; {len(known)} of {len(frames)} frames are searched and kept"
+        progress_so_far = (
+            f"interrupted; {len(known)} of {len(frames)} frames are searched and kept"
+        )
         raise KeyboardInterrupt(progress_so_far) from None
     finally:
         if not known:  # nothing to go on from

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
-DEFLATED = (cv2.IMWRITE_PNG_COMPRESSION, 1)  # a figure as small as Matplotlib's, in a third of the time
+DEFLATED = (
+    cv2.IMWRITE_PNG_COMPRESSION,
+    1,
+)  # a figure as small as Matplotlib's, in a third of the time
 PICTURE = "a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
 ORIENTATION = 274  # the tag that says how a picture is to be turned
 # How what has been turned by it is turned back.
@@ -48,7 +51,9 @@ log = logging.getLogger("endolab")
 
 def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
     """Write a grey or RGB picture with values in [0, 1] as PNG of 8 or 16 bits."""
-    stored = np.round(np.clip(image, 0, 1) * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    stored = np.round(np.clip(image, 0, 1) * (2**bits - 1)).astype(
+        np.uint8 if bits == 8 else np.uint16
+    )
     write_atomically(path, _as_png(stored[..., ::-1] if stored.ndim == 3 else stored))
 
 
@@ -107,7 +112,9 @@ def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
         if whole < ENOUGH * rows:
             raise ValueError(f"{name} is damaged: {lack}") from None
         stored, alpha = _decode(content, name)
-        log.warning("%s is damaged: %s", name, lack if whole < rows else "only its picture is whole")
+        log.warning(
+            "%s is damaged: %s", name, lack if whole < rows else "only its picture is whole"
+        )
     if not alpha.any():
         raise ValueError(f"{name} is completely transparent: there is no pixel to use")
     alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
@@ -123,7 +130,9 @@ def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
     # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
     with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
-        at_hand = picture.format != "PNG" or "exif" in picture.info  # else all of it would be decoded
+        at_hand = (
+            picture.format != "PNG" or "exif" in picture.info
+        )  # else all of it would be decoded
         turned = picture.getexif().get(ORIENTATION, 1) if at_hand else 1
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
@@ -153,20 +162,34 @@ def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndar
     if is_png and LAST not in content:
         raise ValueError
     readable = bare_png(content) if is_png else content
-    stored: np.ndarray = np.asarray(cv2.imdecode(np.frombuffer(readable, np.uint8), cv2.IMREAD_UNCHANGED))
-    alpha: np.ndarray = stored[..., 3] if stored.shape[2:] == (4,) else np.ones(stored.shape[:2])
+    stored: np.ndarray = np.asarray(
+        cv2.imdecode(np.frombuffer(readable, np.uint8), cv2.IMREAD_UNCHANGED)
+    )
+    alpha: np.ndarray = (
+        stored[..., 3] if stored.shape[2:] == (4,) else np.ones(stored.shape[:2])
+    )
     if stored.ndim == 3:
-        stored = stored[..., 0] if is_png and content[25] == GREY_AND_ALPHA else stored[..., 2::-1]
+        stored = (
+            stored[..., 0]
+            if is_png and content[25] == GREY_AND_ALPHA
+            else stored[..., 2::-1]
+        )
     args = picture.tile[0].args or ("",)
     if args[0] == "BGRX":  # a BMP's fourth byte is unused, or alpha
         pixels = content[picture.tile[0].offset :]
-        alpha = np.asarray(Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:]))[..., 3]
+        alpha = np.asarray(
+            Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:])
+        )[..., 3]
     elif picture.mode == "LA":
         alpha = np.asarray(picture)[..., 1]
     elif stored.ndim == 2 and "transparency" in picture.info:  # one grey of 1 to 16 bits
         most = np.iinfo(stored.dtype).max
-        alpha = stored != min(picture.info["transparency"] * (most // (2 ** content[24] - 1)), most)
-    return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(alpha.shape)
+        alpha = stored != min(
+            picture.info["transparency"] * (most // (2 ** content[24] - 1)), most
+        )
+    return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(
+        alpha.shape
+    )
 
 
 def say_turned(name: PathLike) -> None:
@@ -201,7 +224,9 @@ def read_mask(path: PathLike) -> BoolArray:
     return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
 
 
-def read_frame(path: PathLike, calibration: Calibration | None = None, mask: PathLike | None = None) -> Frame:
+def read_frame(
+    path: PathLike, calibration: Calibration | None = None, mask: PathLike | None = None
+) -> Frame:
     """Read a frame, and its mask if there is one.
 
     Parameters
@@ -255,7 +280,11 @@ def read_frame(path: PathLike, calibration: Calibration | None = None, mask: Pat
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     opaque = alpha >= OPAQUE
     if not opaque.all():
-        log.warning("%s: %.3g %% of it is transparent or missing, and left out", path, 100 * np.mean(~opaque))
+        log.warning(
+            "%s: %.3g %% of it is transparent or missing, and left out",
+            path,
+            100 * np.mean(~opaque),
+        )
         inside &= opaque
         if not inside.any():
             raise ValueError(f"{path} is transparent or missing wherever it would be used")

@@ -25,7 +25,9 @@ class _Quiet:
             if self._inside == 0:
                 levels = cv2.utils.logging
                 pillow = logging.getLogger("PIL")
-                self._undo.callback(levels.setLogLevel, levels.setLogLevel(levels.LOG_LEVEL_SILENT))
+                self._undo.callback(
+                    levels.setLogLevel, levels.setLogLevel(levels.LOG_LEVEL_SILENT)
+                )
                 pillow.addHandler(_NOWHERE)
                 self._undo.callback(pillow.removeHandler, _NOWHERE)
                 if FFMPEG_LEVEL not in os.environ:  # else it is the user's

@@ -26,7 +26,8 @@ from endolab.reconstruction.settings import (
     option_of,
 )
 
-FORMAT, VERSION = "endolab_settings", 1
+FORMAT = "endolab_settings"
+VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,12 @@ class SolvingSettings:
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
     """Write settings as JSON, whole or not at all; `read_settings` reads them. None is left out."""
     given = {name: value for name, value in settings.keywords.items() if value is not None}
-    light = {name: value for name, value in settings.photometry.items() if value is not None}
-    write_atomically(path, as_json({FORMAT: VERSION} | given | ({"photometry": light} if light else {})))
+    light = {
+        name: value for name, value in settings.photometry.items() if value is not None
+    }
+    write_atomically(
+        path, as_json({FORMAT: VERSION} | given | ({"photometry": light} if light else {}))
+    )
 
 
 def read_settings(path: PathLike) -> SolvingSettings:
@@ -73,10 +78,14 @@ def read_settings(path: PathLike) -> SolvingSettings:
     return SolvingSettings(_read(top, KEYWORDS), light)
 
 
-def _read(part: Section, known: Mapping[str, Callable[[Section, str], Any]]) -> dict[str, Any]:
+def _read(
+    part: Section, known: Mapping[str, Callable[[Section, str], Any]]
+) -> dict[str, Any]:
     """Read all that a part of the file says."""
     part.asked |= dict.fromkeys(known)
-    values = {name: read(part, name) for name, read in known.items() if name in part.content}
+    values = {
+        name: read(part, name) for name, read in known.items() if name in part.content
+    }
     part.end()
     return values
 
@@ -104,17 +113,27 @@ def _distance(part: Section, name: str) -> tuple[float, ...]:
     return part.numbers(name, 3)
 
 
-def _diameter(part: Section, name: str) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+def _diameter(
+    part: Section, name: str
+) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
     value = part.take(name)
-    if not (isinstance(value, list) and len(value) == 3 and all(isinstance(at, list) for at in value[1:])):
-        raise part.error(name, f"expected [mm, [column, row], [column, row]], found {quote(value)}")
+    if not (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(at, list) for at in value[1:])
+    ):
+        raise part.error(
+            name, f"expected [mm, [column, row], [column, row]], found {quote(value)}"
+        )
     flat = [value[0], *value[1], *value[2]]
     length, *places = Section({name: flat}, part.where, part.file).numbers(name, 5)
     return length, tuple(places[:2]), tuple(places[2:])
 
 
 def _albedo(part: Section, name: str) -> float | tuple[float, ...]:
-    return part.numbers(name, 3) if isinstance(part.content[name], list) else part.number(name)
+    return (
+        part.numbers(name, 3) if isinstance(part.content[name], list) else part.number(name)
+    )
 
 
 READERS: dict[str, Callable[[Section, str], Any]] = {

@@ -10,7 +10,13 @@ import numpy as np
 from endolab.calibration.session import Progress, silent
 from endolab.calibration.simulation.trajectory import MOVEMENT
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-from endolab.io.atomic import PathLike, as_json, files_of_report, stage_folder, write_atomically
+from endolab.io.atomic import (
+    PathLike,
+    as_json,
+    files_of_report,
+    stage_folder,
+    write_atomically,
+)
 from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
 from endolab.io.video import PICTURES, write_video
@@ -45,9 +51,13 @@ def save_sheet_video(
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
     out = Path(folder)
     there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]
-    others = {*there}.difference(files_of_report(out, TRUTH), [out / name for name in files])
+    others = {*there}.difference(
+        files_of_report(out, TRUTH), [out / name for name in files]
+    )
     if others:
-        raise ValueError(f"{min(others)} would be taken for one of the {count} frames; choose another folder")
+        raise ValueError(
+            f"{min(others)} would be taken for one of the {count} frames; choose another folder"
+        )
     sheet = read_target(target)
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
     frames = simulate_video(sheet, endoscope.camera, light, count, **options)
@@ -55,7 +65,12 @@ def save_sheet_video(
 
     def images() -> Iterator[FloatArray]:
         for frame in frames:
-            truth.append({"gain": frame.gain, "poses": [pose.vector.tolist() for pose in frame.poses]})
+            truth.append(
+                {
+                    "gain": frame.gain,
+                    "poses": [pose.vector.tolist() for pose in frame.poses],
+                }
+            )
             progress("rendering", len(truth), count)
             yield frame.image
 
@@ -66,7 +81,9 @@ def save_sheet_video(
             for name, image in zip(files, images(), strict=True):
                 write_image(staging / name, image)
         theta = np.linspace(0, np.pi / 2, 181)
-        paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
+        paper = TabulatedBRDF(
+            tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
+        )
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
         fold = options.get("movement", MOVEMENT).fold
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}

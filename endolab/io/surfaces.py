@@ -24,17 +24,23 @@ if TYPE_CHECKING:
 FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]
 MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
-TRUSTED = ("sigma", "sigma_shape")  # and, if it is known, how far that can be trusted, with `dominant_source`
+TRUSTED = (
+    "sigma",
+    "sigma_shape",
+)  # and, if it is known, how far that can be trusted, with `dominant_source`
 
 
 # Depth maps -----------------------------------------------------------------------------
 def save_depth(
-    path: PathLike, surface: Result | Rendered, metric: bool, uncertainty: Uncertainty | None = None
+    path: PathLike,
+    surface: Result | Rendered,
+    metric: bool,
+    uncertainty: Uncertainty | None = None,
 ) -> None:
     """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric.
 
-    With `uncertainty` also sigma and sigma_shape (H, W), and dominant_source, uint8: 0 outside, 1 data, 2 border
-    or contour, 3 prior.
+    With `uncertainty` also sigma and sigma_shape (H, W), and dominant_source, uint8: 0 outside, 1 data,
+    2 border or contour, 3 prior.
     """
     maps = {name: getattr(surface, name).astype(np.float32) for name in MAPS}
     flags: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
@@ -46,7 +52,9 @@ def save_depth(
     write_atomically(path, content.getvalue())
 
 
-def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dict[str, np.ndarray]:
+def read_depth(
+    path: PathLike, needed: Sequence[str] = ("distance", "z")
+) -> dict[str, np.ndarray]:
     """Read what `save_depth` wrote, whatever else is in the file; nan where a distance is not known.
 
     ValueError or OSError in one sentence, if it is something else, or holds what no surface has.
@@ -60,7 +68,11 @@ def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dic
     for name, values in maps.items():
         is_real = name in (*MAPS, *TRUSTED)
         expected = () if name == "metric" else (*size, *MAPS.get(name, ()))
-        if values.dtype.kind not in ("f" if is_real else "biu") or values.shape != expected or len(size) != 2:
+        if (
+            values.dtype.kind not in ("f" if is_real else "biu")
+            or values.shape != expected
+            or len(size) != 2
+        ):
             should = "a map of the size of distance" if expected else "true or false"
             raise ValueError(f"{path}: {name} is not {should}")
         if is_real:
@@ -73,7 +85,9 @@ def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dic
 
 
 # Clouds and meshes ----------------------------------------------------------------------
-def write_cloud(path: PathLike, points: FloatArray, normals: FloatArray, colours: FloatArray) -> None:
+def write_cloud(
+    path: PathLike, points: FloatArray, normals: FloatArray, colours: FloatArray
+) -> None:
     """Write a point cloud as binary PLY: all (n, 3); camera frame, mm or relative; R, G, B in [0, 1]."""
     write_atomically(path, as_ply(points, normals, colours))
 
@@ -96,11 +110,15 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".ply":
-        content = as_ply(mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, _comments(mesh))
+        content = as_ply(
+            mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, _comments(mesh)
+        )
     elif suffix == ".obj":
         content = _as_obj(mesh)
     else:
-        raise ValueError(f"{path}: meshes are written as .ply or .obj, found {suffix or 'no suffix'}")
+        raise ValueError(
+            f"{path}: meshes are written as .ply or .obj, found {suffix or 'no suffix'}"
+        )
     write_atomically(path, content)
 
 
@@ -117,29 +135,43 @@ def as_ply(
     which values outside [0, 1] are clipped; `comments` are lines of the header.
     """
     vertices = np.empty(len(points), dtype=[("place", "<f4", 6), ("colour", "u1", 3)])
-    vertices["place"][:, :3], vertices["place"][:, 3:] = points, normals
+    vertices["place"][:, :3] = points
+    vertices["place"][:, 3:] = normals
     vertices["colour"] = np.round(np.clip(colours, 0, 1) * 255)
-    header = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {text}" for text in comments),
+    ]
     header += [f"element vertex {len(points)}"]
     header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     header += [f"property uchar {name}" for name in ("red", "green", "blue")]
     body = vertices.tobytes()
     if triangles is not None:
         faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-        faces["count"], faces["corners"] = 3, triangles
+        faces["count"] = 3
+        faces["corners"] = triangles
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
         body += faces.tobytes()
     return "\n".join([*header, "end_header", ""]).encode() + body
 
 
 def _comments(mesh: Mesh) -> tuple[str, ...]:
-    return f"unit: {mesh.unit}", FRAME, *((f"colours: {mesh.legend}",) if mesh.legend else ())
+    return (
+        f"unit: {mesh.unit}",
+        FRAME,
+        *((f"colours: {mesh.legend}",) if mesh.legend else ()),
+    )
 
 
 def _as_obj(mesh: Mesh) -> bytes:
     text = io.BytesIO()
     text.write("".join(f"# {comment}\n" for comment in _comments(mesh)).encode())
-    np.savetxt(text, np.hstack([mesh.vertices, mesh.colours]), fmt="v %.6g %.6g %.6g %.4f %.4f %.4f")
+    np.savetxt(
+        text,
+        np.hstack([mesh.vertices, mesh.colours]),
+        fmt="v %.6g %.6g %.6g %.4f %.4f %.4f",
+    )
     np.savetxt(text, mesh.normals, fmt="vn %.5f %.5f %.5f")
     np.savetxt(text, np.repeat(mesh.triangles + 1, 2, axis=1), fmt="f %d//%d %d//%d %d//%d")
     return text.getvalue()

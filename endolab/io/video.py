@@ -16,7 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.io.atomic import PathLike, as_path, is_url, one_sentence, stage_file, without_secrets
+from endolab.io.atomic import (
+    PathLike,
+    as_path,
+    is_url,
+    one_sentence,
+    stage_file,
+    without_secrets,
+)
 from endolab.io.images import DECODED, is_picture, read_image, say_turned
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
@@ -27,12 +34,17 @@ VIDEOS = (".mjpeg", ".mjpg")  # which begin as pictures do
 STREAM_TIMEOUT = 5000  # ms after which a stream that does not answer is given up
 USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
 BLACK = 1.0  # grey levels, on average, of memory that nothing was written into
-LONGEST_BREAK = 1000  # frames, one after the other, that cannot be decoded before a video is at its end
+LONGEST_BREAK = (
+    1000  # frames, one after the other, that cannot be decoded before a video is at its end
+)
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
     """Sort frame_2 before frame_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part)
+        for part in re.split(r"(\d+)", path.name)
+    ]
 
 
 @dataclass(frozen=True)
@@ -63,7 +75,10 @@ class Frames:
         """Name, size and time of change of every file: what a cache may depend on."""
         files = [self.path] if self.is_video else [self.path / name for name in self.names]
         stamps = [(file.name, file.stat() if file.exists() else None) for file in files]
-        return [[name, known and known.st_size, known and known.st_mtime_ns] for name, known in stamps]
+        return [
+            [name, known and known.st_size, known and known.st_mtime_ns]
+            for name, known in stamps
+        ]
 
     def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | None]]:
         """Give only the frames of these names, in order."""
@@ -72,7 +87,8 @@ class Frames:
                 if name in names:
                     yield name, _picture(self.path / name)
             return
-        left, capture = set(names), _open(self.path)
+        left = set(names)
+        capture = _open(self.path)
         for name in self.names:
             if not left:
                 break
@@ -87,7 +103,11 @@ class Frames:
 def _picture(path: Path) -> FloatArray | None:
     try:
         return read_image(path)
-    except (OSError, ValueError, MemoryError):  # of what is damaged, the head may say any size
+    except (
+        OSError,
+        ValueError,
+        MemoryError,
+    ):  # of what is damaged, the head may say any size
         return None
 
 
@@ -99,7 +119,10 @@ def _open(path: Path) -> cv2.VideoCapture:
     if not capture.isOpened():
         raise ValueError(f"{path}: neither a picture nor a video that can be decoded")
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-    size = [int(capture.get(what)) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
+    size = [
+        int(capture.get(what))
+        for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    ]
     check_memory(size[0] * size[1] * DECODED, f"{path}: a frame of {size[0]}x{size[1]} px")
     return capture
 
@@ -121,7 +144,9 @@ def _check_scan(path: Path) -> None:
     again = _next(_open(path))  # into other memory, as the first is still in use
     if first.mean() < BLACK or again is None or not np.array_equal(first, again):
         remedy = "make it progressive first, as by ffmpeg's filter yadif"
-        raise ValueError(f"{path}: black, or interlaced, which OpenCV cannot read; {remedy}")
+        raise ValueError(
+            f"{path}: black, or interlaced, which OpenCV cannot read; {remedy}"
+        )
 
 
 def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
@@ -160,15 +185,24 @@ def is_sequence(path: PathLike) -> bool:
     suffix = source.suffix.lower()
     if suffix in PICTURES:
         return False
-    return suffix in VIDEOS or os.path.isdir(source) or (os.path.isfile(source) and not is_picture(source))
+    return (
+        suffix in VIDEOS
+        or os.path.isdir(source)
+        or (os.path.isfile(source) and not is_picture(source))
+    )
 
 
 def _list_pictures(paths: Iterable[PathLike]) -> Frames:
     """Take pictures, in one folder or not, as frames; their names are paths from the folder they share."""
     for path in paths:
         if not os.path.isfile(path) or is_sequence(path):
-            raise ValueError(f"{path} is not there, or no picture: give one folder, one video, or pictures")
-    files = sorted({Path(os.path.abspath(path)) for path in paths}, key=lambda f: (f.parent, _by_number(f)))
+            raise ValueError(
+                f"{path} is not there, or no picture: give one folder, one video, or pictures"
+            )
+    files = sorted(
+        {Path(os.path.abspath(path)) for path in paths},
+        key=lambda f: (f.parent, _by_number(f)),
+    )
     folder = Path(os.path.commonpath([file.parent for file in files]))
     return Frames(folder, tuple(file.relative_to(folder).as_posix() for file in files))
 
@@ -208,7 +242,9 @@ def open_frames(*paths: PathLike) -> Frames:
             raise ValueError(f"{source}: a video without a frame that can be decoded")
         _check_scan(source)
         return Frames(source, tuple(f"{number:06d}" for number in range(count)))
-    files = [file for file in files if file.suffix.lower() in PICTURES and file.name[0] != "."]
+    files = [
+        file for file in files if file.suffix.lower() in PICTURES and file.name[0] != "."
+    ]
     names = [file.name for file in sorted(files, key=_by_number) if not file.is_dir()]
     if not names:
         raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
@@ -232,8 +268,11 @@ class Stream:
 
     def __init__(self, capture: cv2.VideoCapture, name: str, rate: float | None) -> None:
         self.name = name
-        self.rate = rate  # frames per second at which it is played; None if it comes by itself
-        self._capture, self._closed = capture, threading.Event()
+        self.rate = (
+            rate  # frames per second at which it is played; None if it comes by itself
+        )
+        self._capture = capture
+        self._closed = threading.Event()
 
     def __iter__(self) -> Iterator[tuple[str, FloatArray]]:
         for name, stored in self.stored():
@@ -241,8 +280,11 @@ class Stream:
 
     def stored(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
         """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
-        started, last = time.perf_counter(), -1
-        longest = 1 if self.rate is None else LONGEST_BREAK  # of a stream, each takes `STREAM_TIMEOUT`
+        started = time.perf_counter()
+        last = -1
+        longest = (
+            1 if self.rate is None else LONGEST_BREAK
+        )  # of a stream, each takes `STREAM_TIMEOUT`
         for number in numbers():
             if self._closed.is_set() or number - last > longest:
                 break
@@ -250,7 +292,9 @@ class Stream:
             if stored is None:
                 continue
             if self.rate is not None:
-                self._closed.wait(max(0.0, started + number / self.rate - time.perf_counter()))
+                self._closed.wait(
+                    max(0.0, started + number / self.rate - time.perf_counter())
+                )
             yield f"{number:06d}", stored
             last = number
         self._capture.release()
@@ -294,7 +338,12 @@ def open_stream(source: int | PathLike) -> Stream:
         rate = capture.get(cv2.CAP_PROP_FPS)
         return Stream(capture, str(path), rate if 1 <= rate <= 1000 else USUAL_RATE)
     text = str(source)
-    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, STREAM_TIMEOUT, cv2.CAP_PROP_READ_TIMEOUT_MSEC, STREAM_TIMEOUT]
+    limits = [
+        cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+        STREAM_TIMEOUT,
+        cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+        STREAM_TIMEOUT,
+    ]
     if is_url(text):
         name = without_secrets(text)
         with quiet:
@@ -305,7 +354,9 @@ def open_stream(source: int | PathLike) -> Stream:
         with quiet:
             capture = cv2.VideoCapture(int(text))
     if not capture.isOpened():
-        raise ValueError(f"{name} cannot be opened: it is not there, in use, or holds no video")
+        raise ValueError(
+            f"{name} cannot be opened: it is not there, in use, or holds no video"
+        )
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # what a camera keeps back is old when it comes
     return Stream(capture, name, None)
 
@@ -321,24 +372,35 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
     with stage_file(target) as temporary:
         sums = _encode(temporary, images, rate)
-        kept = cv2.VideoCapture(str(temporary))  # for OpenCV does not say if the disk is full
+        kept = cv2.VideoCapture(
+            str(temporary)
+        )  # for OpenCV does not say if the disk is full
         if not sums or any(_sum(_next(kept)) != known for known in sums):
-            raise OSError(f"cannot write {target}: not every frame can be read back; the disk may be full")
+            raise OSError(
+                f"cannot write {target}: not every frame can be read back; the disk may be full"
+            )
 
 
 def _encode(path: Path, images: Iterable[FloatArray], rate: float) -> list[int]:
     """Encode pictures; return a checksum of each."""
-    writer, shape = cv2.VideoWriter(), None
+    writer = cv2.VideoWriter()
+    shape = None
     sums: list[int] = []
     for image in images:
         whole = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
-        stored = cv2.cvtColor(whole, cv2.COLOR_GRAY2BGR if whole.ndim == 2 else cv2.COLOR_RGB2BGR)
+        stored = cv2.cvtColor(
+            whole, cv2.COLOR_GRAY2BGR if whole.ndim == 2 else cv2.COLOR_RGB2BGR
+        )
         if not sums:
             shape = image.shape
             with quiet:
-                writer.open(str(path), cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1])
+                writer.open(
+                    str(path), cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1]
+                )
         if image.shape != shape:
-            raise ValueError(f"frame {len(sums)} of a video: expected {shape}, found {image.shape}")
+            raise ValueError(
+                f"frame {len(sums)} of a video: expected {shape}, found {image.shape}"
+            )
         writer.write(stored)
         sums.append(_sum(stored))
     writer.release()

@@ -30,7 +30,9 @@ class Coverage:
     sigma_percent: float  # median of σ, %
     within_one: float  # pixels whose truth is within σ of the estimate, %; 68.3 if normal
     within_two: float  # within 2σ, %; 95.4 if normal
-    spearman: float  # rank correlation of σ with the size of the error; nan if either is constant
+    spearman: (
+        float  # rank correlation of σ with the size of the error; nan if either is constant
+    )
     log_score: float  # -log of the density at the truth, nats
     crps_percent: float  # continuous ranked probability score, %
     constant_percent: float  # the best constant for the log score, %
@@ -40,7 +42,10 @@ class Coverage:
     @property
     def beats_a_constant(self) -> bool:
         """Whether both scores are better than those of the best constants."""
-        return self.log_score < self.constant_log_score and self.crps_percent < self.constant_crps_percent
+        return (
+            self.log_score < self.constant_log_score
+            and self.crps_percent < self.constant_crps_percent
+        )
 
 
 def coverage_of(
@@ -68,7 +73,9 @@ def coverage_of(
     ValueError
         If the sizes differ, if no pixel is known in all three, or if `scale` is neither.
     """
-    (distance, sigma, truth), known = valid_in_all(mask, distance=distance, sigma=sigma, truth=truth)
+    (distance, sigma, truth), known = valid_in_all(
+        mask, distance=distance, sigma=sigma, truth=truth
+    )
     if not known.any():
         raise ValueError("no pixel has an estimate, a σ and a true distance")
     factor = scale_to(truth[known], distance[known], scale)
@@ -110,7 +117,9 @@ def crps(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         z = np.where(error == 0, 0.0, error / sigma)
     density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    return np.asarray(error * (2 * ndtr(z) - 1) + sigma * (2 * density - 1 / np.sqrt(np.pi)))
+    return np.asarray(
+        error * (2 * ndtr(z) - 1) + sigma * (2 * density - 1 / np.sqrt(np.pi))
+    )
 
 
 def _best_for_crps(error: FloatArray) -> float:
@@ -118,6 +127,9 @@ def _best_for_crps(error: FloatArray) -> float:
     high = 2 * float(error.max())
 
     def slope(sigma: float) -> float:
-        return float(np.mean(np.exp(-0.5 * (error / sigma) ** 2)) * np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))
+        return float(
+            np.mean(np.exp(-0.5 * (error / sigma) ** 2)) * np.sqrt(2 / np.pi)
+            - 1 / np.sqrt(np.pi)
+        )
 
     return float(brentq(slope, 1e-6 * high, high)) if high > 0 else 0.0

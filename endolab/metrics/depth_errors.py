@@ -29,7 +29,9 @@ class Errors:
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angle between unit vectors (..., 3), degrees; exact for small angles too."""
-    return np.rad2deg(2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)))
+    return np.rad2deg(
+        2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    )
 
 
 def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
@@ -75,17 +77,26 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     ValueError
         If the two are not of one picture, for their proportions differ.
     """
-    truth, (height, width), (rows, columns) = truth.astype(np.float64), truth.shape[:2], shape
+    truth, (height, width), (rows, columns) = (
+        truth.astype(np.float64),
+        truth.shape[:2],
+        shape,
+    )
     if (height, width) == shape:
         return truth
-    if abs(rows - height * columns / width) > 1 and abs(columns - width * rows / height) > 1:
+    if (
+        abs(rows - height * columns / width) > 1
+        and abs(columns - width * rows / height) > 1
+    ):
         raise ValueError(
             f"the depth map is {columns}x{rows} px, the truth {width}x{height} px, of other proportions"
         )
     interpolation = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
 
     def mean(a: FloatArray) -> FloatArray:
-        return np.asarray(cv2.resize(a, (columns, rows), interpolation=interpolation), dtype=np.float64)
+        return np.asarray(
+            cv2.resize(a, (columns, rows), interpolation=interpolation), dtype=np.float64
+        )
 
     known: BoolArray = np.all(np.isfinite(truth).reshape(height, width, -1), axis=-1)
     share = mean(known.astype(np.float64))
@@ -105,7 +116,9 @@ def of_shape(shape: tuple[int, ...], **maps: FloatArray) -> list[FloatArray]:
     return [*arrays.values()]
 
 
-def valid_in_all(mask: BoolArray | None, **maps: FloatArray) -> tuple[list[FloatArray], BoolArray]:
+def valid_in_all(
+    mask: BoolArray | None, **maps: FloatArray
+) -> tuple[list[FloatArray], BoolArray]:
     """Maps of distances, (H, W), and which pixels of a mask are positive and finite in all of them."""
     shape = np.shape(next(iter(maps.values())))
     arrays = of_shape(shape, **maps)
@@ -114,7 +127,9 @@ def valid_in_all(mask: BoolArray | None, **maps: FloatArray) -> tuple[list[Float
     known = np.ones(shape, dtype=bool) if mask is None else mask_array("mask", mask)
     if known.shape != shape:
         raise ValueError(f"mask has shape {known.shape}, the depth map {shape}")
-    return arrays, np.logical_and.reduce([known, *(np.isfinite(array) & (array > 0) for array in arrays)])
+    return arrays, np.logical_and.reduce(
+        [known, *(np.isfinite(array) & (array > 0) for array in arrays)]
+    )
 
 
 def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:

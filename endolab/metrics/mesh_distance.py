@@ -16,7 +16,9 @@ from endolab.numerics.arrays import FloatArray
 class SurfaceDistance:
     """How far a mesh is from the true surface."""
 
-    distance: FloatArray  # (n,), from each vertex to the nearest point of the true surface, mm
+    distance: (
+        FloatArray  # (n,), from each vertex to the nearest point of the true surface, mm
+    )
     mean: float  # of the distances, mm
     median: float
     percentile_95: float
@@ -29,7 +31,9 @@ def load_open3d() -> Any:
     try:
         import open3d
     except (ImportError, OSError) as error:
-        raise OSError(f"Open3D does not import ({error}); on Debian install libusb-1.0-0") from error
+        raise OSError(
+            f"Open3D does not import ({error}); on Debian install libusb-1.0-0"
+        ) from error
     return open3d
 
 
@@ -48,7 +52,8 @@ def to_open3d(mesh: Mesh) -> Any:
     """Make an ``open3d.geometry.TriangleMesh`` with colours and normals."""
     open3d = load_open3d()
     made = open3d.geometry.TriangleMesh(
-        open3d.utility.Vector3dVector(mesh.vertices), open3d.utility.Vector3iVector(mesh.triangles)
+        open3d.utility.Vector3dVector(mesh.vertices),
+        open3d.utility.Vector3iVector(mesh.triangles),
     )
     made.vertex_colors = open3d.utility.Vector3dVector(mesh.colours)
     made.vertex_normals = open3d.utility.Vector3dVector(mesh.normals)
@@ -56,7 +61,9 @@ def to_open3d(mesh: Mesh) -> Any:
 
 
 def distance_to(
-    mesh: Mesh, truth: Mesh | tuple[FloatArray, NDArray] | FloatArray, scale: float | None = None
+    mesh: Mesh,
+    truth: Mesh | tuple[FloatArray, NDArray] | FloatArray,
+    scale: float | None = None,
 ) -> SurfaceDistance:
     """Measure how far a mesh is from the true surface, from its vertices to what is nearest there.
 
@@ -80,18 +87,27 @@ def distance_to(
         raise ValueError(f"the mesh is in {mesh.unit}: give scale, the mm of one unit")
     own = mesh.vertices * (1.0 if scale is None else scale)
     if isinstance(truth, Mesh | tuple):
-        vertices, triangles = (truth.vertices, truth.triangles) if isinstance(truth, Mesh) else truth
+        vertices, triangles = (
+            (truth.vertices, truth.triangles) if isinstance(truth, Mesh) else truth
+        )
         size = len(triangles)
     else:
         vertices = np.asarray(truth, dtype=np.float64).reshape(-1, 3)
         vertices = vertices[np.isfinite(vertices).all(axis=-1)]
-        triangles, size = None, len(vertices)
+        triangles = None
+        size = len(vertices)
     if not (len(own) and size):
-        raise ValueError(f"nothing to measure: the mesh has {len(own)} vertices, the truth {size} parts")
+        raise ValueError(
+            f"nothing to measure: the mesh has {len(own)} vertices, the truth {size} parts"
+        )
     if triangles is None:
         distance = scipy.spatial.cKDTree(vertices).query(own)[0]
     else:
         place = load_open3d().core.Tensor(own.astype(np.float32))
-        distance = caster(vertices, triangles).compute_distance(place).numpy().astype(np.float64)
-    mean, median, most = np.mean(distance), np.median(distance), np.percentile(distance, 95)
+        distance = (
+            caster(vertices, triangles).compute_distance(place).numpy().astype(np.float64)
+        )
+    mean = np.mean(distance)
+    median = np.median(distance)
+    most = np.percentile(distance, 95)
     return SurfaceDistance(distance, float(mean), float(median), float(most))

@@ -21,7 +21,9 @@ class BRDF(Protocol):
         """f_r at the cosines of the angles normal-light and normal-half vector, 1/sr."""
         ...
 
-    def derivative(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def derivative(
+        self, cos_incidence: ArrayLike, cos_half: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
         """Derivatives of `value` by its two cosines."""
         ...
 
@@ -41,7 +43,9 @@ class Lambertian:
     def __post_init__(self) -> None:
         albedo = real_array("albedo", self.albedo)
         if albedo.shape not in ((), (3,)):
-            raise ValueError(f"albedo must be one number or three (red, green, blue), got {self.albedo}")
+            raise ValueError(
+                f"albedo must be one number or three (red, green, blue), got {self.albedo}"
+            )
         check_range("albedo", albedo)
         plain = albedo.tolist()
         object.__setattr__(self, "albedo", tuple(plain) if albedo.ndim else plain)
@@ -49,10 +53,14 @@ class Lambertian:
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`; needs one albedo, not three."""
         if isinstance(self.albedo, tuple):
-            raise ValueError("the surface has one albedo per channel: choose a channel first")
+            raise ValueError(
+                "the surface has one albedo per channel: choose a channel first"
+            )
         return np.full(np.shape(cos_incidence), self.albedo / np.pi)
 
-    def derivative(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def derivative(
+        self, cos_incidence: ArrayLike, cos_half: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
         """See `BRDF.derivative`."""
         zero = np.zeros(np.shape(cos_incidence))
         return zero, zero
@@ -74,7 +82,8 @@ class TabulatedBRDF:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        theta, values = real_array("theta", self.theta), real_array("value", self.values)
+        theta = real_array("theta", self.theta)
+        values = real_array("value", self.values)
         if theta.ndim != 1 or theta.size < 2 or theta.shape != values.shape:
             raise ValueError(
                 f"theta and value must be lists of one length, got {theta.size} and {values.size}"
@@ -91,10 +100,13 @@ class TabulatedBRDF:
         theta = np.arccos(np.clip(cos_incidence, 0.0, 1.0))
         return np.interp(theta, self.theta, self.values)
 
-    def derivative(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def derivative(
+        self, cos_incidence: ArrayLike, cos_half: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
         """See `BRDF.derivative`. At normal incidence, where the table has a cusp, 0."""
         theta = np.arccos(np.clip(cos_incidence, 0.0, 1.0))
-        nodes, values = np.asarray(self.theta), np.asarray(self.values)
+        nodes = np.asarray(self.theta)
+        values = np.asarray(self.values)
         slopes = np.concatenate([[0.0], np.diff(values) / np.diff(nodes), [0.0]])
         slope = slopes[np.searchsorted(nodes, theta, side="right")]
         sin = np.sin(theta)
@@ -129,9 +141,13 @@ class Glossy:
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`."""
         lobe = np.clip(cos_half, 0.0, None) ** self.shininess
-        return self.albedo / np.pi + self.specular * (self.shininess + 2) / (2 * np.pi) * lobe
+        return (
+            self.albedo / np.pi + self.specular * (self.shininess + 2) / (2 * np.pi) * lobe
+        )
 
-    def derivative(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def derivative(
+        self, cos_incidence: ArrayLike, cos_half: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
         """See `BRDF.derivative`."""
         lobe = np.clip(cos_half, 0.0, None) ** max(self.shininess - 1, 0.0)
         by_half = self.specular * (self.shininess + 2) / (2 * np.pi) * self.shininess * lobe

@@ -33,7 +33,9 @@ class RayField:
 
     rays: FloatArray  # (H, W, 3), unit rays r in the camera frame; nan outside the field
     jacobian: FloatArray  # (H, W, 3, 2), ∂r/∂(column, row), per pixel
-    inverse_metric: FloatArray  # (H, W, 3), the entries (uu, uv, vv) of G⁻¹, in pixels squared
+    inverse_metric: (
+        FloatArray  # (H, W, 3), the entries (uu, uv, vv) of G⁻¹, in pixels squared
+    )
     valid: BoolArray  # (H, W), pixels that see something: inside the monotone range of the model
 
     @property
@@ -58,7 +60,9 @@ class Camera:
     height: int
 
     model: ClassVar[str]
-    _in_pixels: ClassVar[dict[str, int]]  # parameters that scale with the columns (0) or rows (1)
+    _in_pixels: ClassVar[
+        dict[str, int]
+    ]  # parameters that scale with the columns (0) or rows (1)
 
     @property
     def _affine(self) -> FloatArray:
@@ -86,9 +90,14 @@ class Camera:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
         raise NotImplementedError
 
-    def _transform(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
+    def _transform(
+        self, scale: FloatArray, offset: FloatArray, width: int, height: int
+    ) -> Self:
         """Return the camera whose pixel is ``scale * old pixel + offset``."""
-        scaled = {name: getattr(self, name) * scale[axis] for name, axis in self._in_pixels.items()}
+        scaled = {
+            name: getattr(self, name) * scale[axis]
+            for name, axis in self._in_pixels.items()
+        }
         for name, shift in zip(("cx", "cy"), offset, strict=True):
             scaled[name] += shift
         return replace(self, width=width, height=height, **scaled)
@@ -97,7 +106,9 @@ class Camera:
         for name in ("width", "height"):
             value = number(name, getattr(self, name))
             if not (1 <= value <= 100_000 and int(value) == value):
-                raise ValueError(f"{name} must be a positive whole number of pixels, got {value:g}")
+                raise ValueError(
+                    f"{name} must be a positive whole number of pixels, got {value:g}"
+                )
             object.__setattr__(self, name, int(value))
 
     def project(self, points: ArrayLike) -> FloatArray:
@@ -107,7 +118,9 @@ class Camera:
         as it is.
         """
         points = np.asarray(points, dtype=np.float64)
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        x = points[..., 0]
+        y = points[..., 1]
+        z = points[..., 2]
         side = np.hypot(x, y)
         theta = np.arctan2(side, z)
         inside = (theta <= self.max_angle) & ((side > 0) | (z > 0))
@@ -129,34 +142,44 @@ class Camera:
         inside = radius <= self._max_radius
         theta, turn = self._angle(np.where(inside, radius, 0.0))
         theta = np.where(inside, theta, np.nan)
-        sin, cos = np.sin(theta), np.cos(theta)
+        sin = np.sin(theta)
+        cos = np.cos(theta)
         on_axis = radius == 0
         radius = np.where(on_axis, 1.0, radius)
-        cphi, sphi = plane[..., 0] / radius + on_axis, plane[..., 1] / radius
+        cphi = plane[..., 0] / radius + on_axis
+        sphi = plane[..., 1] / radius
         rays = np.empty((*radius.shape, 3))
-        rays[..., 0], rays[..., 1], rays[..., 2] = sin * cphi, sin * sphi, cos
+        rays[..., 0] = sin * cphi
+        rays[..., 1] = sin * sphi
+        rays[..., 2] = cos
         # Moving out by dh turns the ray by ϑ'dh; moving sideways by h dφ turns it by sin ϑ dφ.
-        out, side = turn * cos, np.where(on_axis, turn, sin / radius)
+        out = turn * cos
+        side = np.where(on_axis, turn, sin / radius)
         by_plane = np.empty((*radius.shape, 3, 2))
         by_plane[..., 0, 0] = out * cphi**2 + side * sphi**2
         by_plane[..., 0, 1] = by_plane[..., 1, 0] = (out - side) * cphi * sphi
         by_plane[..., 1, 1] = out * sphi**2 + side * cphi**2
-        by_plane[..., 2, 0], by_plane[..., 2, 1] = -turn * sin * cphi, -turn * sin * sphi
+        by_plane[..., 2, 0] = -turn * sin * cphi
+        by_plane[..., 2, 1] = -turn * sin * sphi
         return rays, by_plane @ to_plane
 
     @cached_property
     def field(self) -> RayField:
         """The ray field of every pixel; computed once."""
         shape = (self.height, self.width)
-        rays, jacobian, inverse = np.empty((*shape, 3)), np.empty((*shape, 3, 2)), np.empty((*shape, 3))
+        rays = np.empty((*shape, 3))
+        jacobian = np.empty((*shape, 3, 2))
+        inverse = np.empty((*shape, 3))
         valid = np.empty(shape, dtype=bool)
 
         def fill(band: slice) -> None:
             rows, columns = np.mgrid[band, : self.width].astype(np.float64)
             rays[band], jacobian[band] = self._rays_at(np.stack([columns, rows], axis=-1))
-            by_u, by_v = jacobian[band, ..., 0], jacobian[band, ..., 1]
+            by_u = jacobian[band, ..., 0]
+            by_v = jacobian[band, ..., 1]
             guu, guv, gvv = (
-                np.einsum("hwi,hwi->hw", *pair) for pair in ((by_u, by_u), (by_u, by_v), (by_v, by_v))
+                np.einsum("hwi,hwi->hw", *pair)
+                for pair in ((by_u, by_u), (by_u, by_v), (by_v, by_v))
             )
             determinant = guu * gvv - guv * guv
             inverse[band] = np.stack([gvv, -guv, guu], axis=-1) / determinant[..., None]
@@ -171,7 +194,9 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        resized: tuple[Self, ...] = vars(self).get("_resized", ())  # never changed: other threads read it
+        resized: tuple[Self, ...] = vars(self).get(
+            "_resized", ()
+        )  # never changed: other threads read it
         for camera in resized:
             if (camera.width, camera.height) == (width, height):
                 return camera
@@ -190,7 +215,9 @@ class Camera:
                 f"the window {width}x{height} at column {left}, row {top} reaches outside "
                 f"the {self.width}x{self.height} picture"
             )
-        return self._transform(np.ones(2), np.array([-left, -top], dtype=np.float64), width, height)
+        return self._transform(
+            np.ones(2), np.array([-left, -top], dtype=np.float64), width, height
+        )
 
 
 @dataclass(frozen=True)
@@ -294,7 +321,10 @@ class KannalaBrandt(_FocalCamera):
 
     @cached_property
     def max_angle(self) -> float:  # noqa: D102
-        slope_in_square = [1.0, *(odd * k for odd, k in zip((3, 5, 7, 9), self.k, strict=True))]
+        slope_in_square = [
+            1.0,
+            *(odd * k for odd, k in zip((3, 5, 7, 9), self.k, strict=True)),
+        ]
         return float(np.sqrt(smallest_positive_root(slope_in_square, np.pi**2)))
 
     @cached_property
@@ -392,7 +422,10 @@ class Scaramuzza(Camera):
         return np.arctan2(r, height), turn / (r * r + height * height)
 
     def _radius(self, theta: FloatArray) -> FloatArray:
-        return invert_increasing(self._scaled_angle, theta, 0.0, self._max_radius / self.a[0]) * self.a[0]
+        return (
+            invert_increasing(self._scaled_angle, theta, 0.0, self._max_radius / self.a[0])
+            * self.a[0]
+        )
 
     def _scaled_angle(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         angle, slope = self._angle(r * self.a[0])

@@ -20,7 +20,9 @@ _CAMERAS: dict[
 
 def _camera(section: Section) -> Camera:
     make, lengths = _CAMERAS[section.choice("model", tuple(_CAMERAS))]
-    values: dict[str, Any] = {key: section.integer(key, low=1) for key in ("width", "height")}
+    values: dict[str, Any] = {
+        key: section.integer(key, low=1) for key in ("width", "height")
+    }
     for key, count in lengths.items():
         values[key] = section.numbers(key, count) if count else section.number(key)
     if make is Scaramuzza:
@@ -32,19 +34,23 @@ def _camera(section: Section) -> Camera:
 def _brdf(section: Section) -> BRDF:
     made: BRDF
     if section.choice("model", ("lambertian", "tabulated")) == "tabulated":
-        theta, values = section.numbers("theta"), section.numbers("value")
+        theta = section.numbers("theta")
+        values = section.numbers("value")
         made = section.build(TabulatedBRDF, theta=theta, values=values)
     else:
         three = isinstance(section.content.get("albedo"), list | tuple)
         made = section.build(
-            Lambertian, albedo=section.numbers("albedo", 3) if three else section.number("albedo", 1.0)
+            Lambertian,
+            albedo=section.numbers("albedo", 3) if three else section.number("albedo", 1.0),
         )
     return made
 
 
 def _photometry(section: Section) -> Photometry:
     values: dict[str, Any] = {name: section.number(name) for name in ("k", "gamma")}
-    values["gain"] = None if section.content.get("gain", ...) is None else section.number("gain")
+    values["gain"] = (
+        None if section.content.get("gain", ...) is None else section.number("gain")
+    )
     section.take("gain", None)
     values["brdf"] = _brdf(section.section("brdf"))
     listed = section.take("lights", [])
@@ -53,8 +59,13 @@ def _photometry(section: Section) -> Photometry:
     lights = []
     for index, item in enumerate(listed):
         light = Section(item, f"{section.where}.lights[{index}]", section.file)
-        parts: dict[str, Any] = {name: light.numbers(name, 3) for name in ("position", "direction")}
-        parts |= {"exponent": light.number("exponent"), "weight": light.number("weight", 1.0)}
+        parts: dict[str, Any] = {
+            name: light.numbers(name, 3) for name in ("position", "direction")
+        }
+        parts |= {
+            "exponent": light.number("exponent"),
+            "weight": light.number("weight", 1.0),
+        }
         lights.append(light.build(SpotLight, **parts))
     made: Photometry = section.build(Photometry, **values, lights=tuple(lights))
     return made
@@ -102,10 +113,13 @@ class Calibration:
         """Check the content of an `endoscope.json`; errors name the file (or `name`) and the key."""
         top = Section(content, "", name)
         _check_version(top)
-        camera, photometry = _camera(top.section("camera")), _photometry(top.section("photometry"))
+        camera = _camera(top.section("camera"))
+        photometry = _photometry(top.section("photometry"))
         evidence = top.take("evidence", {})
         if not isinstance(evidence, dict):
-            raise top.error("evidence", f"expected an object {{…}}, found {quote(evidence)}")
+            raise top.error(
+                "evidence", f"expected an object {{…}}, found {quote(evidence)}"
+            )
         top.end()
         return cls(camera, photometry, evidence)
 
@@ -113,18 +127,28 @@ class Calibration:
         """Return the content of an `endoscope.json`."""
         brdf = self.photometry.brdf
         if isinstance(brdf, TabulatedBRDF):
-            surface: dict[str, Any] = {"model": "tabulated", "theta": brdf.theta, "value": brdf.values}
+            surface: dict[str, Any] = {
+                "model": "tabulated",
+                "theta": brdf.theta,
+                "value": brdf.values,
+            }
         elif isinstance(brdf, Lambertian):
             surface = {"model": "lambertian", "albedo": brdf.albedo}
         else:
             raise ValueError(
                 f"a calibration file holds Lambertian or tabulated BRDFs, not {type(brdf).__name__}"
             )
-        photometry = {name: getattr(self.photometry, name) for name in ("k", "gamma", "gain")}
+        photometry = {
+            name: getattr(self.photometry, name) for name in ("k", "gamma", "gain")
+        }
         photometry["brdf"] = surface
         if self.photometry.lights:
             photometry["lights"] = [asdict(light) for light in self.photometry.lights]
-        integer = {"endolab": 1, "camera": camera_to_dict(self.camera), "photometry": photometry}
+        integer = {
+            "endolab": 1,
+            "camera": camera_to_dict(self.camera),
+            "photometry": photometry,
+        }
         return integer | ({"evidence": self.evidence} if self.evidence else {})
 
     def resize(self, width: int, height: int) -> Self:

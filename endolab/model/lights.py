@@ -38,14 +38,18 @@ class SpotLight:
         direction = real_array("direction", self.direction)
         for name, three in (("position", position), ("direction", direction)):
             if three.shape != (3,):
-                raise ValueError(f"{name} must be three numbers, got {excerpt(getattr(self, name))}")
+                raise ValueError(
+                    f"{name} must be three numbers, got {excerpt(getattr(self, name))}"
+                )
         length = math.hypot(*direction)
         if not 1e-6 <= length <= 1e6:
             raise ValueError(f"direction must be 1e-06 to 1e+06 long, got {self.direction}")
         check_range("position", position)
         for name in ("exponent", "weight"):
             in_range(name, getattr(self, name))
-        unit = direction if abs(length - 1) < 1e-12 else direction / length  # unit ones stay as they are
+        unit = (
+            direction if abs(length - 1) < 1e-12 else direction / length
+        )  # unit ones stay as they are
         object.__setattr__(self, "position", tuple(position.tolist()))
         object.__setattr__(self, "direction", tuple(unit.tolist()))
 

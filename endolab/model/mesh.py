@@ -12,7 +12,9 @@ class Mesh:
     """A surface made of triangles."""
 
     vertices: FloatArray  # (n, 3), in the camera frame: x right, y down, z forward
-    triangles: IndexArray  # (m, 3), three vertices each, counterclockwise as the camera sees them
+    triangles: (
+        IndexArray  # (m, 3), three vertices each, counterclockwise as the camera sees them
+    )
     colours: FloatArray  # (n, 3), R, G, B in [0, 1]
     normals: FloatArray  # (n, 3), unit normals, towards the camera
     unit: str = "mm"  # of the vertices
@@ -28,7 +30,13 @@ def vertex_normals(vertices: FloatArray, triangles: IndexArray) -> FloatArray:
     """Unit normals of the vertices: those of the triangles around, weighted by area."""
     towards = triangle_normals(vertices[triangles])
     total = np.stack(
-        [sum(np.bincount(corner, part, len(vertices)) for corner in triangles.T) for part in towards.T], -1
+        [
+            sum(np.bincount(corner, part, len(vertices)) for corner in triangles.T)
+            for part in towards.T
+        ],
+        -1,
     )
     # No sum is 0: seen from the camera, every triangle at a vertex has it in its plane.
-    return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), np.finfo(float).tiny)
+    return total / np.maximum(
+        np.linalg.norm(total, axis=-1, keepdims=True), np.finfo(float).tiny
+    )

@@ -25,7 +25,9 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 CHANNELS = ("red", "green", "blue")
-GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])  # of stored values; ITU-R BT.601, as cv2 and JPEG use
+GREY_WEIGHTS = np.array(
+    [0.299, 0.587, 0.114]
+)  # of stored values; ITU-R BT.601, as cv2 and JPEG use
 CENTRED_LIGHT = SpotLight()
 
 
@@ -98,17 +100,28 @@ class Photometry:
             return self
         forward = [light for light in self.lights if light.direction[2] > 0]
         if not forward:
-            raise ValueError("no light shines forward, so no virtual light can stand for them")
-        strength = np.array([light.weight * light.direction[2] ** light.exponent for light in forward])
+            raise ValueError(
+                "no light shines forward, so no virtual light can stand for them"
+            )
+        strength = np.array(
+            [light.weight * light.direction[2] ** light.exponent for light in forward]
+        )
         exponents = np.array([light.exponent for light in forward])
         gain = None if self.gain is None else self.gain * float(strength.sum())
-        return replace(self, k=self.k + float(strength @ exponents / strength.sum()), gain=gain, lights=())
+        return replace(
+            self,
+            k=self.k + float(strength @ exponents / strength.sum()),
+            gain=gain,
+            lights=(),
+        )
 
     def attenuation(self, cos_alpha: ArrayLike) -> FloatArray:
         """μ′ = cos^k α, α being the angle between ray and axis; 0 from 90° on."""
         cosine = np.asarray(cos_alpha, dtype=np.float64)
         front = cosine > 0
-        return np.where(np.isnan(cosine), np.nan, np.where(front, cosine, 1.0) ** self.k * front)
+        return np.where(
+            np.isnan(cosine), np.nan, np.where(front, cosine, 1.0) ** self.k * front
+        )
 
     def _known_gain(self) -> float:
         if self.gain is None:
@@ -122,7 +135,8 @@ class Photometry:
 
         0 and up; 1 is the sensor's maximum, where a real picture saturates.
         """
-        points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        points = np.asarray(points, dtype=np.float64)
+        normals = np.asarray(normals, dtype=np.float64)
         distance = np.linalg.norm(points, axis=-1)
         to_camera = -points / distance[..., None]
         linear = np.zeros(distance.shape)
@@ -133,7 +147,11 @@ class Photometry:
         return np.asarray(linear ** (1 / self.gamma))
 
     def _lit(
-        self, light: SpotLight, points: FloatArray, normals: FloatArray, to_camera: FloatArray
+        self,
+        light: SpotLight,
+        points: FloatArray,
+        normals: FloatArray,
+        to_camera: FloatArray,
     ) -> tuple[FloatArray, ...]:
         """Radiance on the front, cosine of incidence, f_r; ω, distance to the light; h, its length, n·h."""
         radiance, reach = light.illuminate(points)
@@ -150,35 +168,51 @@ class Photometry:
         self, points: ArrayLike, normals: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return `intensity`, ∂I/∂x, 1/mm, and ∂I/∂n, (..., 3) each; all three components of n are free."""
-        points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        points = np.asarray(points, dtype=np.float64)
+        normals = np.asarray(normals, dtype=np.float64)
         distance = np.linalg.norm(points, axis=-1)
         to_camera = -points / distance[..., None]
         linear = np.zeros(distance.shape)
-        by_point, by_normal = np.zeros(points.shape), np.zeros(points.shape)
+        by_point = np.zeros(points.shape)
+        by_normal = np.zeros(points.shape)
         for light in self.lights or (CENTRED_LIGHT,):
             surface = self._lit(light, points, normals, to_camera)
             lit, cos_i, f, to_light, reach, half, half_length, cos_h = surface
             f_i, f_h = self.brdf.derivative(cos_i, cos_h)
             shade = lit * f * cos_i
             linear += shade
-            by_cos_i, by_cos_h = lit * (f + f_i * cos_i), lit * f_h * cos_i
+            by_cos_i = lit * (f + f_i * cos_i)
+            by_cos_h = lit * f_h * cos_i
             by_normal += by_cos_i[..., None] * to_light + by_cos_h[..., None] * half
             # The two directions turn with the point: ∂ω/∂x = -(1 - ωωᵀ)/distance.
             turn_i = -(normals - cos_i[..., None] * to_light) / reach[..., None]
             across = (normals - cos_h[..., None] * half) / half_length[..., None]
-            turn_h = -(across - _dot(across, to_light)[..., None] * to_light) / reach[..., None]
-            turn_h -= (across - _dot(across, to_camera)[..., None] * to_camera) / distance[..., None]
+            turn_h = (
+                -(across - _dot(across, to_light)[..., None] * to_light) / reach[..., None]
+            )
+            turn_h -= (across - _dot(across, to_camera)[..., None] * to_camera) / distance[
+                ..., None
+            ]
             by_point += by_cos_i[..., None] * turn_i + by_cos_h[..., None] * turn_h
             by_point += shade[..., None] * light.log_gradient(points)
         cos_alpha = points[..., 2] / distance
         scale = self.attenuation(cos_alpha) * self._known_gain()
         forward = np.where(points[..., 2] > 0, points[..., 2], np.inf)[..., None]
         axis = np.array([0.0, 0.0, 1.0])
-        by_point += self.k * linear[..., None] * (axis / forward - points / distance[..., None] ** 2)
+        by_point += (
+            self.k
+            * linear[..., None]
+            * (axis / forward - points / distance[..., None] ** 2)
+        )
         linear = linear * scale
         intensity = linear ** (1 / self.gamma)
         # dI = I/(γ L) dL; in the dark, where I has no slope, 0.
-        slope = scale * intensity / (self.gamma * np.where(linear > 0, linear, 1.0)) * (linear > 0)
+        slope = (
+            scale
+            * intensity
+            / (self.gamma * np.where(linear > 0, linear, 1.0))
+            * (linear > 0)
+        )
         return intensity, slope[..., None] * by_point, slope[..., None] * by_normal
 
     # Simplified model ------------------------------------------------------------------
@@ -192,25 +226,36 @@ class Photometry:
         """
         slant = np.asarray(slant, dtype=np.float64)
         cosine = 1 / np.sqrt(1 + slant)
-        f, slope = self.brdf.value(cosine, cosine), sum(self.brdf.derivative(cosine, cosine))
+        f = self.brdf.value(cosine, cosine)
+        slope = sum(self.brdf.derivative(cosine, cosine))
         intensity = self._to_stored(log_distance, cosine, f, self.attenuation(cos_alpha))
         # d cos θ / dP = -cos³θ / 2
         by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
         return intensity, -2 * intensity / self.gamma, by_slant
 
-    def brightness(self, log_distance: ArrayLike, slant: ArrayLike, attenuation: FloatArray) -> FloatArray:
+    def brightness(
+        self, log_distance: ArrayLike, slant: ArrayLike, attenuation: FloatArray
+    ) -> FloatArray:
         """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
         cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
-        return self._to_stored(log_distance, cosine, self.brdf.value(cosine, cosine), attenuation)
+        return self._to_stored(
+            log_distance, cosine, self.brdf.value(cosine, cosine), attenuation
+        )
 
     def _to_stored(
-        self, log_distance: ArrayLike, cosine: FloatArray, f: FloatArray, attenuation: FloatArray
+        self,
+        log_distance: ArrayLike,
+        cosine: FloatArray,
+        f: FloatArray,
+        attenuation: FloatArray,
     ) -> FloatArray:
         falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
         linear = attenuation * self._known_gain() * falloff * f * cosine
         return np.asarray(linear ** (1 / self.gamma))
 
-    def canonical(self, image: ArrayLike, cos_alpha: ArrayLike, theta: ArrayLike = 0.0) -> FloatArray:
+    def canonical(
+        self, image: ArrayLike, cos_alpha: ArrayLike, theta: ArrayLike = 0.0
+    ) -> FloatArray:
         """Canonical intensity I_c = I^γ / (μ′ f_r(θ) g) = cos θ / d², 1/mm², of stored values in [0, 1].
 
         With an unknown gain, g = 1 is taken; a BRDF that is not Lambertian is read at θ, rad. nan where no

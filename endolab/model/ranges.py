@@ -22,7 +22,10 @@ RANGES = {
     "exponent": (0.0, 100.0),
     "weight": (1e-12, 1e12),
     "length": (1e-3, 1e6),  # of a target, or one that fixes a scale, mm
-    "distance": (1e-12, 1e12),  # of a surface, in any unit: its square is a number in single precision, too
+    "distance": (
+        1e-12,
+        1e12,
+    ),  # of a surface, in any unit: its square is a number in single precision, too
     "lam": (0.0, 1e12),
     "epsilon": (1e-12, 1e6),
     "threshold": (1e-9, 1e6),
@@ -48,6 +51,8 @@ def in_range(name: str, value: float) -> float:
 def check_range(name: str, values: ArrayLike, kind: str = "") -> None:
     """Raise a ValueError if a value of this name, or one of several, is out of its range, or a kind's."""
     low, high = RANGES[kind or name]
-    wrong = [value for value in np.ravel(real_array(name, values)) if not low <= value <= high]
+    wrong = [
+        value for value in np.ravel(real_array(name, values)) if not low <= value <= high
+    ]
     if wrong:
         raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {wrong[0]:g}")

@@ -17,10 +17,15 @@ def nearest(given: object, choices: Iterable[str]) -> str:
     plain = {name.lower(): name for name in choices}
     if len(str(given)) > LONGEST_VALUE:
         return ""
-    return next((plain[name] for name in difflib.get_close_matches(str(given).lower(), plain, 1)), "")
+    return next(
+        (plain[name] for name in difflib.get_close_matches(str(given).lower(), plain, 1)),
+        "",
+    )
 
 
-def unknown_name(what: str, given: object, choices: Iterable[str], other: str = "") -> ValueError:
+def unknown_name(
+    what: str, given: object, choices: Iterable[str], other: str = ""
+) -> ValueError:
     """Make the error that names all there is to choose, and the nearest if one is misspelt.
 
     `other` is what can be given beside the choices, such as a file.
@@ -29,7 +34,9 @@ def unknown_name(what: str, given: object, choices: Iterable[str], other: str = 
     meant = nearest(given, names)
     *most, last = [*names, other] if other else names
     hint = f"; did you mean {meant}?" if meant else ""
-    return ValueError(f"unknown {what} {shorten(repr(given))}; choose {', '.join(most)} or {last}{hint}")
+    return ValueError(
+        f"unknown {what} {shorten(repr(given))}; choose {', '.join(most)} or {last}{hint}"
+    )
 
 
 def quote(value: object) -> str:
@@ -41,7 +48,9 @@ def shorten(text: str, most: int = LONGEST_VALUE) -> str:
     """Leave out the middle of what is too long, and what cannot be printed in one line."""
     if len(text) > most:
         text = f"{text[: most // 2]} … {text[-most // 2 :]}"
-    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    return (
+        text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    )
 
 
 def _is_finite(value: Any) -> bool:
@@ -58,7 +67,8 @@ class Section:
     """A part of a JSON file that is read key by key; every error names the key."""
 
     def __init__(self, content: Any, where: str, file: str) -> None:
-        self.where, self.file = where, file
+        self.where = where
+        self.file = file
         if not isinstance(content, dict):
             raise self.error("", f"expected an object {{…}}, found {quote(content)}")
         self.content = dict(content)
@@ -67,14 +77,18 @@ class Section:
     def error(self, key: str, what: str) -> ValueError:
         """Make the error that says what is wrong with a key; "" means this part as a whole."""
         name = shorten(".".join(part for part in (self.where, key) if part))
-        return ValueError(f"{self.file}: {name or 'the file'}: {shorten(what, 5 * LONGEST_VALUE)}")
+        return ValueError(
+            f"{self.file}: {name or 'the file'}: {shorten(what, 5 * LONGEST_VALUE)}"
+        )
 
     def take(self, key: str, default: Any = ...) -> Any:
         """Take out a value of any kind; it must be there unless a default is given."""
         self.asked[key] = None
         if key not in self.content and default is ...:
             like = nearest(key, self.content)
-            raise self.error(key, f'missing; is "{like}" a misspelling of it?' if like else "missing")
+            raise self.error(
+                key, f'missing; is "{like}" a misspelling of it?' if like else "missing"
+            )
         return self.content.pop(key, default)
 
     def section(self, key: str) -> Section:
@@ -104,7 +118,9 @@ class Section:
             raise self.error(key, f"expected a whole number, found {value:g}")
         return int(value)
 
-    def numbers(self, key: str, count: int | None = None, default: Any = ...) -> tuple[float, ...]:
+    def numbers(
+        self, key: str, count: int | None = None, default: Any = ...
+    ) -> tuple[float, ...]:
         """Take out a list of `count` finite numbers, or of any count."""
         value = self.take(key, default)
         good = isinstance(value, list | tuple) and (count is None or len(value) == count)
@@ -119,7 +135,9 @@ class Section:
         if value not in choices:
             like = nearest(value, choices)
             hint = f"; did you mean {like}?" if like else ""
-            raise self.error(key, f"expected one of {', '.join(choices)}, found {quote(value)}{hint}")
+            raise self.error(
+                key, f"expected one of {', '.join(choices)}, found {quote(value)}{hint}"
+            )
         return str(value)
 
     def end(self) -> None:

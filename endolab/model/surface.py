@@ -53,7 +53,9 @@ def slant(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
     return guu * f_u**2 + 2 * guv * f_u * f_v + gvv * f_v**2
 
 
-def normals(log_distance: FloatArray, field: RayField, mask: BoolArray | None = None) -> FloatArray:
+def normals(
+    log_distance: FloatArray, field: RayField, mask: BoolArray | None = None
+) -> FloatArray:
     """Unit normals (H, W, 3) in the camera frame, towards the camera, from v = log d; nan outside the mask.
 
     The mask is by default where v is finite.
@@ -65,8 +67,12 @@ def normals(log_distance: FloatArray, field: RayField, mask: BoolArray | None = 
 def normals_from_gradient(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
     """Normals from ∂v/∂column and ∂v/∂row, (H, W) each; see `normals`."""
     guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-    raised_u, raised_v = guu * f_u + guv * f_v, guv * f_u + gvv * f_v
-    tangent = raised_u[..., None] * field.jacobian[..., 0] + raised_v[..., None] * field.jacobian[..., 1]
+    raised_u = guu * f_u + guv * f_v
+    raised_v = guv * f_u + gvv * f_v
+    tangent = (
+        raised_u[..., None] * field.jacobian[..., 0]
+        + raised_v[..., None] * field.jacobian[..., 1]
+    )
     return (tangent - field.rays) / np.sqrt(1 + slant(f_u, f_v, field))[..., None]
 
 

@@ -13,26 +13,42 @@ from endolab.numerics.derivatives import links
 
 @kernel
 def _derivative(
-    f: tuple[float, float, float, float, float], link: tuple[bool, bool, bool, bool], order: int
+    f: tuple[float, float, float, float, float],
+    link: tuple[bool, bool, bool, bool],
+    order: int,
 ) -> float:
     """See `derivatives.gradient`, from five values in a row and the four links between them."""
-    forward, backward = f[3] - f[2], f[2] - f[1]
+    forward = f[3] - f[2]
+    backward = f[2] - f[1]
     if link[1] and link[2]:
         return 0.5 * (forward + backward)
     if link[2]:
-        return forward + 0.5 * (forward - (f[4] - f[3])) if order == 2 and link[3] else forward
+        return (
+            forward + 0.5 * (forward - (f[4] - f[3])) if order == 2 and link[3] else forward
+        )
     if link[1]:
-        return backward + 0.5 * (backward - (f[1] - f[0])) if order == 2 and link[0] else backward
+        return (
+            backward + 0.5 * (backward - (f[1] - f[0]))
+            if order == 2 and link[0]
+            else backward
+        )
     return 0.0
 
 
 @kernel
 def _fill_slopes(
-    f: FloatArray, right: BoolArray, below: BoolArray, step: int, order: int, f_u: FloatArray, f_v: FloatArray
+    f: FloatArray,
+    right: BoolArray,
+    below: BoolArray,
+    step: int,
+    order: int,
+    f_u: FloatArray,
+    f_v: FloatArray,
 ) -> None:
     for row in range(f_u.shape[0]):
         for column in range(f_u.shape[1]):
-            i, j = row * step + PAD, column * step + PAD
+            i = row * step + PAD
+            j = column * step + PAD
             values = f[i, j - 2], f[i, j - 1], f[i, j], f[i, j + 1], f[i, j + 2]
             joined = right[i, j - 2], right[i, j - 1], right[i, j], right[i, j + 1]
             f_u[row, column] = _derivative(values, joined, order)
@@ -52,9 +68,13 @@ def _fill_normals(
 ) -> None:
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            guu, guv, gvv = metric[i, j, 0], metric[i, j, 1], metric[i, j, 2]
-            u, v = f_u[i, j], f_v[i, j]
-            raised_u, raised_v = guu * u + guv * v, guv * u + gvv * v
+            guu = metric[i, j, 0]
+            guv = metric[i, j, 1]
+            gvv = metric[i, j, 2]
+            u = f_u[i, j]
+            v = f_v[i, j]
+            raised_u = guu * u + guv * v
+            raised_v = guv * u + gvv * v
             length = np.sqrt(1 + (guu * u * u + 2 * guv * u * v + gvv * v * v))
             for k in range(3):
                 tangent = raised_u * jacobian[i, j, k, 0] + raised_v * jacobian[i, j, k, 1]
@@ -62,11 +82,18 @@ def _fill_normals(
 
 
 @kernel
-def _fill_slant(f_u: FloatArray, f_v: FloatArray, metric: FloatArray, out: FloatArray) -> None:
+def _fill_slant(
+    f_u: FloatArray, f_v: FloatArray, metric: FloatArray, out: FloatArray
+) -> None:
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            u, v = f_u[i, j], f_v[i, j]
-            out[i, j] = metric[i, j, 0] * u * u + 2 * metric[i, j, 1] * u * v + metric[i, j, 2] * v * v
+            u = f_u[i, j]
+            v = f_v[i, j]
+            out[i, j] = (
+                metric[i, j, 0] * u * u
+                + 2 * metric[i, j, 1] * u * v
+                + metric[i, j, 2] * v * v
+            )
 
 
 class ThinnedMaps:
@@ -75,17 +102,31 @@ class ThinnedMaps:
     Maps of v = log d, (H, W), in; (h, w, ...) out, nan outside the mask.
     """
 
-    def __init__(self, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int) -> None:
-        self._field, self._step, self._every = field, step, np.s_[::step, ::step]
-        self._facing, self._slanted = field.valid & mask, mask
+    def __init__(
+        self, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int
+    ) -> None:
+        self._field = field
+        self._step = step
+        self._every = np.s_[::step, ::step]
+        self._facing = field.valid & mask
+        self._slanted = mask
         self._links_of_normals = pad_maps(links(self._facing, None))
         self._links_of_slant = pad_maps(links(mask, cuts))
 
     def normals(self, log_distance: FloatArray) -> FloatArray:
         """Unit normals in the camera frame, (h, w, 3); see `surface.normals`."""
         f_u, f_v = self._slopes(log_distance, self._facing, self._links_of_normals, 2)
-        field, every, out = self._field, self._every, np.empty((*f_u.shape, 3))
-        _fill_normals(f_u, f_v, field.rays[every], field.jacobian[every], field.inverse_metric[every], out)
+        field = self._field
+        every = self._every
+        out = np.empty((*f_u.shape, 3))
+        _fill_normals(
+            f_u,
+            f_v,
+            field.rays[every],
+            field.jacobian[every],
+            field.inverse_metric[every],
+            out,
+        )
         return out
 
     def slant(self, log_distance: FloatArray) -> FloatArray:
@@ -96,17 +137,24 @@ class ThinnedMaps:
         return out
 
     def _slopes(
-        self, log_distance: FloatArray, inside: BoolArray, joined: BoolArray, edge_order: int
+        self,
+        log_distance: FloatArray,
+        inside: BoolArray,
+        joined: BoolArray,
+        edge_order: int,
     ) -> tuple[FloatArray, FloatArray]:
         """Derivatives along columns and rows; nan outside the mask."""
         seen, (right, below) = inside[self._every], joined
-        f_u, f_v = np.empty(seen.shape), np.empty(seen.shape)
+        f_u = np.empty(seen.shape)
+        f_v = np.empty(seen.shape)
         whole = pad_maps(np.asarray(log_distance, np.float64))
         _fill_slopes(whole, right, below, self._step, edge_order, f_u, f_v)
         f_u[~seen] = f_v[~seen] = np.nan
         return f_u, f_v
 
 
-def thin_normals(log_distance: FloatArray, field: RayField, mask: BoolArray, step: int) -> FloatArray:
+def thin_normals(
+    log_distance: FloatArray, field: RayField, mask: BoolArray, step: int
+) -> FloatArray:
     """Unit normals of every `step`-th pixel of one surface, (h, w, 3); see `ThinnedMaps.normals`."""
     return ThinnedMaps(field, mask, None, step).normals(log_distance)

@@ -21,10 +21,16 @@ def excerpt(value: object) -> str:
     return text if len(text) <= LONGEST_EXCERPT else f"{text[:LONGEST_EXCERPT]}…"
 
 
-def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
+def number(
+    name: str, value: Any, least: float = -math.inf, most: float = math.inf
+) -> float:
     """Return a finite number that lies between two others, which belong to it; else ValueError."""
     # An array of a list that is ragged is an error to NumPy, and one of a long whole number an object.
-    plain = np.asarray(value) if isinstance(value, int | float | np.ndarray | np.generic) else np.empty(0)
+    plain = (
+        np.asarray(value)
+        if isinstance(value, int | float | np.ndarray | np.generic)
+        else np.empty(0)
+    )
     if plain.ndim or plain.dtype.kind not in "iuf":
         raise ValueError(f"{name} must be a number, got {excerpt(value)}")
     plain_number = float(plain)
@@ -38,7 +44,9 @@ def number(name: str, value: Any, least: float = -math.inf, most: float = math.i
 def check_int(name: str, value: Any, least: int = 0) -> int:
     """Return a whole number that is not less than another; else ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {excerpt(value)}")
+        raise ValueError(
+            f"{name} must be a whole number of at least {least}, got {excerpt(value)}"
+        )
     return int(value)
 
 
@@ -54,7 +62,9 @@ def real_array(name: str, value: Any) -> FloatArray:
     try:
         array = np.asarray(value)
     except ValueError as error:  # lists of unequal length
-        raise ValueError(f"{name} must be an array of real numbers, got {excerpt(value)}") from error
+        raise ValueError(
+            f"{name} must be an array of real numbers, got {excerpt(value)}"
+        ) from error
     if array.dtype.kind not in "fiub":
         raise ValueError(f"{name} must be an array of real numbers, got {excerpt(value)}")
     return array.astype(np.float64, copy=False)

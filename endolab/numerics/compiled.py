@@ -38,7 +38,8 @@ PAD = 2
 class _Compiling(event.Listener):
     """Adds up, in `CLOCK`, the seconds that loops are being compiled; one may need others."""
 
-    depth, began = 0, 0.0
+    depth = 0
+    began = 0.0
 
     def on_start(self, _: Any) -> None:
         if self.depth == 0:
@@ -70,7 +71,9 @@ def clear_row(row: FloatArray) -> None:
 
 def pad_maps(a: Any) -> Any:
     """Return maps (..., H, W) with `PAD` zeros around each."""
-    out = np.zeros((*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype)
+    out = np.zeros(
+        (*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype
+    )
     inner(out)[...] = a
     return out
 
@@ -83,7 +86,9 @@ def inner(a: Any) -> Any:
 def framed(array: Any, fill: float = 0.0) -> FloatArray:
     """Float copy of (..., H, W) with a frame of one pixel."""
     around = [(0, 0)] * (np.ndim(array) - 2) + [(1, 1), (1, 1)]
-    return np.ascontiguousarray(np.pad(np.asarray(array, dtype=np.float64), around, constant_values=fill))
+    return np.ascontiguousarray(
+        np.pad(np.asarray(array, dtype=np.float64), around, constant_values=fill)
+    )
 
 
 def half_size(size: int) -> int:
@@ -104,10 +109,12 @@ def lead(fine: Any, coarse: Any, axis: int) -> int:
 
 @kernel
 def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
-    down, across = lead(a, out, 0), lead(a, out, 1)
+    down = lead(a, out, 0)
+    across = lead(a, out, 1)
     for i in range(PAD, out.shape[0] - PAD):
         for j in range(PAD, out.shape[1] - PAD):
-            row, column = 2 * i - PAD - down, 2 * j - PAD - across
+            row = 2 * i - PAD - down
+            column = 2 * j - PAD - across
             falling = a[row, column] + a[row + 1, column + 1]
             out[i, j] = falling + (a[row, column + 1] + a[row + 1, column])
 
@@ -122,7 +129,9 @@ def block_sums(a: Any) -> FloatArray:
 
 def leads(fine: Any) -> tuple[int, int]:
     """`lead` of the rows and of the columns of a padded map."""
-    down, across = (half_size(size - 2 * PAD) - (size - 2 * PAD) // 2 - size % 2 for size in fine.shape)
+    down, across = (
+        half_size(size - 2 * PAD) - (size - 2 * PAD) // 2 - size % 2 for size in fine.shape
+    )
     return down, across
 
 

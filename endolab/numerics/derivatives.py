@@ -25,7 +25,8 @@ def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     out = np.full_like(a, fill)
     length = a.shape[axis]
     if abs(step) < length:
-        here, there = [slice(None)] * a.ndim, [slice(None)] * a.ndim
+        here = [slice(None)] * a.ndim
+        there = [slice(None)] * a.ndim
         here[axis] = slice(max(0, -step), length - max(0, step))
         there[axis] = slice(max(0, step), length - max(0, -step))
         out[tuple(here)] = a[tuple(there)]
@@ -38,12 +39,18 @@ def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
     return joined if cuts is None else joined & ~cuts
 
 
-def _links_of(f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None) -> tuple[BoolArray, BoolArray]:
-    inside = np.ones(np.shape(f), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+def _links_of(
+    f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None
+) -> tuple[BoolArray, BoolArray]:
+    inside = (
+        np.ones(np.shape(f), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    )
     return inside, links(inside, cuts)
 
 
-def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, edge_order: int) -> FloatArray:
+def _derivative(
+    f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, edge_order: int
+) -> FloatArray:
     before = shift(link, -1, axis, False)
     forward = shift(f, 1, axis, 0.0) - f
     backward = shift(forward, -1, axis, 0.0)
@@ -54,11 +61,16 @@ def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, ed
         both = before & shift(before, -1, axis, False)
         bend = np.select(
             [far, both],
-            [forward - shift(forward, 1, axis, 0.0), backward - shift(backward, -1, axis, 0.0)],
+            [
+                forward - shift(forward, 1, axis, 0.0),
+                backward - shift(backward, -1, axis, 0.0),
+            ],
             0.0,
         )
         one_sided = one_sided + 0.5 * bend
-    return np.select([~inside, link & before], [np.nan, 0.5 * (forward + backward)], one_sided)
+    return np.select(
+        [~inside, link & before], [np.nan, 0.5 * (forward + backward)], one_sided
+    )
 
 
 def gradient(
@@ -75,7 +87,9 @@ def gradient(
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
-    f_u, f_v = (_derivative(f, inside, link[i], axis, edge_order) for i, axis in ((0, 1), (1, 0)))
+    f_u, f_v = (
+        _derivative(f, inside, link[i], axis, edge_order) for i, axis in ((0, 1), (1, 0))
+    )
     return f_u, f_v
 
 
@@ -85,10 +99,14 @@ def forward_gradient(
     """Differences to the right and lower neighbour, (2, H, W), per pixel; 0 where there is no such step."""
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
-    return np.stack([(shift(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
+    return np.stack(
+        [(shift(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))]
+    )
 
 
-def differences(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
+def differences(
+    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
     """Differences to the right, the lower, the left and the upper neighbour, (4, H, W), over √2.
 
     Their norm is the gradient's, whichever way the map is turned; 0 where there is no such step.
@@ -108,7 +126,9 @@ def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     )
 
 
-def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
+def hessian(
+    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
     """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
 
     f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per

@@ -13,19 +13,27 @@ from numba.extending import intrinsic
 from endolab.numerics.compiled import COMPILED
 
 ROUND = 6755399441055744.0  # 1.5 · 2⁵²: added, it leaves an integer in the last bits
-LOG2_E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10
-ONE_BITS, FRACTION_BITS, WHOLE_BITS = 0x3FF0000000000000, 0x000FFFFFFFFFFFFF, 0x4330000000000000
+LOG2_E = 1.4426950408889634
+LN2_HIGH = 0.6931471803691238
+LN2_LOW = 1.9082149292705877e-10
+ONE_BITS = 0x3FF0000000000000
+FRACTION_BITS = 0x000FFFFFFFFFFFFF
+WHOLE_BITS = 0x4330000000000000
 SQRT2 = 1.4142135623730951
 
 
 def _bits_of(_: Any, x: Any) -> Any:
     """The 64 bits of a float64, as an integer."""
-    return types.int64(types.float64), lambda _c, b, _s, given: b.bitcast(given[0], ir.IntType(64))
+    return types.int64(types.float64), lambda _c, b, _s, given: b.bitcast(
+        given[0], ir.IntType(64)
+    )
 
 
 def _float_of(_: Any, n: Any) -> Any:
     """The float64 of these 64 bits."""
-    return types.float64(types.int64), lambda _c, b, _s, given: b.bitcast(given[0], ir.DoubleType())
+    return types.float64(types.int64), lambda _c, b, _s, given: b.bitcast(
+        given[0], ir.DoubleType()
+    )
 
 
 _bits: Any = intrinsic(_bits_of)

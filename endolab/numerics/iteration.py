@@ -55,7 +55,9 @@ def drive(
     observers see it. An interrupt after the first step that `tells` something counts as a stop; one before
     it is passed on.
     """
-    watching, seconds, begun = list(observers), 0.0, False
+    watching = list(observers)
+    seconds = 0.0
+    begun = False
     try:
         while True:
             started = CLOCK.now()
@@ -68,7 +70,9 @@ def drive(
                 seconds += CLOCK.now() - started
             keep(step, seconds)
             begun = begun or tells(step)
-            wishes = [observer(step) for observer in watching]  # all see it, whatever one says
+            wishes = [
+                observer(step) for observer in watching
+            ]  # all see it, whatever one says
             if any(wishes):
                 return Status.STOPPED
     except KeyboardInterrupt:
@@ -94,7 +98,9 @@ def check_observers(observers: Any) -> list[Any]:
     given = list(observers) if isinstance(observers, Iterable) else [observers]
     if not isinstance(observers, Iterable) or not all(map(callable, given)):
         wrong = next((observer for observer in given if not callable(observer)), observers)
-        raise ValueError(f"observers must be several that can be called, got {excerpt(wrong)}")
+        raise ValueError(
+            f"observers must be several that can be called, got {excerpt(wrong)}"
+        )
     return given
 
 

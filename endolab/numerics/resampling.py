@@ -15,6 +15,7 @@ def resample(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
         place = np.clip((np.arange(size) + 0.5) * length / size - 0.5, 0, length - 1)
         low = np.minimum(place.astype(int), max(length - 2, 0))
         share = (place - low).reshape(-1, *[1] * (maps.ndim - axis - 1))
-        below, above = maps.take(low, axis), maps.take(np.minimum(low + 1, length - 1), axis)
+        below = maps.take(low, axis)
+        above = maps.take(np.minimum(low + 1, length - 1), axis)
         maps = (1 - share) * below + share * above
     return maps

@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike
 
 from endolab.numerics.arrays import FloatArray
 
-NEGLIGIBLE = 1e-20  # share of the largest term below which a polynomial's highest terms are none
+NEGLIGIBLE = (
+    1e-20  # share of the largest term below which a polynomial's highest terms are none
+)
 TABLE = 4096  # places at which an increasing function is looked up
 NEWTON_STEPS = 12  # of Newton: two are enough where the slope is not 0
 
@@ -19,7 +21,9 @@ def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
     size = np.abs(c) * float(limit) ** np.arange(c.size)
     degree = np.flatnonzero(size >= NEGLIGIBLE * size.max())[-1]
     roots = polynomial.polyroots(c[: degree + 1])
-    real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))) & (roots.real > 0)]
+    real = roots.real[
+        (np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))) & (roots.real > 0)
+    ]
     return float(min(real.min(initial=limit), limit))
 
 

@@ -18,7 +18,9 @@ Item = TypeVar("Item")
 Found = TypeVar("Found")
 
 
-def side_by_side(function: Callable[[Item], Found], items: Iterable[Item], pixels: int) -> list[Found]:
+def side_by_side(
+    function: Callable[[Item], Found], items: Iterable[Item], pixels: int
+) -> list[Found]:
     """Map a function, on threads if it is about so many pixels that it pays; the first error is raised."""
     wanted = list(items)
     count = min(threads(), len(wanted))
@@ -26,7 +28,9 @@ def side_by_side(function: Callable[[Item], Found], items: Iterable[Item], pixel
         return [function(item) for item in wanted]
     contexts = [copy_context() for _ in wanted]
     with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(lambda context, item: context.run(function, item), contexts, wanted))
+        return list(
+            pool.map(lambda context, item: context.run(function, item), contexts, wanted)
+        )
 
 
 def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None:
@@ -39,4 +43,8 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
         function(slice(0, rows))
         return
     step = max(1, BAND // columns)
-    side_by_side(function, [slice(i, min(i + step, rows)) for i in range(0, rows, step)], rows * columns)
+    side_by_side(
+        function,
+        [slice(i, min(i + step, rows)) for i in range(0, rows, step)],
+        rows * columns,
+    )

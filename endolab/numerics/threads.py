@@ -43,12 +43,15 @@ def cores() -> int:
 
 def threads() -> int:
     """How many threads compiled loops take; ValueError if `ENDOLAB_THREADS` is no such number."""
-    limit, wanted = _limit.get(), os.environ.get(VARIABLE)
+    limit = _limit.get()
+    wanted = os.environ.get(VARIABLE)
     most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     count = min(cores(), most)
     if wanted:
         if not (wanted.isascii() and wanted.isdigit() and int(wanted) > 0):
-            raise ValueError(f"{VARIABLE} must be a positive number of threads, found {wanted!r}")
+            raise ValueError(
+                f"{VARIABLE} must be a positive number of threads, found {wanted!r}"
+            )
         count = min(int(wanted), most)
     return count if limit is None else min(count, limit)
 
@@ -72,12 +75,17 @@ def _pool(_process: int) -> ThreadPoolExecutor:
 class _OnCores:
     """A compiled loop over rows of maps, of which the first that it is given says how many there are."""
 
-    def __init__(self, function: Callable[..., None], cost: float, turns: int | None) -> None:
+    def __init__(
+        self, function: Callable[..., None], cost: float, turns: int | None
+    ) -> None:
         update_wrapper(self, function)
-        self.loop, self.cost, self.turns = kernel(function), cost, turns
+        self.loop = kernel(function)
+        self.cost = cost
+        self.turns = turns
 
     def __call__(self, first: Any, *others: Any, turns: int | None = None) -> None:
-        rows, turns = first.shape[-2], self.turns if turns is None else turns
+        rows = first.shape[-2]
+        turns = self.turns if turns is None else turns
 
         def work(part: Span, now: Span) -> None:
             self.loop(part, *([] if turns is None else [now]), first, *others)
@@ -90,7 +98,8 @@ class _OnCores:
         parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
         try:
             for turn in range(turns or 1):
-                now, submit = (turn, turn + 1), _pool(os.getpid()).submit
+                now = (turn, turn + 1)
+                submit = _pool(os.getpid()).submit
                 helped = [submit(work, part, now) for part in parts[1:]]
                 try:
                     work(parts[0], now)
@@ -102,7 +111,9 @@ class _OnCores:
             _cores.release()
 
 
-def on_cores(cost: float, turns: int | None = None) -> Callable[[Callable[..., None]], _OnCores]:
+def on_cores(
+    cost: float, turns: int | None = None
+) -> Callable[[Callable[..., None]], _OnCores]:
     """Compile loop(rows, map, ...), such that all cores take part where that is worth it.
 
     `rows` are the first and the one after the last that it is to do. Where one turn must have ended on all

@@ -21,7 +21,17 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.plots import light as plots_of_light
 from endolab.plots.maps import show_picture
 from endolab.plots.scales import round_length
-from endolab.plots.style import BLUE, ORANGE, OTHERS, PAGE_SIZE, SKY, VERMILION, decorate, house, new_axes
+from endolab.plots.style import (
+    BLUE,
+    ORANGE,
+    OTHERS,
+    PAGE_SIZE,
+    SKY,
+    VERMILION,
+    decorate,
+    house,
+    new_axes,
+)
 from endolab.plots.uncertainty import ring
 
 ROWS = (SKY, VERMILION, *OTHERS)  # of the target, over and over
@@ -33,15 +43,24 @@ LONGEST_ARROW = 4.0  # standard deviations that an arrow shows
 def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
     """Axes of a picture that is not shown, pixels as in an array."""
     ax = new_axes(ax)
-    ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
+    ax.set(
+        xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal"
+    )
     return decorate(ax, title, "column u [px]", "row v [px]", grid=False)
 
 
-def _arrows(ax: Axes, at: FloatArray, off: FloatArray, magnify: float, most: float, **look: Any) -> None:
+def _arrows(
+    ax: Axes, at: FloatArray, off: FloatArray, magnify: float, most: float, **look: Any
+) -> None:
     """Draw differences of pixels, longer than they are by a factor; they end at `most` px."""
     length = np.linalg.norm(off, axis=1, keepdims=True)
     shown = off * np.minimum(1, most / np.maximum(length, 1e-12))
-    style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0025}
+    style: dict[str, Any] = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": 1 / magnify,
+        "width": 0.0025,
+    }
     ax.quiver(*at.T, *shown.T, **style, **look)
 
 
@@ -63,17 +82,26 @@ def show_detection(
     detection : Detection
     target : Target
     """
-    ids, pixels = detection.ids, detection.pixels
-    ax = show_picture(image, ax, f"{title}: {len(ids)} of {len(target.points)} {detection.reason}".rstrip())
+    ids = detection.ids
+    pixels = detection.pixels
+    ax = show_picture(
+        image,
+        ax,
+        f"{title}: {len(ids)} of {len(target.points)} {detection.reason}".rstrip(),
+    )
     column, row = np.round(target.points[ids, :2] / target.spacing).astype(int).T
     for number in np.unique(row):
         here = np.flatnonzero(row == number)
         here = here[np.argsort(column[here])]
         # Features that are farther apart than one that was missed are not joined.
         for run in np.split(here, np.flatnonzero(np.diff(column[here]) > 2) + 1):
-            ax.plot(*pixels[run].T, color=ROWS[number % len(ROWS)], lw=1.3, marker="o", ms=2.6)
+            ax.plot(
+                *pixels[run].T, color=ROWS[number % len(ROWS)], lw=1.3, marker="o", ms=2.6
+            )
     if len(ids):
-        ax.plot(*pixels[0], "o", ms=13, mfc="none", mec=VERMILION, mew=2, label=f"id {ids[0]}")
+        ax.plot(
+            *pixels[0], "o", ms=13, mfc="none", mec=VERMILION, mew=2, label=f"id {ids[0]}"
+        )
         ax.legend(frameon=True)
     return ax
 
@@ -93,10 +121,14 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     random, are left out.
     """
     pixels, residuals, inliers = _points_of(geometry)
-    camera, sigma = geometry.camera, max(geometry.sigma, 1e-6)
+    camera = geometry.camera
+    sigma = max(geometry.sigma, 1e-6)
     magnify = round_length(0.02 * camera.width / sigma)
     ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
-    for which, colour, what, order in ((inliers, BLUE, "inlier", 3), (~inliers, VERMILION, "outlier", 2)):
+    for which, colour, what, order in (
+        (inliers, BLUE, "inlier", 3),
+        (~inliers, VERMILION, "outlier", 2),
+    ):
         drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
         look = {"color": colour, "label": count_of(int(which.sum()), what), "zorder": order}
         _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST_ARROW * sigma, **look)
@@ -120,7 +152,8 @@ def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) 
 def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show where in the picture features were seen, with circles of equal angle off the axis."""
     pixels, _, inliers = _points_of(geometry)
-    camera, seen = geometry.camera, np.rad2deg(geometry.max_angle_seen)
+    camera = geometry.camera
+    seen = np.rad2deg(geometry.max_angle_seen)
     ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
     ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
     box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
@@ -128,9 +161,20 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
         around = ring(camera, np.deg2rad(angle))
         ax.plot(*around.T, color="0.35", lw=0.8)
         u, v = around[30]
-        ax.text(u, v, f"{angle}°", ha="center", va="center", size="small", bbox=box, clip_on=True)
+        ax.text(
+            u,
+            v,
+            f"{angle}°",
+            ha="center",
+            va="center",
+            size="small",
+            bbox=box,
+            clip_on=True,
+        )
     label = "farthest feature"
-    ax.plot(*ring(camera, geometry.max_angle_seen).T, "--", color=VERMILION, lw=2.2, label=label)
+    ax.plot(
+        *ring(camera, geometry.max_angle_seen).T, "--", color=VERMILION, lw=2.2, label=label
+    )
     ax.legend(loc="upper right", frameon=True)
     return ax
 
@@ -141,7 +185,11 @@ def best_frame(session: Session) -> str:
 
     def worth(name: str) -> float:
         pixels = detections[name].pixels
-        return float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0)))) if len(pixels) else 0.0
+        return (
+            float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0))))
+            if len(pixels)
+            else 0.0
+        )
 
     return max(session.poses or detections, key=worth)
 
@@ -173,9 +221,15 @@ def show_frame_errors(
 ) -> Axes:
     """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
     ax = new_axes(ax)
-    names, place = list(errors), np.arange(len(errors))
+    names = list(errors)
+    place = np.arange(len(errors))
     values = np.nan_to_num([errors[name] for name in names])
-    ax.bar(place, values, width=0.8, color=[VERMILION if name in marked else SKY for name in names])
+    ax.bar(
+        place,
+        values,
+        width=0.8,
+        color=[VERMILION if name in marked else SKY for name in names],
+    )
     labelled = [i for i in place if names[i] in marked or len(names) <= FEW_FRAMES]
     ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
     ax.set_xlim(-0.6, len(names) - 0.4)
@@ -183,7 +237,9 @@ def show_frame_errors(
 
 
 @house()
-def show_features(image: FloatArray, session: Session, name: str, ax: Axes | None = None) -> Axes:
+def show_features(
+    image: FloatArray, session: Session, name: str, ax: Axes | None = None
+) -> Axes:
     """Show the part of a located frame with its features: where they are expected and where they were found.
 
     Parameters
@@ -194,14 +250,19 @@ def show_features(image: FloatArray, session: Session, name: str, ax: Axes | Non
     name : str
         Of the frame.
     """
-    expected, detected = session.expected(name), session.detections[name].pixels
-    error, low, high = max(session.errors[name], 1e-6), detected.min(axis=0), detected.max(axis=0)
+    expected = session.expected(name)
+    detected = session.detections[name].pixels
+    error = max(session.errors[name], 1e-6)
+    low = detected.min(axis=0)
+    high = detected.max(axis=0)
     room = 0.1 * float(np.max(high - low)) + 10
     magnify = round_length(0.4 * room / error)
     ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
     ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
     ax.plot(*detected.T, "o", ms=3, color=SKY, label="found")
-    _arrows(ax, expected, detected - expected, magnify, LONGEST_ARROW * error, color=VERMILION)
+    _arrows(
+        ax, expected, detected - expected, magnify, LONGEST_ARROW * error, color=VERMILION
+    )
     (left, top), (right, bottom) = low - room, high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
     ax.legend(loc="upper right", frameon=True)
@@ -251,7 +312,9 @@ def geometry_figure(session: Session, image: FloatArray) -> Figure:
     with house(PAGE_SIZE):
         figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
         ((detected, arrows), (covered, spread)) = figure.subplots(2, 2)
-        show_detection(image, session.detections[best_frame(session)], session.target, detected)
+        show_detection(
+            image, session.detections[best_frame(session)], session.target, detected
+        )
         show_reprojection(session.geometry, arrows)
         show_coverage(session.geometry, covered)
         show_reprojection_histogram(session.geometry, spread)
@@ -263,17 +326,21 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
 
     Parameters as of `geometry_figure`; 1800 x 1000 px when saved; ValueError if the light was refused.
     """
-    light, samples = session.light, session.samples
+    light = session.light
+    samples = session.samples
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
     here = samples_of(session, best_frame(session))
     with house(PAGE_SIZE):
         figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
-        plots_of_light.show_sampling(image, samples[here], session.camera, sampling, used=light.used[here])
+        plots_of_light.show_sampling(
+            image, samples[here], session.camera, sampling, used=light.used[here]
+        )
         plots_of_light.show_light_residuals(light, residuals)
         plots_of_light.show_fall_off(light, fall_off)
-        frames, distance = video_frames(session)[light.frames], mean_distances(samples, light.frames)
+        frames = video_frames(session)[light.frames]
+        distance = mean_distances(samples, light.frames)
         plots_of_light.show_gains(light, gains, frames=frames, distance=distance)
         plots_of_light.show_brdf(light, brdf, samples=samples)
         if session.scores is None:

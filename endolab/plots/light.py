@@ -63,7 +63,8 @@ def show_sampling(
     """
     used = np.ones(len(samples), bool) if used is None else used
     ax = show_picture(image, ax, f"{title}: {len(samples)} in this frame")
-    pixels, paper = camera.project(samples.points), samples.material == 0
+    pixels = camera.project(samples.points)
+    paper = samples.material == 0
     for which, look, label in (
         (used & paper, {"mfc": VERMILION, "mec": "white"}, "bare paper"),
         (used & ~paper, {"mfc": BLUE, "mec": "white"}, "grey patch"),
@@ -80,10 +81,13 @@ def show_sampling(
 def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian."""
     ax = new_axes(ax)
-    values, left_out = light.residuals[light.used], np.count_nonzero(~light.used)
+    values = light.residuals[light.used]
+    left_out = np.count_nonzero(~light.used)
     histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
     title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
-    return decorate(ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]")
+    return decorate(
+        ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]"
+    )
 
 
 @house()
@@ -94,17 +98,27 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     angle off its direction.
     """
     ax = new_axes(ax)
-    k, error = light.k, light.standard_errors["k"]
+    k = light.k
+    error = light.standard_errors["k"]
     alpha = np.linspace(0, 90, 361)
     cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
     _shade_unseen(ax, *np.rad2deg(light.alpha_range))
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
     ax.plot(alpha, cosine**k, color=VERMILION, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
-    ax.fill_between(alpha, cosine ** (k - error), cosine ** (k + error), color=VERMILION, alpha=0.35, lw=0)
+    ax.fill_between(
+        alpha,
+        cosine ** (k - error),
+        cosine ** (k + error),
+        color=VERMILION,
+        alpha=0.35,
+        lw=0,
+    )
     ax.set_ylim(0, 1.05)
     ax.legend(loc="upper right")
     what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
-    return decorate(ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis")
+    return decorate(
+        ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis"
+    )
 
 
 @house()
@@ -128,8 +142,11 @@ def show_gains(
     ax = new_axes(ax)
     frames = light.frames if frames is None else frames
     known = np.isfinite(light.gain_errors)
-    gains, errors = np.where(known, light.gains, np.nan), np.where(known, light.gain_errors, np.nan)
-    ax.fill_between(frames, gains - errors, gains + errors, color=VERMILION, alpha=0.35, lw=0)
+    gains = np.where(known, light.gains, np.nan)
+    errors = np.where(known, light.gain_errors, np.nan)
+    ax.fill_between(
+        frames, gains - errors, gains + errors, color=VERMILION, alpha=0.35, lw=0
+    )
     handles = ax.plot(frames, gains, color=VERMILION, marker=".", label="gain ± 1 s.e.")
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
     if distance is not None:
@@ -138,7 +155,9 @@ def show_gains(
         for each, colour in ((ax, VERMILION), (other, BLUE)):
             each.yaxis.label.set_color(colour)
             each.tick_params(axis="y", colors=colour)
-        handles += other.plot(frames, distance, color=BLUE, lw=1.5, ls="--", label="distance")
+        handles += other.plot(
+            frames, distance, color=BLUE, lw=1.5, ls="--", label="distance"
+        )
         other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
     return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
@@ -165,46 +184,79 @@ def show_brdf(
     degrees = np.rad2deg(theta)
     _shade_unseen(ax, degrees[0], degrees[-1])
     ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
-    ax.errorbar(degrees, relative, errors, color=VERMILION, marker="o", capsize=3, label="fitted ± 1 s.e.")
-    bottom, top = (relative - errors).min(), (relative + errors).max()
+    ax.errorbar(
+        degrees,
+        relative,
+        errors,
+        color=VERMILION,
+        marker="o",
+        capsize=3,
+        label="fitted ± 1 s.e.",
+    )
+    bottom = (relative - errors).min()
+    top = (relative + errors).max()
     room = max(top - bottom, 0.2)
     ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
     if samples is not None:
         bins = np.arange(0, 91, 3)
-        count = np.histogram(np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins)[0]
-        heights, below = 0.2 * count / max(count.max(), 1), ax.get_xaxis_transform()
-        ax.bar(bins[:-1] + 1.5, heights, width=2.6, transform=below, color=SKY, alpha=0.8, label="samples")
+        count = np.histogram(
+            np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins
+        )[0]
+        heights = 0.2 * count / max(count.max(), 1)
+        below = ax.get_xaxis_transform()
+        ax.bar(
+            bins[:-1] + 1.5,
+            heights,
+            width=2.6,
+            transform=below,
+            color=SKY,
+            alpha=0.8,
+            label="samples",
+        )
     ax.legend(loc="upper right")
     return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
 
 
 @house()
-def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out") -> Axes:
+def show_scores(
+    scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out"
+) -> Axes:
     """Show by how much the light of frames that the fit has not seen differs from the model's."""
     ax = new_axes(ax)
     edges = np.rad2deg(scores.edges)
-    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    error, spread = 100 * scores.error, 100 * scores.standard_error
+    middle = (edges[1:] + edges[:-1]) / 2
+    half = np.diff(edges) / 2
+    error = 100 * scores.error
+    spread = 100 * scores.standard_error
     known = scores.count > 0
     ax.axhline(0, color="black", lw=1.2)
     x, y, dy, dx = (values[known] for values in (middle, error, spread, half))
     ax.errorbar(x, y, dy, dx, color=VERMILION, ls="none", marker="o", capsize=3)
-    sure = scores.count >= LEAST_SCORED  # a bin of a few samples must not make the others small
+    sure = (
+        scores.count >= LEAST_SCORED
+    )  # a bin of a few samples must not make the others small
     reach = 1.25 * np.max(np.abs(error[sure]) + spread[sure], initial=0.1)
-    ax.set(xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=range(0, int(edges[-1]) + 1, 15))
+    ax.set(
+        xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=range(0, int(edges[-1]) + 1, 15)
+    )
     below = ax.get_xaxis_transform()
     for at, count in zip(middle[known], scores.count[known], strict=True):
-        ax.text(at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below)
+        ax.text(
+            at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below
+        )
     what = "measured/modelled light - 1 [%]"
     return decorate(ax, f"{title}, with samples", "angle α off the axis [°]", what)
 
 
 @house()
-def show_ridge(fits: Sequence[PhotometricFit], ax: Axes | None = None, *, title: str = "") -> Axes:
+def show_ridge(
+    fits: Sequence[PhotometricFit], ax: Axes | None = None, *, title: str = ""
+) -> Axes:
     """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
     ax = new_axes(ax)
     gammas = [fit.photometry.gamma for fit in fits]
-    sigmas, ks = [fit.sigma for fit in fits], [fit.photometry.k for fit in fits]
+    sigmas = [fit.sigma for fit in fits]
+    ks = [fit.photometry.k for fit in fits]
     ax.plot(gammas, sigmas, "o-", color=VERMILION, label="residuals [grey levels]")
     ax.plot(gammas, ks, "--", color=BLUE, label="k")
     ax.set_ylim(0, 1.2 * max(*sigmas, *ks))

@@ -37,16 +37,22 @@ SPARE = np.array([[-0.25, -0.15], [0.0, 0.15]])
 NEW_LINE = "\n"
 
 
-def _draw(picture: FloatArray, ax: Axes | None, title: str, **options: object) -> tuple[Axes, ScalarMappable]:
+def _draw(
+    picture: FloatArray, ax: Axes | None, title: str, **options: object
+) -> tuple[Axes, ScalarMappable]:
     """Show a map on pixel axes."""
     ax = style.new_axes(ax)
     shown = ax.imshow(picture, interpolation="nearest", **options)  # type: ignore[arg-type]
-    style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(style.LEFT_OUT)
+    style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(
+        style.LEFT_OUT
+    )
     ax.locator_params(nbins=3)
     return ax, shown
 
 
-def _diverging(values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None) -> Axes:
+def _diverging(
+    values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None
+) -> Axes:
     """Show signed values, white at 0, with a colour bar."""
     limit = common_limit([values]) if limit is None else limit
     if not limit > 0:
@@ -90,14 +96,17 @@ def show_depth(
     """
     limits = common_limits([distance]) if limits is None else limits
     ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
-    below, above = bool(np.any(distance < limits[0])), bool(np.any(distance > limits[1]))
+    below = bool(np.any(distance < limits[0]))
+    above = bool(np.any(distance > limits[1]))
     extend = (("neither", "max"), ("min", "both"))[below][above]
     style.colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
     return ax
 
 
 @style.house()
-def show_normals(normals: FloatArray, ax: Axes | None = None, title: str = "Normals") -> Axes:
+def show_normals(
+    normals: FloatArray, ax: Axes | None = None, title: str = "Normals"
+) -> Axes:
     """Show normals as colours, (n + 1)/2.
 
     Parameters
@@ -105,7 +114,9 @@ def show_normals(normals: FloatArray, ax: Axes | None = None, title: str = "Norm
     normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
     """
     known = np.isfinite(normals).all(axis=-1, keepdims=True)
-    return _draw(np.where(known, np.clip((normals + 1) / 2, 0, 1), style.LEFT_OUT), ax, title)[0]
+    return _draw(
+        np.where(known, np.clip((normals + 1) / 2, 0, 1), style.LEFT_OUT), ax, title
+    )[0]
 
 
 @style.house()
@@ -133,7 +144,11 @@ def show_error(
 
 @style.house()
 def show_sigma(
-    percent: FloatArray, ax: Axes | None = None, *, limit: float | None = None, title: str = "Uncertainty: σ"
+    percent: FloatArray,
+    ax: Axes | None = None,
+    *,
+    limit: float | None = None,
+    title: str = "Uncertainty: σ",
 ) -> Axes:
     """Show σ of the distance with a colour bar; dark is certain.
 
@@ -144,10 +159,14 @@ def show_sigma(
         Upper end of the colour bar, %; the 98th percentile by default.
     """
     known = percent[np.isfinite(percent)]
-    most = (float(np.percentile(known, 98)) if known.size else 0.0) if limit is None else limit
+    most = (
+        (float(np.percentile(known, 98)) if known.size else 0.0) if limit is None else limit
+    )
     most = most if most > 0 else 1.0
     ax, shown = _draw(percent, ax, title, cmap="magma", vmin=0.0, vmax=most)
-    style.colour_bar(ax, shown, "σ of the distance [%]", "max" if np.any(known > most) else "neither")
+    style.colour_bar(
+        ax, shown, "σ of the distance [%]", "max" if np.any(known > most) else "neither"
+    )
     return ax
 
 
@@ -162,7 +181,9 @@ def show_dominant_source(
     dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
     """
     colours = np.array([(0, 0, 0), *DECIDERS.values()]) / 255
-    picture = np.where((dominant_source > 0)[..., None], colours[dominant_source], style.LEFT_OUT)
+    picture = np.where(
+        (dominant_source > 0)[..., None], colours[dominant_source], style.LEFT_OUT
+    )
     ax = _draw(picture, ax, title)[0]
     inside = max(int((dominant_source > 0).sum()), 1)
     patches = []
@@ -172,7 +193,11 @@ def show_dominant_source(
         patches.append(Patch(color=colours[k], label=lines))
     # Where colour bars are: on the map it would hide what it names.
     ax.legend(
-        handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.0, labelspacing=1.0
+        handles=patches,
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        handlelength=1.0,
+        labelspacing=1.0,
     )
     return ax
 
@@ -216,7 +241,14 @@ def show_section(
             followed.append(points[np.isfinite(points).all(axis=1)])
     ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
     # To its left, where no wall is in view.
-    ax.annotate("camera", (0, 0), xytext=(-8, 0), textcoords="offset points", ha="right", va="center")
+    ax.annotate(
+        "camera",
+        (0, 0),
+        xytext=(-8, 0),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+    )
     title = f"Section along {name}" if title is None else title
     style.decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
     low, high = (edge(np.concatenate(followed), axis=0) for edge in (np.min, np.max))
@@ -241,12 +273,23 @@ def show_history(
     """
     ax = style.new_axes(ax)
     k = [entry["k"] for entry in history]
-    lines = (("energy", "black", "-"), ("data", style.BLUE, "--"), ("regulariser", style.VERMILION, ":"))
+    lines = (
+        ("energy", "black", "-"),
+        ("data", style.BLUE, "--"),
+        ("regulariser", style.VERMILION, ":"),
+    )
     for name, colour, dashes in lines:
         values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
         # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
         if np.any(values > 0):
-            ax.plot(k, np.where(values > 0, values, np.nan), dashes, color=colour, lw=2, label=name)
+            ax.plot(
+                k,
+                np.where(values > 0, values, np.nan),
+                dashes,
+                color=colour,
+                lw=2,
+                label=name,
+            )
     style.decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
@@ -277,14 +320,19 @@ def overview(
         1600 x 900 px when saved, 2100 x 900 px with uncertainty. It is not one of pyplot's: nothing to close.
     """
     iterate = shown.iterate if isinstance(shown, Result) else shown
-    problem, unit = iterate.problem, iterate.problem.unit
+    problem = iterate.problem
+    unit = iterate.problem.unit
     picture = problem.shown if picture is None else picture
     residual = model_image(problem, iterate.log_distance) - problem.image
     middle = problem.mask.shape[1] // 2
     curves = {"start": np.exp(np.where(problem.mask, problem.log_d0, np.nan))}
     curves["estimate"] = iterate.distance
     if truth is not None:
-        scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
+        scale = (
+            1.0
+            if problem.metric
+            else np.nanmedian((iterate.distance / truth)[problem.mask])
+        )
         curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
     words = [
         f"λ {problem.lam:g}, {problem.regulariser}",
@@ -298,14 +346,18 @@ def overview(
     if not problem.metric:
         words.append("relative units")
     with style.house(style.PAGE_SIZE):
-        figure = Figure(figsize=(16 if uncertainty is None else 21, 9), dpi=100, layout="constrained")
+        figure = Figure(
+            figsize=(16 if uncertainty is None else 21, 9), dpi=100, layout="constrained"
+        )
         panels = figure.subplots(2, 3 if uncertainty is None else 4)
         show_picture(picture, panels[0, 0])
         show_depth(iterate.distance, panels[0, 1], unit=unit)
         show_normals(iterate.normals, panels[0, 2])
         show_cloud(iterate.points, picture, panels[1, 0], unit=unit)
         show_section(curves, problem.field, panels[1, 1], column=middle, unit=unit)
-        _diverging(255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None)
+        _diverging(
+            255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None
+        )
         if uncertainty is not None:
             show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])

@@ -14,7 +14,12 @@ from endolab.plots.scales import in_colour, tallness
 from endolab.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
 from endolab.preprocessing.prepare import Prepared
 
-COLOURS = {"outside": LEFT_OUT, "lumen": to_rgb(BLUE), "highlights": to_rgb(GREEN), "text": to_rgb(ORANGE)}
+COLOURS = {
+    "outside": LEFT_OUT,
+    "lumen": to_rgb(BLUE),
+    "highlights": to_rgb(GREEN),
+    "text": to_rgb(ORANGE),
+}
 
 
 def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
@@ -37,29 +42,45 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
     ready = "Undistorted, " if prepared.undistorted else ""
     ready += "inpainted" if prepared.inpainted else "pixels to be solved"
     with house(PAGE_SIZE):
-        figure = Figure(figsize=(16, rows * (3.7 * tall + 1.5) + 0.4), dpi=100, layout="constrained")
+        figure = Figure(
+            figsize=(16, rows * (3.7 * tall + 1.5) + 0.4), dpi=100, layout="constrained"
+        )
         axes = figure.subplots(rows, 4, squeeze=False)
         show_picture(_rgb(image), axes[0, 0], "Original")
         show_picture(_rgb(prepared.canonical), axes[0, 1], "Canonical")
         picture, legend = mask_overlay(prepared)
         show_picture(picture, axes[0, 2], "Masks")
-        patches = [Patch(color=COLOURS[name], label=label) for name, label in legend.items()]
+        patches = [
+            Patch(color=COLOURS[name], label=label) for name, label in legend.items()
+        ]
         if patches:
             # Below the picture, so that nothing of it is hidden.
             axes[0, 2].legend(
-                handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2, fontsize="small"
+                handles=patches,
+                loc="upper center",
+                bbox_to_anchor=(0.5, -0.24),
+                ncols=2,
+                fontsize="small",
             )
-        used = np.where(prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT)
+        used = np.where(
+            prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT
+        )
         show_picture(used, axes[0, 3], ready[0].upper() + ready[1:])
         if result is not None:
             problem = result.iterate.problem
             show_depth(result.distance, axes[1, 0], unit=problem.unit)
             show_normals(result.normals, axes[1, 1])
-            show_section({"estimate": result.distance}, problem.field, axes[1, 2], unit=problem.unit)
+            show_section(
+                {"estimate": result.distance}, problem.field, axes[1, 2], unit=problem.unit
+            )
             axes[1, 3].set_axis_off()
-            lines = textwrap.TextWrapper(38, "· ", "  ", break_long_words=False, break_on_hyphens=False)
+            lines = textwrap.TextWrapper(
+                38, "· ", "  ", break_long_words=False, break_on_hyphens=False
+            )
             text = "\n".join(lines.fill(note) for note in prepared.notes)
-            axes[1, 3].text(0, 1, text, va="top", transform=axes[1, 3].transAxes, linespacing=1.5)
+            axes[1, 3].text(
+                0, 1, text, va="top", transform=axes[1, 3].transAxes, linespacing=1.5
+            )
     return figure
 
 

@@ -11,9 +11,17 @@ BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
 # Who decided a pixel, as `endolab.uncertainty` numbers them from 1, and their colours.
-DECIDERS = {"data": (0, 114, 178), "border or contour": (230, 159, 0), "prior": (204, 121, 167)}
-MOST_RESIDUAL = 10.0  # of 255: grey levels of model - frame at which a recording's colours end
-VIEW_WIDTH = 320  # columns of a surface that is seen from the side; more cost time and show no more
+DECIDERS = {
+    "data": (0, 114, 178),
+    "border or contour": (230, 159, 0),
+    "prior": (204, 121, 167),
+}
+MOST_RESIDUAL = (
+    10.0  # of 255: grey levels of model - frame at which a recording's colours end
+)
+VIEW_WIDTH = (
+    320  # columns of a surface that is seen from the side; more cost time and show no more
+)
 TALLEST = 2.0  # of a panel, over its width: a figure stays a page whatever is drawn
 
 
@@ -36,7 +44,11 @@ def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
     maps : iterable of arrays of one unit; nan where unknown
     """
     seen = _known_values(maps)
-    return (float(np.percentile(seen, 1)), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
+    return (
+        (float(np.percentile(seen, 1)), float(np.percentile(seen, 99)))
+        if seen.size
+        else (0.0, 1.0)
+    )
 
 
 def common_limit(errors: Iterable[FloatArray]) -> float:
@@ -59,7 +71,9 @@ def in_colour(picture: FloatArray) -> FloatArray:
 def round_length(length: float) -> float:
     """Round down to 1, 2 or 5 times a power of ten."""
     power = 10 ** np.floor(np.log10(length))
-    return float(max(power * factor for factor in (1, 2, 5) if power * factor <= length * (1 + 1e-9)))
+    return float(
+        max(power * factor for factor in (1, 2, 5) if power * factor <= length * (1 + 1e-9))
+    )
 
 
 def tallness(shape: tuple[int, ...]) -> float:
@@ -69,4 +83,6 @@ def tallness(shape: tuple[int, ...]) -> float:
 
 def brighten(picture: FloatArray) -> FloatArray:
     """Brighten a frame, in [0, 1], that is seen from the side: the far end of a lumen is dark in any."""
-    return np.asarray((picture / max(float(np.percentile(picture, 99)), 1e-6)).clip(0, 1) ** 0.6)
+    return np.asarray(
+        (picture / max(float(np.percentile(picture, 99)), 1e-6)).clip(0, 1) ** 0.6
+    )

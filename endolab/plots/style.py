@@ -23,8 +23,12 @@ from endolab.plots.scales import round_length
 LEFT_OUT = (0.72, 0.72, 0.72)
 BACKDROP = (0.09, 0.10, 0.12)  # of a surface in space
 PAPER = "white"
-VERMILION, SKY, BLUE = "#D55E00", "#56B4E9", "#0072B2"
-GREEN, PURPLE, ORANGE = "#009E73", "#CC79A7", "#E69F00"
+VERMILION = "#D55E00"
+SKY = "#56B4E9"
+BLUE = "#0072B2"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+ORANGE = "#E69F00"
 # The truth is black, as a reference should be.
 LINES = {"truth": "black", "start": SKY, "estimate": VERMILION}
 OTHERS = (GREEN, PURPLE, ORANGE, BLUE)
@@ -34,9 +38,13 @@ PAGE_SIZE = 13.0  # of pages of many panels, which are shown smaller
 STYLE: Any = {
     **dict.fromkeys(("figure.facecolor", "axes.facecolor"), PAPER),
     **dict.fromkeys(
-        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), "black"
+        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"),
+        "black",
     ),
-    **dict.fromkeys(("axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize"), "medium"),
+    **dict.fromkeys(
+        ("axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize"),
+        "medium",
+    ),
     **dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), "inherit"),
     "axes.titlesize": "large",
     "axes.titleweight": "bold",
@@ -90,16 +98,26 @@ def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
     ax.set_ylabel(y, size=matplotlib.rcParams["axes.labelsize"])
     ax.tick_params(which="both", labelsize=matplotlib.rcParams["xtick.labelsize"])
     if grid:
-        ax.grid(True, alpha=matplotlib.rcParams["grid.alpha"], color=matplotlib.rcParams["grid.color"])
+        ax.grid(
+            True,
+            alpha=matplotlib.rcParams["grid.alpha"],
+            color=matplotlib.rcParams["grid.color"],
+        )
     return ax
 
 
-def colour_bar(ax: Axes, shown: ScalarMappable, label: str, extend: str = "neither") -> Colorbar:
+def colour_bar(
+    ax: Axes, shown: ScalarMappable, label: str, extend: str = "neither"
+) -> Colorbar:
     """Put a colour bar beside a picture, as high as the picture; `extend` says which ends are exceeded."""
     # An inset is as high as the picture; a bar beside the axes is as high as their slot.
-    bar = ax.figure.colorbar(shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend)
+    bar = ax.figure.colorbar(
+        shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend
+    )
     bar.ax.locator_params(nbins=5)
-    ink = ax.yaxis.label.get_color()  # the bar lies outside the axes, on the figure's colour
+    ink = (
+        ax.yaxis.label.get_color()
+    )  # the bar lies outside the axes, on the figure's colour
     bar.ax.yaxis.label.set_color(ink)
     bar.ax.tick_params(colors=ink)
     bar.outline.set_edgecolor(ink)
@@ -110,6 +128,13 @@ def scale_bar(ax: Axes, width: float, unit: str) -> None:
     """Draw a bar of a round length, about a quarter of the width, in the lower left corner."""
     length = round_length(width / 4)
     bar = AnchoredSizeBar(
-        ax.transData, length, f"{length:g} {unit}", "lower left", frameon=False, color="white", pad=0.8, sep=4
+        ax.transData,
+        length,
+        f"{length:g} {unit}",
+        "lower left",
+        frameon=False,
+        color="white",
+        pad=0.8,
+        sep=4,
     )
     ax.add_artist(bar)

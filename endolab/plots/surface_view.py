@@ -9,7 +9,9 @@ from endolab.plots.scales import VIEW_WIDTH, brighten, in_colour
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
 
 JUMP = 1.25  # neighbours whose distances differ by more are not joined
-EDGE_ON = 0.15  # cosine to the line of sight below which a patch joins the two sides of a contour
+EDGE_ON = (
+    0.15  # cosine to the line of sight below which a patch joins the two sides of a contour
+)
 FARTHEST = 8.0  # median distances that the view reaches
 LAMP = np.array([-0.35, 0.35, 0.87])  # over the left shoulder of the viewer
 
@@ -46,7 +48,8 @@ def show_cloud(
     """
     ax = new_axes(ax)
     step = -(-points.shape[1] // VIEW_WIDTH)
-    points, colours = points[::step, ::step], np.clip(colours[::step, ::step], 0, 1)
+    points = points[::step, ::step]
+    colours = np.clip(colours[::step, ::step], 0, 1)
 
     def corners(a: FloatArray) -> FloatArray:
         return np.stack([a[:-1, :-1], a[:-1, 1:], a[1:, 1:], a[1:, :-1]], axis=2)
@@ -62,7 +65,9 @@ def show_cloud(
         kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
         kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
     colour = in_colour(colours)[:-1, :-1][kept]
-    _show_patches(ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift)
+    _show_patches(
+        ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift
+    )
     _mark_camera(ax, title)
     return ax
 
@@ -86,22 +91,31 @@ def _show_patches(
     order = np.argsort(-patches[..., 2].mean(axis=-1))
     light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
     faces = ((brighten(colours) if lift else colours) * light[:, None])[order]
-    flat = patches[order, :, :2]  # an array: Matplotlib takes several times as long over a list
+    flat = patches[
+        order, :, :2
+    ]  # an array: Matplotlib takes several times as long over a list
     look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
     drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]
     ax.add_collection(drawn, autolim=False)
     low, high = _bounds(patches[..., :2], distance)
     # Room for the camera's name above, and for the bar below.
-    ax.update_datalim(np.stack([low - (high - low) * [0, 0.12], high + (high - low) * [0, 0.12]]))
+    ax.update_datalim(
+        np.stack([low - (high - low) * [0, 0.12], high + (high - low) * [0, 0.12]])
+    )
     ax.autoscale_view()
     scale_bar(ax, high[0] - low[0], unit)
 
 
 def _to_viewer(angle: float, elevation: float) -> FloatArray:
     """Rotation, (3, 3), from the camera's frame to the viewer's: right, down, away."""
-    yaw, pitch = np.deg2rad(angle), np.deg2rad(elevation)
-    turn = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
-    nod = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
+    yaw = np.deg2rad(angle)
+    pitch = np.deg2rad(elevation)
+    turn = np.array(
+        [[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]]
+    )
+    nod = np.array(
+        [[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]]
+    )
     return nod @ turn
 
 

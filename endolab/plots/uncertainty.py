@@ -11,13 +11,27 @@ from matplotlib.figure import Figure
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Session
-from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty, values_within
+from endolab.calibration.uncertainty import (
+    fall_off_uncertainty,
+    ray_uncertainty,
+    values_within,
+)
 from endolab.model.cameras import Camera
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.style import LEFT_OUT, PAGE_SIZE, VERMILION, colour_bar, decorate, house, new_axes
+from endolab.plots.style import (
+    LEFT_OUT,
+    PAGE_SIZE,
+    VERMILION,
+    colour_bar,
+    decorate,
+    house,
+    new_axes,
+)
 
-COLOUR_PERCENTILE = 90  # of what lies within the angles seen, where the colours end: the rim is far worse
+COLOUR_PERCENTILE = (
+    90  # of what lies within the angles seen, where the colours end: the rim is far worse
+)
 RAYS = {  # what can be shown of them: field of `RayUncertainty`, title and label
     "shape": ("mrad_shape", "Rays, a common turn apart", "σ of the ray [mrad]"),
     "px": ("px", "Pixel of a ray", "σ of the pixel [px]"),
@@ -27,8 +41,11 @@ RAYS = {  # what can be shown of them: field of `RayUncertainty`, title and labe
 def ring(camera: Camera, angle: float) -> FloatArray:
     """Where the picture shows rays of an angle off the axis, rad: (241, 2), column and row, px."""
     turn = np.linspace(0, 2 * np.pi, 241)
-    out, along = np.sin(angle), np.full_like(turn, np.cos(angle))
-    return camera.project(np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1))
+    out = np.sin(angle)
+    along = np.full_like(turn, np.cos(angle))
+    return camera.project(
+        np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1)
+    )
 
 
 def _show(
@@ -45,15 +62,21 @@ def _show(
     ax = new_axes(ax)
     inside = values_within(values, camera, seen)
     most = (
-        (float(np.percentile(inside, COLOUR_PERCENTILE)) if inside.size else 0.0) if limit is None else limit
+        (float(np.percentile(inside, COLOUR_PERCENTILE)) if inside.size else 0.0)
+        if limit is None
+        else limit
     )
     most = most if most > 0 else 1.0
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
-    shown = ax.imshow(values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
+    shown = ax.imshow(
+        values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest"
+    )
     decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
     ax.locator_params(nbins=4)
     label_of_ring = f"{ends}, {np.rad2deg(seen):.0f}°"
-    (line,) = ax.plot(*ring(camera, seen).T, color=VERMILION, lw=2.2, ls="--", label=label_of_ring)
+    (line,) = ax.plot(
+        *ring(camera, seen).T, color=VERMILION, lw=2.2, ls="--", label=label_of_ring
+    )
     line.set_clip_path(ax.patch)
     ax.set(xlim=extent[:2], ylim=extent[2:])
     ax.legend(loc="upper right", frameon=True)
@@ -83,7 +106,8 @@ def show_ray_uncertainty(
     if what not in RAYS:
         raise unknown_name("what", what, tuple(RAYS))
     name, usual, label = RAYS[what]
-    camera, seen = geometry.camera, geometry.max_angle_seen
+    camera = geometry.camera
+    seen = geometry.max_angle_seen
     values = getattr(ray_uncertainty(camera, geometry.covariance, max_angle=seen), name)
     title = usual if title is None else title
     return _show(values, camera, seen, ax, limit, title, label, "farthest feature")
@@ -110,15 +134,27 @@ def show_fall_off_uncertainty(
         Where the colours end, %; by default such that most of what was seen is below.
     """
     values = fall_off_uncertainty(light, camera)
-    return _show(values, camera, light.alpha_range[1], ax, limit, title, "σ of μ′ [%]", "farthest sample")
+    return _show(
+        values,
+        camera,
+        light.alpha_range[1],
+        ax,
+        limit,
+        title,
+        "σ of μ′ [%]",
+        "farthest sample",
+    )
 
 
 def uncertainty_figure(session: Session) -> Figure:
     """Draw what a session knows of its rays and light on one page; ValueError if it found neither."""
-    geometry, light = session.geometry, session.light
+    geometry = session.geometry
+    light = session.light
     count = 2 * (geometry is not None) + (light is not None)
     if not count:
-        raise ValueError("session has no uncertainty to draw: its camera was given, its light refused")
+        raise ValueError(
+            "session has no uncertainty to draw: its camera was given, its light refused"
+        )
     with house(PAGE_SIZE):
         figure = Figure(figsize=(6.5 * count, 5), dpi=100, layout="constrained")
         axes = list(figure.subplots(1, count, squeeze=False)[0])

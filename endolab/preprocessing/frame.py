@@ -20,7 +20,9 @@ from endolab.preprocessing.surround import SURE, field_of_view
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
 MISPLACED = 0.05  # of a mask that lies beyond what the endoscope shows, from which on it is no rounded edge
-EDGE = 0.03  # of the shorter side, within which a mask may lie beyond the field all the same
+EDGE = (
+    0.03  # of the shorter side, within which a mask may lie beyond the field all the same
+)
 BRIGHT = 254.5 / 255  # from here on it is saturated
 LEVELS = 64  # of a mask, or of some other drawing, there are fewer
 REMEMBERED = 3  # sizes of a frame
@@ -68,26 +70,40 @@ class Frame:
 
     def __post_init__(self) -> None:
         image = real_array(f"{self.name}: the image", self.image)
-        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)) or 0 in image.shape:
+        if (
+            image.ndim not in (2, 3)
+            or image.shape[2:] not in ((), (3,))
+            or 0 in image.shape
+        ):
             raise ValueError(
                 f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
             )
         for what in ("mask", "silent") if self.silent is not None else ("mask",):
             mask = mask_array(f"{self.name}: the {what}", getattr(self, what))
             if mask.shape != image.shape[:2]:
-                sizes = ("x".join(map(str, shape[::-1])) for shape in (mask.shape, image.shape[:2]))
-                raise ValueError("{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes))
+                sizes = (
+                    "x".join(map(str, shape[::-1]))
+                    for shape in (mask.shape, image.shape[:2])
+                )
+                raise ValueError(
+                    "{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes)
+                )
             object.__setattr__(
                 self, what, readonly_copy(mask)
             )  # the caller's buffer may be the next frame's soon
         if not self.mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image if self.mask.all() else image[self.mask]
-        low, high = used.min(), used.max()
+        low = used.min()
+        high = used.max()
         if not (low >= 0 and high <= 1):  # either is nan where any value is
             span = f"found {low:.4g} to {high:.4g}"
-            remedy = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
-            raise ValueError(f"{self.name}: values must be finite and lie in [0, 1], {span}{remedy}")
+            remedy = (
+                "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
+            )
+            raise ValueError(
+                f"{self.name}: values must be finite and lie in [0, 1], {span}{remedy}"
+            )
         object.__setattr__(self, "image", readonly_copy(image))
 
     @property
@@ -129,7 +145,9 @@ class Frame:
         """
         if self.image.ndim == 2:
             if name not in (None, "grey"):
-                raise ValueError(f"{self.name}: the picture is grey and has no {name} channel; choose grey")
+                raise ValueError(
+                    f"{self.name}: the picture is grey and has no {name} channel; choose grey"
+                )
             return "grey", self.image
         name = name or "green"
         if name == "grey":
@@ -147,7 +165,9 @@ class Frame:
         key = (width, height, gamma)
         resized = self._resized  # never changed: other threads read it
         if key not in resized:
-            resized = dict([*resized.items()][1 - REMEMBERED :]) | {key: self._shrunk(width, height, gamma)}
+            resized = dict([*resized.items()][1 - REMEMBERED :]) | {
+                key: self._shrunk(width, height, gamma)
+            }
             object.__setattr__(self, "_resized", resized)
         return resized[key]
 
@@ -163,24 +183,37 @@ class Frame:
             return np.asarray(resized, dtype=np.float64)
 
         share = shrunk(self.mask)
-        kept, whole = share >= 0.5, self.mask.all()
+        kept = share >= 0.5
+        whole = self.mask.all()
         if not kept.any():
-            raise ValueError(f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left")
+            raise ValueError(
+                f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left"
+            )
         part = np.where(kept, share, 1.0)
 
         def average_light(channel: FloatArray) -> FloatArray:
-            light = shrunk(power(channel if whole else np.where(self.mask, channel, 0.0), gamma))
-            plain = light if kept.all() else shrunk(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
+            light = shrunk(
+                power(channel if whole else np.where(self.mask, channel, 0.0), gamma)
+            )
+            plain = (
+                light
+                if kept.all()
+                else shrunk(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
+            )
             return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
-        channels = [average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)]
+        channels = [
+            average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)
+        ]
         silent = None if self.silent is None else shrunk(self.silent) > 0
         image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
         return Frame(image, kept, self.name, silent)
 
 
-def shrunk_bytes(stored: NDArray[np.uint8], width: int, height: int, gamma: float) -> FloatArray:
+def shrunk_bytes(
+    stored: NDArray[np.uint8], width: int, height: int, gamma: float
+) -> FloatArray:
     """What `Frame.resize` makes of a picture of bytes without a mask, in the time between a camera's frames.
 
     In single precision, to 1e-6: light is looked up in a table of 256.
@@ -190,14 +223,18 @@ def shrunk_bytes(stored: NDArray[np.uint8], width: int, height: int, gamma: floa
     return np.clip(mean.astype(np.float64), 0.0, 1.0) ** (1 / gamma)
 
 
-def check_size(name: str, size: tuple[int, int], camera: Camera, what: str = "calibration") -> None:
+def check_size(
+    name: str, size: tuple[int, int], camera: Camera, what: str = "calibration"
+) -> None:
     """Raise a ValueError if a picture, (columns, rows), has not the size of the camera."""
     if size != (camera.width, camera.height):
         expected = f"the {what} is for {camera.width}x{camera.height} px"
         raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {expected}")
 
 
-def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame") -> BoolArray:
+def usable(
+    image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame"
+) -> BoolArray:
     """Pixels of a channel (stored values) from which a distance can be had.
 
     The mask without pixels that are outside the camera's field (cos α is nan there), more than 80° off its
@@ -206,7 +243,9 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
     """
     field = mask & (cos_alpha > np.cos(np.deg2rad(MAX_ALPHA)))
     if not field.any():
-        raise ValueError(f"{name}: the mask and the camera's field of view have no pixel in common")
+        raise ValueError(
+            f"{name}: the mask and the camera's field of view have no pixel in common"
+        )
     bright = field & (image > DARK)
     if not bright.any():
         raise ValueError(
@@ -216,13 +255,17 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
     if np.all(image[bright] >= BRIGHT):
         raise ValueError(f"{name}: the picture is fully saturated")
     if np.ptp(image[bright]) < CONSTANT:  # shrinking rounds
-        raise ValueError(f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere")
+        raise ValueError(
+            f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere"
+        )
     return bright
 
 
 def large_parts(region: BoolArray, least: float) -> BoolArray:
     """Return the connected parts of a region that have at least so many pixels."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
+        region.astype(np.uint8), connectivity=4
+    )
     large = stats[:, cv2.CC_STAT_AREA] >= least
     large[0] = False
     return large[labels]
@@ -257,7 +300,9 @@ def looks_like_depth(image: FloatArray) -> bool:
     return 0 < noise < QUIET / 3 and len(np.unique(image)) > LEVELS
 
 
-def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float) -> FloatArray:
+def smooth_light(
+    image: FloatArray, mask: BoolArray, gamma: float, sigma: float
+) -> FloatArray:
     """Blur the light I^γ of a picture within a mask by a Gaussian of `sigma` px; not its stored values.
 
     The picture is as it was outside the mask.
@@ -265,9 +310,14 @@ def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float)
     if sigma <= 0:
         return image
     light = cv2.GaussianBlur(
-        power(np.where(mask, image, 0.0), gamma), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+        power(np.where(mask, image, 0.0), gamma),
+        (0, 0),
+        sigma,
+        borderType=cv2.BORDER_CONSTANT,
     )
-    share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    share = cv2.GaussianBlur(
+        mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+    )
     out = np.empty(image.shape)
 
     def stored(rows: slice) -> None:

@@ -19,20 +19,34 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import QUIET, noise_level, power
 
 # Sizes are shares of the longer side of what is shown, amounts are mirrored light over the tissue's.
-SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
+# half the width of highlights: most, and the largest
+SMALL = 1 / 100
+LARGE = 1 / 30
 AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
 COARSE = 80  # pixels across what the endoscope shows, at which that colour is sought
 COLOUR_STEPS = 200  # of a colour over red, in one
 SKIRT_WIDTH = 1 / 320  # a highlight's faint rim
-SEED, SKIRT = 0.3, 0.12  # where a small highlight begins and ends
-LARGE_SEED, LARGE_SKIRT = 1.5, 0.75  # the same of large ones, as folds bulge at that scale
+# where a small highlight begins and ends
+SEED = 0.3
+SKIRT = 0.12
+# the same of large ones, as folds bulge at that scale
+LARGE_SEED = 1.5
+LARGE_SKIRT = 0.75
 GREY = 2.5  # without colour there is but half the evidence, so seeds must be brighter by this factor
-SURE, LIKELY = 4.0, 2.0  # of seeds and skirts, in standard deviations of the noise
-STEEPEST = 0.7  # change of log light over twice a highlight's width that still counts as a slope
+# of seeds and skirts, in standard deviations of the noise
+SURE = 4.0
+LIKELY = 2.0
+STEEPEST = (
+    0.7  # change of log light over twice a highlight's width that still counts as a slope
+)
 COLOURLESS = 0.8  # green or blue over red, from which on tissue can't be told from lamps
 STRAY = 0.02  # linear light that scatters into every pixel: in the dark, ratios say little
 ROUNDING = 0.5 / 255
-HIGHLIGHTS = ("keep", "ignore", "inpaint")  # as they are, as no evidence, filled in from around
+HIGHLIGHTS = (
+    "keep",
+    "ignore",
+    "inpaint",
+)  # as they are, as no evidence, filled in from around
 
 
 def _odd(size: float) -> int:
@@ -41,10 +55,18 @@ def _odd(size: float) -> int:
 
 
 def _check_picture(image: FloatArray, mask: BoolArray, what: str) -> None:
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
-        raise ValueError(f"expected a grey or RGB picture, found an array of shape {image.shape}")
+    if (
+        image.ndim not in (2, 3)
+        or (image.ndim == 3 and image.shape[2] != 3)
+        or 0 in image.shape
+    ):
+        raise ValueError(
+            f"expected a grey or RGB picture, found an array of shape {image.shape}"
+        )
     if mask.shape != image.shape[:2]:
-        raise ValueError(f"expected {what} of the picture's shape {image.shape[:2]}, found {mask.shape}")
+        raise ValueError(
+            f"expected {what} of the picture's shape {image.shape[:2]}, found {mask.shape}"
+        )
 
 
 def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
@@ -52,7 +74,9 @@ def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
     if mask.all():
         return image
     away = (~mask).astype(np.uint8)
-    labels = cv2.distanceTransformWithLabels(away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    labels = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )[1]
     index = np.zeros(labels.max() + 1, np.intp)
     index[labels[mask]] = np.flatnonzero(mask)
     out = image.copy()
@@ -70,21 +94,33 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
     width = _odd(AROUND * wide / step)
-    window, reach = np.ones((width, width), np.uint8), width // 2
+    window = np.ones((width, width), np.uint8)
+    reach = width // 2
     levels = np.clip(COLOUR_STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
     framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    pale = np.stack([rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)], axis=-1)
+    pale = np.stack(
+        [rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)], axis=-1
+    )
     pale = pale[reach:-reach, reach:-reach] / COLOUR_STEPS
-    return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
+    return np.asarray(
+        cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64
+    )
 
 
-def _white_part(light: FloatArray, colour: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _white_part(
+    light: FloatArray, colour: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Split light into tissue's and white by least squares; the white part and its standard deviation."""
     weight = 1 / spread**2
-    aa, ab, bb = (np.sum(weight * power, axis=-1) for power in (colour**2, colour, np.ones(3)))
-    a, b = np.sum(weight * colour * light, axis=-1), np.sum(weight * light, axis=-1)
+    aa, ab, bb = (
+        np.sum(weight * power, axis=-1) for power in (colour**2, colour, np.ones(3))
+    )
+    a = np.sum(weight * colour * light, axis=-1)
+    b = np.sum(weight * light, axis=-1)
     aa += 1e-12 * bb  # a picture may be all black
-    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)  # 0 where the tissue itself is white
+    determinant = np.maximum(
+        aa * bb - ab**2, 1e-9 * aa * bb
+    )  # 0 where the tissue itself is white
     return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
 
 
@@ -95,12 +131,16 @@ def _led_to(tissue: FloatArray, step: int) -> FloatArray:
     padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
 
     def moved(reach: int, turn: float) -> Any:
-        down, across = edge + round(reach * np.sin(turn)), edge + round(reach * np.cos(turn))
+        down = edge + round(reach * np.sin(turn))
+        across = edge + round(reach * np.cos(turn))
         return padded[down : down + rows, across : across + columns]
 
     for turn in np.arange(8) * np.pi / 4:
-        ahead, beside = moved(step, turn), moved(edge, turn)
-        np.maximum(log_tissue, ahead + np.clip(ahead - beside, -STEEPEST, STEEPEST), out=log_tissue)
+        ahead = moved(step, turn)
+        beside = moved(edge, turn)
+        np.maximum(
+            log_tissue, ahead + np.clip(ahead - beside, -STEEPEST, STEEPEST), out=log_tissue
+        )
     return np.exp(log_tissue.astype(np.float64))
 
 
@@ -133,7 +173,8 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     around lead, and from the noise. What is large, overexposed and smooth is a near wall, not a
     highlight: whoever solves the frame has to treat saturation by itself.
     """
-    image, mask = np.asarray(image, dtype=np.float64), np.asarray(mask, dtype=bool)
+    image = np.asarray(image, dtype=np.float64)
+    mask = np.asarray(mask, dtype=bool)
     _check_picture(image, mask, "a mask")
     if not gamma > 0:
         raise ValueError(f"gamma must be positive, got {gamma}")
@@ -145,7 +186,9 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     calm = cv2.medianBlur(light.astype(np.float32), 3)
     noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
     spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
-    white, doubt, coloured = np.full(mask.shape, np.inf), np.ones(mask.shape), False
+    white = np.full(mask.shape, np.inf)
+    doubt = np.ones(mask.shape)
+    coloured = False
     if image.ndim == 3:
         colour = _palest_colour(calm.astype(np.float64), wide)
         coloured = np.median(colour.min(axis=-1)[mask]) < COLOURLESS
@@ -163,7 +206,9 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     mirrored = np.zeros(mask.shape, dtype=bool)
     demand = 1.0 if coloured else GREY
     for reach, seed, skirt in ((SMALL, SEED, SKIRT), (LARGE, LARGE_SEED, LARGE_SKIRT)):
-        lowest = cv2.morphologyEx(calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8))
+        lowest = cv2.morphologyEx(
+            calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8)
+        )
         lowest = cv2.GaussianBlur(lowest, (0, 0), max(0.25 * reach * wide, 0.5))
         opened = np.asarray(lowest, dtype=np.float64)
         base = _led_to(opened, 2 * max(1, round(reach * wide)))
@@ -173,20 +218,30 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
             around = dilate(certain, SKIRT_WIDTH * wide)
             mirrored |= _holding(certain, around & evidence(opened, demand * skirt, LIKELY))
     # Small holes are the highlights' own tops, where even white is clipped.
-    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    closed = (
+        cv2.morphologyEx(
+            mirrored.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+        )
+        > 0
+    )
     return closed & mask
 
 
-def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) -> FloatArray:
+def inpaint(
+    image: FloatArray, holes: BoolArray, mask: BoolArray | None = None
+) -> FloatArray:
     """Fill holes in stored values smoothly from what surrounds them.
 
     Only pixels of the mask, all by default, are used or filled: black around the endoscope's picture must
     not leak in. Within the holes the logarithm of light is harmonic: it has no peak or pit of its own, so
     nothing rings, and no response exponent is needed, as log I^γ = γ log I.
     """
-    image, holes = np.asarray(image, dtype=np.float64), np.asarray(holes, dtype=bool)
+    image = np.asarray(image, dtype=np.float64)
+    holes = np.asarray(holes, dtype=bool)
     _check_picture(image, holes, "holes")
-    shown = np.ones(holes.shape, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    shown = (
+        np.ones(holes.shape, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    )
     _check_picture(image, shown, "a mask")
     holes = holes & shown
     if not holes.any():
@@ -194,21 +249,35 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     known = shown & ~holes
     if not known.any():
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
-    log = np.log(np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), ROUNDING))
-    number, shown, wanted = np.arange(holes.size).reshape(holes.shape), shown.ravel(), holes.ravel()
+    log = np.log(
+        np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), ROUNDING)
+    )
+    number = np.arange(holes.size).reshape(holes.shape)
+    shown = shown.ravel()
+    wanted = holes.ravel()
     sides = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
-    here, there = np.concatenate([np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1)
+    here, there = np.concatenate(
+        [np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1
+    )
     pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
-    here, there = here[pairs], there[pairs]
+    here = here[pairs]
+    there = there[pairs]
     step = np.arange(here.size)
     differences = scipy.sparse.coo_array(
-        (np.repeat([1.0, -1.0], here.size), (np.tile(step, 2), np.concatenate([here, there]))),
+        (
+            np.repeat([1.0, -1.0], here.size),
+            (np.tile(step, 2), np.concatenate([here, there])),
+        ),
         shape=(here.size, holes.size),
     ).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
-    hint, inner, log = 1e-9, differences[:, wanted], log.reshape(holes.size, -1)
+    hint = 1e-9
+    inner = differences[:, wanted]
+    log = log.reshape(holes.size, -1)
     matrix = inner.T @ inner + hint * scipy.sparse.eye_array(inner.shape[1], format="csc")
-    right = hint * log[wanted] - inner.T @ (differences @ np.where(wanted[:, None], 0.0, log))
+    right = hint * log[wanted] - inner.T @ (
+        differences @ np.where(wanted[:, None], 0.0, log)
+    )
     # The matrix is symmetric: ordered for that, its factors stay thin.
     factors = scipy.sparse.linalg.splu(matrix.tocsc(), "MMD_AT_PLUS_A")
     filled = image.copy().reshape(holes.size, -1)

@@ -17,12 +17,24 @@ from endolab.preprocessing.frame import (
     large_parts,
     noise_level,
 )
-from endolab.preprocessing.highlights import check_highlights, dilate, find_highlights, inpaint
+from endolab.preprocessing.highlights import (
+    check_highlights,
+    dilate,
+    find_highlights,
+    inpaint,
+)
 
-LEAST_SIGNAL = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
+LEAST_SIGNAL = (
+    5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
+)
 COMBED = 0.05  # combing from which on a frame is taken for interlaced
-HALO = 2 / 320  # of the longer side: colour fringes around highlights, which inpainting must not spread
-PAPER_WHITE, PALE, STANDS_OUT = 0.6, 0.08, 0.2  # of text: least value, most colour, contrast
+HALO = (
+    2 / 320
+)  # of the longer side: colour fringes around highlights, which inpainting must not spread
+# of text: least value, most colour, contrast
+PAPER_WHITE = 0.6
+PALE = 0.08
+STANDS_OUT = 0.2
 APART = 32 / 255  # of signs in the surround, their contrast to it
 LETTERS = 4  # as many of one height and colour in a row make a text
 
@@ -32,9 +44,15 @@ class Prepared:
     """A frame that is ready to be solved, and what was found in it."""
 
     original: Frame  # as it came
-    frame: Frame  # ready: its mask leaves out all that is not tissue; on the grid of `camera`
-    camera: Camera  # the calibration's own, or the pinhole to which the frame was undistorted
-    canonical: FloatArray  # see `canonical_picture`; on the original grid, as are the masks below
+    frame: (
+        Frame  # ready: its mask leaves out all that is not tissue; on the grid of `camera`
+    )
+    camera: (
+        Camera  # the calibration's own, or the pinhole to which the frame was undistorted
+    )
+    canonical: (
+        FloatArray  # see `canonical_picture`; on the original grid, as are the masks below
+    )
     field_of_view: BoolArray  # (H, W), what the endoscope shows
     lumen: BoolArray  # where noise says more than the wall
     highlights: BoolArray  # mirrored light
@@ -62,7 +80,9 @@ def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
     green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
     limit = max(DARK, LEAST_SIGNAL * noise_level(green, mask))
     share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
-    calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(mask, share, 1.0)
+    calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(
+        mask, share, 1.0
+    )
     return large_parts(mask & (calm < limit), max(9, 2e-4 * mask.sum()))
 
 
@@ -76,7 +96,11 @@ def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list
             tall = max(high, last[3])
             aligned = abs(top + high - last[1] - last[3]) <= 0.25 * tall
             similar = abs(high - last[3]) <= 0.25 * tall and abs(value - last[4]) <= 4 / 255
-            if aligned and similar and -0.2 * tall <= left - last[0] - last[2] <= 1.5 * tall:
+            if (
+                aligned
+                and similar
+                and -0.2 * tall <= left - last[0] - last[2] <= 1.5 * tall
+            ):
                 row.append(index)
                 break
         else:
@@ -100,19 +124,27 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     reach = 2 * max(4, max(image.shape[:2]) // 60) + 1
     stroke = cv2.morphologyEx(pale, cv2.MORPH_OPEN, np.ones((reach, reach), np.uint8))
     marks = (pale > PAPER_WHITE) & (shade - pale < PALE) & (pale - stroke > STANDS_OUT)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(marks.astype(np.uint8), connectivity=8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        marks.astype(np.uint8), connectivity=8
+    )
     boxes = []
     for label in range(1, count):
         left, top, wide, high = (int(value) for value in stats[label, :4])
         if high >= 5 and wide <= 3 * high and high <= image.shape[0] / 8:
             window = (slice(top, top + high), slice(left, left + wide))
-            boxes.append((left, top, wide, high, float(pale[window][labels[window] == label].max())))
+            boxes.append(
+                (left, top, wide, high, float(pale[window][labels[window] == label].max()))
+            )
     for row in _rows_of_letters(boxes):
         tall = max(boxes[i][3] for i in row)
-        top, bottom = min(boxes[i][1] for i in row), max(boxes[i][1] + boxes[i][3] for i in row)
-        left, right = boxes[row[0]][0], boxes[row[-1]][0] + boxes[row[-1]][2]
+        top = min(boxes[i][1] for i in row)
+        bottom = max(boxes[i][1] + boxes[i][3] for i in row)
+        left = boxes[row[0]][0]
+        right = boxes[row[-1]][0] + boxes[row[-1]][2]
         line = np.zeros(mask.shape, dtype=bool)
-        line[max(0, top - tall // 2) : bottom + tall // 2, max(0, left - tall) : right + tall] = True
+        line[
+            max(0, top - tall // 2) : bottom + tall // 2, max(0, left - tall) : right + tall
+        ] = True
         text |= dilate(marks & line, max(2.0, 0.1 * tall))
     return text
 
@@ -164,11 +196,15 @@ def undistorted(
     height = max(1, round(width * frame.height / frame.width))
     focal = width / (2 * half)
     new = Pinhole(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-    columns, rows = np.moveaxis(np.nan_to_num(camera.project(new.field.rays), nan=-9.0), -1, 0)
+    columns, rows = np.moveaxis(
+        np.nan_to_num(camera.project(new.field.rays), nan=-9.0), -1, 0
+    )
     maps = columns.astype(np.float32), rows.astype(np.float32)
 
     def seen(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
-        remapped = cv2.remap(a.astype(np.float64), *maps, cv2.INTER_LINEAR, borderMode=border)
+        remapped = cv2.remap(
+            a.astype(np.float64), *maps, cv2.INTER_LINEAR, borderMode=border
+        )
         return np.asarray(remapped, dtype=np.float64)
 
     image = np.clip(seen(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
@@ -181,7 +217,9 @@ def undistorted(
     left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
     window = (slice(top, top + high), slice(left, left + wide))
     silent = None if silent is None else silent[window]
-    return Frame(image[window], mask[window], frame.name, silent), new.crop(left, top, wide, high)
+    return Frame(image[window], mask[window], frame.name, silent), new.crop(
+        left, top, wide, high
+    )
 
 
 def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
@@ -190,10 +228,13 @@ def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
     I_c per channel to the power of 1/γ, in [0, 1]; the 90th percentile of the brightest channel is 0.9. nan
     outside the mask and more than 80° off the axis.
     """
-    photometry, cosine = calibration.photometry.simplify(), calibration.camera.field.cos_alpha
+    photometry = calibration.photometry.simplify()
+    cosine = calibration.camera.field.cos_alpha
     seen = frame.mask & (np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
     if not seen.any():
-        raise ValueError(f"{frame.name}: the mask and the camera's field of view have no pixel in common")
+        raise ValueError(
+            f"{frame.name}: the mask and the camera's field of view have no pixel in common"
+        )
     factor = np.where(seen, photometry.attenuation(np.where(seen, cosine, 1.0)), np.nan)
     factor **= 1 / photometry.gamma
     picture = frame.image / (factor if frame.image.ndim == 2 else factor[..., None])
@@ -246,7 +287,8 @@ def prepare(
     (240, 320)
     """
     highlights = check_highlights(highlights)
-    camera, gamma = calibration.camera, calibration.photometry.gamma
+    camera = calibration.camera
+    gamma = calibration.photometry.gamma
     check_size(frame.name, (frame.width, frame.height), camera)
     notes = []
     image = np.nan_to_num(frame.image)
@@ -260,32 +302,52 @@ def prepare(
     fields = interlaced(image, field)
     if fields:
         image = deinterlace(image)
-        notes.append("Two interlaced fields: the even rows are kept, the odd ones interpolated.")
+        notes.append(
+            "Two interlaced fields: the even rows are kept, the odd ones interpolated."
+        )
     text = overlay_text(image, field)
     if text.any():
-        notes.append(f"Text or signs on the screen: {int(text.sum())} px, {_share(text, field)}.")
+        notes.append(
+            f"Text or signs on the screen: {int(text.sum())} px, {_share(text, field)}."
+        )
     tissue = field & ~text
     if not tissue.any():
         raise ValueError(f"{frame.name}: nothing but text is left of the frame")
-    mirrored, lumen = find_highlights(image, tissue, gamma), dark_lumen(image, tissue)
+    mirrored = find_highlights(image, tissue, gamma)
+    lumen = dark_lumen(image, tissue)
     lumen &= ~mirrored
     if lumen.any():
-        notes.append(f"Dark lumen, where noise says more than the wall: {_share(lumen, field)}.")
-    treated = {"ignore": "no evidence", "inpaint": "filled in from around", "keep": "left to the solver"}
+        notes.append(
+            f"Dark lumen, where noise says more than the wall: {_share(lumen, field)}."
+        )
+    treated = {
+        "ignore": "no evidence",
+        "inpaint": "filled in from around",
+        "keep": "left to the solver",
+    }
     if mirrored.any():
         notes.append(f"Highlights: {_share(mirrored, field)}, {treated[highlights]}.")
     canonical = canonical_picture(Frame(image, field, frame.name), calibration)
     mask = tissue & ~lumen
     inpainted = highlights == "inpaint" and bool(mirrored.any())
     if inpainted:
-        image = inpaint(image, dilate(mirrored, HALO * max(frame.width, frame.height)) & tissue, tissue)
+        image = inpaint(
+            image, dilate(mirrored, HALO * max(frame.width, frame.height)) & tissue, tissue
+        )
     silent = frame.silent
     if highlights == "ignore" and mirrored.any():
         silent = mirrored if silent is None else silent | mirrored
     ready = Frame(image, mask, frame.name, silent)
     if undistort:
         ready, camera = undistorted(ready, camera)
-        notes.append(f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across.")
-    done: dict[str, Any] = {"field_of_view": field, "lumen": lumen, "highlights": mirrored, "text": text}
+        notes.append(
+            f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across."
+        )
+    done: dict[str, Any] = {
+        "field_of_view": field,
+        "lumen": lumen,
+        "highlights": mirrored,
+        "text": text,
+    }
     done |= {"interlaced": fields, "undistorted": undistort, "inpainted": inpainted}
     return Prepared(frame, ready, camera, canonical, **done, notes=tuple(notes))

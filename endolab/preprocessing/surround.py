@@ -25,7 +25,9 @@ from endolab.numerics.arrays import BoolArray, FloatArray, SingleArray
 SIDE = 480  # px of the longer side, of what is looked at
 REACH = 10  # px of what is looked at, within which an edge rises
 MARGIN = 2  # px of the picture that are left out along an edge at least, since lenses and codecs blur it
-CORNER = 0.03  # of the shorter side, the legs of the triangle in a corner that tells a colour
+CORNER = (
+    0.03  # of the shorter side, the legs of the triangle in a corner that tells a colour
+)
 STUB = 0.15  # of the shorter side, the width of what is no part of a field, such as text
 SMALL = 0.1  # of the picture, below which nothing is a field
 ROUNDING = 3.0  # grey levels from the surround's colour that tell nothing
@@ -34,8 +36,13 @@ UNEVEN = 10  # grey levels of spread in a corner that is no surround
 GLOW = 0.0, 0.1, 0.25  # of the usual contrast, what may be stray light around the field
 STEP = 5  # grey levels that an edge rises in REACH / 2
 SHADING = 1.2  # an edge rises more than so many times what shading adds from there on
-NAMED = 0.02  # of a mask that lies in what may be a surround, from which on it is worth a word
-POSSIBLE, LIKELY, SURE = 0.52, 0.55, 0.8  # of an outline that is at an edge, if it is a field's
+NAMED = (
+    0.02  # of a mask that lies in what may be a surround, from which on it is worth a word
+)
+# of an outline that is at an edge, if it is a field's
+POSSIBLE = 0.52
+LIKELY = 0.55
+SURE = 0.8
 
 
 class Field(NamedTuple):
@@ -60,7 +67,9 @@ def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
     field = _find_field(_scaled(image))
     if field is None or field.share < least:
         return np.ones((high, wide), dtype=bool)
-    inside = cv2.distanceTransform(field.inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    inside = cv2.distanceTransform(
+        field.inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
     depth = cv2.resize(inside - field.width, (wide, high), interpolation=cv2.INTER_LINEAR)
     shown = depth * scale > MARGIN
     box = np.ix_(shown.any(axis=1), shown.any(axis=0))
@@ -74,7 +83,12 @@ def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     field = _find_field(_scaled(image))
     if field is None or field.share < POSSIBLE:
         return False
-    inside = cv2.resize(field.inside.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    inside = (
+        cv2.resize(
+            field.inside.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST
+        )
+        > 0
+    )
     return bool((mask & ~inside).sum() > NAMED * mask.sum())
 
 
@@ -82,7 +96,9 @@ def _scaled(image: FloatArray) -> SingleArray:
     """Return a picture (h, w, channels) of SIDE px, grey levels; a median takes noise and keeps edges."""
     high, wide = image.shape[:2]
     size = [max(1, round(length * SIDE / max(high, wide))) for length in (wide, high)]
-    scaled = cv2.resize(cv2.convertScaleAbs(image, alpha=255), size, interpolation=cv2.INTER_AREA)
+    scaled = cv2.resize(
+        cv2.convertScaleAbs(image, alpha=255), size, interpolation=cv2.INTER_AREA
+    )
     return np.atleast_3d(cv2.medianBlur(scaled, 5)).astype(np.float32)
 
 
@@ -109,7 +125,11 @@ def _contrast(picture: SingleArray) -> SingleArray:
     if shorter < 2 * legs:
         return contrast
     triangle = np.add.outer(np.arange(legs), np.arange(legs)) < legs
-    corners = [picture[::down, ::across][:legs, :legs][triangle] for down in (1, -1) for across in (1, -1)]
+    corners = [
+        picture[::down, ::across][:legs, :legs][triangle]
+        for down in (1, -1)
+        for across in (1, -1)
+    ]
     colours = np.median(corners, axis=1)
     spread = np.percentile(np.abs(corners - colours[:, None]).max(axis=-1), 90, axis=1)
     noise = ROUNDING + 2 * spread
@@ -119,15 +139,24 @@ def _contrast(picture: SingleArray) -> SingleArray:
     for corner in np.flatnonzero(even):
         first = alike[corner].argmax() == corner
         if first and (alike[corner].sum() > 1 or colours[corner].max() <= BLACK):
-            planes = np.abs(np.moveaxis(picture, -1, 0) - colours[corner, :, None, None].astype(np.float32))
-            contrast = np.minimum(contrast, np.maximum(planes.max(axis=0) - np.float32(noise[corner]), 0))
+            planes = np.abs(
+                np.moveaxis(picture, -1, 0)
+                - colours[corner, :, None, None].astype(np.float32)
+            )
+            contrast = np.minimum(
+                contrast, np.maximum(planes.max(axis=0) - np.float32(noise[corner]), 0)
+            )
     return contrast
 
 
 def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
     """Yield what may be the field in a surround that has no more contrast than `least`."""
     hull = _hull(contrast > least)
-    if hull.sum() < SMALL * hull.size or hull.all() or not hull[hull.shape[0] // 2, hull.shape[1] // 2]:
+    if (
+        hull.sum() < SMALL * hull.size
+        or hull.all()
+        or not hull[hull.shape[0] // 2, hull.shape[1] // 2]
+    ):
         return
     first = _field(hull, contrast, least)
     yield first
@@ -140,7 +169,9 @@ def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
             outline = np.zeros_like(hull)
             outline[window] = images >= share
             outlines.append(outline)
-    yield from (_field(outline, contrast, least) for outline in outlines if not outline.all())
+    yield from (
+        _field(outline, contrast, least) for outline in outlines if not outline.all()
+    )
 
 
 def _hull(differs: BoolArray) -> BoolArray:
@@ -148,12 +179,18 @@ def _hull(differs: BoolArray) -> BoolArray:
     region = np.pad((~differs).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(region, None, (0, 0), 2)
     square = np.ones((2 * round(STUB / 2 * min(differs.shape)) + 1,) * 2, np.uint8)
-    body = cv2.morphologyEx((region != 2).astype(np.uint8), cv2.MORPH_OPEN, square)[1:-1, 1:-1]
+    body = cv2.morphologyEx((region != 2).astype(np.uint8), cv2.MORPH_OPEN, square)[
+        1:-1, 1:-1
+    ]
     contours = cv2.findContours(body, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     if contours:
         corners = cv2.convexHull(np.concatenate(contours)).astype(np.float64)
-        corners += 1e-3 * (corners - corners.mean(axis=0))  # no edge is halfway between pixels, so that
-        cv2.fillConvexPoly(body, np.round(256 * corners).astype(np.int32), 1, shift=8)  # mirror images agree
+        corners += 1e-3 * (
+            corners - corners.mean(axis=0)
+        )  # no edge is halfway between pixels, so that
+        cv2.fillConvexPoly(
+            body, np.round(256 * corners).astype(np.int32), 1, shift=8
+        )  # mirror images agree
     return body > 0
 
 
@@ -164,7 +201,9 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
     centre = [0.0, 0.0]
     for _ in range(4):
         if len(points) >= 2 * REACH:
-            system = np.column_stack([2 * points, np.ones(len(points))])  # |p|² = 2 c·p + r² - |c|²
+            system = np.column_stack(
+                [2 * points, np.ones(len(points))]
+            )  # |p|² = 2 c·p + r² - |c|²
             *centre, rest = np.linalg.lstsq(system, (points**2).sum(axis=-1))[0]
             radius = np.sqrt(max(rest + np.dot(centre, centre), 0.0))
             off = np.abs(np.linalg.norm(points - centre, axis=-1) - radius)
@@ -175,25 +214,40 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
 
 def _field(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
     """Return how much of an outline is at an edge."""
-    contours = cv2.findContours(outline.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    contours = cv2.findContours(
+        outline.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )[0]
     points = np.concatenate([*contours, np.zeros((0, 1, 2))])[:, 0].astype(np.float32)
     along = np.roll(points, -4, axis=0) - np.roll(points, 4, axis=0)
-    inwards = along[:, ::-1] * (1, -1) / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1)
+    inwards = (
+        along[:, ::-1]
+        * (1, -1)
+        / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1)
+    )
     inner = ((points > 1) & (points < np.array(outline.shape[::-1]) - 2)).all(axis=-1)
     if not inner.any():
         return Field(outline, points[:0], 0.0, 0.0)
-    at = points[inner, None] + inwards[inner, None] * np.arange(-REACH, 2 * REACH + 1)[:, None]
+    at = (
+        points[inner, None]
+        + inwards[inner, None] * np.arange(-REACH, 2 * REACH + 1)[:, None]
+    )
     x, y = np.moveaxis(at.astype(np.float32), -1, 0)
     profiles = np.asarray(cv2.remap(contrast, x, y, cv2.INTER_LINEAR))
-    before, after, soon, end, beyond = profiles[:, REACH * np.array([8, 12, 15, 20, 30]) // 10].T
+    before, after, soon, end, beyond = profiles[
+        :, REACH * np.array([8, 12, 15, 20, 30]) // 10
+    ].T
     starts = (before <= least + 1) & (after > least)
     edge = starts & (soon > least + STEP) & (end - before > SHADING * (beyond - end))
     if not edge.any():
         return Field(outline, points[:0], 0.0, 0.0)
     profile = np.median(profiles[edge], axis=0)[REACH:]
     top = profile[REACH] - max(0.0, profile[2 * REACH] - profile[REACH])  # without shading
-    half = int((profile > (profile[0] + top) / 2).argmax())  # the edge's half height lies just before
+    half = int(
+        (profile > (profile[0] + top) / 2).argmax()
+    )  # the edge's half height lies just before
     slope = np.append(np.diff(profile), 0)
     steepest = int(slope.argmax())
     flat = steepest + int((slope[steepest:] < slope[steepest] / 2).argmax())
-    return Field(outline, points[inner][edge], float(edge.mean()), max(0, min(2 * half - 1, flat)))
+    return Field(
+        outline, points[inner][edge], float(edge.mean()), max(0, min(2 * half - 1, flat))
+    )

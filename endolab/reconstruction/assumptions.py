@@ -5,7 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from endolab.depth.problem import LOWER_BOUND, NONE
-from endolab.depth.provenance import ContourOutcome, ContourReport, LightOutcome, LightReport, Provenance
+from endolab.depth.provenance import (
+    ContourOutcome,
+    ContourReport,
+    LightOutcome,
+    LightReport,
+    Provenance,
+)
 from endolab.depth.result import Iterate, Result
 from endolab.reconstruction.light.colours import FIT
 from endolab.reconstruction.scale import pixel_name, scale_of
@@ -70,7 +76,10 @@ def _of_removed_light(light: LightReport) -> str:
 
 
 def _of_contours(contours: ContourReport | None) -> Iterator[str]:
-    if contours is None or contours.outcome in (ContourOutcome.NOT_ASKED, ContourOutcome.GIVEN):
+    if contours is None or contours.outcome in (
+        ContourOutcome.NOT_ASKED,
+        ContourOutcome.GIVEN,
+    ):
         return
     if contours.steps:
         yield f"Contours: the surface is cut over {contours.steps:,} px ({contours.outcome.value})."
@@ -79,7 +88,8 @@ def _of_contours(contours: ContourReport | None) -> Iterator[str]:
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:
-    scale, kind = result.provenance.scale, scale_of(result)
+    scale = result.provenance.scale
+    kind = scale_of(result)
     if kind == "gain":
         yield "Distances are in mm, because the gain of the endoscope is known."
     elif kind == "median distance" and scale:
@@ -128,7 +138,11 @@ def _of_bounces(result: Result | Iterate) -> str:
 def _of_gamma(result: Result | Iterate) -> str:
     """Tell what an error of γ does: d goes with I^(-γ/2), and the scale keeps the median."""
     problem = result.problem
-    informative = problem.mask if problem.evidence is None else problem.mask & (problem.evidence != NONE)
+    informative = (
+        problem.mask
+        if problem.evidence is None
+        else problem.mask & (problem.evidence != NONE)
+    )
     image = problem.image[informative & (problem.image > 0)]
     low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
     dark, bright = (abs(GAMMA_STEP / 2 * np.log(limit / middle)) for limit in (low, high))
@@ -150,7 +164,9 @@ def of_evidence(result: Result | Iterate) -> Iterator[str]:
 
     if problem.evidence is None:
         return
-    saturated, silent = (int((problem.evidence[problem.mask] == what).sum()) for what in (LOWER_BOUND, NONE))
+    saturated, silent = (
+        int((problem.evidence[problem.mask] == what).sum()) for what in (LOWER_BOUND, NONE)
+    )
     if saturated:
         yield f"The sensor is saturated in {share(saturated)}, which count as 'at least this bright'."
     if silent:

@@ -12,7 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from endolab.depth.problem import EXACT, LOWER_BOUND, NONE, Problem
-from endolab.depth.provenance import LightOutcome, LightReport, PreparationReport, Provenance
+from endolab.depth.provenance import (
+    LightOutcome,
+    LightReport,
+    PreparationReport,
+    Provenance,
+)
 from endolab.depth.result import Iterate
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
@@ -20,7 +25,14 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import side_by_side
-from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
+from endolab.preprocessing.frame import (
+    BRIGHT,
+    Frame,
+    check_size,
+    noise_level,
+    smooth_light,
+    usable,
+)
 from endolab.preprocessing.highlights import find_highlights, inpaint
 from endolab.reconstruction.settings import AUTO, SEPARATED, Settings
 
@@ -77,7 +89,9 @@ def prepare_channels(frame: Frame, endoscope: Calibration, settings: Settings) -
     """Prepare what the settings ask for: three colours, or one channel."""
     grey = frame.image.ndim == 2
     if settings.used_channel == SEPARATED and grey:
-        raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
+        raise ValueError(
+            f"{frame.name} is grey, and channel='separated' needs its three colours"
+        )
     if settings.uses_colours:
         settings = replace(settings, highlights=settings.highlights or "ignore")
     if settings.uses_colours and not grey:
@@ -100,7 +114,9 @@ def make_problem(frame: Frame, endoscope: Calibration, **options: object) -> Pro
     """
     settings = Settings.of(options)
     if settings.channel in (SEPARATED, AUTO):
-        raise ValueError(f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()")
+        raise ValueError(
+            f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()"
+        )
     (made,) = make_channels(frame, endoscope, settings, [settings.channel])
     return made.problem
 
@@ -207,7 +223,9 @@ def _in_two_sizes(
 def _check_frame(width: int, height: int, channels: int) -> None:
     if min(width, height) < LEAST_SIDE:
         least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
-        raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
+        raise ValueError(
+            f"a frame of {width}x{height} px is too small to be solved: {least}"
+        )
     needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
     check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
 

@@ -69,13 +69,18 @@ def make_mesh(
     if sigma is not None:
         colours, legend = _certainty(sigma, shown)
     if isinstance(shown, Result | Iterate):
-        problem, points, unit = shown.problem, shown.points, shown.problem.unit
+        problem = shown.problem
+        points = shown.points
+        unit = shown.problem.unit
         colours = problem.shown if colours is None else colours
         cuts = problem.cuts if cuts is None else cuts
     else:
-        points, unit = np.asarray(shown, dtype=np.float64), "mm"
+        points = np.asarray(shown, dtype=np.float64)
+        unit = "mm"
     if points.ndim != 3 or points.shape[2] != 3:
-        raise ValueError(f"points must be an array of shape (H, W, 3), found {points.shape}")
+        raise ValueError(
+            f"points must be an array of shape (H, W, 3), found {points.shape}"
+        )
     shape = points.shape[:2]
     if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
         raise ValueError(
@@ -83,34 +88,51 @@ def make_mesh(
         )
     colours = np.full(shape, NEUTRAL) if colours is None else colours
     if colours.shape not in (shape, (*shape, 3)):
-        raise ValueError(f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}")
+        raise ValueError(
+            f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}"
+        )
     if not (jump >= 1 and 0 <= grazing <= 90):
         raise ValueError(
             f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
         )
     distance = np.linalg.norm(points, axis=-1)
-    triangles = join_triangles(distance, links(np.isfinite(distance) & (distance > 0), cuts))
+    triangles = join_triangles(
+        distance, links(np.isfinite(distance) & (distance > 0), cuts)
+    )
     points = points.reshape(-1, 3)
     triangles = triangles[~_joins_two_surfaces(points, triangles, jump, grazing)]
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
-    vertices, triangles = points[used], (np.cumsum(used, dtype=np.int32) - 1)[triangles]
+    vertices = points[used]
+    triangles = (np.cumsum(used, dtype=np.int32) - 1)[triangles]
     colours = colours[..., None] if colours.ndim == 2 else colours
     colours = np.broadcast_to(colours, (*shape, 3)).reshape(-1, 3)[used].clip(0, 1)
-    return Mesh(vertices, triangles, colours, vertex_normals(vertices, triangles), unit, legend)
+    return Mesh(
+        vertices, triangles, colours, vertex_normals(vertices, triangles), unit, legend
+    )
 
 
-def _certainty(sigma: FloatArray, shown: Result | Iterate | FloatArray) -> tuple[FloatArray, str]:
+def _certainty(
+    sigma: FloatArray, shown: Result | Iterate | FloatArray
+) -> tuple[FloatArray, str]:
     """Colours of σ, from dark, certain, to bright, and what they mean; (H, W, 3)."""
     if not isinstance(shown, Result | Iterate):
-        raise ValueError("sigma is of a result, whose distances it is a share of: mere points have none")
+        raise ValueError(
+            "sigma is of a result, whose distances it is a share of: mere points have none"
+        )
     if sigma.shape != shown.mask.shape:
         raise ValueError(f"sigma has shape {sigma.shape}, the result {shown.mask.shape}")
     percent = np.where(shown.mask, 100 * sigma / shown.distance, 0.0)
     most = float(f"{np.percentile(percent[shown.mask], OFTEN):.2g}") or 1.0
     places = np.round(255 * np.clip(percent / most, 0, 1)).astype(np.uint8)
-    scale = np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)[..., ::-1] / 255
-    return scale, f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
+    scale = (
+        np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)[..., ::-1]
+        / 255
+    )
+    return (
+        scale,
+        f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)",
+    )
 
 
 def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
@@ -127,27 +149,38 @@ def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
 
     a, b, c, d = corners(number)
     (top, _, bottom, _), (left, far, _, _) = corners(right), corners(lower)
-    upper_left, lower_right, lower_left, upper_right = top & left, bottom & far, left & bottom, top & far
+    upper_left = top & left
+    lower_right = bottom & far
+    lower_left = left & bottom
+    upper_right = top & far
     with np.errstate(divide="ignore", invalid="ignore"):
         at_a, at_b, at_c, at_d = corners(np.log(distance))
         flatter = np.abs(at_a - at_d) < np.abs(at_b - at_c)
-    rising, falling = 1 * upper_left + lower_right, 1 * lower_left + upper_right
-    falls = (falling > rising) | ((falling == rising) & flatter)  # the diagonal is a-d, else b-c
+    rising = 1 * upper_left + lower_right
+    falling = 1 * lower_left + upper_right
+    falls = (falling > rising) | (
+        (falling == rising) & flatter
+    )  # the diagonal is a-d, else b-c
     parts = [
         (upper_left & ~falls, (a, c, b)),
         (lower_right & ~falls, (b, c, d)),
         (lower_left & falls, (a, c, d)),
         (upper_right & falls, (a, d, b)),
     ]
-    return np.concatenate([np.stack([corner[kept] for corner in three], -1) for kept, three in parts])
+    return np.concatenate(
+        [np.stack([corner[kept] for corner in three], -1) for kept, three in parts]
+    )
 
 
-def _joins_two_surfaces(points: FloatArray, triangles: IndexArray, jump: float, grazing: float) -> BoolArray:
+def _joins_two_surfaces(
+    points: FloatArray, triangles: IndexArray, jump: float, grazing: float
+) -> BoolArray:
     """Triangles that would join two surfaces."""
     distance = np.linalg.norm(points, axis=-1)[triangles]
     torn = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
     corners = points[triangles[torn]]
-    normal, sight = triangle_normals(corners), corners.mean(axis=1)
+    normal = triangle_normals(corners)
+    sight = corners.mean(axis=1)
     size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
     cosine = np.abs(np.einsum("ni,ni->n", normal, sight))
     torn[torn] = cosine < np.cos(np.deg2rad(grazing)) * size

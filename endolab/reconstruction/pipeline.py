@@ -29,7 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.result import SOLUTION, Iterate, Result, Solver, limit_steps, with_provenance
+from endolab.depth.result import (
+    SOLUTION,
+    Iterate,
+    Result,
+    Solver,
+    limit_steps,
+    with_provenance,
+)
 from endolab.depth.solvers import check_solver_options, knows_curvature, options_of, solve
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -42,10 +49,14 @@ from endolab.reconstruction.light.separation import remove_indirect_light
 from endolab.reconstruction.scale import scale_by_length
 from endolab.reconstruction.settings import AUTO, Settings
 
-SETTLED = 5e-3  # of distances: a cut surface hangs together by little, and creeps long after that
+SETTLED = (
+    5e-3  # of distances: a cut surface hangs together by little, and creeps long after that
+)
 
 
-def prepare(frame: Frame, calibration: Calibration, settings: Settings, start: Result | None) -> Channels:
+def prepare(
+    frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
+) -> Channels:
     """Check what was given, and prepare the frame."""
     for name, value, kind, expected in (
         ("frame", frame, Frame, "a Frame"),
@@ -64,7 +75,10 @@ def prepare(frame: Frame, calibration: Calibration, settings: Settings, start: R
 
 
 def solve_in_stages(
-    channels: Channels, albedo: FloatArray | None, settings: Settings, start: Result | FloatArray | None
+    channels: Channels,
+    albedo: FloatArray | None,
+    settings: Settings,
+    start: Result | FloatArray | None,
 ) -> Solver:
     """Solve all stages, the one after the other."""
     before = start if isinstance(start, Result) else None
@@ -110,7 +124,11 @@ def _choose_regulariser(task: Task, settings: Settings) -> str:
     and it is slower.
     """
     bounced = task.provenance.albedo is not None
-    if settings.regulariser == AUTO and not bounced and knows_curvature(settings.solver, settings.xi):
+    if (
+        settings.regulariser == AUTO
+        and not bounced
+        and knows_curvature(settings.solver, settings.xi)
+    ):
         return "curvature"
     return settings.first_regulariser
 

@@ -12,7 +12,9 @@ from endolab.preprocessing.surround import unclear_surround
 NARROW = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
 DISTANCES = 2.0, 300.0  # mm, of the median
 EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
-DIM = 0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
+DIM = (
+    0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
+)
 BLACKEST = 0.05  # albedo of tissue and of phantoms
 
 
@@ -22,8 +24,11 @@ def warnings(result: Result) -> tuple[str, ...]:
 
 
 def _warnings(result: Result) -> Iterator[str]:
-    problem, mask = result.problem, result.mask
-    widest = float(np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1))))
+    problem = result.problem
+    mask = result.mask
+    widest = float(
+        np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1)))
+    )
     if widest < NARROW:
         yield f"The camera sees only {widest:.2g}° to the side: its focal length may be wrong."
     median = float(np.median(result.distance[mask]))
@@ -37,14 +42,18 @@ def _warnings(result: Result) -> Iterator[str]:
     spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
     picture = problem.shown
     noise = noise_level(picture if picture.ndim == 2 else picture.mean(axis=-1), mask)
-    explained = 1 - (float(np.var(left[compared])) + noise**2) / spread if spread > 0 else 1.0
+    explained = (
+        1 - (float(np.var(left[compared])) + noise**2) / spread if spread > 0 else 1.0
+    )
     if explained < EXPLAINED:
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; 99 % is usual. "
             "This may not be an endoscope's frame, or λ is too large."
         )
     if picture.ndim == 3:
-        red, _, blue = (float(np.median(picture[..., channel][mask])) for channel in range(3))
+        red, _, blue = (
+            float(np.median(picture[..., channel][mask])) for channel in range(3)
+        )
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
     brightest = float(picture[mask].max())

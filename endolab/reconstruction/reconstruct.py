@@ -69,11 +69,15 @@ def reconstruct(
         settings = Settings.of(options)
         channels = prepare(frame, calibration, settings, start)
         stages = solve_in_stages(channels, known_albedo(calibration), settings, start)
-        return run(stages, observers, last=lambda answer: to_scale(answer, channels, settings))
+        return run(
+            stages, observers, last=lambda answer: to_scale(answer, channels, settings)
+        )
 
 
 @takes_settings
-def iterate(frame: Frame, calibration: Calibration, *, start: Result | None = None, **options: Any) -> Solver:
+def iterate(
+    frame: Frame, calibration: Calibration, *, start: Result | None = None, **options: Any
+) -> Solver:
     """Yield the iterates of all stages, up to the solver's own: ``for step in iterate(...): ...``.
 
     Takes the keywords of `reconstruct` but for those that fix the scale.
@@ -89,6 +93,8 @@ def iterate(frame: Frame, calibration: Calibration, *, start: Result | None = No
     settings = Settings.of(options)
     for name, length in settings.lengths.items():
         if length is not None:
-            raise ValueError(f"{name} is an option of reconstruct(); iterates have the unit of the gain")
+            raise ValueError(
+                f"{name} is an option of reconstruct(); iterates have the unit of the gain"
+            )
     channels = prepare(frame, calibration, settings, start)
     return solve_in_stages(channels, known_albedo(calibration), settings, start)

@@ -48,7 +48,9 @@ def scale_by_length(
     return in_unit(iterate, factor, scale=replace(scale, by_gain=by_gain))
 
 
-def factor_of_distance(result: Result | Iterate, mm: float, column: float, row: float) -> float:
+def factor_of_distance(
+    result: Result | Iterate, mm: float, column: float, row: float
+) -> float:
     """What distances must be multiplied by so that the surface at one pixel is this far away, mm.
 
     The pixel (column, row) is one of the picture that was given to `endolab.reconstruct`, px from the
@@ -58,7 +60,9 @@ def factor_of_distance(result: Result | Iterate, mm: float, column: float, row: 
     return mm / float(np.linalg.norm(_surface_at(result, (column, row))))
 
 
-def factor_of_diameter(result: Result | Iterate, mm: float, start: Pixel, end: Pixel) -> float:
+def factor_of_diameter(
+    result: Result | Iterate, mm: float, start: Pixel, end: Pixel
+) -> float:
     """What distances must be multiplied by so that two points of the surface are this far apart, mm.
 
     The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
@@ -74,18 +78,23 @@ def factor_of_diameter(result: Result | Iterate, mm: float, start: Pixel, end: P
     return mm / float(np.linalg.norm(_surface_at(result, start) - _surface_at(result, end)))
 
 
-def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale | None = None) -> Iterate:
+def in_unit(
+    iterate: Iterate, factor: float, metric: bool = True, scale: Scale | None = None
+) -> Iterate:
     """Return the same surface in another unit, mm if it is `metric`, fixed by a `scale`.
 
     Distances are multiplied by the factor; the gain goes with its square, the energy stays.
     """
-    old, provenance = iterate.problem, iterate.provenance
+    old = iterate.problem
+    provenance = iterate.provenance
     photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
     problem = replace(old, photometry=photometry, metric=metric)
     if scale is not None:
         provenance = replace(provenance, scale=scale)
     moved = frozen(iterate.log_distance + np.log(factor))
-    return replace(iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance)
+    return replace(
+        iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance
+    )
 
 
 def scale_of(result: Result | Iterate) -> str:
@@ -134,7 +143,9 @@ def own_pixel(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     full = np.array(own if prepared is None else prepared.picture_size)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
-        raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px")
+        raise ValueError(
+            f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px"
+        )
     return (place + 0.5) * own / full - 0.5
 
 
@@ -142,11 +153,17 @@ def _surface_at(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
     own = own_pixel(result, pixel)
     mask = result.mask
-    column, row = np.clip(np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1])
+    column, row = np.clip(
+        np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1]
+    )
     if not mask[row, column]:
-        raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the mask, where no distance is known")
+        raise ValueError(
+            f"the pixel at {pixel_name(pixel)} is outside the mask, where no distance is known"
+        )
     low = max(row - NEIGHBOURS, 0), max(column - NEIGHBOURS, 0)
-    around = result.distance[low[0] : row + NEIGHBOURS + 1, low[1] : column + NEIGHBOURS + 1]
+    around = result.distance[
+        low[0] : row + NEIGHBOURS + 1, low[1] : column + NEIGHBOURS + 1
+    ]
     ray = result.problem.camera.unproject(own)
     if not np.all(np.isfinite(ray)):  # the pixel's centre is seen, this corner of it is not
         ray = result.problem.field.rays[row, column]

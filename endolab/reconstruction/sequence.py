@@ -31,10 +31,19 @@ REFRESH = 25  # frames after which a cold start is tried anyway
 GAIN_STEP = 0.1  # standard deviation of the change of log gain from frame to frame
 MOTION_STEP = 0.05  # of the camera's motion: median distances, and rad
 # Pixels that are compared, whose link is that of all within 1e-4, and how many tell their own story.
-SAMPLES, INDEPENDENT = 8000, 100.0
-ROUNDS, SETTLED = 20, 1e-5  # of reweighting, and the change of its unknowns after which there is no other
-SCALES = ("median_distance", "known_distance", "known_diameter")  # options that fix a frame's scale
-GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
+SAMPLES = 8000
+INDEPENDENT = 100.0
+# of reweighting, and the change of its unknowns after which there is no other
+ROUNDS = 20
+SETTLED = 1e-5
+SCALES = (
+    "median_distance",
+    "known_distance",
+    "known_diameter",
+)  # options that fix a frame's scale
+GRAZING = (
+    0.25  # cosine between ray and normal below which a surface says little of its place
+)
 
 
 @dataclass(frozen=True)
@@ -56,17 +65,25 @@ class Surface:
 class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
-    result: Result  # of which `again` knows only the surface, its unit, and whether it is torn
+    result: (
+        Result  # of which `again` knows only the surface, its unit, and whether it is torn
+    )
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
     age: int  # frames since
 
     @classmethod
     def again(
-        cls, surface: Surface, frame: Frame, calibration: Calibration, bar: float, least: float
+        cls,
+        surface: Surface,
+        frame: Frame,
+        calibration: Calibration,
+        bar: float,
+        least: float,
     ) -> Self:
         """Take up a surface that was kept: of a frame, with the energy `least`, torn over a bar, or 0."""
-        v, camera = np.log(surface.distance), calibration.camera
+        v = np.log(surface.distance)
+        camera = calibration.camera
         if v.shape != (camera.height, camera.width):
             camera = camera.resize(v.shape[1], v.shape[0])
         photometry = replace(calibration.photometry, gain=surface.gain)
@@ -79,7 +96,9 @@ class Carried:
             cuts=np.zeros((2, *v.shape), dtype=bool) if bar else None,
         )
         contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=bar or None)
-        iterate = Iterate(problem, 0, frozen(v), {}, provenance=Provenance(contours=contours))
+        iterate = Iterate(
+            problem, 0, frozen(v), {}, provenance=Provenance(contours=contours)
+        )
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 
@@ -94,7 +113,9 @@ class Step:
     error: str = ""  # one sentence; empty if there is a result
     warm: bool = False  # whether the result was started from the last frame's
     seconds: float = 0.0  # what the frame took, a second try from cold included
-    carried: Carried | None = None  # what the next frame takes up; None if there is an error
+    carried: Carried | None = (
+        None  # what the next frame takes up; None if there is an error
+    )
 
 
 def reconstruct_sequence(
@@ -148,20 +169,31 @@ def reconstruct_sequence(
         try:
             frame = framed(name, picture)
             light = _light(frame, calibration.photometry.gamma)
-            own = options if surface is None else {k: v for k, v in options.items() if k not in SCALES}
-            result, warm, least, age = None, False, np.inf, 0
+            own = (
+                options
+                if surface is None
+                else {k: v for k, v in options.items() if k not in SCALES}
+            )
+            result = None
+            warm = False
+            least = np.inf
+            age = 0
             if carried is not None:
-                least, age = carried.least, carried.age
+                least = carried.least
+                age = carried.age
             if carried is not None and can_start:
                 last = carried.result
                 start = last if known_gain else _as_bright(last, light / carried.light)
                 result = reconstruct(frame, calibration, start=start, **own)
                 warm = result.status is Status.STOPPED or (
-                    result.status is Status.CONVERGED and result.energy <= WORSE * least and age < REFRESH
+                    result.status is Status.CONVERGED
+                    and result.energy <= WORSE * least
+                    and age < REFRESH
                 )
             if result is None or not warm:
                 cold = reconstruct(frame, calibration, **own)
-                least, age = cold.energy, 0
+                least = cold.energy
+                age = 0
                 warm = result is not None and result.energy < cold.energy
                 if result is None or not warm:
                     result = cold
@@ -169,16 +201,30 @@ def reconstruct_sequence(
                 result = replace(result, iterate=scale_by_length(result.iterate, **lengths))
         except (ValueError, OSError) as error:
             if surface is None and any(length is not None for length in lengths.values()):
-                raise ValueError(_sentence(name, error)) from error  # another frame shows other places
-            yield Step(index, name, None, _sentence(name, error), False, time.perf_counter() - started)
+                raise ValueError(
+                    _sentence(name, error)
+                ) from error  # another frame shows other places
+            yield Step(
+                index,
+                name,
+                None,
+                _sentence(name, error),
+                False,
+                time.perf_counter() - started,
+            )
             continue
         if surface is not None:
             gain = result.problem.photometry.gain or 1.0
-            factor = np.sqrt(surface.gain / gain) if known_gain else scale_between(surface, result)
+            factor = (
+                np.sqrt(surface.gain / gain)
+                if known_gain
+                else scale_between(surface, result)
+            )
             linked = None if known_gain and np.isclose(factor, 1) else Scale("frame before")
             linked_iterate = in_unit(result.iterate, float(factor), surface.metric, linked)
             result = replace(result, iterate=linked_iterate)
-        carried, surface = Carried(result, light, least, age + 1), Surface.of(result)
+        carried = Carried(result, light, least, age + 1)
+        surface = Surface.of(result)
         yield Step(index, name, result, "", warm, time.perf_counter() - started, carried)
         if result.status is Status.STOPPED:
             return
@@ -237,27 +283,37 @@ def scale_between(before: Surface, result: Result) -> float:
         return float(np.exp(prior))
     field = result.problem.field
     thin = (slice(None, None, max(1, int(np.sqrt(result.mask.size / SAMPLES)))),) * 2
-    old, new = before.distance[thin], result.distance[thin]
-    n = thin_normals(np.log(before.distance), field, np.isfinite(before.distance), thin[0].step)
+    old = before.distance[thin]
+    new = result.distance[thin]
+    n = thin_normals(
+        np.log(before.distance), field, np.isfinite(before.distance), thin[0].step
+    )
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
         good = (old > 0) & (new > 0) & (facing < -GRAZING)
     if good.sum() < INDEPENDENT:
         return float(np.exp(prior))
-    old, new, n, u, facing = old[good], new[good], n[good], u[good], facing[good, None]
+    old = old[good]
+    new = new[good]
+    n = n[good]
+    u = u[good]
+    facing = facing[good, None]
     y = np.log(old / new)
     by_motion = n * (np.median(old) / old)[:, None] / facing
     a = np.concatenate([np.ones_like(facing), by_motion, np.cross(u, n) / facing], axis=-1)
     prior_weight = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
     x = np.array([np.median(y), *[0.0] * 6])
     for _ in range(ROUNDS):
-        residual, last = y - a @ x, x
+        residual = y - a @ x
+        last = x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
         weight *= min(1.0, INDEPENDENT / len(y))
         information = (a * weight[:, None]).T @ a + np.diag(prior_weight)
-        x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * np.array([prior, *[0.0] * 6]))
+        x = np.linalg.solve(
+            information, a.T @ (weight * y) + prior_weight * np.array([prior, *[0.0] * 6])
+        )
         if np.abs(x - last).max() < SETTLED:
             break
     return float(np.exp(x[0]))

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 AUTO = "auto"  # what the frame's evidence allows
 SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
-LENGTHS = ("median_distance", "known_distance", "known_diameter")  # one of which may fix the scale
+LENGTHS = (
+    "median_distance",
+    "known_distance",
+    "known_diameter",
+)  # one of which may fix the scale
 
 WORD = "word"  # one of some choices
 NUMBER = "number"
@@ -185,7 +189,9 @@ class Settings:
         "steps between pixels that are cut, where they are known: see `Problem`",
         MAP,
     )
-    solver_options: Mapping[str, Any] = field(default_factory=dict)  # the solver's own, such as `inflow`
+    solver_options: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # the solver's own, such as `inflow`
 
     def __post_init__(self) -> None:
         from endolab.depth.solvers import check_solver_options
@@ -251,7 +257,9 @@ def option_fields() -> list[Field[Any]]:
 
 def option_of(name: str) -> Option:
     """Return what is known of an option."""
-    facts: Option = next(part for part in option_fields() if part.name == name).metadata["option"]
+    facts: Option = next(part for part in option_fields() if part.name == name).metadata[
+        "option"
+    ]
     return facts
 
 
@@ -291,7 +299,10 @@ def takes_settings(function: Function) -> Function:
     own = list(signature.parameters.values())
     keywords = [
         inspect.Parameter(
-            part.name, inspect.Parameter.KEYWORD_ONLY, default=part.default, annotation=part.type
+            part.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=part.default,
+            annotation=part.type,
         )
         for part in option_fields()
     ]
@@ -307,7 +318,11 @@ def _describe_options() -> str:
     for part in option_fields():
         facts: Option = part.metadata["option"]
         kind = f"{{{', '.join(facts.choices)}}}" if facts.choices else str(part.type)
-        text = f"{facts.help[0].upper()}{facts.help[1:]}." + (f" {facts.more}." if facts.more else "")
+        text = f"{facts.help[0].upper()}{facts.help[1:]}." + (
+            f" {facts.more}." if facts.more else ""
+        )
         lines.append(f"    {part.name} : {kind}, by default {part.default!r}")
-        lines += textwrap.wrap(text, LINE, initial_indent=" " * 8, subsequent_indent=" " * 8)
+        lines += textwrap.wrap(
+            text, LINE, initial_indent=" " * 8, subsequent_indent=" " * 8
+        )
     return "\n".join(lines) + "\n"

@@ -26,7 +26,10 @@ def main(path: str) -> None:
     from rerun_bindings import RrdReaderInternal
 
     _limit(os.path.getsize(path))
-    batches = [chunk.to_record_batch() for chunk in RrdReaderInternal(path).stream(store=None).to_chunks()]
+    batches = [
+        chunk.to_record_batch()
+        for chunk in RrdReaderInternal(path).stream(store=None).to_chunks()
+    ]
     for batch in batches:
         batch.validate(full=True)
         with pa.ipc.new_stream(sys.stdout.buffer, batch.schema) as stream:

@@ -43,7 +43,9 @@ class Shown:
         )
 
 
-def _open_at(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None) -> Layout:
+def _open_at(
+    layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None
+) -> Layout:
     """A layout with the timeline to open on, played so fast, and without panels beside it."""
     return Layout(
         layout,
@@ -55,11 +57,15 @@ def _open_at(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None 
 
 def _depth(shown: Shown) -> rrb.Spatial2DView:
     nearest, farthest = shown.limits
-    return shown.view(f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}", "depth", "mask")
+    return shown.view(
+        f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}", "depth", "mask"
+    )
 
 
 def _residual(shown: Shown) -> rrb.Spatial2DView:
-    return shown.view(f"Residual, blue -{MOST_RESIDUAL:g} to red +{MOST_RESIDUAL:g}/255", "residual")
+    return shown.view(
+        f"Residual, blue -{MOST_RESIDUAL:g} to red +{MOST_RESIDUAL:g}/255", "residual"
+    )
 
 
 def _uncertainty(shown: Shown) -> list[rrb.View]:
@@ -74,7 +80,10 @@ def _surface(shown: Shown) -> rrb.Spatial3DView:
     nearest, farthest = shown.limits
     name = f"Surface [{shown.unit}]" + (f" · {shown.run}" if shown.run else "")
     return _space(
-        name, np.array([0.0, 0.0, (nearest + farthest) / 2]), 1.2 * farthest, origin=shown.at("world")
+        name,
+        np.array([0.0, 0.0, (nearest + farthest) / 2]),
+        1.2 * farthest,
+        origin=shown.at("world"),
     )
 
 
@@ -83,7 +92,11 @@ def _space(
     target: FloatArray,
     away: float,
     *,
-    direction: Sequence[float] = (-0.5, -0.35, -0.8),  # from behind the camera, to its left and above it
+    direction: Sequence[float] = (
+        -0.5,
+        -0.35,
+        -0.8,
+    ),  # from behind the camera, to its left and above it
     origin: str = "/world",
 ) -> rrb.Spatial3DView:
     """A view of what lies about `target`, from `away` in that direction."""
@@ -101,28 +114,38 @@ def _curves(title: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
         contents=list(contents),
         name=title,
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-        interaction=rrb.PlotInteraction(points_display="always"),  # a few iterates make no line
+        interaction=rrb.PlotInteraction(
+            points_display="always"
+        ),  # a few iterates make no line
     )
 
 
 def _energy(shown: Shown) -> rrb.TimeSeriesView:
-    return _curves("log₁₀ energy", [shown.at(f"log10/{name}") for name in ("energy", *shown.terms)])
+    return _curves(
+        "log₁₀ energy", [shown.at(f"log10/{name}") for name in ("energy", *shown.terms)]
+    )
 
 
 def _change(runs: Sequence[Shown]) -> rrb.TimeSeriesView:
-    return _curves("log₁₀ change of log-distance", [shown.at("log10/change") for shown in runs])
+    return _curves(
+        "log₁₀ change of log-distance", [shown.at("log10/change") for shown in runs]
+    )
 
 
 def _solver(shown: Shown) -> rrb.TimeSeriesView:
     """Curves of the solver's scalars, but for a mere count, which would flatten the others."""
-    without = [f"- {shown.at(f'plots/{name}')}" for name in ("energy", *shown.terms, "change", "steps")]
+    without = [
+        f"- {shown.at(f'plots/{name}')}"
+        for name in ("energy", *shown.terms, "change", "steps")
+    ]
     return _curves("Solver", [shown.at("plots/**"), *without])
 
 
 def reconstruction(shown: Shown) -> Layout:
     """Pictures above, the surface, curves and words below."""
     maps = [shown.view(name.capitalize(), f"front/{name}") for name in shown.maps]
-    sigma, decided = (uncertainty := _uncertainty(shown))[:1], uncertainty[1:]
+    sigma = (uncertainty := _uncertainty(shown))[:1]
+    decided = uncertainty[1:]
     pictures = rrb.Horizontal(
         shown.view("Frame", "input", "prepared", "mask"),
         _depth(shown),
@@ -130,11 +153,16 @@ def reconstruction(shown: Shown) -> Layout:
         rrb.Tabs(_residual(shown), *decided, *maps, active_tab=0),
     )
     documents = {"settings": "Settings", "end": "End"}
-    words = [rrb.TextDocumentView(origin=shown.at(entity), name=name) for entity, name in documents.items()]
+    words = [
+        rrb.TextDocumentView(origin=shown.at(entity), name=name)
+        for entity, name in documents.items()
+    ]
     steps = rrb.Vertical(_change([shown]), _solver(shown), name="Steps")
     stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
     curves = rrb.Vertical(_energy(shown), stages, row_shares=[2, 1])
-    below = rrb.Horizontal(_surface(shown), curves, rrb.Tabs(*words, steps), column_shares=[1.7, 1.4, 1.1])
+    below = rrb.Horizontal(
+        _surface(shown), curves, rrb.Tabs(*words, steps), column_shares=[1.7, 1.4, 1.1]
+    )
     fps = max(1.0, shown.last / PLAYED)
     return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=fps)
 
@@ -142,7 +170,9 @@ def reconstruction(shown: Shown) -> Layout:
 def comparison(runs: Sequence[Shown]) -> Layout:
     """Each run a column of pictures and its surface; energies and changes of all in one plot each."""
     columns = [
-        rrb.Vertical(_depth(shown), rrb.Tabs(_residual(shown), *_uncertainty(shown)), _surface(shown))
+        rrb.Vertical(
+            _depth(shown), rrb.Tabs(_residual(shown), *_uncertainty(shown)), _surface(shown)
+        )
         for shown in runs
     ]
     energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])
@@ -152,11 +182,17 @@ def comparison(runs: Sequence[Shown]) -> Layout:
 
 def _plots(curves: Mapping[str, Sequence[str]]) -> list[rrb.TimeSeriesView]:
     """Curves below ``plots``, by their titles."""
-    return [_curves(title, [f"/plots/{name}" for name in names]) for title, names in curves.items()]
+    return [
+        _curves(title, [f"/plots/{name}" for name in names])
+        for title, names in curves.items()
+    ]
 
 
 def sequence(
-    unit: str, limits: tuple[float, float], timeline: str, curves: Mapping[str, Sequence[str]]
+    unit: str,
+    limits: tuple[float, float],
+    timeline: str,
+    curves: Mapping[str, Sequence[str]],
 ) -> Layout:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
@@ -164,12 +200,18 @@ def sequence(
     ``plots``.
     """
     alone = Shown("", unit, (), (), limits)
-    pictures = rrb.Horizontal(alone.view("Frame", "input"), _depth(alone), alone.view("Normals", "normals"))
-    below = rrb.Horizontal(_surface(alone), rrb.Grid(*_plots(curves), grid_columns=2), column_shares=[1, 1.2])
+    pictures = rrb.Horizontal(
+        alone.view("Frame", "input"), _depth(alone), alone.view("Normals", "normals")
+    )
+    below = rrb.Horizontal(
+        _surface(alone), rrb.Grid(*_plots(curves), grid_columns=2), column_shares=[1, 1.2]
+    )
     return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.3]), timeline)
 
 
-def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timeline: str) -> Layout:
+def calibration(
+    centre: FloatArray, curves: Mapping[str, Sequence[str]], timeline: str
+) -> Layout:
     """The frame, the sheet in space, the curves over the frames; the account, and behind it the light's fit.
 
     The sheet is mostly at `centre`, (3,), mm; `curves` are titles of what lies below ``plots``.
@@ -177,7 +219,9 @@ def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timelin
     pictures = ["/picture", "/picture/detected", "/picture/reprojection"]
     frame = rrb.Vertical(
         rrb.Spatial2DView(origin="/", contents=pictures, name="Detection"),
-        rrb.Spatial2DView(origin="/", contents=["/picture", "/picture/samples"], name="Brightness"),
+        rrb.Spatial2DView(
+            origin="/", contents=["/picture", "/picture/samples"], name="Brightness"
+        ),
     )
     # From aside, between the camera and where the sheet mostly is.
     away = 2 * float(np.linalg.norm(centre))
@@ -189,4 +233,6 @@ def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timelin
     )
     words = rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), fit)
     middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
-    return _open_at(rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1]), timeline)
+    return _open_at(
+        rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1]), timeline
+    )

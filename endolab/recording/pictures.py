@@ -16,7 +16,8 @@ from endolab.recording.stream import classes, depth_map, every
 
 CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
 SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `MOST_RESIDUAL`
-BLACK, CLEAR = (0, 0, 0, 255), (0, 0, 0, 0)
+BLACK = (0, 0, 0, 255)
+CLEAR = (0, 0, 0, 0)
 RESIDUAL = {"left out": BLACK} | {
     f"{MOST_RESIDUAL * share:+.2g}/255": (*colour.tolist(), 255)
     for share, colour in zip(SHADES, blue_white_red(SHADES), strict=True)
@@ -49,11 +50,15 @@ class Painter:
 
     def paint(self, iterate: Iterate) -> dict[str, tuple[rr.AsComponents, ...]]:
         """Make the pictures of an iterate, by their entities."""
-        v, problem = iterate.log_distance, self.problem
+        v = iterate.log_distance
+        problem = self.problem
         points = np.exp(v[self.sparse][self._inside])[:, None] * self._rays
         # OpenCV's ways to bytes take a tenth of NumPy's time; nan becomes 0.
         facing = cv2.convertScaleAbs(self._maps.normals(v), alpha=127.5, beta=127.5)
-        maps = {f"front/{name}": (rr.Image(grey(a[self.thin])),) for name, a in iterate.maps.items()}
+        maps = {
+            f"front/{name}": (rr.Image(grey(a[self.thin])),)
+            for name, a in iterate.maps.items()
+        }
         return {
             "depth": (depth_map(np.exp(v[self.thin]), problem.metric),),
             "normals": (rr.Image(facing),),
@@ -65,10 +70,14 @@ class Painter:
     def _shades(self, v: FloatArray) -> NDArray[np.uint8]:
         """Model - frame, (h, w), as places in `RESIDUAL`."""
         problem = self.problem
-        model = problem.photometry.brightness(v[self.thin], self._maps.slant(v), self._attenuation)
+        model = problem.photometry.brightness(
+            v[self.thin], self._maps.slant(v), self._attenuation
+        )
         share = 255 / MOST_RESIDUAL * (model - problem.image[self.thin])
         half = len(SHADES) // 2
-        return np.asarray(cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1))
+        return np.asarray(
+            cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1)
+        )
 
     def show_preparation(self) -> dict[str, tuple[rr.AsComponents, ...]]:
         """What is left out, and what was found in the frame, by their entities."""
@@ -93,5 +102,6 @@ def preparation_of(problem: Problem) -> NDArray[np.uint8]:
 def grey(values: NDArray | BoolArray) -> NDArray[np.uint8]:
     """Stretch a map to bytes, from 0 or less to 1 or more; nan is black."""
     values = np.nan_to_num(np.asarray(values, float))
-    low, high = min(values.min(), 0.0), max(values.max(), 1.0)
+    low = min(values.min(), 0.0)
+    high = max(values.max(), 1.0)
     return np.round(255 * (values - low) / (high - low)).astype(np.uint8)

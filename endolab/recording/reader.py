@@ -60,7 +60,9 @@ def read_recording(path: PathLike) -> Recording:
     batches = list(_batches(Path(path)))
     entities: dict[str, dict[str, Rows]] = {}
     try:
-        for batch in sorted(batches, key=lambda batch: batch.column(0)[0].as_py()):  # as it was logged
+        for batch in sorted(
+            batches, key=lambda batch: batch.column(0)[0].as_py()
+        ):  # as it was logged
             _take(batch, entities)
         recording = Recording(Path(path), entities)
         for run in recording.runs.values():
@@ -75,8 +77,12 @@ def read_recording(path: PathLike) -> Recording:
 def _take(batch: Any, entities: dict[str, dict[str, Rows]]) -> None:
     """Sort the rows of a batch by entity, component and iteration."""
     entity = (batch.schema.metadata or {}).get(b"rerun:entity_path", b"").decode()
-    timed = TIMELINE in batch.schema.names and pa.types.is_int64(batch.schema.field(TIMELINE).type)
-    at: list[int | None] = batch.column(TIMELINE).to_pylist() if timed else [None] * len(batch)
+    timed = TIMELINE in batch.schema.names and pa.types.is_int64(
+        batch.schema.field(TIMELINE).type
+    )
+    at: list[int | None] = (
+        batch.column(TIMELINE).to_pylist() if timed else [None] * len(batch)
+    )
     for name, kind in zip(batch.schema.names, batch.schema.types, strict=True):
         if ":" in name and pa.types.is_list(kind):
             column = batch.column(name)
@@ -91,7 +97,9 @@ def _batches(path: Path) -> Iterator[Any]:
     with one_sentence(f"{path}: cannot be read"), path.open("rb") as stream:
         head = stream.read(6)
     if head[:3] != b"RRF":
-        raise ValueError(f"{path} is no Rerun recording: expected a file that begins with RRF")
+        raise ValueError(
+            f"{path} is no Rerun recording: expected a file that begins with RRF"
+        )
     size = path.stat().st_size
     check_memory(6 * size, f"{path}: a recording of {size / 1e6:.0f} MB")
     program = subprocess.run(
@@ -104,8 +112,11 @@ def _batches(path: Path) -> Iterator[Any]:
         check=False,
     )
     if program.returncode:
-        theirs, ours = ".".join(map(str, head[4:])), importlib.metadata.version("rerun-sdk")
-        raise ValueError(f"{path} is damaged, or of another version: Rerun {theirs}, and here is {ours}")
+        theirs = ".".join(map(str, head[4:]))
+        ours = importlib.metadata.version("rerun-sdk")
+        raise ValueError(
+            f"{path} is damaged, or of another version: Rerun {theirs}, and here is {ours}"
+        )
     with pa.BufferReader(program.stdout) as content:
         while content.tell() < content.size():
             yield from pa.ipc.open_stream(content)
@@ -115,8 +126,12 @@ class Recording:
     """A recording of the file `path`, or one run of it."""
 
     # Of each entity the rows of each component; without a run, it is the only one.
-    def __init__(self, path: Path, entities: dict[str, dict[str, Rows]], run: str | None = None) -> None:
-        self.path, self._entities, self._run = path, entities, run
+    def __init__(
+        self, path: Path, entities: dict[str, dict[str, Rows]], run: str | None = None
+    ) -> None:
+        self.path = path
+        self._entities = entities
+        self._run = run
 
     def __repr__(self) -> str:
         return f"<Recording {self.path}: {', '.join(map(repr, self.runs)) or 'no run'}>"
@@ -124,10 +139,15 @@ class Recording:
     @property
     def runs(self) -> dict[str, Recording]:
         """Runs by name; one that was recorded alone is called ''."""
-        end, names = "/plots/energy", [self._run or ""]
+        end = "/plots/energy"
+        names = [self._run or ""]
         if self._run is None:
             # Curves over the iterations: other recordings of ours are over frames.
-            ours = [name for name in self._entities if name.endswith(end) and self._at(name, "scalars")]
+            ours = [
+                name
+                for name in self._entities
+                if name.endswith(end) and self._at(name, "scalars")
+            ]
             names = [name.removesuffix(end).lstrip("/") for name in ours]
         return {name: Recording(self.path, self._entities, name) for name in names}
 
@@ -136,7 +156,9 @@ class Recording:
         """What the entities of the run begin with."""
         names = list(self.runs)
         if len(names) > 1:
-            raise ValueError(f"{self.path} holds several runs: choose one, .runs[{names[0]!r}]")
+            raise ValueError(
+                f"{self.path} holds several runs: choose one, .runs[{names[0]!r}]"
+            )
         if not names:
             raise ValueError(f"{self.path} holds no reconstruction")
         return f"/{names[0]}/" if names[0] else "/"
@@ -155,7 +177,9 @@ class Recording:
 
     def _at(self, entity: str, component: str) -> list[int]:
         """Iterations at which an entity, by its whole path, has a component."""
-        return sorted(k for k in self._entities.get(entity, {}).get(component, {}) if k is not None)
+        return sorted(
+            k for k in self._entities.get(entity, {}).get(component, {}) if k is not None
+        )
 
     def _values(self, entity: str, component: str, k: int | None = None) -> Any:
         """What an entity of the run has at an iteration, or had last before; by default, at the end."""
@@ -166,7 +190,8 @@ class Recording:
     @property
     def scalars(self) -> dict[str, tuple[NDArray[np.int64], FloatArray]]:
         """Energy, its terms, change and the solver's scalars: iterations and values, (n,) each."""
-        start, curves = f"{self._start}plots/", {}
+        start = f"{self._start}plots/"
+        curves = {}
         for entity in sorted(self._entities, key=lambda entity: entity != f"{start}energy"):
             at = self._at(entity, "scalars") if entity.startswith(start) else []
             if at:
@@ -181,7 +206,9 @@ class Recording:
         """
         scalars = self.scalars
         iterations = np.unique(np.concatenate([at for at, _ in scalars.values()]))
-        table = np.empty(len(iterations), dtype=[("iteration", int), *((n, float) for n in scalars)])
+        table = np.empty(
+            len(iterations), dtype=[("iteration", int), *((n, float) for n in scalars)]
+        )
         table["iteration"] = iterations
         for name, (at, values) in scalars.items():
             table[name] = np.nan
@@ -202,7 +229,9 @@ class Recording:
     @property
     def unit(self) -> str:
         """Of distances: "mm", or "relative units" where the gain was unknown; of the last stage."""
-        return "mm" if self._values("depth", "meter")[0].as_py() == 1000 else "relative units"
+        return (
+            "mm" if self._values("depth", "meter")[0].as_py() == 1000 else "relative units"
+        )
 
     @property
     def mask(self) -> BoolArray:
@@ -233,7 +262,11 @@ class Recording:
     def normals(self, iteration: int = -1) -> FloatArray:
         """Unit normals at an iteration, (h, w, 3), to half a degree; nan outside the mask; see `depth`."""
         k = self._chosen(iteration)
-        n = np.where(self._mask(k)[..., None], 2 * (self._map("normals", np.uint8, k, 3) / 255.0) - 1, np.nan)
+        n = np.where(
+            self._mask(k)[..., None],
+            2 * (self._map("normals", np.uint8, k, 3) / 255.0) - 1,
+            np.nan,
+        )
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
     @property
@@ -260,7 +293,9 @@ class Recording:
         k = pictured[-1] if iteration == -1 else iteration
         if k not in pictured:
             nearest = min(pictured, key=lambda other: abs(other - k))
-            raise ValueError(f"iteration {iteration} has no picture; the nearest that has is {nearest}")
+            raise ValueError(
+                f"iteration {iteration} has no picture; the nearest that has is {nearest}"
+            )
         return k
 
     def _map(self, entity: str, kind: type, k: int | None = None, *depth: int) -> NDArray:

@@ -33,7 +33,9 @@ from endolab.recording.stream import (
 if TYPE_CHECKING:
     from endolab.uncertainty.estimate import Uncertainty
 
-ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a run's first iterates, then each time k has grown by half
+# pictures of a run's first iterates, then each time k has grown by half
+ALL_UNTIL = 20
+GROWTH = 1.5
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
 RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233))
 
@@ -97,18 +99,28 @@ class Comparison:
         See `record`, of errors too; the file is written when the comparison is closed.
     """
 
-    def __init__(self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480) -> None:
-        self._sink, self._truth, self._max_width = Sink(path), truth, max_width
+    def __init__(
+        self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480
+    ) -> None:
+        self._sink = Sink(path)
+        self._truth = truth
+        self._max_width = max_width
         self.path = self._sink.path
         self._runs: dict[str, Recorder] = {}
 
     def run(self, name: str) -> Recorder:
         """Make the observer of one run; its entities begin with the run's name."""
         if not name.isidentifier() or name in self._runs:
-            why = "there is one already" if name in self._runs else "expected a word such as gauss_newton"
+            why = (
+                "there is one already"
+                if name in self._runs
+                else "expected a word such as gauss_newton"
+            )
             raise ValueError(f"a run cannot be called {name!r}: {why}")
         colour = RUNS[len(self._runs) % len(RUNS)]
-        self._runs[name] = Recorder(self._sink, self._truth, self._max_width, run=name, colour=colour)
+        self._runs[name] = Recorder(
+            self._sink, self._truth, self._max_width, run=name, colour=colour
+        )
         return self._runs[name]
 
     def close(self) -> None:
@@ -118,7 +130,11 @@ class Comparison:
         with self._sink:
             for recorder in self._runs.values():
                 recorder.close()
-            shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
+            shown = [
+                recorder.shown
+                for recorder in self._runs.values()
+                if recorder.shown is not None
+            ]
             if shown:
                 self._arrange(shown)
 
@@ -129,7 +145,9 @@ class Comparison:
                 *(other.limits for other in runs if other.unit == shown.unit), strict=True
             )
             self._runs[shown.run].reach((min(nearest), max(farthest)))
-        self._sink.arrange(comparison([self._runs[shown.run].shown or shown for shown in runs]))
+        self._sink.arrange(
+            comparison([self._runs[shown.run].shown or shown for shown in runs])
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -164,10 +182,17 @@ class Recorder:
         colour: tuple[int, ...] = NOW,
     ) -> None:
         self.path = sink.path  # None if it goes to a viewer
-        self.truth, self.max_width = truth, max_width
-        self.shown: Shown | None = None  # what the layout needs to know; None before the first iterate
-        self._sink, self._run, self._colour = sink, run, colour
-        self._open, self._within = True, False  # within: in a block at whose end it is closed
+        self.truth = truth
+        self.max_width = max_width
+        self.shown: Shown | None = (
+            None  # what the layout needs to know; None before the first iterate
+        )
+        self._sink = sink
+        self._run = run
+        self._colour = colour
+        # within: in a block at whose end it is closed
+        self._open = True
+        self._within = False
         self._last: Iterate | None = None
         self._first: Iterate | None = None  # of this stage
         self._pictured: Iterate | None = None  # the last one with pictures
@@ -190,7 +215,9 @@ class Recorder:
         self._at(iterate)
         self._log_scalars(iterate)
         shown = self._pictured
-        often = shown is not None and (iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * shown.k)
+        often = shown is not None and (
+            iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * shown.k
+        )
         if shown is None or (often and iterate.stage == SOLUTION):
             self._log_pictures(iterate)
 
@@ -210,19 +237,33 @@ class Recorder:
             If the recording is closed, nothing was recorded, or what was is not of the same size.
         """
         if not self._open:
-            raise ValueError("the recording is closed: use it as a context manager, or add it before")
+            raise ValueError(
+                "the recording is closed: use it as a context manager, or add it before"
+            )
         if self._last is None or self.shown is None:
             raise ValueError("nothing was recorded that could be trusted")
         shapes = uncertainty.sigma.shape, result.mask.shape, self._last.mask.shape
         if len(set(shapes)) > 1:
-            raise ValueError("uncertainty has shape {}, the result {}, what was recorded {}".format(*shapes))
+            raise ValueError(
+                "uncertainty has shape {}, the result {}, what was recorded {}".format(
+                    *shapes
+                )
+            )
         thin = every(result.mask.shape[1], self.max_width)
         percent = (100 * uncertainty.sigma / result.distance)[thin]
         most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
-        self._log("uncertainty/sigma", depth_map(percent, False, (0.0, most), "magma"), static=True)
-        colours = {"left out": BLACK} | {name: (*colour, 255) for name, colour in DECIDERS.items()}
         self._log(
-            "uncertainty/dominant_source", *classes(uncertainty.dominant_source[thin], colours), static=True
+            "uncertainty/sigma",
+            depth_map(percent, False, (0.0, most), "magma"),
+            static=True,
+        )
+        colours = {"left out": BLACK} | {
+            name: (*colour, 255) for name, colour in DECIDERS.items()
+        }
+        self._log(
+            "uncertainty/dominant_source",
+            *classes(uncertainty.dominant_source[thin], colours),
+            static=True,
         )
         self.shown = replace(self.shown, sigma=most)
         self._arrange(watched=True)
@@ -257,9 +298,11 @@ class Recorder:
 
     def _begin_stage(self, iterate: Iterate) -> None:
         """Log what stays for a stage."""
-        problem, last = iterate.problem, self._last
+        problem = iterate.problem
+        last = self._last
         self._painter = painter = Painter(problem, self.max_width)
-        self._first, self._pictured = iterate, None
+        self._first = iterate
+        self._pictured = None
         distance = np.exp(iterate.log_distance[painter.thin])
         if last is None:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
@@ -272,12 +315,21 @@ class Recorder:
             self._log("input", rr.Image(picture[painter.thin]))
         for entity, what in painter.show_preparation().items():
             self._log(entity, *what)
-        self._log("settings", rr.TextDocument(_settings(iterate), media_type="text/markdown"))
+        self._log(
+            "settings", rr.TextDocument(_settings(iterate), media_type="text/markdown")
+        )
         inside = problem.mask[painter.sparse]
-        own = rr.Points3D.from_fields(colors=picture[painter.sparse][inside], radii=rr.Radius.ui_points(2.5))
+        own = rr.Points3D.from_fields(
+            colors=picture[painter.sparse][inside], radii=rr.Radius.ui_points(2.5)
+        )
         self._log("world/cloud", own)
-        self._log("world/camera", camera_shape(problem.camera, 0.35 * float(np.nanmedian(distance))))
-        if self.truth is not None and (iterate.stage == SOLUTION or self.truth.shape == iterate.mask.shape):
+        self._log(
+            "world/camera",
+            camera_shape(problem.camera, 0.35 * float(np.nanmedian(distance))),
+        )
+        if self.truth is not None and (
+            iterate.stage == SOLUTION or self.truth.shape == iterate.mask.shape
+        ):
             self._log_truth(iterate, self.truth)
         self._reach_of(iterate)
         self._arrange(watched=True)
@@ -289,21 +341,31 @@ class Recorder:
         self.shown = Shown(self._run, iterate.problem.unit, (*terms,), (*maps,), (0.0, 1.0))
         for name in ("energy", "change", *iterate.terms):
             colour = self._colour if self._run else COLOURS.get(name)
-            style = rr.SeriesLines(colors=colour, names=f"{self._run} {name}".strip(), widths=2)
+            style = rr.SeriesLines(
+                colors=colour, names=f"{self._run} {name}".strip(), widths=2
+            )
             self._log(f"log10/{name}", style, static=True)
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
         """Log the true surface, in the unit of an iterate."""
-        problem, thin, shape = iterate.problem, self._painter.thin, iterate.mask.shape
+        problem = iterate.problem
+        thin = self._painter.thin
+        shape = iterate.mask.shape
         if truth.shape != shape:
             raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
         known = iterate.mask & (truth > 0) & np.isfinite(truth)
         if not known.any():
             return
-        unit = 1.0 if problem.metric else float(np.median((iterate.distance / truth)[known]))
-        points = (unit * np.where(known, truth, np.nan)[..., None] * problem.field.rays)[thin]
+        unit = (
+            1.0 if problem.metric else float(np.median((iterate.distance / truth)[known]))
+        )
+        points = (unit * np.where(known, truth, np.nan)[..., None] * problem.field.rays)[
+            thin
+        ]
         points = points[np.isfinite(points).all(axis=-1)]
-        self._log("world/truth", rr.Points3D(points.astype(np.float32), colors=TRUTH, radii=THIN))
+        self._log(
+            "world/truth", rr.Points3D(points.astype(np.float32), colors=TRUTH, radii=THIN)
+        )
 
     def _end_stage(self, last: Iterate) -> None:
         """Log the pictures of a stage's last iterate, and let the colours reach what it needs."""
@@ -319,9 +381,17 @@ class Recorder:
         if self._last is None or self._sink.gone:
             return
         self._end_stage(self._last)
-        table = "\n".join(["| stage | iterations | energy, first | last |", "|---|---|---|---|", *self._rows])
+        table = "\n".join(
+            [
+                "| stage | iterations | energy, first | last |",
+                "|---|---|---|---|",
+                *self._rows,
+            ]
+        )
         remarks = "\n".join(f"- {note}" for note in notes(self._last))
-        words = rr.TextDocument(f"## End\n\n{table}\n\n{remarks}", media_type="text/markdown")
+        words = rr.TextDocument(
+            f"## End\n\n{table}\n\n{remarks}", media_type="text/markdown"
+        )
         self._log("end", words, static=True)
         if self.shown is not None:
             self.shown = replace(self.shown, last=self._before + self._last.k)
@@ -379,7 +449,8 @@ def stage_of(text: str) -> tuple[str, int]:
 def _settings(iterate: Iterate) -> str:
     """What is solved and how, as Markdown."""
     problem = iterate.problem
-    photometry, order = problem.photometry, "" if problem.regulariser == "curvature" else " order"
+    photometry = problem.photometry
+    order = "" if problem.regulariser == "curvature" else " order"
     rows = {
         "distances": "mm" if problem.metric else "**relative units**",
         "picture": f"{problem.camera.width} x {problem.camera.height} px",

@@ -12,7 +12,15 @@ from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import common_limits, in_colour
 from endolab.recording.layouts import sequence
 from endolab.recording.pictures import MASK
-from endolab.recording.stream import Sink, as_bytes, camera_shape, classes, depth_map, every, jpeg
+from endolab.recording.stream import (
+    Sink,
+    as_bytes,
+    camera_shape,
+    classes,
+    depth_map,
+    every,
+    jpeg,
+)
 
 TIMELINE = "frame"
 CLOUD_WIDTH = 120  # columns of a cloud: coordinates would be most of a recording
@@ -43,7 +51,9 @@ class SequenceRecorder:
         max_width: int = 320,
         curves: Mapping[str, Sequence[str]] = CURVES,
     ) -> None:
-        self.unit, self.max_width, self._curves = unit, max_width, curves
+        self.unit = unit
+        self.max_width = max_width
+        self._curves = curves
         self._sink = path if isinstance(path, Sink) else Sink(path)
         self._limits: tuple[float, float] | None = None  # of the colours of distances
 
@@ -62,7 +72,8 @@ class SequenceRecorder:
         and normals, (H, W, 3), are of its size, nan where unknown. The scalars are plotted.
         """
         sink, (height, width) = self._sink, distance.shape
-        thin, sparse = every(width, self.max_width), every(width, CLOUD_WIDTH)
+        thin = every(width, self.max_width)
+        sparse = every(width, CLOUD_WIDTH)
         if self._limits is None:
             self._limits = common_limits([distance])
             sink.log("world", rr.ViewCoordinates.RDF, static=True)
@@ -77,7 +88,9 @@ class SequenceRecorder:
         inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
-            picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
+            picture = np.asarray(
+                cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+            )
         colours = as_bytes(in_colour(picture)[sparse][inside])
         sink.log("world/cloud", rr.Points3D(cloud.astype(np.float32), colors=colours))
         for name, value in scalars.items():
@@ -89,4 +102,8 @@ class SequenceRecorder:
 
     def _encode(self, colours: FloatArray) -> rr.AsComponents:
         """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
-        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(as_bytes(colours), QUALITY)
+        return (
+            rr.Image(as_bytes(colours))
+            if self._sink.path is None
+            else jpeg(as_bytes(colours), QUALITY)
+        )

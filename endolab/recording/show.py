@@ -22,7 +22,12 @@ if TYPE_CHECKING:
     from endolab.recording.recorder import Comparison, Recorder
 
 
-def show(recording: PathLike | Recorder | Comparison, *, native: bool = False, height: int = HEIGHT) -> None:
+def show(
+    recording: PathLike | Recorder | Comparison,
+    *,
+    native: bool = False,
+    height: int = HEIGHT,
+) -> None:
     """Show a recording: below the cell, or in the native viewer.
 
     Where neither works there is a picture of the run's end instead, and a sentence that says why.
@@ -43,7 +48,9 @@ def show(recording: PathLike | Recorder | Comparison, *, native: bool = False, h
     """
     path = recording if isinstance(recording, str | os.PathLike) else recording.path
     if path is None:
-        raise ValueError("that run went to a viewer, not to a file: there is nothing to show")
+        raise ValueError(
+            "that run went to a viewer, not to a file: there is nothing to show"
+        )
     if height < 100:
         raise ValueError(f"height must be at least 100 px, got {height}")
     kept = read_recording(path)
@@ -53,13 +60,19 @@ def show(recording: PathLike | Recorder | Comparison, *, native: bool = False, h
             return
         except OSError as error:
             why = str(error)
-            why = "The native viewer needs a screen, and there is none" if "screen" in why else why
+            why = (
+                "The native viewer needs a screen, and there is none"
+                if "screen" in why
+                else why
+            )
     elif front_end():
         _embed(kept.path, height)
         return
     else:
         why = "Nobody is there to show the viewer to"
-    print(f"{why}: here is how the run ended. Elsewhere, `rerun {kept.path.name}` opens the recording.")
+    print(
+        f"{why}: here is how the run ended. Elsewhere, `rerun {kept.path.name}` opens the recording."
+    )
     if kept.runs:
         _display(picture_of(kept))
 
@@ -103,6 +116,9 @@ def picture_of(recording: Recording) -> Figure:
         plots.show_depth(run.depth(), depth, unit=run.unit, limits=limits, title=title)
         plots.show_normals(run.normals(), facing)
         names = list(run.scalars)
-        history = [{"k": row["iteration"], **{name: row[name] for name in names}} for row in run.table()]
+        history = [
+            {"k": row["iteration"], **{name: row[name] for name in names}}
+            for row in run.table()
+        ]
         plots.show_history(history, energy)
     return figure

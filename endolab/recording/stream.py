@@ -21,7 +21,10 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.recording.viewer import ADDRESS, end, start_viewer
 
-NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
+NOW = (230, 159, 0)
+START = (86, 180, 233)
+TRUTH = (160, 160, 160)
+OUTLIER = (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
 PIPES = Path("/dev/fd")  # names of open files, where the system has such
 FLUSH_TIMEOUT = 5.0  # s that a viewer gets to take the last of what was logged
@@ -75,7 +78,8 @@ class Sink:
         self.path = None if path is None else Path(path)
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
-        self.open, self._used = True, False
+        self.open = True
+        self._used = False
         self._viewer: subprocess.Popen[bytes] | None = None
         self._staged: contextlib.AbstractContextManager[Path] | None = None
         self._writer: _Writer | None = None
@@ -91,7 +95,8 @@ class Sink:
     def _connect(self) -> None:
         if self.path is not None:
             staged = stage_file(self.path)
-            temporary, self._staged = staged.__enter__(), staged
+            temporary = staged.__enter__()
+            self._staged = staged
             if PIPES.is_dir():
                 with one_sentence(f"cannot write {self.path}"):
                     self._writer = _Writer(temporary)
@@ -201,10 +206,13 @@ def _rim(camera: Camera) -> FloatArray:
     """Rays of the rim of what a camera sees, (97, 3): in all directions the last one in the picture."""
     around = np.linspace(0, 2 * np.pi, 97)[:, None]
     angle = np.linspace(0, camera.max_angle * (1 - 1e-6), 400)
-    sine, cosine = np.sin(angle), np.broadcast_to(np.cos(angle), (97, 400))
+    sine = np.sin(angle)
+    cosine = np.broadcast_to(np.cos(angle), (97, 400))
     rays = np.stack([np.cos(around) * sine, np.sin(around) * sine, cosine], axis=-1)
     pixels = camera.project(rays)
-    inside = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
+    inside = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(
+        axis=-1
+    )
     return rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)]
 
 
@@ -232,16 +240,22 @@ def depth_map(
 def jpeg(colours: NDArray[np.uint8], quality: int = 95) -> rr.EncodedImage:
     """Encode bytes, (h, w) or (h, w, 3), with losses; all that one entity gets must be of one size."""
     stored = cv2.cvtColor(colours, cv2.COLOR_RGB2BGR) if colours.ndim == 3 else colours
-    contents = cv2.imencode(".jpeg", stored, (cv2.IMWRITE_JPEG_QUALITY, quality))[1].tobytes()
+    contents = cv2.imencode(".jpeg", stored, (cv2.IMWRITE_JPEG_QUALITY, quality))[
+        1
+    ].tobytes()
     return rr.EncodedImage(contents=contents, media_type="image/jpeg")
 
 
 def as_bytes(colours: FloatArray) -> NDArray[np.uint8]:
     """Turn [0, 1] into bytes; nan becomes 0. OpenCV's way takes a tenth of NumPy's time."""
-    return np.asarray(cv2.convertScaleAbs(np.ascontiguousarray(np.maximum(colours, 0)), alpha=255))
+    return np.asarray(
+        cv2.convertScaleAbs(np.ascontiguousarray(np.maximum(colours, 0)), alpha=255)
+    )
 
 
-def classes(values: NDArray, names: Mapping[str, tuple[int, ...]]) -> tuple[rr.AsComponents, ...]:
+def classes(
+    values: NDArray, names: Mapping[str, tuple[int, ...]]
+) -> tuple[rr.AsComponents, ...]:
     """A map of numbers, (h, w), that stand for these names, from 0, each with its colour."""
     named = [(number, name, colour) for number, (name, colour) in enumerate(names.items())]
     picture = rr.SegmentationImage(np.ascontiguousarray(values, np.uint8), opacity=1.0)

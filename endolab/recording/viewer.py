@@ -15,7 +15,11 @@ import psutil
 PORT = 9876  # the viewer's own default
 ADDRESS = f"rerun+http://127.0.0.1:{PORT}/proxy"
 HEIGHT = 640  # px, of a viewer in a notebook
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of which Linux has then
+SCREENS = (
+    "DISPLAY",
+    "WAYLAND_DISPLAY",
+    "WAYLAND_SOCKET",
+)  # variables, one of which Linux has then
 # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
 FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
 # Run as a module, rerun_cli exits with 0 whatever has happened.
@@ -23,7 +27,9 @@ VIEWER = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
 
 
-def start_viewer(path: Path | None = None, memory: str | None = None) -> subprocess.Popen[bytes] | None:
+def start_viewer(
+    path: Path | None = None, memory: str | None = None
+) -> subprocess.Popen[bytes] | None:
     """Start the native viewer and return it, or None if there is one; a recording is opened in either.
 
     One that is started forgets what is oldest when it takes that much `memory`, such as "2GB". Not by
@@ -37,8 +43,21 @@ def start_viewer(path: Path | None = None, memory: str | None = None) -> subproc
     limit = () if memory is None else ("--memory-limit", memory)
     shown = "--expect-data-soon" if path is None else str(path.resolve())
     viewer = subprocess.Popen(
-        [sys.executable, "-c", VIEWER, "--bind", "127.0.0.1", "--port", str(PORT), *limit, shown],
-        env={**os.environ, "CI": "1"},  # the one variable by which the viewer sends no usage data
+        [
+            sys.executable,
+            "-c",
+            VIEWER,
+            "--bind",
+            "127.0.0.1",
+            "--port",
+            str(PORT),
+            *limit,
+            shown,
+        ],
+        env={
+            **os.environ,
+            "CI": "1",
+        },  # the one variable by which the viewer sends no usage data
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -46,7 +65,9 @@ def start_viewer(path: Path | None = None, memory: str | None = None) -> subproc
     )
     started = time.monotonic()
     # With a screen that it cannot use it listens for a moment before it gives up.
-    while time.monotonic() < started + 1.5 or (not is_listening(PORT) and time.monotonic() < started + 20):
+    while time.monotonic() < started + 1.5 or (
+        not is_listening(PORT) and time.monotonic() < started + 20
+    ):
         if viewer.poll() is not None:
             if there and viewer.returncode == 0:  # it has passed the recording on
                 return None

@@ -25,7 +25,10 @@ TEMPLATE = Path(__file__).with_suffix(".html.j2")
 
 
 def _values(rows: Iterable[tuple[str, float, float, str]]) -> list[tuple[str, str]]:
-    return [(name, f"{summary.plus_minus(value, error)} {unit}") for name, value, error, unit in rows]
+    return [
+        (name, f"{summary.plus_minus(value, error)} {unit}")
+        for name, value, error, unit in rows
+    ]
 
 
 def _brdf(light: PhotometricFit) -> list[tuple[str, str, str]]:
@@ -35,7 +38,11 @@ def _brdf(light: PhotometricFit) -> list[tuple[str, str, str]]:
     theta, relative, errors = summary.brdf_of(light)
     nodes = zip(np.rad2deg(theta), relative, errors, strict=True)
     return [
-        (f"f{j}", f"{angle:.1f}°", "1 (pinned)" if error == 0 else summary.plus_minus(value, error))
+        (
+            f"f{j}",
+            f"{angle:.1f}°",
+            "1 (pinned)" if error == 0 else summary.plus_minus(value, error),
+        )
         for j, (angle, value, error) in enumerate(nodes)
     ]
 
@@ -43,7 +50,8 @@ def _brdf(light: PhotometricFit) -> list[tuple[str, str, str]]:
 def _page(session: Session, source: str, shown: str) -> str:
     from jinja2 import Environment, StrictUndefined
 
-    light, lines = session.light, summary.account(session)
+    light = session.light
+    lines = summary.account(session)
     blocks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True}
     environment = Environment(autoescape=True, undefined=StrictUndefined, **blocks)
     environment.filters["by_reason"] = summary.by_reason
@@ -62,7 +70,9 @@ def _page(session: Session, source: str, shown: str) -> str:
     )
 
 
-def _pictures(frames: Named, names: Collection[str], session: Session) -> dict[str, FloatArray]:
+def _pictures(
+    frames: Named, names: Collection[str], session: Session
+) -> dict[str, FloatArray]:
     """Read some frames; black where one can no longer be read."""
     pictures = dict.fromkeys(names, np.zeros((session.camera.height, session.camera.width)))
     for name, image in frames.read(sorted(names)) if isinstance(frames, Frames) else frames:
@@ -71,14 +81,17 @@ def _pictures(frames: Named, names: Collection[str], session: Session) -> dict[s
     return pictures
 
 
-def write_report(session: Session, frames: Named, folder: Path, channel: str = "grey") -> None:
+def write_report(
+    session: Session, frames: Named, folder: Path, channel: str = "grey"
+) -> None:
     """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder that is there.
 
     `frames` are those that were calibrated from: one is shown. `channel` is the one whose response was
     calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
-    name, worst = figures.best_frame(session), figures.worst_frames(session)
+    name = figures.best_frame(session)
+    worst = figures.worst_frames(session)
     pictures = _pictures(frames, {name, *worst}, session)
     image = pictures[name]
     facts: dict[str, Any] = {"endolab": 1} | summary.evidence(session, source, channel)
@@ -86,7 +99,9 @@ def write_report(session: Session, frames: Named, folder: Path, channel: str = "
     if session.geometry is None:
         with house(PAGE_SIZE):
             figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
-            figures.show_detection(image, session.detections[name], session.target, figure.subplots())
+            figures.show_detection(
+                image, session.detections[name], session.target, figure.subplots()
+            )
         write_figure(folder / "detection.png", figure)
     else:
         write_figure(folder / "camera.png", figures.geometry_figure(session, image))

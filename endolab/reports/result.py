@@ -52,9 +52,17 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
             "least": float(known.min()),
             "greatest": float(known.max()),
         },
-        **({} if uncertainty is None else {"uncertainty": summarise_uncertainty(result, uncertainty)}),
+        **(
+            {}
+            if uncertainty is None
+            else {"uncertainty": summarise_uncertainty(result, uncertainty)}
+        ),
         "pixels": int(known.size),
-        "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
+        "photometry": {
+            "k": photometry.k,
+            "gamma": photometry.gamma,
+            "gain": photometry.gain,
+        },
         "settings": result.provenance.settings,
     }
 
@@ -62,15 +70,26 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
 def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
     """Sum a `Uncertainty` up in numbers, in % of the distance; of pixels, percentiles and medians."""
     inside = result.mask
-    low, middle, high = np.percentile(100 * (uncertainty.sigma / result.distance)[inside], [10, 50, 90])
+    low, middle, high = np.percentile(
+        100 * (uncertainty.sigma / result.distance)[inside], [10, 50, 90]
+    )
     decided = uncertainty.dominant_source[inside]
     return {
         "sigma_percent": {"10th": float(low), "median": float(middle), "90th": float(high)},
-        "sigma_shape_percent": float(np.median(100 * (uncertainty.sigma_shape / result.distance)[inside])),
+        "sigma_shape_percent": float(
+            np.median(100 * (uncertainty.sigma_shape / result.distance)[inside])
+        ),
         "sigma_scale_percent": 100 * uncertainty.sigma_scale,
-        "dominant_source": {name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)},
-        "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in uncertainty.causes.items()},
-        "scale_causes_percent": {name: 100 * value for name, value in uncertainty.scales.items()},
+        "dominant_source": {
+            name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)
+        },
+        "causes_percent": {
+            name: float(100 * np.median(a[inside]))
+            for name, a in uncertainty.causes.items()
+        },
+        "scale_causes_percent": {
+            name: 100 * value for name, value in uncertainty.scales.items()
+        },
         "draws": uncertainty.draws,
         "status": uncertainty.status.name,
         "notes": list(uncertainty.notes),
@@ -134,14 +153,20 @@ def write_files(
     colours = in_colour(result.problem.shown)[inside]
     # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
     with ThreadPoolExecutor(1) as pool:
-        depth = pool.submit(save_depth, folder / "depth.npz", result, result.metric, uncertainty)
+        depth = pool.submit(
+            save_depth, folder / "depth.npz", result, result.metric, uncertainty
+        )
         write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
         if prepared is not None:
             write_figure(folder / "preparation.png", prepare_figure(prepared, result))
-        write_cloud(folder / "cloud.ply", result.points[inside], result.normals[inside], colours)
+        write_cloud(
+            folder / "cloud.ply", result.points[inside], result.normals[inside], colours
+        )
         if mesh:
             write_mesh(folder / "mesh.ply", make_mesh(result))
         if mesh and uncertainty is not None:
-            write_mesh(folder / "mesh_uncertainty.ply", make_mesh(result, sigma=uncertainty.sigma))
+            write_mesh(
+                folder / "mesh_uncertainty.ply", make_mesh(result, sigma=uncertainty.sigma)
+            )
         depth.result()
     write_atomically(folder / "report.json", as_json(report(result, uncertainty)))

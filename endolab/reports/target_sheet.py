@@ -30,19 +30,29 @@ def _fill(axes: Axes, unit: Outline, frames: FloatArray, colour: str) -> None:
     corners = np.asarray(unit.vertices, dtype=np.float64)
     copies = [Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames]
     if copies:
-        axes.add_patch(PathPatch(Outline.make_compound_path(*copies), facecolor=colour, linewidth=0))
+        axes.add_patch(
+            PathPatch(Outline.make_compound_path(*copies), facecolor=colour, linewidth=0)
+        )
 
 
 def _grey(reflectance: float) -> str:
     """Colour that a printer turns into a reflectance: sRGB, which pages are in."""
-    linear = 1.055 * reflectance ** (1 / 2.4) - 0.055 if reflectance > 0.0031308 else 12.92 * reflectance
+    linear = (
+        1.055 * reflectance ** (1 / 2.4) - 0.055
+        if reflectance > 0.0031308
+        else 12.92 * reflectance
+    )
     return str(round(linear, 4))
 
 
 def _caption(target: Target, title: str | None) -> str:
     names = [name for name, known in TARGETS.items() if known == target]
     square = isinstance(target, Chessboard)
-    size = f"squares of {target.spacing:g} mm" if square else f"{target.kind} {target.spacing:g} mm apart"
+    size = (
+        f"squares of {target.spacing:g} mm"
+        if square
+        else f"{target.kind} {target.spacing:g} mm apart"
+    )
     return f"{title or (names[0] if names else target.kind)}: {target.columns} × {target.rows} {size}"
 
 
@@ -57,11 +67,14 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
     page = A4 if need[0] <= A4[0] and need[1] <= A4[1] else need
     figure = Figure(figsize=(page[0] * MM, page[1] * MM))
     axes = figure.add_axes((0, 0, 1, 1))
-    x, y = left + (width - page[0]) / 2, top - (page[1] - height - CAPTION) / 2
+    x = left + (width - page[0]) / 2
+    y = top - (page[1] - height - CAPTION) / 2
     axes.set(xlim=(x, x + page[0]), ylim=(y + page[1], y))
     axes.set_axis_off()
 
-    axes.add_patch(Rectangle((left, top), width, height, fill=False, edgecolor=PALE, linewidth=0.5))
+    axes.add_patch(
+        Rectangle((left, top), width, height, fill=False, edgecolor=PALE, linewidth=0.5)
+    )
     ink = target.ink
     for reflectance in np.unique(ink.greys[:, 3]):
         same = ink.greys[ink.greys[:, 3] == reflectance]
@@ -84,14 +97,19 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
     axes.plot([line, line + RULER], [ruler, ruler], color="black", linewidth=0.5)
     for tick in np.arange(0, RULER + 1, 10):
         axes.plot([line + tick] * 2, [ruler - 1.5, ruler], color="black", linewidth=0.5)
-        axes.text(line + tick, ruler + 2.5, f"{tick:g}", ha="center", **(words | {"fontsize": 6}))
+        axes.text(
+            line + tick, ruler + 2.5, f"{tick:g}", ha="center", **(words | {"fontsize": 6})
+        )
     return figure
 
 
 def write_sheet(target: Target, path: PathLike, *, title: str | None = None) -> None:
     """Write a sheet to print at true size, a .pdf or .svg, whole or not at all; the same bytes each time."""
     suffix = Path(path).suffix.lower()
-    dates: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    dates: dict[str, dict[str, Any]] = {
+        ".pdf": {"CreationDate": None},
+        ".svg": {"Date": None},
+    }
     if suffix not in dates:
         kind = suffix or "a file without suffix"
         raise ValueError(f"{path}: a sheet is written as .pdf or .svg, not as {kind}")

@@ -16,7 +16,9 @@ from endolab.synthetic.scenes import Scene
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
 RIPPLE_SCALE = 1.5  # mm, of the wet film whose slopes break up the highlights
 RIPPLE_SLOPE = 0.12
-LARGEST_EFFECT = 100.0  # of noise (grey levels), texture, fog and highlights; beyond, numbers overflow
+LARGEST_EFFECT = (
+    100.0  # of noise (grey levels), texture, fog and highlights; beyond, numbers overflow
+)
 VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
 
 
@@ -37,12 +39,15 @@ class Rendered:
         return self.distance * self.camera.field.cos_alpha
 
 
-def waves(points: FloatArray, scale: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def waves(
+    points: FloatArray, scale: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
     """Return a smooth random function of space, of mean 0 and variance 1, and its gradient."""
     count = 32
     vectors = rng.normal(size=(count, 3)) / scale
     phases = rng.uniform(0, 2 * np.pi, count)
-    value, slope = np.zeros(points.shape[:-1]), np.zeros(points.shape)
+    value = np.zeros(points.shape[:-1])
+    slope = np.zeros(points.shape)
     for vector, phase in zip(vectors, phases, strict=True):
         angle = points @ vector + phase
         value += np.sin(angle)
@@ -59,7 +64,9 @@ def check_amounts(**amounts: float) -> None:
             raise ValueError(f"{name} must be at most {LARGEST_EFFECT:g}, got {value:g}")
 
 
-def develop(linear: FloatArray, gamma: float, noise: float, bits: int | None, seed: int) -> FloatArray:
+def develop(
+    linear: FloatArray, gamma: float, noise: float, bits: int | None, seed: int
+) -> FloatArray:
     """Stored values of linear light, with noise (grey levels of 255) and rounded to some bits."""
     stored = linear ** (1 / gamma)
     if noise:
@@ -71,12 +78,21 @@ def develop(linear: FloatArray, gamma: float, noise: float, bits: int | None, se
 
 def truth_of(scene: Scene, camera: Camera) -> dict[str, Any]:
     """What a frame of a scene has beside its picture and light, see `Rendered`."""
-    check_memory(RENDERING * camera.width * camera.height, f"a picture of {camera.width}x{camera.height} px")
+    check_memory(
+        RENDERING * camera.width * camera.height,
+        f"a picture of {camera.width}x{camera.height} px",
+    )
     rays = camera.field.rays
-    distance, normals = scene.distance(rays), np.full(rays.shape, np.nan)
+    distance = scene.distance(rays)
+    normals = np.full(rays.shape, np.nan)
     mask = np.isfinite(distance) & (camera.field.cos_alpha > 0)
     normals[mask] = scene.normals(distance[mask, None] * rays[mask])
-    return {"distance": np.where(mask, distance, np.nan), "normals": normals, "mask": mask, "camera": camera}
+    return {
+        "distance": np.where(mask, distance, np.nan),
+        "normals": normals,
+        "mask": mask,
+        "camera": camera,
+    }
 
 
 def expose(photometry: Photometry, linear: FloatArray) -> float:
@@ -147,7 +163,8 @@ def render(
         raise ValueError(f"bits must be from 1 to 16, got {bits}")
     truth = truth_of(scene, camera)
     mask = truth["mask"]
-    distance, normals = truth["distance"][mask], truth["normals"][mask]
+    distance = truth["distance"][mask]
+    normals = truth["normals"][mask]
     seen = distance[:, None] * camera.field.rays[mask]
     rng = np.random.default_rng([check_int("seed", seed), 0])
     mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
@@ -155,13 +172,21 @@ def render(
 
     lit = replace(photometry, gain=1.0)
     albedo = getattr(photometry.brdf, "albedo", None)
-    models = [lit.channel(name) for name in CHANNELS] if isinstance(albedo, tuple) else [lit]
-    linear = np.stack([mottle * model.intensity(seen, normals) ** lit.gamma for model in models], axis=-1)
+    models = (
+        [lit.channel(name) for name in CHANNELS] if isinstance(albedo, tuple) else [lit]
+    )
+    linear = np.stack(
+        [mottle * model.intensity(seen, normals) ** lit.gamma for model in models], axis=-1
+    )
     if ripple is not None:
         rough = normals + RIPPLE_SLOPE * RIPPLE_SCALE * ripple
         rough /= np.linalg.norm(rough, axis=-1, keepdims=True)
-        film, matt = Glossy(1.0, highlights, 300.0), Lambertian(1.0)
-        wet, dry = (replace(lit, brdf=brdf).intensity(seen, rough) ** lit.gamma for brdf in (film, matt))
+        film = Glossy(1.0, highlights, 300.0)
+        matt = Lambertian(1.0)
+        wet, dry = (
+            replace(lit, brdf=brdf).intensity(seen, rough) ** lit.gamma
+            for brdf in (film, matt)
+        )
         linear = linear + (wet - dry)[:, None]
 
     gain = expose(photometry, linear)

@@ -47,7 +47,8 @@ def grid_triangles(rows: int, columns: int) -> IntArray:
 
 def _tilt_matrix(degrees: float) -> FloatArray:
     """Turn about the y axis: a direction along z leans to the right."""
-    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    c = np.cos(np.deg2rad(degrees))
+    s = np.sin(np.deg2rad(degrees))
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
@@ -68,7 +69,9 @@ class Plane:
 
     def __post_init__(self) -> None:
         if not (self.depth > 0 and abs(self.tilt) < 90):
-            raise ValueError(f"depth must be positive and tilt within ±90°, got {self.depth} and {self.tilt}")
+            raise ValueError(
+                f"depth must be positive and tilt within ±90°, got {self.depth} and {self.tilt}"
+            )
 
     @property
     def _normal(self) -> FloatArray:
@@ -88,7 +91,9 @@ class Plane:
         s = np.linspace(-30.0, 30.0, size) * self.depth
         x, y = np.meshgrid(s, s)
         flat = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
-        return flat @ _tilt_matrix(self.tilt).T + [0.0, 0.0, self.depth], grid_triangles(size, size)
+        return flat @ _tilt_matrix(self.tilt).T + [0.0, 0.0, self.depth], grid_triangles(
+            size, size
+        )
 
 
 @dataclass(frozen=True)
@@ -108,7 +113,9 @@ class Bowl:
 
     def __post_init__(self) -> None:
         if not np.linalg.norm(self.centre) < self.radius:
-            raise ValueError(f"the camera must lie inside the ball of radius {self.radius} mm")
+            raise ValueError(
+                f"the camera must lie inside the ball of radius {self.radius} mm"
+            )
 
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`."""
@@ -122,9 +129,17 @@ class Bowl:
 
     def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
         """See `Scene.mesh`."""
-        polar, around = np.meshgrid(np.linspace(0, np.pi, size), np.linspace(0, 2 * np.pi, 2 * size))
-        direction = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
-        vertices = np.asarray(self.centre) + self.radius * np.stack(direction, axis=-1).reshape(-1, 3)
+        polar, around = np.meshgrid(
+            np.linspace(0, np.pi, size), np.linspace(0, 2 * np.pi, 2 * size)
+        )
+        direction = [
+            np.sin(polar) * np.cos(around),
+            np.sin(polar) * np.sin(around),
+            np.cos(polar),
+        ]
+        vertices = np.asarray(self.centre) + self.radius * np.stack(
+            direction, axis=-1
+        ).reshape(-1, 3)
         return vertices, grid_triangles(2 * size, size)
 
 
@@ -151,14 +166,18 @@ class Tube:
 
     def __post_init__(self) -> None:
         if not np.hypot(*self.offset) < self.radius:
-            raise ValueError(f"the camera must lie inside the tube of radius {self.radius} mm")
+            raise ValueError(
+                f"the camera must lie inside the tube of radius {self.radius} mm"
+            )
 
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`."""
         inside = rays @ _tilt_matrix(self.tilt)
-        across, along = inside[..., :2], inside[..., 2]
+        across = inside[..., :2]
+        along = inside[..., 2]
         offset = np.asarray(self.offset)
-        a, b = np.sum(across**2, axis=-1), across @ offset
+        a = np.sum(across**2, axis=-1)
+        b = across @ offset
         with np.errstate(divide="ignore", invalid="ignore"):
             side = (-b + np.sqrt(b * b + a * (self.radius**2 - offset @ offset))) / a
             wall = np.where(along > 0, self.length / along, np.inf)
@@ -178,11 +197,14 @@ class Tube:
     def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
         """See `Scene.mesh`; the tube also runs back by its length."""
         z = np.linspace(-self.length, self.length, size)
-        z, radius = np.append(z, self.length), np.append(np.full(size, self.radius), 0.0)
+        z = np.append(z, self.length)
+        radius = np.append(np.full(size, self.radius), 0.0)
         around = np.linspace(0, 2 * np.pi, 2 * size)
         x = radius[:, None] * np.cos(around) - self.offset[0]
         y = radius[:, None] * np.sin(around) - self.offset[1]
-        vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
+        vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(
+            -1, 3
+        )
         return vertices @ _tilt_matrix(self.tilt).T, grid_triangles(size + 1, 2 * size)
 
 
@@ -218,16 +240,25 @@ class Colon:
 
     def __post_init__(self) -> None:
         if not 0 <= self.fold_height < 0.8:
-            raise ValueError(f"fold_height must be at least 0 and below 0.8, got {self.fold_height}")
-        if not (min(self.radius, self.fold_spacing, self.length) > 0 and self._inside(*self._camera)[0] > 0):
-            raise ValueError(f"the camera must lie inside the colon, of radius {self.radius} mm")
+            raise ValueError(
+                f"fold_height must be at least 0 and below 0.8, got {self.fold_height}"
+            )
+        if not (
+            min(self.radius, self.fold_spacing, self.length) > 0
+            and self._inside(*self._camera)[0] > 0
+        ):
+            raise ValueError(
+                f"the camera must lie inside the colon, of radius {self.radius} mm"
+            )
 
     _period = 230.0  # of the winding, mm
     _phase = 11.0  # of the folds, mm: the camera sits between two of them
     _twist = 2.2 / 27.0  # of the folds about the centre line, rad/mm
     _camera = np.array([2.0, -1.5, 0.0])
 
-    def _shape(self, s: FloatArray, cos3: FloatArray, sin3: FloatArray) -> tuple[FloatArray, ...]:
+    def _shape(
+        self, s: FloatArray, cos3: FloatArray, sin3: FloatArray
+    ) -> tuple[FloatArray, ...]:
         """R and its derivatives by s and φ, given the cosine and sine of 3φ′."""
         wave = 2 * np.pi / self.fold_spacing
         bump = np.exp(self.sharpness * (np.cos(wave * (s - self._phase)) - 1))
@@ -243,35 +274,49 @@ class Colon:
         w = 2 * np.pi / self._period
         return self.winding * (1 - np.cos(w * s)), self.winding * w * np.sin(w * s)
 
-    def _inside(self, x: FloatArray, y: FloatArray, s: FloatArray) -> tuple[FloatArray, ...]:
+    def _inside(
+        self, x: FloatArray, y: FloatArray, s: FloatArray
+    ) -> tuple[FloatArray, ...]:
         """How far inside the tube points of its frame are (mm, not a distance), and its three derivatives.
 
         Map by map: in arrays of triples, each step takes several times as long.
         """
         swing, slope = self._winding(s)
-        x, y = x - swing, y - SIDEWAYS * swing
+        x = x - swing
+        y = y - SIDEWAYS * swing
         rho = np.maximum(np.hypot(x, y), 1e-9)
-        x, y = x / rho, y / rho
+        x = x / rho
+        y = y / rho
         angle = 3 * (np.arctan2(y, x) + self._twist * s)
         wall, wall_s, wall_phi = self._shape(s, np.cos(angle), np.sin(angle))
         turn = wall_phi / rho
-        by_x, by_y = -turn * y - x, turn * x - y
+        by_x = -turn * y - x
+        by_y = turn * x - y
         return wall - rho, by_x, by_y, wall_s - (by_x * slope + by_y * (SIDEWAYS * slope))
 
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`; the first root along the ray, to rounding."""
         flat = rays.reshape(-1, 3)
         parts = np.array_split(flat, -(-len(flat) // RAYS_AT_ONCE) or 1)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # arithmetic on arrays lets others run
-            return np.concatenate(list(pool.map(self._first_roots, parts))).reshape(rays.shape[:-1])
+        with ThreadPoolExecutor(
+            os.cpu_count()
+        ) as pool:  # arithmetic on arrays lets others run
+            return np.concatenate(list(pool.map(self._first_roots, parts))).reshape(
+                rays.shape[:-1]
+            )
 
     def _first_roots(self, flat: FloatArray) -> FloatArray:
         """Distances along rays (n, 3)."""
         with np.errstate(divide="ignore"):
-            end = np.where(flat[:, 2] > 0, (self.length - self._camera[2]) / flat[:, 2], 4 * self.length)
+            end = np.where(
+                flat[:, 2] > 0,
+                (self.length - self._camera[2]) / flat[:, 2],
+                4 * self.length,
+            )
         # Bounds on the first and second derivative of F along a ray, beyond half the lumen;
         # within, the wall is at least a quarter of the lumen away.
-        height, wave = self.radius * self.fold_height, 2 * np.pi / self.fold_spacing
+        height = self.radius * self.fold_height
+        wave = 2 * np.pi / self.fold_spacing
         narrowest = self.radius - height
         steepest = (
             np.hypot(1.0, 2.4 * height / narrowest)
@@ -279,12 +324,17 @@ class Colon:
             + 2.2 * np.pi * self.winding / self._period
             + 1.2 * height * self._twist
         )
-        bend = 1.5 * height * self.sharpness * wave**2 + 4 / narrowest + 16 * height / narrowest**2
+        bend = (
+            1.5 * height * self.sharpness * wave**2
+            + 4 / narrowest
+            + 16 * height / narrowest**2
+        )
         t = np.zeros(flat.shape[0])
         rays = np.ascontiguousarray(flat.T)
         busy = np.flatnonzero(np.isfinite(flat).all(axis=-1))
         while busy.size:
-            now, ray = t[busy], rays[:, busy]
+            now = t[busy]
+            ray = rays[:, busy]
             places = (at + now * along for at, along in zip(self._camera, ray, strict=True))
             inside, by_x, by_y, by_s = self._inside(*places)
             inside = np.maximum(inside, 0.0)
@@ -293,7 +343,9 @@ class Colon:
             # whose root becomes Newton's step as F₀ → 0.
             root = np.sqrt(slope**2 + 2 * bend * inside)
             with np.errstate(invalid="ignore"):
-                curved = np.where(slope < 0, 2 * inside / (root - slope), (slope + root) / bend)
+                curved = np.where(
+                    slope < 0, 2 * inside / (root - slope), (slope + root) / bend
+                )
             step = np.minimum(np.maximum(curved, inside / steepest), narrowest / 4)
             now = t[busy] = now + step
             busy = busy[(step > 1e-14 * self.length) & (inside > 0) & (now < end[busy])]
@@ -310,14 +362,17 @@ class Colon:
     def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
         """See `Scene.mesh`; the tube also runs back by 60 mm."""
         s = np.linspace(-60.0, self.length, 2 * size)
-        s, closing = np.append(s, self.length), np.append(np.ones(2 * size), 0.0)
+        s = np.append(s, self.length)
+        closing = np.append(np.ones(2 * size), 0.0)
         around = np.linspace(0, 2 * np.pi, 2 * size)
         angle = 3 * (around + self._twist * s[:, None])
         rho = self._shape(s[:, None], np.cos(angle), np.sin(angle))[0] * closing[:, None]
         swing = self._winding(s)[0][:, None]
         x = swing + rho * np.cos(around)
         y = SIDEWAYS * swing + rho * np.sin(around)
-        vertices = np.stack([x, y, np.broadcast_to(s[:, None], x.shape)], axis=-1).reshape(-1, 3)
+        vertices = np.stack([x, y, np.broadcast_to(s[:, None], x.shape)], axis=-1).reshape(
+            -1, 3
+        )
         return vertices - self._camera, grid_triangles(2 * size + 1, 2 * size)
 
 
@@ -362,22 +417,35 @@ class Bump:
         for _ in range(60):
             middle = (low + high) / 2
             beyond = middle + self._bump_height(spread * middle**2) > self.depth
-            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+            low = np.where(beyond, low, middle)
+            high = np.where(beyond, middle, high)
         return (low + high) / 2 / cosine
 
     def normals(self, points: FloatArray) -> FloatArray:
         """See `Scene.normals`."""
         across = points[..., :2]
         raised = self._bump_height(np.sum(across**2, axis=-1))[..., None]
-        normal = np.concatenate([raised * across / self.width**2, -np.ones_like(raised)], axis=-1)
+        normal = np.concatenate(
+            [raised * across / self.width**2, -np.ones_like(raised)], axis=-1
+        )
         return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
         """See `Scene.mesh`; a square of 60 times the depth, in finer steps where the bump is."""
-        s = np.sinh(np.linspace(-1.0, 1.0, size) * np.arcsinh(30.0 * self.depth / self.width)) * self.width
+        s = (
+            np.sinh(
+                np.linspace(-1.0, 1.0, size) * np.arcsinh(30.0 * self.depth / self.width)
+            )
+            * self.width
+        )
         x, y = np.meshgrid(s, s)
         z = self.depth - self._bump_height(x**2 + y**2)
         return np.stack([x, y, z], axis=-1).reshape(-1, 3), grid_triangles(size, size)
 
 
-SCENES: dict[str, Scene] = {"plane": Plane(), "curved": Bowl(), "tube": Tube(), "colon": Colon()}
+SCENES: dict[str, Scene] = {
+    "plane": Plane(),
+    "curved": Bowl(),
+    "tube": Tube(),
+    "colon": Colon(),
+}

@@ -34,7 +34,10 @@ class Place:
         if not isinstance(self.panel, Map) or self.panel.says is None:
             return ""
         mask = self.answer.result.mask
-        i, j = (min(int(share * size), size - 1) for share, size in zip((y, x), mask.shape, strict=True))
+        i, j = (
+            min(int(share * size), size - 1)
+            for share, size in zip((y, x), mask.shape, strict=True)
+        )
         return self.panel.says(i, j) if mask[i, j] else "left out"
 
 
@@ -57,12 +60,15 @@ class Board:
         """What the page is told of the panels, which may have names."""
         names = names or [""] * len(self.places)
         places = zip(self.places, names, strict=True)
-        return [{"box": place.box, "spot": place.spot, "name": name} for place, name in places]
+        return [
+            {"box": place.box, "spot": place.spot, "name": name} for place, name in places
+        ]
 
 
 def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Board:
     """Panels in cells of one size; on the right `margin` px with the scales that rows of maps share."""
-    width, height = (room[0] - margin) // len(rows[0]), room[1] // len(rows)
+    width = (room[0] - margin) // len(rows[0])
+    height = room[1] // len(rows)
     size = np.array([width * len(rows[0]) + margin, height * len(rows)])
     paper = np.full((size[1], size[0], 3), 255, np.uint8)
 
@@ -77,7 +83,8 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
             if cell is None:
                 continue
             panel, answer = cell
-            left, top = j * width, i * height
+            left = j * width
+            top = i * height
             if margin and isinstance(panel, Map) and panel.limits is not None:
                 strip = paper[top + 2 * text : top + height - text // 2, -margin:]
                 strip[:] = 255  # as the column before drew it too
@@ -85,26 +92,38 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
                 panel = replace(panel, limits=None)
             spot, dots = panel.draw(paper[top : top + height, left : left + width], text)
             at = np.add(np.reshape(dots, (-1, 2)), (left, top)) / size
-            places.append(Place(answer, shared((0, 0, width, height)), spot and shared(spot), panel, at))
+            places.append(
+                Place(
+                    answer, shared((0, 0, width, height)), spot and shared(spot), panel, at
+                )
+            )
     return Board(paper, places)
 
 
-def of_one(answer: Answer, names: Sequence[str], view: View, room: tuple[int, int], text: int = 12) -> Board:
+def of_one(
+    answer: Answer, names: Sequence[str], view: View, room: tuple[int, int], text: int = 12
+) -> Board:
     """The panels of an answer, three in a row."""
     panels = [(PANELS[name](answer, view), answer) for name in names]
-    return _board([panels[i : i + COLUMNS] for i in range(0, len(panels), COLUMNS)], room, text)
+    return _board(
+        [panels[i : i + COLUMNS] for i in range(0, len(panels), COLUMNS)], room, text
+    )
 
 
 def comparable(a: Answer, b: Answer) -> bool:
     """Whether both are of the same frame, and of one size."""
-    return a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
+    return (
+        a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
+    )
 
 
 def _name_panel(name: str, panel: Panel) -> Panel:
     return replace(panel, title=f"{name}: {panel.title}")
 
 
-def of_two(a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12) -> Board:
+def of_two(
+    a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12
+) -> Board:
     """A beside B with the same scales, their ratio and their sections."""
     thirds = ratio_of(a, b), PANELS["section"](b, replace(view, like=a, beside=a))
     rows = []
@@ -132,7 +151,16 @@ def of_several(
             title = f"{label}: {title.lower()}"
         if isinstance(shown, Chart):  # no room for the names of its curves
             shown = replace(shown, curves=[("", *curve[1:]) for curve in shown.curves])
-            title = title if answer.median_error is None else f"Section, error {answer.median_error:.1f} %"
+            title = (
+                title
+                if answer.median_error is None
+                else f"Section, error {answer.median_error:.1f} %"
+            )
         return replace(shown, title=title), answer
 
-    return _board([[panel(name, *labelled) for labelled in answers] for name in ROWS], room, text, BAR * text)
+    return _board(
+        [[panel(name, *labelled) for labelled in answers] for name in ROWS],
+        room,
+        text,
+        BAR * text,
+    )

@@ -38,7 +38,10 @@ LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
 DRAWS = 8  # of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less
 # The most steps of a quick answer, from a start and from nothing.
 QUICK_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
-FIRST, SOFAR, FINAL = "first look", "so far", "final"  # stages of an answer
+# stages of an answer
+FIRST = "first look"
+SOFAR = "so far"
+FINAL = "final"
 IsStale = Callable[[], bool]
 
 
@@ -51,22 +54,34 @@ class Answer:
     seconds: float  # that it took
     subject: Subject  # what was looked at
     result: Result
-    followed: Result | None = None  # the quick answer at full size, which the final one may differ from
-    uncertainty: Uncertainty | None = None  # how far the result can be trusted, once that was asked for
+    followed: Result | None = (
+        None  # the quick answer at full size, which the final one may differ from
+    )
+    uncertainty: Uncertainty | None = (
+        None  # how far the result can be trusted, once that was asked for
+    )
 
     @cached_property
     def truth(self) -> FloatArray | None:
         """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
-        truth, mask, distance = self.subject.truth, self.result.mask, self.result.distance
+        truth = self.subject.truth
+        mask = self.result.mask
+        distance = self.result.distance
         if truth is None:
             return None
         if truth.shape != mask.shape:  # a frame that was shrunk
-            truth = np.asarray(cv2.resize(truth, mask.shape[::-1], interpolation=cv2.INTER_AREA), float)
+            truth = np.asarray(
+                cv2.resize(truth, mask.shape[::-1], interpolation=cv2.INTER_AREA), float
+            )
         truth = np.where(mask, truth, np.nan)
         known = np.isfinite(truth)
         if not known.any():
             return None
-        return truth if self.result.metric else truth * np.median(distance[known] / truth[known])
+        return (
+            truth
+            if self.result.metric
+            else truth * np.median(distance[known] / truth[known])
+        )
 
     @cached_property
     def error(self) -> FloatArray | None:
@@ -100,10 +115,14 @@ class Answer:
     @cached_property
     def roughness(self) -> float:
         """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is torn."""
-        normals, cuts = self.result.normals, self.result.problem.cuts
-        right, below = (np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0))
+        normals = self.result.normals
+        cuts = self.result.problem.cuts
+        right, below = (
+            np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0)
+        )
         if cuts is not None:
-            right[cuts[0, :, :-1]], below[cuts[1, :-1]] = np.nan, np.nan
+            right[cuts[0, :, :-1]] = np.nan
+            below[cuts[1, :-1]] = np.nan
         mean = np.nanmean(np.append(right, below))
         return float(np.degrees(mean)) * px_per_reference(normals.shape)
 
@@ -147,7 +166,8 @@ class Tuner:
         frame: Frame | None = None,
         truth: FloatArray | None = None,
     ) -> None:
-        self.tell, self.refuse = tell, refuse
+        self.tell = tell
+        self.refuse = refuse
         self._pool = ThreadPoolExecutor(1, "endolab tuner")
         self._asked = 0  # number of the last job; those before are stale
         self._job: Future[None] | None = None
@@ -158,7 +178,10 @@ class Tuner:
     # From any thread ---------------------------------------------------------------------
 
     def use(
-        self, calibration: Calibration, frame: Frame | None = None, truth: FloatArray | None = None
+        self,
+        calibration: Calibration,
+        frame: Frame | None = None,
+        truth: FloatArray | None = None,
     ) -> None:
         """Look at another frame, or render with another calibration, from the next wish on.
 
@@ -187,7 +210,9 @@ class Tuner:
                 job(is_stale)
             except Exception as error:  # whatever it is, the next wish may do better
                 if name or not is_stale():
-                    self.refuse(f"{name}: {sentence_of(error)}" if name else sentence_of(error))
+                    self.refuse(
+                        f"{name}: {sentence_of(error)}" if name else sentence_of(error)
+                    )
                 raise
 
         self._job = self._pool.submit(run_it)
@@ -198,7 +223,10 @@ class Tuner:
         self.do(lambda is_stale: self._answer(source, settings, is_stale))
 
     def compare(
-        self, answer: Answer, several: Sequence[Knobs], tell: Callable[[int, Answer], object]
+        self,
+        answer: Answer,
+        several: Sequence[Knobs],
+        tell: Callable[[int, Answer], object],
     ) -> None:
         """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
         torn = answer.result.problem.cuts
@@ -267,11 +295,17 @@ class Tuner:
         self._pool.shutdown()
 
     def _solve(
-        self, subject: Subject, settings: Knobs, observers: Iterable[Observer], **options: Any
+        self,
+        subject: Subject,
+        settings: Knobs,
+        observers: Iterable[Observer],
+        **options: Any,
     ) -> Answer:
         """Solve a subject."""
-        started, saved = time.perf_counter(), settings.saved(subject.calibration, subject.grey)
-        keywords, known = {**saved.keywords, **options}, saved.believed(subject.calibration)
+        started = time.perf_counter()
+        saved = settings.saved(subject.calibration, subject.grey)
+        keywords = {**saved.keywords, **options}
+        known = saved.believed(subject.calibration)
         result = reconstruct(subject.frame, known, observers=observers, **keywords)
         return Answer(settings, FINAL, time.perf_counter() - started, subject, result)
 
@@ -282,7 +316,8 @@ class Tuner:
         self.tell(answer)
 
     def _answer(self, source: Source, settings: Knobs, is_stale: IsStale) -> None:
-        subject, followed = source.subject(settings), None
+        subject = source.subject(settings)
+        followed = None
         try:
             first = self._quick(subject, settings, is_stale)
             if first is not None and not is_stale():
@@ -303,20 +338,27 @@ class Tuner:
 
     def _quick(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> Answer | None:
         """What follows from the last answer, or one of half the size; None if there is no point in either."""
-        started, steps, before = time.perf_counter(), QUICK_STEPS.get(settings.solver), self._settled
+        started = time.perf_counter()
+        steps = QUICK_STEPS.get(settings.solver)
+        before = self._settled
         # These leave light and contours as they are.
         moved: dict[str, Any] = {"lam": settings.lam, "epsilon": settings.epsilon}
         if steps and before and settings == replace(before.settings, **moved):
-            problem, start = replace(before.result.problem, **moved), before.result.iterate.log_distance
+            problem = replace(before.result.problem, **moved)
+            start = before.result.iterate.log_distance
             solver = solve(problem, settings.solver, start=start, max_iterations=steps[0])
-            result = run(with_provenance(solver, before.result.provenance), [_watch(is_stale)])
+            result = run(
+                with_provenance(solver, before.result.provenance), [_watch(is_stale)]
+            )
             seconds = time.perf_counter() - started
             return Answer(settings, FIRST, seconds, subject, result, followed=result)
         if settings.width < LEAST_WIDTH:
             return None
         options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}
         options["width"] = min(settings.width, subject.frame.width) // 2
-        return replace(self._solve(subject, settings, [_watch(is_stale)], **options), stage=FIRST)
+        return replace(
+            self._solve(subject, settings, [_watch(is_stale)], **options), stage=FIRST
+        )
 
 
 def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) -> Observer:

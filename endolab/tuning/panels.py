@@ -20,10 +20,19 @@ from endolab.tuning.source import Knobs
 from endolab.uncertainty.causes import MAYBE, bounced_light
 from endolab.uncertainty.estimate import noise_left
 
-ENDS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # of scales, so that a colour keeps its meaning a while
+ENDS = (
+    2.0,
+    5.0,
+    10.0,
+    20.0,
+    50.0,
+    100.0,
+)  # of scales, so that a colour keeps its meaning a while
 BELOW_NOISE = (236, 236, 236)  # colour of residuals that noise explains
 NOISY = 2.0  # standard deviations of the noise that are no news
-TORN, SATURATED, SILENT = pictures.VERMILION, (230, 159, 0), (204, 121, 167)
+TORN = pictures.VERMILION
+SATURATED = (230, 159, 0)
+SILENT = (204, 121, 167)
 
 
 @dataclass(frozen=True)
@@ -40,7 +49,10 @@ class Dot:
 class View:
     """How an answer is looked at."""
 
-    line: tuple[bool, float] = (False, 0.5)  # whether the section is a row, and how far down or to the right
+    line: tuple[bool, float] = (
+        False,
+        0.5,
+    )  # whether the section is a row, and how far down or to the right
     like: Answer | None = None  # whose scales are taken, by default the answer's own
     beside: Answer | None = None  # A, whose section is shown as well
     dots: Sequence[Dot] = ()
@@ -66,7 +78,14 @@ def _value_map(
 ) -> Map:
     """A map of numbers; `form` is how one of them is told."""
     colours = coloured(values, limits, palette)
-    return Map(title, colours, limits, palette, says=lambda i, j: form.format(values[i, j]), **options)
+    return Map(
+        title,
+        colours,
+        limits,
+        palette,
+        says=lambda i, j: form.format(values[i, j]),
+        **options,
+    )
 
 
 def _frame(answer: Answer, view: View) -> Panel:
@@ -75,21 +94,30 @@ def _frame(answer: Answer, view: View) -> Panel:
     def says(i: int, j: int) -> str:
         values = np.atleast_1d(255 * shown[i, j])
         names = ["grey"] if len(values) == 1 else [name[0].upper() for name in CHANNELS]
-        return "  ".join(f"{name} {value:.0f}" for name, value in zip(names, values, strict=True))
+        return "  ".join(
+            f"{name} {value:.0f}" for name, value in zip(names, values, strict=True)
+        )
 
     title = f"Frame, {shown.shape[1]} x {shown.shape[0]} px"
     return Map(title, grey_or_colour(shown), line=view.line, says=says)
 
 
 def _distance(answer: Answer, view: View) -> Panel:
-    unit, (low, high) = answer.result.problem.unit, common_limits([_seen(view.like or answer)])
+    unit, (low, high) = (
+        answer.result.problem.unit,
+        common_limits([_seen(view.like or answer)]),
+    )
     title = f"Distance [{unit}]" + ("" if answer.stage == FINAL else f", {answer.stage}")
-    limits, form = (low, max(high, 1.01 * low)), f"{{:.4g}} {unit}"
-    return _value_map(title, answer.result.distance, limits, "viridis", form, line=view.line)
+    limits = (low, max(high, 1.01 * low))
+    form = f"{{:.4g}} {unit}"
+    return _value_map(
+        title, answer.result.distance, limits, "viridis", form, line=view.line
+    )
 
 
 def _residual(answer: Answer, view: View) -> Panel:
-    residual, floor = answer.residual, NOISY * 255 * noise_left(answer.result)[0]
+    residual = answer.residual
+    floor = NOISY * 255 * noise_left(answer.result)[0]
     end = end_of((view.like or answer).residual, 98)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
@@ -97,7 +125,9 @@ def _residual(answer: Answer, view: View) -> Panel:
     picture = coloured(residual, (-end, end), "diverging")
     picture[quiet] = BELOW_NOISE
     form = "{:+.1f} grey levels"
-    return replace(_value_map(title, residual, (-end, end), "diverging", form), picture=picture)
+    return replace(
+        _value_map(title, residual, (-end, end), "diverging", form), picture=picture
+    )
 
 
 def _error(answer: Answer, view: View) -> Panel:
@@ -111,7 +141,8 @@ def _error(answer: Answer, view: View) -> Panel:
 
 
 def _normals(answer: Answer, view: View) -> Panel:
-    normals, rays = answer.result.normals, answer.result.problem.field.rays
+    normals = answer.result.normals
+    rays = answer.result.problem.field.rays
 
     def says(i: int, j: int) -> str:
         slant = np.degrees(np.arccos(np.clip(-normals[i, j] @ rays[i, j], -1, 1)))
@@ -126,11 +157,16 @@ def _contours(answer: Answer, view: View) -> Panel:
     grey = np.asarray(problem.shown, float)
     picture = grey_or_colour(0.35 + 0.5 * (grey if grey.ndim == 2 else grey.mean(axis=-1)))
     maybe = (find_contours(problem.log_d0, problem.mask) > MAYBE).any(axis=0)
-    evidence = np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
+    evidence = (
+        np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
+    )
     torn = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
     parts = {
         "may be a contour": (maybe, pictures.SKY),
-        "saturated: at least so bright": (problem.mask & (evidence == LOWER_BOUND), SATURATED),
+        "saturated: at least so bright": (
+            problem.mask & (evidence == LOWER_BOUND),
+            SATURATED,
+        ),
         "highlight: says nothing": (problem.mask & (evidence == NONE), SILENT),
         "left out": (~problem.mask, pictures.LEFT_OUT),
         f"torn, {answer.torn:,} px": (torn, TORN),
@@ -174,7 +210,12 @@ def _dominant_source(answer: Answer, view: View) -> Panel:
     def says(i: int, j: int) -> str:
         return names[uncertainty.dominant_source[i, j]]
 
-    return Map("Who decided", colours[uncertainty.dominant_source], keys=[*DECIDERS.items()], says=says)
+    return Map(
+        "Who decided",
+        colours[uncertainty.dominant_source],
+        keys=[*DECIDERS.items()],
+        says=says,
+    )
 
 
 def _section(answer: Answer, view: View) -> Panel:
@@ -192,7 +233,9 @@ def _section(answer: Answer, view: View) -> Panel:
     like = view.like or answer
     curves = []
     if view.beside is not None:
-        curves.append(("A", *along(view.beside, view.beside.result.distance), pictures.GREEN))
+        curves.append(
+            ("A", *along(view.beside, view.beside.result.distance), pictures.GREEN)
+        )
     if answer.truth is not None:
         curves.append(("truth", *along(answer, answer.truth), pictures.BLACK))
     name = "result" if view.beside is None else "B"
@@ -206,8 +249,15 @@ def _section(answer: Answer, view: View) -> Panel:
 def _energy(answer: Answer, view: View) -> Panel:
     history = answer.result.history
     steps = np.array([entry["k"] for entry in history], float)
-    terms = (("data", pictures.BLUE), ("regulariser", pictures.VERMILION), ("energy", pictures.BLACK))
-    curves = [(name, steps, np.array([entry[name] for entry in history]), colour) for name, colour in terms]
+    terms = (
+        ("data", pictures.BLUE),
+        ("regulariser", pictures.VERMILION),
+        ("energy", pictures.BLACK),
+    )
+    curves = [
+        (name, steps, np.array([entry[name] for entry in history]), colour)
+        for name, colour in terms
+    ]
     title = f"Energy, {answer.result.iterations} iterations"
     return Chart(title, "iteration", "energy [1]", curves, log=(False, True))
 
@@ -216,9 +266,14 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
     """Data term and roughness of the answers so far; those that differ by λ alone hang together."""
     comparable = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
     family = sorted(comparable, key=lambda dot: dot.settings.lam)
-    x, y = (np.array([getattr(dot, name) for dot in family]) for name in ("data", "roughness"))
+    x, y = (
+        np.array([getattr(dot, name) for dot in family]) for name in ("data", "roughness")
+    )
     colours = (pictures.SKY if dot in family else pictures.LEFT_OUT for dot in view.dots)
-    dots = [(dot.data, dot.roughness, colour) for dot, colour in zip(view.dots, colours, strict=True)]
+    dots = [
+        (dot.data, dot.roughness, colour)
+        for dot, colour in zip(view.dots, colours, strict=True)
+    ]
     dots.append((answer.data, answer.roughness, pictures.VERMILION))
     curves = [("", x, y, pictures.SKY)] if family else []
     title = f"λ curve: λ = {answer.settings.lam:.3g}; click on a dot"
@@ -256,9 +311,11 @@ NEED_UNCERTAINTY = ("σ", "who decided")
 
 def ratio_of(a: Answer, b: Answer) -> Map:
     """B over A, in %, without what is common if one of them has no unit."""
-    ratio, title = b.result.distance / a.result.distance, "B / A - 1 [%]"
+    ratio = b.result.distance / a.result.distance
+    title = "B / A - 1 [%]"
     if not (a.result.metric and b.result.metric):
-        ratio, title = ratio / np.nanmedian(ratio), "B / A - 1 [%], but for the scale"
+        ratio = ratio / np.nanmedian(ratio)
+        title = "B / A - 1 [%], but for the scale"
     change: FloatArray = 100 * (ratio - 1)
     end = end_of(change, 98)
     return _value_map(title, change, (-end, end), "diverging", "{:+.1f} %")

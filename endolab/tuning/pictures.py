@@ -23,18 +23,27 @@ Limits = tuple[float, float]
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 Colour = Sequence[int]
 
-INK, PALE, LEFT_OUT = (34, 34, 34), (225, 225, 225), (184, 184, 184)
+INK = (34, 34, 34)
+PALE = (225, 225, 225)
+LEFT_OUT = (184, 184, 184)
 # Okabe and Ito's, as in `plots`.
-BLACK, SKY, VERMILION, BLUE, GREEN = (0, 0, 0), (86, 180, 233), (213, 94, 0), (0, 114, 178), (0, 158, 115)
+BLACK = (0, 0, 0)
+SKY = (86, 180, 233)
+VERMILION = (213, 94, 0)
+BLUE = (0, 114, 178)
+GREEN = (0, 158, 115)
 MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
 QUALITY = 88  # of a JPEG
 BAR = 5  # width of a colour bar with its numbers, in letters
-FACE, WEIGHT = cv2.FontFace("sans"), 400
+FACE = cv2.FontFace("sans")
+WEIGHT = 400
 
 
 def jpeg(picture: Picture) -> bytes:
     """Encode as JPEG."""
-    return bytes(cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
+    return bytes(
+        cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+    )
 
 
 def png(picture: Picture) -> bytes:
@@ -43,17 +52,31 @@ def png(picture: Picture) -> bytes:
 
 
 def write(
-    picture: Picture, text: str, x: int, y: int, size: int, align: float = 0.0, colour: Colour = INK
+    picture: Picture,
+    text: str,
+    x: int,
+    y: int,
+    size: int,
+    align: float = 0.0,
+    colour: Colour = INK,
 ) -> int:
     """Write a line of text below y, and return its width; x is its left end, or its right for `align` 1."""
-    wide: int = cv2.putText(np.zeros((1, 1, 3), np.uint8), text, (0, 0), INK, FACE, size, WEIGHT)[0][0]
+    wide: int = cv2.putText(
+        np.zeros((1, 1, 3), np.uint8), text, (0, 0), INK, FACE, size, WEIGHT
+    )[0][0]
     left = max(0, int(x - align * wide))
     cv2.putText(picture, text, (left, y + int(1.4 * size)), colour, FACE, size, WEIGHT)
     return wide
 
 
 def draw_label(
-    picture: Picture, text: str, x: int, y: int, size: int, align: float = 0.0, colour: Colour = INK
+    picture: Picture,
+    text: str,
+    x: int,
+    y: int,
+    size: int,
+    align: float = 0.0,
+    colour: Colour = INK,
 ) -> int:
     """Write a line on white, and return its width, px."""
     wide = write(np.zeros((1, 1, 3), np.uint8), text, 0, 0, size)
@@ -91,7 +114,10 @@ def grey_or_colour(image: FloatArray) -> Picture:
 def ticks(low: float, high: float) -> list[float]:
     """Round numbers in [low, high], three to eight of them."""
     step = round_length((high - low) / 3)
-    return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+    return [
+        float(k * step)
+        for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)
+    ]
 
 
 def log_ticks(low: float, high: float) -> list[float]:
@@ -99,7 +125,11 @@ def log_ticks(low: float, high: float) -> list[float]:
     powers = range(int(np.floor(low)), int(np.ceil(high)))
     values = [float(np.log10(factor) + power) for power in powers for factor in (1, 2, 5)]
     values = [value for value in values if low <= value <= high]
-    return values if len(values) > 1 else [float(np.log10(value)) for value in ticks(10**low, 10**high)]
+    return (
+        values
+        if len(values) > 1
+        else [float(np.log10(value)) for value in ticks(10**low, 10**high)]
+    )
 
 
 def _room(paper: Picture, title: str, text: int) -> Box:
@@ -133,7 +163,8 @@ class Map:
         height, width = self.picture.shape[:2]
         room = right - left - (BAR * text if self.limits else 0)
         scale = max(min(room / width, (bottom - top) / height), 1 / min(width, height))
-        wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
+        wide = max(1, round(width * scale))
+        tall = max(1, round(height * scale))
         left += (room - wide) // 2
         interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
         shown = cv2.resize(self.picture, (wide, tall), interpolation=interpolation)
@@ -146,18 +177,32 @@ class Map:
             draw_label(place, name, round(1.6 * text), y, text)
             place[max(0, y + 4) : y + text + 2, 3 : text + 1] = colour
         if self.limits is not None:
-            scale_bar(paper[top : top + tall], left + wide + text // 2, self.limits, self.palette, text)
+            scale_bar(
+                paper[top : top + tall],
+                left + wide + text // 2,
+                self.limits,
+                self.palette,
+                text,
+            )
         return (left, top, left + wide, top + tall), []
 
 
 def scale_bar(paper: Picture, left: int, limits: Limits, palette: str, text: int) -> None:
     """Draw a colour bar with its numbers, as high as the paper."""
     tall = paper.shape[0]
-    paper[:, left : left + text] = _palette(palette)[np.linspace(255, 0, tall).astype(int)][:, None]
+    paper[:, left : left + text] = _palette(palette)[np.linspace(255, 0, tall).astype(int)][
+        :, None
+    ]
     for value in ticks(*limits):
         y = round((1 - (value - limits[0]) / (limits[1] - limits[0])) * (tall - 1))
         paper[y, left + text : left + text + text // 3] = INK
-        write(paper, f"{value:g}", left + text + text // 2, max(0, min(y - text + 1, tall - 2 * text)), text)
+        write(
+            paper,
+            f"{value:g}",
+            left + text + text // 2,
+            max(0, min(y - text + 1, tall - 2 * text)),
+            text,
+        )
 
 
 def _cut(picture: Picture, is_row: bool, share: float) -> None:
@@ -189,10 +234,13 @@ class Chart:
     def draw(self, paper: Picture, text: int) -> tuple[None, list[tuple[int, int]]]:
         """Draw it into a white cell with letters of so many px, and tell where in the cell the dots are."""
         left, top, right, bottom = _room(paper, self.title, text)
-        left, right, bottom = left + round(3.6 * text), right - text // 2, bottom - round(2.4 * text)
+        left = left + round(3.6 * text)
+        right = right - text // 2
+        bottom = bottom - round(2.4 * text)
         size = np.array([right - left, max(bottom - top, 1)])
         middle, half = self._limits(size[0] / size[1])
-        low, high = middle - half, middle + half
+        low = middle - half
+        high = middle + half
 
         def place(points: FloatArray) -> FloatArray:
             """To the right and down, px."""
@@ -227,7 +275,9 @@ class Chart:
         dots = []
         for x_of, y_of, colour in self.dots:
             right_of, down_of = (int(pixel) for pixel in place(self._points(x_of, y_of)))
-            cv2.circle(inner, (right_of, down_of), text // 2, tuple(colour), -1, cv2.LINE_AA)
+            cv2.circle(
+                inner, (right_of, down_of), text // 2, tuple(colour), -1, cv2.LINE_AA
+            )
             dots.append((left + right_of, top + down_of))
         return None, dots
 
@@ -242,9 +292,15 @@ class Chart:
         curves: list[tuple[Any, Any]] = [(x, y) for _, x, y, _ in self.curves]
         given = curves if self.fitted is None else [self.fitted]
         dots = [self._points(x, y)[None] for x, y, _ in self.dots]
-        points = np.concatenate([np.empty((0, 2)), *(self._points(x, y) for x, y in given), *dots])
+        points = np.concatenate(
+            [np.empty((0, 2)), *(self._points(x, y) for x, y in given), *dots]
+        )
         points = points[np.isfinite(points).all(axis=-1)]
-        low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.ones(2))
+        low, high = (
+            (points.min(axis=0), points.max(axis=0))
+            if len(points)
+            else (np.zeros(2), np.ones(2))
+        )
         half = 0.58 * (high - low)
         half = np.where(half > 0, half, 0.05 * np.maximum(np.abs(low), 1))
         half = np.where(self.log, np.maximum(half, 0.1), half)

@@ -12,13 +12,20 @@ TORN_ELSEWHERE = 0.1  # share of the torn steps by which contours may change wit
 
 def summary(answer: Answer) -> str:
     """Say in one line how an answer came about."""
-    settings, result = answer.settings, answer.result
+    settings = answer.settings
+    result = answer.result
     auto = " (auto)" if settings.regulariser == "auto" else ""
-    ended = result.status.name.lower().replace("_", " ") if answer.stage == FINAL else answer.stage
+    ended = (
+        result.status.name.lower().replace("_", " ")
+        if answer.stage == FINAL
+        else answer.stage
+    )
     parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
     parts += [f"{answer.torn:,} px torn"] if answer.torn else []
     parts += [ended, f"{answer.seconds:.1f} s"]
-    parts += [] if answer.median_error is None else [f"median error {answer.median_error:.2f} %"]
+    parts += (
+        [] if answer.median_error is None else [f"median error {answer.median_error:.2f} %"]
+    )
     return " · ".join(parts)
 
 
@@ -30,7 +37,9 @@ def warnings(answer: Answer, before: Answer | None) -> list[str]:
     sphere, plane = answer.relief
     if min(sphere, plane) < FLAT:
         shape = "a sphere around the camera" if sphere < plane else "a plane"
-        sentences.append(f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %.")
+        sentences.append(
+            f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %."
+        )
     if before is not None and differs_by_lam(before.settings, answer.settings):
         most = max(before.torn, answer.torn)
         if abs(before.torn - answer.torn) > TORN_ELSEWHERE * most:

@@ -46,9 +46,14 @@ class Page:
     """
 
     def __init__(
-        self, make: Callable[[], AnyWidget], title: str, port: int = 0, origin: str | None = None
+        self,
+        make: Callable[[], AnyWidget],
+        title: str,
+        port: int = 0,
+        origin: str | None = None,
     ) -> None:
-        self._make, self.title = make, title
+        self._make = make
+        self.title = title
         self.origin = None if origin is None else parse_origin(origin)
         try:
             self._socket = socket.create_server(("127.0.0.1", port))
@@ -65,11 +70,17 @@ class Page:
 
     def run(self, opened: Callable[[], object] = lambda: None) -> None:
         """Serve; `opened` is called when pages can be opened."""
-        page, before = self, comm.create_comm
+        page = self
+        before = comm.create_comm
 
         class Comm(BaseComm):
             def publish_msg(
-                self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None, **keys: Any
+                self,
+                msg_type: str,
+                data: Any = None,
+                metadata: Any = None,
+                buffers: Any = None,
+                **keys: Any,
             ) -> None:
                 if msg_type == "comm_msg":
                     page.send(self.comm_id, data, buffers or [])
@@ -87,10 +98,16 @@ class Page:
             closing.start()
             closing.join(CLOSE_TIMEOUT)
             if closing.is_alive():
-                print("endolab: what was still being done, such as an export, is dropped", file=sys.stderr)
+                print(
+                    "endolab: what was still being done, such as an export, is dropped",
+                    file=sys.stderr,
+                )
 
     async def _serve(self) -> None:
-        places = [(self._place, _Whole, {"page": self}), (self._place + "channel", _Channel, {"page": self})]
+        places = [
+            (self._place, _Whole, {"page": self}),
+            (self._place + "channel", _Channel, {"page": self}),
+        ]
         app = tornado.web.Application(places, log_function=lambda _: None)
         server = tornado.httpserver.HTTPServer(app)
         self._socket.setblocking(False)
@@ -114,11 +131,19 @@ class Page:
     def send(self, widget: str, data: dict[str, Any], buffers: Sequence[Any]) -> None:
         """Tell all pages what has changed of a widget, from any thread; who changed it knows it already."""
         asker = self._asker if data["method"] == "echo_update" else None
-        message = {"id": widget, "state": data["state"], "buffer_paths": data["buffer_paths"]}
+        message = {
+            "id": widget,
+            "state": data["state"],
+            "buffer_paths": data["buffer_paths"],
+        }
         with suppress(RuntimeError):  # all has ended, and what is closed says so to nobody
-            self._loop.call_soon_threadsafe(self._tell, message, [*map(bytes, buffers)], asker)
+            self._loop.call_soon_threadsafe(
+                self._tell, message, [*map(bytes, buffers)], asker
+            )
 
-    def _tell(self, message: dict[str, Any], buffers: Sequence[bytes], asker: _Channel | None) -> None:
+    def _tell(
+        self, message: dict[str, Any], buffers: Sequence[bytes], asker: _Channel | None
+    ) -> None:
         for page in self._pages - {asker}:
             page.tell(json.dumps(message), *buffers)
 
@@ -141,7 +166,11 @@ class Page:
         if self._ending is not None:
             self._ending.cancel()
         self._pages.add(page)
-        held = [child for child in self.widget.trait_values().values() if isinstance(child, AnyWidget)]
+        held = [
+            child
+            for child in self.widget.trait_values().values()
+            if isinstance(child, AnyWidget)
+        ]
         for widget in (*held, self.widget):
             widget.send_state()
 
@@ -156,8 +185,12 @@ class Page:
 def parse_origin(text: str) -> str:
     """Return an origin as browsers write it; ValueError, unless it is a scheme, a host and perhaps a port."""
     if not re.fullmatch(r"https?://[\w.:[\]-]+/?", text):
-        raise ValueError(f"an origin is like https://lab.example.org or http://10.0.0.2:8080, got {text!r}")
-    return re.sub("(?<=^http)(:.*):80$|(?<=^https)(:.*):443$", r"\1\2", text.lower().rstrip("/"))
+        raise ValueError(
+            f"an origin is like https://lab.example.org or http://10.0.0.2:8080, got {text!r}"
+        )
+    return re.sub(
+        "(?<=^http)(:.*):80$|(?<=^https)(:.*):443$", r"\1\2", text.lower().rstrip("/")
+    )
 
 
 class _Whole(tornado.web.RequestHandler):
@@ -167,7 +200,9 @@ class _Whole(tornado.web.RequestHandler):
         self.page = page
 
     def get(self) -> None:
-        html, script = ((HERE / name).read_text(encoding="utf-8") for name in ("page.html", "page.js"))
+        html, script = (
+            (HERE / name).read_text(encoding="utf-8") for name in ("page.html", "page.js")
+        )
         html = html.replace("TITLE", tornado.escape.xhtml_escape(self.page.title))
         script = script.replace("WIDGET", self.page.widget.model_id)
         channel = (self.page.origin or "").replace("http", "ws", 1)
@@ -191,15 +226,22 @@ class _Channel(tornado.websocket.WebSocketHandler):
 
     def tell(self, *parts: str | bytes) -> None:
         for part in parts:
-            with suppress(tornado.websocket.WebSocketClosedError):  # at once, or once it was to be sent
+            with suppress(
+                tornado.websocket.WebSocketClosedError
+            ):  # at once, or once it was to be sent
                 sent = self.write_message(part, binary=isinstance(part, bytes))
                 sent.add_done_callback(lambda sent: sent.exception())
 
     def on_message(self, message: str | bytes) -> None:
         try:
             self.page.take(message, self)
-        except Exception as error:  # whatever it sent, the page lives, and its address is nobody's
-            print(f"endolab: a page sent what cannot be read: {type(error).__name__}", file=sys.stderr)
+        except (
+            Exception
+        ) as error:  # whatever it sent, the page lives, and its address is nobody's
+            print(
+                f"endolab: a page sent what cannot be read: {type(error).__name__}",
+                file=sys.stderr,
+            )
 
     def on_close(self) -> None:
         self.page.leave(self)

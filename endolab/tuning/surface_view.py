@@ -26,9 +26,17 @@ from endolab.reconstruction.mesh import join_triangles
 from endolab.tuning.pictures import Picture, grey_or_colour, jpeg
 
 HEIGHT = 360  # of the panel, px
-START = (35.0, 20.0, 1.0, 0.0, 0.0)  # pose: degrees to the left and up, zoom, shifted right and down (panels)
+START = (
+    35.0,
+    20.0,
+    1.0,
+    0.0,
+    0.0,
+)  # pose: degrees to the left and up, zoom, shifted right and down (panels)
 ANSWER_TIMEOUT = 0.5  # s; then the next surface is sent though the page has not said that the last is drawn
-COLUMNS, ROWS = 320, 240  # of points at most: what a panel can show
+# of points at most: what a panel can show
+COLUMNS = 320
+ROWS = 240
 TEXTURE = 640  # columns of the picture at most, px
 OUTLYING = 1.0  # %, of the points lie beyond each face of the box: spikes must not make the rest small
 KEPT = 0.1  # the box stays if the new one's faces are off by less than this share of its diagonal
@@ -44,7 +52,8 @@ class SurfaceView(anywidget.AnyWidget):
         Of the panel, px, or 0 for as high as there is room; it is as wide as there is room.
     """
 
-    _esm, _css = Path(__file__).with_suffix(".js"), Path(__file__).with_suffix(".css")
+    _esm = Path(__file__).with_suffix(".js")
+    _css = Path(__file__).with_suffix(".css")
     height = t.Int(HEIGHT).tag(sync=True)
     # For each point its ray and its place in the picture, 5 float32; its distance, float32; three uint32
     # points for each triangle; a JPEG. All of them belong to the surface of that number.
@@ -105,17 +114,30 @@ class SurfaceView(anywidget.AnyWidget):
             If the picture has other proportions than the surface.
         """
         (height, width), (tall, wide) = distance.shape, picture.shape[:2]
-        if abs(tall * width - wide * height) > max(height, width, tall, wide):  # shrunk to whole pixels
-            raise ValueError(f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px")
+        if abs(tall * width - wide * height) > max(
+            height, width, tall, wide
+        ):  # shrunk to whole pixels
+            raise ValueError(
+                f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px"
+            )
         with self._showing:
-            self._last, self._waits = (distance, rays, picture, cuts, unit, lift), True
+            self._last = (distance, rays, picture, cuts, unit, lift)
+            self._waits = True
             self._flush()
 
     def _flush(self) -> None:
         """Send what was given last, if someone sees it and has drawn the one before."""
         with self._showing:
-            busy = self.number != self.drawn and time.monotonic() < self._sent + ANSWER_TIMEOUT
-            if self._last is None or not self._waits or not self.visible or busy or self.comm is None:
+            busy = (
+                self.number != self.drawn and time.monotonic() < self._sent + ANSWER_TIMEOUT
+            )
+            if (
+                self._last is None
+                or not self._waits
+                or not self.visible
+                or busy
+                or self.comm is None
+            ):
                 return
             self._waits = False
             distance, rays, picture, cuts, unit, lift = self._last
@@ -130,7 +152,8 @@ class SurfaceView(anywidget.AnyWidget):
                 self.triangles = join_triangles(far, joined).astype(np.uint32).tobytes()
                 box = box_of(points) if len(points) else [0.0] * 3 + [1.0] * 3
                 if unit != self.unit or not keeps(self.box, box):
-                    self.box, self.unit = box, unit
+                    self.box = box
+                    self.unit = unit
                 self.far = far.astype(np.float32).tobytes()
                 self.picture = jpeg(as_texture(picture, lift))
                 self.number += 1
@@ -144,7 +167,8 @@ class SurfaceView(anywidget.AnyWidget):
     def close(self) -> None:
         """Close the widget; the page and the kernel forget the surface."""
         with self._showing:
-            self._last, self._waits = None, False
+            self._last = None
+            self._waits = False
             with self.hold_sync():  # the page keeps the model of a closed widget …
                 self.grid = self.far = self.triangles = self.picture = b""
             self.number = 0  # … and what was true before its last change
@@ -171,10 +195,18 @@ class SurfaceView(anywidget.AnyWidget):
         every = np.ix_(*thinned(distance.shape))
         points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
         colours = (
-            cv2.resize(as_texture(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA) / 255
+            cv2.resize(
+                as_texture(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA
+            )
+            / 255
         )
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-        options: dict[str, Any] = {"angle": START[0], "elevation": START[1], "title": "", "lift": False}
+        options: dict[str, Any] = {
+            "angle": START[0],
+            "elevation": START[1],
+            "title": "",
+            "lift": False,
+        }
         show_cloud(points, colours, figure.subplots(), unit=unit, **options)
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=100)
@@ -208,11 +240,15 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
     if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)):
         raise ValueError(f"picture must have shape (h, w, 3) or (h, w), found {shape}")
     view = SurfaceView()
-    show_on(view, shown, shown.problem.shown if picture is None else picture, picture is None)
+    show_on(
+        view, shown, shown.problem.shown if picture is None else picture, picture is None
+    )
     return view
 
 
-def show_on(view: SurfaceView, shown: Result | Iterate, picture: np.ndarray, lift: bool) -> None:
+def show_on(
+    view: SurfaceView, shown: Result | Iterate, picture: np.ndarray, lift: bool
+) -> None:
     """Show a result, with a picture on it, in a view that is there."""
     known = shown.problem
     view.show(
@@ -238,7 +274,9 @@ def as_texture(picture: np.ndarray, lift: bool) -> Picture:
 def thinned(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
     """Rows and columns of a picture of that shape that have a point: evenly, the outermost ones too."""
     less = max(1.0, shape[0] / ROWS, shape[1] / COLUMNS)
-    first, second = (np.linspace(0, n - 1, max(1, int(n / less))).round().astype(np.int32) for n in shape)
+    first, second = (
+        np.linspace(0, n - 1, max(1, int(n / less))).round().astype(np.int32) for n in shape
+    )
     return first, second
 
 
@@ -246,7 +284,8 @@ def thin_links(joined: BoolArray, rows: IndexArray, columns: IndexArray) -> Bool
     """Steps between the points that are left, (2, h, w): those on whose way no step is missing."""
     right = np.logical_and.reduceat(joined[0][rows], columns, axis=1)
     below = np.logical_and.reduceat(joined[1][:, columns], rows, axis=0)
-    right[:, -1], below[-1] = False, False
+    right[:, -1] = False
+    below[-1] = False
     return np.stack([right, below])
 
 
@@ -261,7 +300,10 @@ def grid_of(rays: FloatArray, rows: IndexArray, columns: IndexArray) -> bytes:
 
 def box_of(points: FloatArray) -> list[float]:
     """Least and greatest x, y, z of points (n, 3), but for a few that lie far out."""
-    return [float(value) for value in np.percentile(points, [OUTLYING, 100 - OUTLYING], axis=0).ravel()]
+    return [
+        float(value)
+        for value in np.percentile(points, [OUTLYING, 100 - OUTLYING], axis=0).ravel()
+    ]
 
 
 def keeps(box: list[float], other: list[float]) -> bool:

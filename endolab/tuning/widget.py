@@ -40,17 +40,39 @@ from endolab.tuning.surface_view import SurfaceView, show_on
 HERE = Path(__file__).parent
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
 WIDTHS = (160, 320, 480, 640)  # px, to choose among
-VIEWS = {"section": 50.0, "across": False, "texture": "frame"}  # change what is seen and not what is solved
-A, B, BESIDE = "A", "B", "A beside B"  # what is shown, if A is kept
+VIEWS = {
+    "section": 50.0,
+    "across": False,
+    "texture": "frame",
+}  # change what is seen and not what is solved
+# what is shown, if A is kept
+A = "A"
+B = "B"
+BESIDE = "A beside B"
 LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
 REMEMBERED = 12  # final answers that come back without a solve
 MOST_DOTS = 200
 CLICK_RADIUS = 12  # px around a dot in which a click takes it
 ROOM = (1176.0, 620.0)  # px, before the page tells its own
-LEAST_ROOM, TALLEST = (420.0, 300.0), 0.75  # px; height over width
-TEXT, LARGE_TEXT, LARGE = 12, 14, 1500.0  # px: of letters, and of a page that has larger ones
+# px; height over width
+LEAST_ROOM = (420.0, 300.0)
+TALLEST = 0.75
+# px: of letters, and of a page that has larger ones
+TEXT = 12
+LARGE_TEXT = 14
+LARGE = 1500.0
 # What the page may ask for, each a method.
-ACTIONS = {"undo", "reset", "keep", "drop", "show", "blink", "compare", "find_uncertainty", "export_aside"}
+ACTIONS = {
+    "undo",
+    "reset",
+    "keep",
+    "drop",
+    "show",
+    "blink",
+    "compare",
+    "find_uncertainty",
+    "export_aside",
+}
 ACTIONS |= {"step", "choose", "measure", "press"}
 
 
@@ -86,7 +108,10 @@ def tune(
     ValueError
         If frame, calibration and truth do not go together, or if there is no such scene.
     """
-    for name, given, kind in (("frame", frame, Frame), ("calibration", calibration, Calibration)):
+    for name, given, kind in (
+        ("frame", frame, Frame),
+        ("calibration", calibration, Calibration),
+    ):
         if given is not None and not isinstance(given, kind):
             raise ValueError(f"{name} must be an endolab {kind.__name__}, got {given!r}")
     if not isinstance(scene, str) or scene not in SCENES:
@@ -94,7 +119,9 @@ def tune(
     if not isinstance(width, int) or width < 1:
         raise ValueError(f"width must be a whole number of pixels, got {width!r}")
     truth = None if truth is None else np.asarray(truth)
-    return TunerBox(frame, calibration or datasets.load_calibration("paper"), truth, scene, width)
+    return TunerBox(
+        frame, calibration or datasets.load_calibration("paper"), truth, scene, width
+    )
 
 
 class TunerBox(anywidget.AnyWidget):
@@ -105,14 +132,19 @@ class TunerBox(anywidget.AnyWidget):
     `frame` is the first.
     """
 
-    _esm, _css = HERE / "tuner.js", HERE / "tuner.css"
+    _esm = HERE / "tuner.js"
+    _css = HERE / "tuner.css"
     specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
     knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
-    line: t.Dict[str, Any] = t.Dict().tag(sync=True)  # "text", "warnings", and whether it is "wrong"
+    line: t.Dict[str, Any] = t.Dict().tag(
+        sync=True
+    )  # "text", "warnings", and whether it is "wrong"
     code = t.Unicode().tag(sync=True)
     shows = t.Unicode().tag(sync=True)  # A, B or both, if A is kept
     compared = t.Unicode().tag(sync=True)  # the knob whose values stand in columns
-    surface: t.Instance[SurfaceView] = t.Instance(SurfaceView).tag(sync=True, **w.widget_serialization)
+    surface: t.Instance[SurfaceView] = t.Instance(SurfaceView).tag(
+        sync=True, **w.widget_serialization
+    )
     # The board: a JPEG; its width and height in px of the screen, and how many of these a px of the page has;
     # of each panel its "box", the "spot" of its map or None, both in shares of the board, and its "name".
     picture = t.Bytes().tag(sync=True)
@@ -144,22 +176,34 @@ class TunerBox(anywidget.AnyWidget):
         self._last: Answer | None = None  # the last final answer, ...
         self._before: Answer | None = None  # ... and the one before it
         self._wish: Knobs | None = None  # the last one
-        self._calibration, self._pictures = calibration, list(pictures)
+        self._calibration = calibration
+        self._pictures = list(pictures)
         # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
         self._lock = threading.RLock()
         self._word: dict[str, Any] = {}  # on what was done last, until something else is
-        self._room, self._ratio = ROOM, 1.0
+        self._room = ROOM
+        self._ratio = 1.0
         self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
-        names = [path.name for path in self._pictures] or ([frame.name] if frame is not None else [])
-        scenes = [*((name, i) for i, name in enumerate(names)), *((name, name) for name in SCENES)]
-        start = Knobs(scene=None if names else scene, width=width, channel="auto" if names else None)
+        names = [path.name for path in self._pictures] or (
+            [frame.name] if frame is not None else []
+        )
+        scenes = [
+            *((name, i) for i, name in enumerate(names)),
+            *((name, name) for name in SCENES),
+        ]
+        start = Knobs(
+            scene=None if names else scene, width=width, channel="auto" if names else None
+        )
         self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
         light = calibration.photometry
         known: dict[str, dict[str, Any]] = {
             "scene": {"options": scenes},
             "width": {"options": sorted({*WIDTHS, width})},
         }
-        known |= {"k": {"first": light.k}, "gamma": {"first": light.gamma}}  # what None stands for
+        known |= {
+            "k": {"first": light.k},
+            "gamma": {"first": light.gamma},
+        }  # what None stands for
         specs = [{**spec, **known.get(spec["name"], {})} for spec in knob_specs()]
         super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
         self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))
@@ -199,7 +243,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def settings(self) -> Knobs:
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
-        values: dict[str, Any] = {name: self.knobs[name] for name in self.knobs if name not in VIEWS}
+        values: dict[str, Any] = {
+            name: self.knobs[name] for name in self.knobs if name not in VIEWS
+        }
         values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
         if isinstance(values["albedo"], list):
             values["albedo"] = tuple(values["albedo"])
@@ -213,7 +259,8 @@ class TunerBox(anywidget.AnyWidget):
 
     def _follow_knobs(self, change: dict[str, Any]) -> None:
         """Follow the knobs."""
-        old, scene = change["old"], self.knobs["scene"]
+        old = change["old"]
+        scene = self.knobs["scene"]
         if self._pictures and isinstance(scene, int) and scene != self.frame:
             self._open(scene)
         if self.settings() != self._wish:
@@ -234,9 +281,15 @@ class TunerBox(anywidget.AnyWidget):
             frame = read_frame(self._pictures[index], self._calibration)
         except (OSError, ValueError, MemoryError) as error:
             self.knobs = self.knobs | {"scene": self.frame}
-            raise ValueError(f"{sentence_of(error)}: the frame before is still shown") from error
+            raise ValueError(
+                f"{sentence_of(error)}: the frame before is still shown"
+            ) from error
         self.engine.use(self._calibration, frame)
-        self.frame, self.visited, self.dots, self._last, self._wish = index, [], [], None, None
+        self.frame = index
+        self.visited = []
+        self.dots = []
+        self._last = None
+        self._wish = None
         self.drop()
 
     def step(self, by: int) -> None:
@@ -255,11 +308,14 @@ class TunerBox(anywidget.AnyWidget):
         ):  # in place of the one of the same settings, of which less was known
             both = (self.kept, self.now)
             is_it = [held is not None and held.result is answer.result for held in both]
-            self.kept, self.now = (answer if it else held for it, held in zip(is_it, both, strict=True))
+            self.kept, self.now = (
+                answer if it else held for it, held in zip(is_it, both, strict=True)
+            )
         else:
             self.now = answer
             if answer.stage == FINAL:
-                self._before, self._last = self._last, answer
+                self._before = self._last
+                self._last = answer
                 self._visit(answer.settings)
                 self._dot(answer, answer)
         self._show()
@@ -284,7 +340,10 @@ class TunerBox(anywidget.AnyWidget):
             self.ask()
             return
         self.engine.recall(known)
-        self._before, self._last, self.now, self._word = None, known, known, {}
+        self._before = None
+        self._last = known
+        self.now = known
+        self._word = {}
         self._visit(settings)
         self._leave_comparison()
         self._show()
@@ -314,18 +373,24 @@ class TunerBox(anywidget.AnyWidget):
 
     def compare(self, what: str) -> None:
         """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
-        self.columns, self.compared = [], ""
+        self.columns = []
+        self.compared = ""
         if not what:
             self._show()
             return
         now = self._final()
-        values: list[Any] = ["first", "second", *(["curvature"] if now.settings.xi == "1/d" else [])]
+        values: list[Any] = [
+            "first",
+            "second",
+            *(["curvature"] if now.settings.xi == "1/d" else []),
+        ]
         if what == "lam":
             values = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
         labels = [f"λ {value:g}" if what == "lam" else value for value in values]
         several = [replace(now.settings, **{what: value}) for value in values]
         given = [now if settings == now.settings else None for settings in several]
-        self.columns, self.compared = list(zip(labels, given, strict=True)), what
+        self.columns = list(zip(labels, given, strict=True))
+        self.compared = what
         self.engine.compare(now, several, self._guard(self._take_compared))
         self._show()
 
@@ -343,7 +408,8 @@ class TunerBox(anywidget.AnyWidget):
 
     def drop(self) -> None:
         """Forget A."""
-        self.kept, self.shows = None, ""
+        self.kept = None
+        self.shows = ""
         self._show()
 
     def show(self, which: str) -> None:
@@ -351,7 +417,8 @@ class TunerBox(anywidget.AnyWidget):
         if self.kept is None:
             return
         self._leave_comparison()
-        self._word, self.shows = {}, which
+        self._word = {}
+        self.shows = which
         if self.answer is not None:
             self._set_knobs(self.answer.settings)
         self._show()
@@ -362,7 +429,8 @@ class TunerBox(anywidget.AnyWidget):
 
     def _leave_comparison(self) -> None:
         """From columns, or from A, to the present answer."""
-        self.columns, self.compared = [], ""
+        self.columns = []
+        self.compared = ""
         if self.shows == A:
             self.shows = B
 
@@ -385,7 +453,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def _pixels(self) -> tuple[tuple[int, int], int]:
         wide, tall = (int(side * self._ratio) for side in self._room)
-        return (wide, tall), round(self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT))
+        return (wide, tall), round(
+            self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT)
+        )
 
     def _compose(self, answer: Answer) -> tuple[Board, bool]:
         """What is on the board, and whether that is the one answer alone."""
@@ -405,13 +475,18 @@ class TunerBox(anywidget.AnyWidget):
         height, width = self.board.picture.shape[:2]
         known = answer.truth is not None
         with self.hold_sync():
-            self.line = self._word or {"text": text, "warnings": warnings(answer, self._before)}
+            self.line = self._word or {
+                "text": text,
+                "warnings": warnings(answer, self._before),
+            }
             self.code = self.python()
             self.size, self.cells = (
                 [width, height, self._ratio],
                 self.board.cells(self.names if alone else []),
             )
-            self.choices = [name for name in PANELS if known or name != "error"] if alone else []
+            self.choices = (
+                [name for name in PANELS if known or name != "error"] if alone else []
+            )
             self.picture = jpeg(self.board.picture)
         self._say(self.hover)
         if alone and "3D" in self.names:
@@ -446,19 +521,26 @@ class TunerBox(anywidget.AnyWidget):
             raise ValueError(f"there is no panel {name!r}")
         self.names[index] = name
         self._show()
-        if name in NEED_UNCERTAINTY and self.answer is not None and self.answer.uncertainty is None:
+        if (
+            name in NEED_UNCERTAINTY
+            and self.answer is not None
+            and self.answer.uncertainty is None
+        ):
             self.find_uncertainty()
 
     def press(self, x: float, y: float) -> None:
         """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
-        place, dots = self.board.at(x, y), self._view().dots
+        place = self.board.at(x, y)
+        dots = self._view().dots
         if place is None:
             return
         if self.columns:
             self.bring_back(place.answer.settings)
         elif len(place.dots) and dots:
             height, width = self.board.picture.shape[:2]
-            away = np.linalg.norm((place.dots[: len(dots)] - (x, y)) * (width, height), axis=1)
+            away = np.linalg.norm(
+                (place.dots[: len(dots)] - (x, y)) * (width, height), axis=1
+            )
             if away.min() < CLICK_RADIUS * self._ratio:
                 self.bring_back(dots[int(away.argmin())].settings)
         else:
@@ -469,8 +551,14 @@ class TunerBox(anywidget.AnyWidget):
         place = self.board.at(x, y)
         if place is not None and place.spot is not None and not self.columns:
             left, top, right, bottom = place.spot
-            share = (y - top) / (bottom - top) if self.knobs["across"] else (x - left) / (right - left)
-            self.knobs = self.knobs | {"section": min(max(round(200 * share) / 2, 0.0), 100.0)}
+            share = (
+                (y - top) / (bottom - top)
+                if self.knobs["across"]
+                else (x - left) / (right - left)
+            )
+            self.knobs = self.knobs | {
+                "section": min(max(round(200 * share) / 2, 0.0), 100.0)
+            }
 
     # What is written ---------------------------------------------------------------------
 
@@ -482,12 +570,18 @@ class TunerBox(anywidget.AnyWidget):
         for name, known in datasets.CALIBRATIONS.items():
             if known == self._calibration:
                 source = f"calibration = el.load_calibration({name!r})"
-        settings, frame, lines = self.answer.settings, self.answer.subject.frame, [IMPORTS, source]
+        settings = self.answer.settings
+        frame = self.answer.subject.frame
+        lines = [IMPORTS, source]
         if settings.scene is None:
             lines.append(f"frame = el.read_frame({frame.name!r}, calibration)")
-        return "\n".join([*lines, settings.code(self._calibration, frame.image.ndim == 2), ""])
+        return "\n".join(
+            [*lines, settings.code(self._calibration, frame.image.ndim == 2), ""]
+        )
 
-    def export(self, folder: str | Path, *, overwrite: bool = False, timeout: float = 600.0) -> Path:
+    def export(
+        self, folder: str | Path, *, overwrite: bool = False, timeout: float = 600.0
+    ) -> Path:
         """Write all there is about the one answer into a folder; one on its way is waited for.
 
         That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, and what `save_result` writes;
@@ -499,8 +593,14 @@ class TunerBox(anywidget.AnyWidget):
         if self.answer is None or self.answer.stage != FINAL:
             self.engine.wait(timeout)
         with self._lock:
-            answer, code, board = self._final(), self.python(), self._of_one(self._final())
-        calibration = self._calibration if answer.settings.scene is None else answer.subject.calibration
+            answer = self._final()
+            code = self.python()
+            board = self._of_one(self._final())
+        calibration = (
+            self._calibration
+            if answer.settings.scene is None
+            else answer.subject.calibration
+        )
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 self.engine.cold(answer.settings, [recorder])
@@ -509,17 +609,23 @@ class TunerBox(anywidget.AnyWidget):
             write_files(answer.result, staging, uncertainty=answer.uncertainty)
             write_atomically(staging / "board.png", png(board.picture))
             write_atomically(staging / "result.py", code.encode())
-            write_settings(answer.settings.saved(calibration, answer.subject.grey), staging / "settings.json")
+            write_settings(
+                answer.settings.saved(calibration, answer.subject.grey),
+                staging / "settings.json",
+            )
         return Path(folder)
 
     def export_aside(self, name: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile."""
         if not name.strip():
             raise ValueError("name a folder to export into")
-        folder, _ = Path(name.strip()).expanduser(), self._final()
+        folder = Path(name.strip()).expanduser()
+        _ = self._final()
         self._tell(f"exporting into {folder} ...")
         name = f"the export into {folder}"
-        self.engine.do(lambda _: self._tell(f"exported into {self.export(folder).resolve()}"), name)
+        self.engine.do(
+            lambda _: self._tell(f"exported into {self.export(folder).resolve()}"), name
+        )
 
     def close(self) -> None:
         """Close the widget and end its thread."""

@@ -16,7 +16,9 @@ ANSWER_STEPS = 4  # that a surface is given to answer; it goes most of its way
 LARGEST_CHANGE = 1.0  # of an answer, in log d: what goes farther is lost anyway
 
 
-def re_solve(problem: Problem, log_distance: FloatArray) -> Generator[None, None, FloatArray]:
+def re_solve(
+    problem: Problem, log_distance: FloatArray
+) -> Generator[None, None, FloatArray]:
     """Log d (H, W) after a few steps from a map, a step of the solver each, so that who waits can stop."""
     last = log_distance
     for iterate in gauss_newton(problem, start=log_distance, max_iterations=ANSWER_STEPS):

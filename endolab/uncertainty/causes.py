@@ -32,7 +32,9 @@ OFF = 1.0  # of the light's logarithm, that a lamp beside the optical centre cha
 MAYBE = 0.03  # steepness from which on every second line is a contour: log d₀ per 1/320 of the longer side
 
 
-def correlated_field(rng: np.random.Generator, shape: tuple[int, ...], length: float) -> FloatArray:
+def correlated_field(
+    rng: np.random.Generator, shape: tuple[int, ...], length: float
+) -> FloatArray:
     """A random field of unit variance: white noise, blurred by a Gaussian of this many px if by any."""
     if length == 0:
         return rng.standard_normal(shape)
@@ -60,11 +62,15 @@ class Texture:
     """The wall's texture, and all else that the model does not explain, as a random field of the light."""
 
     def __init__(self, surface: Linearised, rng: np.random.Generator, least: float) -> None:
-        self._surface, self._rng, self._least = surface, rng, least
+        self._surface = surface
+        self._rng = rng
+        self._least = least
         problem = surface.problem
         self._scale = px_per_reference(problem.mask.shape)
         self._informative = (surface.weight > 0).astype(np.float64)
-        self._light = surface.model / problem.photometry.gamma  # change of I per change of log light
+        self._light = (
+            surface.model / problem.photometry.gamma
+        )  # change of I per change of log light
         self._left: list[FloatArray] = []
 
     def field(self) -> FloatArray:
@@ -81,30 +87,46 @@ class Texture:
     def _in_light(self, change: FloatArray | float) -> FloatArray:
         """A change of the picture as one of the light's logarithm; 0 where there is none."""
         light = self._light
-        return np.asarray(np.divide(change, light, out=np.zeros_like(light), where=light > 0))
+        return np.asarray(
+            np.divide(change, light, out=np.zeros_like(light), where=light > 0)
+        )
 
     def strength(self, noise: float) -> FloatArray:
         """Standard deviation of the light's logarithm, by what fits leave and the residual beside noise."""
         left = np.sqrt(np.mean(self._left, axis=0))
-        usual = float(np.median(left[self._informative > 0])) if self._informative.any() else 1.0
-        unexplained, by_noise = self._in_light(self._surface.residual), self._in_light(noise)
+        usual = (
+            float(np.median(left[self._informative > 0]))
+            if self._informative.any()
+            else 1.0
+        )
+        unexplained = self._in_light(self._surface.residual)
+        by_noise = self._in_light(noise)
         squares = [
-            around(square, self._informative, AROUND * self._scale) ** 2 for square in (unexplained, by_noise)
+            around(square, self._informative, AROUND * self._scale) ** 2
+            for square in (unexplained, by_noise)
         ]
         strength = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
-        return np.hypot(strength / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
+        return np.hypot(
+            strength / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least
+        )
 
 
-def light_changes(iterate: Iterate, prior_sigma: PriorSigma) -> Iterator[tuple[str, FloatArray]]:
+def light_changes(
+    iterate: Iterate, prior_sigma: PriorSigma
+) -> Iterator[tuple[str, FloatArray]]:
     """What one standard deviation of each named cause changes in the logarithm of the light."""
-    problem, log_distance = iterate.problem, iterate.log_distance
-    mask, field = problem.mask, problem.field
+    problem = iterate.problem
+    log_distance = iterate.log_distance
+    mask = problem.mask
+    field = problem.field
     brightness = np.where(mask, problem.image, 1.0)
     if prior_sigma.k:
         yield "k", -prior_sigma.k * np.log(np.where(mask, field.cos_alpha, 1.0))
     if prior_sigma.gamma:
         yield "gamma", prior_sigma.gamma * np.log(np.maximum(brightness, 0.5 / 255))
-    share = prior_sigma.left_in if iterate.provenance.albedo is None else prior_sigma.bounced
+    share = (
+        prior_sigma.left_in if iterate.provenance.albedo is None else prior_sigma.bounced
+    )
     bounced = share * bounced_light(iterate) if share else None
     if bounced is not None and bounced.any():
         yield "bounced light", bounced
@@ -116,17 +138,25 @@ def light_changes(iterate: Iterate, prior_sigma: PriorSigma) -> Iterator[tuple[s
         for axis in range(2):
             # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
             slope = (3 * rays[..., axis] + normal[..., axis] / cosine) / distance
-            yield f"lamp {'xy'[axis]}", np.where(mask, np.clip(prior_sigma.lamp * slope, -OFF, OFF), 0.0)
+            yield (
+                f"lamp {'xy'[axis]}",
+                np.where(mask, np.clip(prior_sigma.lamp * slope, -OFF, OFF), 0.0),
+            )
 
 
 def bounced_light(iterate: Iterate) -> FloatArray:
     """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
-    problem, albedo = iterate.problem, iterate.provenance.albedo
+    problem = iterate.problem
+    albedo = iterate.provenance.albedo
     light = iterate.provenance.light
     if light is not None and light.outcome is LightOutcome.NONE_BOUNCED:
         return np.zeros(problem.mask.shape)
     brdf = problem.photometry.brdf
-    rho = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo[1]
+    rho = (
+        float(np.pi * brdf.value(np.ones(1), np.ones(1))[0])
+        if albedo is None
+        else albedo[1]
+    )
     rho = min(rho, 0.95)
     mask = problem.mask
     walls = Walls.of(
@@ -141,7 +171,9 @@ def bounced_light(iterate: Iterate) -> FloatArray:
 
 def possible_cuts(problem: Problem) -> BoolArray | None:
     """Cuts at every line of the picture that may be a contour, beside those of the problem."""
-    cuts = (find_contours(problem.log_d0, problem.mask) > MAYBE) & links(problem.mask, problem.cuts)
+    cuts = (find_contours(problem.log_d0, problem.mask) > MAYBE) & links(
+        problem.mask, problem.cuts
+    )
     if not cuts.any():
         return problem.cuts
     return cuts if problem.cuts is None else cuts | problem.cuts

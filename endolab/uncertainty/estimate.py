@@ -29,13 +29,20 @@ from endolab.numerics.threads import limit_threads
 from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.reconstruction.scale import Pixel, own_pixel
 from endolab.uncertainty.anew import LARGEST_CHANGE, re_solve
-from endolab.uncertainty.causes import Texture, correlated_field, light_changes, possible_cuts
+from endolab.uncertainty.causes import (
+    Texture,
+    correlated_field,
+    light_changes,
+    possible_cuts,
+)
 from endolab.uncertainty.fewer_pixels import enlarged, thinned
 from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.prior_sigma import PriorSigma
 from endolab.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
 
-DRAWS, LEAST_DRAWS = 24, 4  # of each random field: by default, below which nothing is told
+# of each random field: by default, below which nothing is told
+DRAWS = 24
+LEAST_DRAWS = 4
 ALONG = 40.0  # of what enters along a rim, per 320 px of the longer side: values of one wall go together
 FEW_DRAWS = 8  # of those that are smooth, or matter little
 TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
@@ -52,8 +59,12 @@ class Uncertainty:
     sigma_shape: FloatArray  # the same without what all pixels share
     sigma_scale: float  # what they share, as a share of the distance
     shares: FloatArray  # (3, H, W): of data, border or contour, and prior; they sum to 1
-    dominant_source: np.ndarray  # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask
-    causes: dict[str, FloatArray]  # what each cause adds to `sigma_shape`, as a share of the distance
+    dominant_source: (
+        np.ndarray
+    )  # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask
+    causes: dict[
+        str, FloatArray
+    ]  # what each cause adds to `sigma_shape`, as a share of the distance
     scales: dict[str, float]  # what each adds to `sigma_scale`
     draws: int  # of each random field
     status: Status  # STOPPED if fewer than were asked for
@@ -137,10 +148,15 @@ def uncertainty_of(
     with limit_threads(threads), closing(watching):
         estimate = _Estimate(thinned(iterate), prior_sigma, draws)
         status = drive(
-            estimate.steps(), watching, lambda step, seconds: None, lambda step: step.done >= LEAST_DRAWS
+            estimate.steps(),
+            watching,
+            lambda step, seconds: None,
+            lambda step: step.done >= LEAST_DRAWS,
         )
     if estimate.done < LEAST_DRAWS:
-        raise Stopped("how far the result can be trusted: stopped before there was anything to tell")
+        raise Stopped(
+            "how far the result can be trusted: stopped before there was anything to tell"
+        )
     return estimate.uncertainty(status, iterate)
 
 
@@ -148,8 +164,13 @@ class _Estimate:
     """What is known so far."""
 
     def __init__(self, iterate: Iterate, prior_sigma: PriorSigma, draws: int) -> None:
-        self._iterate, self._prior_sigma, self._asked, self.done = iterate, prior_sigma, draws, 0
-        self._answers: dict[str, list[FloatArray]] = {}  # of log d, to each cause or draw of it
+        self._iterate = iterate
+        self._prior_sigma = prior_sigma
+        self._asked = draws
+        self.done = 0
+        self._answers: dict[
+            str, list[FloatArray]
+        ] = {}  # of log d, to each cause or draw of it
         self._shares: FloatArray = np.zeros((3, *iterate.mask.shape))
 
     def steps(self) -> Generator[Progress, None, Status]:
@@ -162,9 +183,12 @@ class _Estimate:
 
     def _answer_each(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
         """What each cause does, or a draw of it; None while what that takes is made ready."""
-        problem, prior_sigma, mask = self._iterate.problem, self._prior_sigma, self._iterate.mask
+        problem = self._iterate.problem
+        prior_sigma = self._prior_sigma
+        mask = self._iterate.mask
         v = np.where(mask, self._iterate.log_distance, 0.0)
-        surface, rng = Linearised.at(problem, v), np.random.default_rng(0)
+        surface = Linearised.at(problem, v)
+        rng = np.random.default_rng(0)
         yield None
         bumps = Bumps(surface, rng)
         for _ in range(TRIES):
@@ -190,7 +214,9 @@ class _Estimate:
             moved = (yield from re_solve(other, v)) - still
             yield cause, share * np.clip(moved, -LARGEST_CHANGE, LARGEST_CHANGE)
         entering = Rim(loose, v)
-        doubt = np.where(_at_contours(loose.problem), prior_sigma.behind, prior_sigma.border)
+        doubt = np.where(
+            _at_contours(loose.problem), prior_sigma.behind, prior_sigma.border
+        )
         texture = Texture(surface, rng, prior_sigma.texture)
         for _ in range(TRIES):
             texture.try_one()
@@ -200,7 +226,9 @@ class _Estimate:
         for draw in range(self._asked):
             yield "texture", surface.to_light(strength * texture.field())
             if draw < FEW_DRAWS:
-                along = correlated_field(rng, mask.shape, ALONG * px_per_reference(mask.shape))
+                along = correlated_field(
+                    rng, mask.shape, ALONG * px_per_reference(mask.shape)
+                )
                 yield "border", entering.moved(doubt * along)
                 white = correlated_field(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
@@ -209,9 +237,12 @@ class _Estimate:
 
     def uncertainty(self, status: Status, whole: Iterate) -> Uncertainty:
         """Sum up, on the pixels of the whole frame."""
-        mask, lost = self._iterate.mask, _without_evidence(self._iterate.problem)
+        mask = self._iterate.mask
+        lost = _without_evidence(self._iterate.problem)
         parts = enlarged(self._shares, mask, whole.mask)
-        squares = {cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()}
+        squares = {
+            cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()
+        }
 
         def sigma(squares: Iterable[FloatArray]) -> FloatArray:
             capped = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
@@ -220,12 +251,18 @@ class _Estimate:
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
         return Uncertainty(
-            sigma=frozen(whole.distance * sigma(together for together, _, _ in squares.values())),
-            sigma_shape=frozen(whole.distance * sigma(shape for _, shape, _ in squares.values())),
+            sigma=frozen(
+                whole.distance * sigma(together for together, _, _ in squares.values())
+            ),
+            sigma_shape=frozen(
+                whole.distance * sigma(shape for _, shape, _ in squares.values())
+            ),
             sigma_scale=float(np.linalg.norm([*scales.values()])),
             shares=frozen(parts),
             dominant_source=frozen(decided.astype(np.uint8)),
-            causes={cause: frozen(sigma([shape])) for cause, (_, shape, _) in squares.items()},
+            causes={
+                cause: frozen(sigma([shape])) for cause, (_, shape, _) in squares.items()
+            },
             scales=scales,
             draws=self.done,
             status=status,
@@ -235,12 +272,15 @@ class _Estimate:
     def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Mean squares of some answers, (n, H, W): in all, of the shape, and of what all pixels share."""
         common = maps[:, self._iterate.mask].mean(axis=1)
-        held, kept = _pixels_of_scale(self._iterate), common
+        held = _pixels_of_scale(self._iterate)
+        kept = common
         if held is None:
             kept = 0 * common
         elif held:
             kept = np.mean([maps[:, row, column] for row, column in held], axis=0)
-        together, shape = (np.mean((maps - level[:, None, None]) ** 2, axis=0) for level in (kept, common))
+        together, shape = (
+            np.mean((maps - level[:, None, None]) ** 2, axis=0) for level in (kept, common)
+        )
         return together, shape, float(np.mean((common - kept) ** 2))
 
 
@@ -255,7 +295,9 @@ def _pixels_of_scale(iterate: Iterate) -> list[tuple[int, int]] | None:
     elif scale.by == "known diameter":
         pixels = list(scale.length[1:])
     most = np.array(iterate.mask.shape) - 1
-    places = [np.clip(np.round(own_pixel(iterate, pixel)[::-1]), 0, most) for pixel in pixels]
+    places = [
+        np.clip(np.round(own_pixel(iterate, pixel)[::-1]), 0, most) for pixel in pixels
+    ]
     return [(int(row), int(column)) for row, column in places]
 
 
@@ -264,7 +306,9 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     shown = result.problem.shown
     prepared = result.provenance.preparation
     blur = 0.0 if prepared is None else prepared.smooth
-    level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET)
+    level = max(
+        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET
+    )
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
 
@@ -283,7 +327,11 @@ def _without_evidence(problem: Problem) -> BoolArray:
     if problem.evidence is None:
         return np.zeros_like(mask)
     across, down = links(mask, problem.cuts)
-    steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)  # pixels, and what is between them
-    steps[::2, ::2], steps[::2, 1::2], steps[1::2, ::2] = mask, across, down
+    steps = np.zeros(
+        (2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool
+    )  # pixels, and what is between them
+    steps[::2, ::2] = mask
+    steps[::2, 1::2] = across
+    steps[1::2, ::2] = down
     island = scipy.ndimage.label(steps)[0][::2, ::2]
     return mask & ~np.isin(island, island[mask & (problem.evidence != NONE)])

@@ -30,8 +30,15 @@ def _halve(iterate: Iterate) -> Iterate:
     height, width = coarse.mask.shape
     down, across = leads(pad_maps(problem.mask))
     camera: Any = problem.camera
-    covered = {"width": 2 * width, "height": 2 * height, "cx": camera.cx + across, "cy": camera.cy + down}
-    camera = replace(camera, **covered).resize(width, height)  # blocks may reach beyond the frame
+    covered = {
+        "width": 2 * width,
+        "height": 2 * height,
+        "cx": camera.cx + across,
+        "cy": camera.cy + down,
+    }
+    camera = replace(camera, **covered).resize(
+        width, height
+    )  # blocks may reach beyond the frame
     smaller = replace(
         problem,
         image=inner(coarse.image),
@@ -39,7 +46,9 @@ def _halve(iterate: Iterate) -> Iterate:
         camera=camera,
         cuts=coarse.cuts,
         evidence=inner(coarse.evidence) if coarse.evidence.size else None,
-        picture=np.asarray(cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float),
+        picture=np.asarray(
+            cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float
+        ),
     )
     provenance = iterate.provenance
     if provenance.preparation is not None:
@@ -60,6 +69,9 @@ def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
         sizes.append((half_size(sizes[-1][0]), half_size(sizes[-1][1])))
     for height, width in sizes[-2::-1]:
         large = resample(large, (2 * large.shape[0], 2 * large.shape[1]))
-        down, across = (large.shape[0] - height) // 2, (large.shape[1] - width) // 2
+        down = (large.shape[0] - height) // 2
+        across = (large.shape[1] - width) // 2
         large = large[down : down + height, across : across + width]
-    return np.where(mask, np.moveaxis(large, -1, 0).reshape(*a.shape[:-2], *mask.shape), np.nan)
+    return np.where(
+        mask, np.moveaxis(large, -1, 0).reshape(*a.shape[:-2], *mask.shape), np.nan
+    )

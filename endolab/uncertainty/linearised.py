@@ -22,8 +22,12 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import shift
 
-PRECISION, MOST_INNER_STEPS = 3e-2, 15  # of a solve: residual left, a tenth of what draws scatter by; steps
-DAMPING = 1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
+# of a solve: residual left, a tenth of what draws scatter by; steps
+PRECISION = 3e-2
+MOST_INNER_STEPS = 15
+DAMPING = (
+    1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
+)
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,11 @@ class Linearised:
         """Jᵀ f."""
         right, left, below, above = self._sides()
         by_u, by_w = (factor * f for factor in self._by_slopes())
-        out = inner(self.coefficients.by_v) * f + by_u * (left - right) + by_w * (above - below)
+        out = (
+            inner(self.coefficients.by_v) * f
+            + by_u * (left - right)
+            + by_w * (above - below)
+        )
         out += shift(by_u * right, -1, 1, 0.0) - shift(by_u * left, 1, 1, 0.0)
         return out + shift(by_w * below, -1, 0, 0.0) - shift(by_w * above, 1, 0, 0.0)
 
@@ -92,9 +100,9 @@ class Linearised:
 
     def solved(self, b: FloatArray) -> FloatArray:
         """H⁻¹ b."""
-        x = self.multigrid.solve(pad_maps(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS)[
-            0
-        ]
+        x = self.multigrid.solve(
+            pad_maps(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS
+        )[0]
         return inner(x).astype(np.float64)
 
     def to_picture(self, change: FloatArray) -> FloatArray:
@@ -108,4 +116,7 @@ class Linearised:
         """
         common = float(np.median(change[self.problem.mask]))
         per_share = self.model / self.problem.photometry.gamma
-        return self.to_picture(per_share * (change - common)) - 0.5 * common * self.problem.mask
+        return (
+            self.to_picture(per_share * (change - common))
+            - 0.5 * common * self.problem.mask
+        )

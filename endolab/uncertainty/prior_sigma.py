@@ -39,7 +39,9 @@ class PriorSigma:
     lam: float = 2.0  # of λ's logarithm
     border: float = 0.05  # of log d where it enters over the picture's rim
     behind: float = 0.1  # of log d where it enters behind a contour
-    contours: float = 0.5  # that every line that may be a contour is one: so or not, each as likely
+    contours: float = (
+        0.5  # that every line that may be a contour is one: so or not, each as likely
+    )
     notes: tuple[str, ...] = ()  # sentences: which of them are measured, which stated
 
     def __post_init__(self) -> None:
@@ -50,8 +52,10 @@ class PriorSigma:
     @classmethod
     def of(cls, calibration: Calibration | None = None) -> PriorSigma:
         """Standard errors of a calibration's evidence, as far as it has them, or that nobody measured it."""
-        evidence, stated = getattr(calibration, "evidence", None) or {}, cls()
-        errors, nominal = _standard_errors(evidence), _is_nominal(evidence)
+        evidence = getattr(calibration, "evidence", None) or {}
+        stated = cls()
+        errors = _standard_errors(evidence)
+        nominal = _is_nominal(evidence)
         if nominal:
             stated = replace(stated, k=NOMINAL["k"], gamma=NOMINAL["gamma"])
         notes = []
@@ -59,7 +63,9 @@ class PriorSigma:
             listed = ", ".join(f"{name} ± {value:.2g}" for name, value in errors.items())
             notes.append(f"Standard errors of the calibration: {listed}.")
         if len(errors) < 2:
-            listed = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in errors)
+            listed = ", ".join(
+                f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in errors
+            )
             why = "The calibration states no standard errors"
             if nominal:
                 why = "Light partly uncalibrated" if errors else "Light uncalibrated"
@@ -75,7 +81,10 @@ def _is_nominal(evidence: Mapping[str, Any]) -> bool:
 
 def _standard_errors(evidence: Mapping[str, Any]) -> dict[str, float]:
     """Those of k and γ that are there and are numbers; a fixed γ's 0 says nothing."""
-    errors = {name: _at(evidence, "photometry", "standard_errors", name) for name in ("k", "gamma")}
+    errors = {
+        name: _at(evidence, "photometry", "standard_errors", name)
+        for name in ("k", "gamma")
+    }
     if not _is_positive(errors["k"]):
         errors["k"] = _at(evidence, "unknown_light", "standard_error")
     return {name: float(value) for name, value in errors.items() if _is_positive(value)}

@@ -45,18 +45,24 @@ class Bumps:
     """Small bumps of the true surface, and how much of them comes through from the picture."""
 
     def __init__(self, surface: Linearised, rng: np.random.Generator) -> None:
-        self._surface, self._rng = surface, rng
+        self._surface = surface
+        self._rng = rng
         mask = surface.problem.mask
         self._length = LENGTH * px_per_reference(mask.shape)
         self._there = mask.astype(np.float64)
-        self._seen, self._whole = np.zeros(mask.shape), np.zeros(mask.shape)
+        self._seen = np.zeros(mask.shape)
+        self._whole = np.zeros(mask.shape)
 
     def try_one(self) -> FloatArray:
         """What is not found of a field of bumps of unit variance."""
         bump = self._there * correlated_field(self._rng, self._there.shape, self._length)
         answer = self._surface.to_picture(self._surface.applied(bump))
-        here, length = self._there, self._length
-        self._seen += around(bump + answer, here, length) ** 2 - around(bump - answer, here, length) ** 2
+        here = self._there
+        length = self._length
+        self._seen += (
+            around(bump + answer, here, length) ** 2
+            - around(bump - answer, here, length) ** 2
+        )
         self._whole += 4 * around(bump, here, length) ** 2
         return np.asarray(bump - answer)
 

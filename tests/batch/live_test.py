@@ -39,7 +39,8 @@ def readers():
 
 def patiently(named):
     """What comes of frames of a camera that waits until each is solved, so that all are taken."""
-    solved, steps = threading.Semaphore(0), []
+    solved = threading.Semaphore(0)
+    steps = []
 
     def frames():
         for frame in named:
@@ -64,20 +65,27 @@ def test_a_slow_solver_takes_the_newest_and_counts_the_others(pictures):
     assert numbers[-1] == 59  # the last is taken: nothing newer comes
     assert all(step.error == "" for step in steps)
     assert all(step.lag >= step.seconds > 0 for step in steps)
-    assert live_summary([live_row(step) for step in steps], 2.0).startswith(f"taken {len(steps)} of 60")
+    assert live_summary([live_row(step) for step in steps], 2.0).startswith(
+        f"taken {len(steps)} of 60"
+    )
     assert not readers()
 
 
 def test_a_fast_solver_takes_every_frame_as_a_sequence_would(pictures):
     named = [(str(n), picture) for n, picture in enumerate(pictures)]
-    expected = el.reconstruct_sequence(named, UNKNOWN, channel="green", regulariser="second", **FEW)
+    expected = el.reconstruct_sequence(
+        named, UNKNOWN, channel="green", regulariser="second", **FEW
+    )
     for a, b in zip(patiently(named), expected, strict=True):
         assert (a.name, a.dropped) == (b.name, 0)
         np.testing.assert_allclose(a.result.distance, b.result.distance, rtol=1e-6)
 
 
 def test_it_ends_after_so_many_and_lets_the_camera_go(pictures):
-    assert len(list(reconstruct_live(coming(pictures, 10**6, 0.01), UNKNOWN, limit=2, **FEW))) == 2
+    assert (
+        len(list(reconstruct_live(coming(pictures, 10**6, 0.01), UNKNOWN, limit=2, **FEW)))
+        == 2
+    )
     assert not readers()
     endless = reconstruct_live(coming(pictures, 10**6, 0.01), UNKNOWN, **FEW)
     next(endless)

@@ -37,7 +37,10 @@ el.sweep(frames, known, lam=np.geomspace(0.01, 100, 100), table=sys.argv[1], n_j
 
 @pytest.fixture(scope="module")
 def seen():
-    return {name: el.render(el.SCENES[name], BASE.camera, GREEN, noise=1.0) for name in ("plane", "tube")}
+    return {
+        name: el.render(el.SCENES[name], BASE.camera, GREEN, noise=1.0)
+        for name in ("plane", "tube")
+    }
 
 
 @pytest.fixture
@@ -49,7 +52,9 @@ class Made:
     """Notes which rows are made, and may stop after so many."""
 
     def __init__(self, most=math.inf, failure=KeyboardInterrupt):
-        self.rows, self.most, self.failure = [], most, failure
+        self.rows = []
+        self.most = most
+        self.failure = failure
 
     def __call__(self, done, total, row):
         self.rows.append((row["frame"], row["lam"]))
@@ -75,12 +80,15 @@ def test_each_with_each_is_one_row(frames, seen, tmp_path):
         assert row["error"] == ""
         assert row["seconds"] > 0
     one = el.reconstruct(frames[1], CALIBRATION, lam=0.1, xi="d", regulariser="first")
-    same = [row for row in rows if (row["frame"], row["lam"], row["xi"]) == ("tube", 0.1, "d")]
+    same = [
+        row for row in rows if (row["frame"], row["lam"], row["xi"]) == ("tube", 0.1, "d")
+    ]
     assert same[0]["energy"] == pytest.approx(one.energy, rel=1e-9)
 
 
 def test_a_second_call_makes_only_what_is_not_there(frames, seen, tmp_path):
-    path, made = tmp_path / "t.csv", Made()
+    path = tmp_path / "t.csv"
+    made = Made()
     first = sweep(frames[:1], CALIBRATION, lam=(0.1, 1), table=path)
     again = sweep(frames, CALIBRATION, lam=(0.1, 1, 10), table=path, progress=made)
     assert made.rows == [("plane", 10.0)] + [("tube", x) for x in (0.1, 1, 10)]
@@ -92,7 +100,12 @@ def test_a_second_call_makes_only_what_is_not_there(frames, seen, tmp_path):
     assert len(read_table(path)) == 8
     for count in (5, 5):  # of what was compared with no truth
         (row,) = sweep(
-            frames[:1], darker, lam=(0.1,), table=path, truth=[seen["plane"].distance], progress=made
+            frames[:1],
+            darker,
+            lam=(0.1,),
+            table=path,
+            truth=[seen["plane"].distance],
+            progress=made,
         )
         assert row["mean_percent"] > 0
         assert len(made.rows) == count
@@ -114,7 +127,12 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(frames, tmp_path):
 
 def test_an_interrupt_is_all_that_is_heard_of_tasks_under_way(frames, tmp_path):
     """Joblib warns of what was in vain, and here warnings are errors."""
-    how = {"lam": np.geomspace(0.1, 1, 8), "table": tmp_path / "t.csv", "progress": Made(1), "n_jobs": 2}
+    how = {
+        "lam": np.geomspace(0.1, 1, 8),
+        "table": tmp_path / "t.csv",
+        "progress": Made(1),
+        "n_jobs": 2,
+    }
     with pytest.raises(KeyboardInterrupt, match="in the table"):
         sweep(frames, CALIBRATION, **how)
 
@@ -137,7 +155,8 @@ def test_another_table_is_left_alone(frames, tmp_path, content):
 
 
 def test_a_frame_that_cannot_be_used_is_a_row_with_a_sentence(frames, tmp_path):
-    path, made = tmp_path / "t.csv", Made()
+    path = tmp_path / "t.csv"
+    made = Made()
     dark = el.Frame(np.zeros((48, 64)), np.ones((48, 64), bool), "dark")
     rows = sweep([dark, frames[0], tmp_path / "none.png"], CALIBRATION, table=path)
     assert [row["status"] for row in rows] == ["", "CONVERGED", ""]
@@ -150,7 +169,9 @@ def test_a_frame_that_cannot_be_used_is_a_row_with_a_sentence(frames, tmp_path):
 @pytest.mark.parametrize("backend", ["loky", "threading"])
 def test_workers_find_the_same(frames, tmp_path, backend):
     alone = sweep(frames, CALIBRATION, table=tmp_path / "1.csv")
-    together = sweep(frames, CALIBRATION, table=tmp_path / "2.csv", n_jobs=2, backend=backend)
+    together = sweep(
+        frames, CALIBRATION, table=tmp_path / "2.csv", n_jobs=2, backend=backend
+    )
     for a, b in zip(alone, together, strict=True):
         assert a["frame"] == b["frame"]
         assert a["energy"] == pytest.approx(b["energy"], rel=1e-6)
@@ -184,7 +205,9 @@ def until(condition):
 
 def test_workers_end_with_a_sweep_that_is_killed(tmp_path):
     table = tmp_path / "t.csv"
-    program = subprocess.Popen([sys.executable, "-c", KILLED, str(table)], stderr=subprocess.PIPE)
+    program = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(table)], stderr=subprocess.PIPE
+    )
     running = psutil.Process(program.pid)
 
     def is_under_way():
@@ -202,11 +225,15 @@ def test_workers_end_with_a_sweep_that_is_killed(tmp_path):
     assert (len(gone), alive) == (len(workers), [])
     kept = (f"joblib_memmapping_folder_{program.pid}_", f"sem.loky-{program.pid}-")
     memory = Path("/dev/shm")
-    assert until(lambda: not [path for path in memory.glob("*") if path.name.startswith(kept)])
+    assert until(
+        lambda: not [path for path in memory.glob("*") if path.name.startswith(kept)]
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
 
 
-def test_a_worker_that_is_killed_is_one_sentence_and_the_next_sweep_goes_on(frames, tmp_path):
+def test_a_worker_that_is_killed_is_one_sentence_and_the_next_sweep_goes_on(
+    frames, tmp_path
+):
     how = {"lam": np.geomspace(0.01, 100, 12), "table": tmp_path / "t.csv", "n_jobs": 2}
 
     def kill(done, total, row):
@@ -228,7 +255,9 @@ def test_workers_of_dask_find_the_same_and_may_die(frames, tmp_path):
     how = {"table": tmp_path / "far.csv", "backend": "dask"}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
         distributed.Client(cluster) as client,
     ):
         far = sweep(frames, CALIBRATION, lam=(0.1, 1.0), **how)
@@ -241,4 +270,6 @@ def test_workers_of_dask_find_the_same_and_may_die(frames, tmp_path):
     far += sweep(frames, CALIBRATION, lam=(10.0,), **how)  # with workers of its own
     near = sweep(frames, CALIBRATION, lam=(0.1, 1.0, 10.0), table=tmp_path / "near.csv")
     found = {(row["frame"], row["lam"]): row["energy"] for row in far}
-    assert found == pytest.approx({(row["frame"], row["lam"]): row["energy"] for row in near})
+    assert found == pytest.approx(
+        {(row["frame"], row["lam"]): row["energy"] for row in near}
+    )

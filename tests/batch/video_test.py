@@ -87,18 +87,26 @@ def test_a_folder_becomes_a_folder(film, out):
     expected = [(k + 1, COUNT, f"frame_{k}.png") for k in range(COUNT)]
     assert [(done, total, row["frame"]) for done, total, row in calls] == expected
     assert found.done_before == 0
-    assert [path.relative_to(out).as_posix() for path in found.paths] == names(out) == OUTPUTS
+    assert (
+        [path.relative_to(out).as_posix() for path in found.paths] == names(out) == OUTPUTS
+    )
     assert names(out / "frames") == ["frame_0", "frame_1", "frame_4"]
     assert [row["index"] for row in table(out)] == list("01234")
     assert [bool(row["error"]) for row in found.rows] == [False, False, True, True, False]
     energies = [row["energy"] for row in found.rows]
-    assert [float(row["energy"] or "nan") for row in table(out)] == pytest.approx(energies, nan_ok=True)
+    assert [float(row["energy"] or "nan") for row in table(out)] == pytest.approx(
+        energies, nan_ok=True
+    )
     assert set(report(out)["broken"]) == {"frame_2.png", "frame_3.png"}
     assert "gain is unknown" in report(out)["meaning"][0]
-    assert found.rows[4]["median_distance"] == pytest.approx(np.nanmedian(distances(out, 4)), rel=1e-5)
+    assert found.rows[4]["median_distance"] == pytest.approx(
+        np.nanmedian(distances(out, 4)), rel=1e-5
+    )
 
 
-@pytest.mark.parametrize("failure", [KeyboardInterrupt(), MemoryError(), OSError("the disk is full")])
+@pytest.mark.parametrize(
+    "failure", [KeyboardInterrupt(), MemoryError(), OSError("the disk is full")]
+)
 def test_an_interrupted_video_goes_on_where_it_was(film, out, failure):
     """And comes to the same surfaces, to 0.1 %, and to a recording of all frames."""
     whole = out.with_name("whole")
@@ -107,14 +115,24 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, failure):
         reconstruct_video(film, UNKNOWN, out, limit=4, progress=after(2, failure))
     kept = (out / "frames/frame_1/depth.npz").read_bytes()
     calls = []
-    found = reconstruct_video(film, UNKNOWN, out, limit=4, progress=lambda done, *_: calls.append(done))
+    found = reconstruct_video(
+        film, UNKNOWN, out, limit=4, progress=lambda done, *_: calls.append(done)
+    )
     assert (found.done_before, calls) == (2, [3, 4])
     assert (out / "frames/frame_1/depth.npz").read_bytes() == kept
     assert [row["error"] for row in table(out)] == [""] * 4
     for k in range(4):
         np.testing.assert_allclose(distances(out, k), distances(whole, k), rtol=1e-3)
-    assert list(Recorded(out / "recording.rrd").numbers("/plots/energy", "scalars")) == [0, 1, 2, 3]
-    kept = {path: path.stat().st_mtime_ns for path in [*out.rglob("depth.npz"), out / "recording.rrd"]}
+    assert list(Recorded(out / "recording.rrd").numbers("/plots/energy", "scalars")) == [
+        0,
+        1,
+        2,
+        3,
+    ]
+    kept = {
+        path: path.stat().st_mtime_ns
+        for path in [*out.rglob("depth.npz"), out / "recording.rrd"]
+    }
     again = reconstruct_video(film, UNKNOWN, out, limit=4)  # there is nothing left to do
     assert (again.done_before, again.rows) == (4, found.rows)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
@@ -128,14 +146,18 @@ def test_what_is_damaged_is_done_again(film, out, damage):
     content = depth.read_bytes()
     if damage == "no row":
         lines = (out / "frames.csv").read_text().splitlines(keepends=True)
-        (out / "frames.csv").write_text("".join(line for line in lines if "frame_2" not in line))
+        (out / "frames.csv").write_text(
+            "".join(line for line in lines if "frame_2" not in line)
+        )
     elif damage == "gone":
         depth.unlink()
     else:
         depth.write_bytes(content[:-99] if damage == "cut" else b"")
     found = reconstruct_video(film, UNKNOWN, out, limit=4, **how)
     assert (found.done_before, found.rows[2]["error"]) == (3, "")
-    assert np.nanmedian(distances(out, 2)) == pytest.approx(before[2]["median_distance"], rel=0.01)
+    assert np.nanmedian(distances(out, 2)) == pytest.approx(
+        before[2]["median_distance"], rel=0.01
+    )
 
 
 def test_a_frame_between_takes_up_its_neighbours_scale(film, out, shots):
@@ -144,7 +166,9 @@ def test_a_frame_between_takes_up_its_neighbours_scale(film, out, shots):
     reconstruct_video(film, UNKNOWN, out, limit=3)
     (film / "frame_1.png").write_bytes(content)
     assert reconstruct_video(film, UNKNOWN, out, limit=3).done_before == 2
-    lacks = np.array([np.nanmedian(shots[k].distance / distances(out, k)) for k in range(3)])
+    lacks = np.array(
+        [np.nanmedian(shots[k].distance / distances(out, k)) for k in range(3)]
+    )
     np.testing.assert_allclose(lacks / lacks[0], 1, atol=0.06)
 
 
@@ -154,7 +178,10 @@ def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(out, tmp_pa
     how = {"mask": tmp_path / "mask.png", "every": 2, "limit": 2, "solver": "facing"}
     reconstruct_video(tmp_path / "v.mkv", UNKNOWN, out, **how)
     assert names(out / "frames") == ["000000", "000002"]
-    assert [(row["frame"], row["index"]) for row in table(out)] == [("000000", "0"), ("000002", "2")]
+    assert [(row["frame"], row["index"]) for row in table(out)] == [
+        ("000000", "0"),
+        ("000002", "2"),
+    ]
     with np.load(out / "frames/000002/depth.npz", allow_pickle=False) as maps:
         known = np.isfinite(maps["distance"])
     assert known[:, :46].mean() > 0.8
@@ -207,7 +234,14 @@ def test_nothing_of_an_earlier_run_is_left_beside_a_new_one(film, out, shots):
     assert (names(out), names(out / "frames")) == (OUTPUTS, ["frame_1", "notes.txt"])
     result = el.reconstruct(el.Frame(shots[0].image, shots[0].mask), UNKNOWN, **QUICK)
     el.save_result(result, out, mesh=True)
-    assert names(out) == ["cloud.ply", "depth.npz", "frames", "mesh.ply", "overview.png", "report.json"]
+    assert names(out) == [
+        "cloud.ply",
+        "depth.npz",
+        "frames",
+        "mesh.ply",
+        "overview.png",
+        "report.json",
+    ]
     assert names(out / "frames") == ["notes.txt"]
     reconstruct_video(other, UNKNOWN, out, **QUICK)
     assert names(out) == OUTPUTS
@@ -226,18 +260,23 @@ def test_what_a_video_is_made_from_is_never_replaced(film, out):
     out.mkdir()
     el.write_calibration(UNKNOWN, out / "report.json")
     with pytest.raises(OSError, match="is read by this"):
-        reconstruct_video(film, UNKNOWN, out, overwrite=True, inputs=(out / "report.json",), **QUICK)
+        reconstruct_video(
+            film, UNKNOWN, out, overwrite=True, inputs=(out / "report.json",), **QUICK
+        )
     assert names(out) == ["report.json"]
 
 
 def test_without_rerun_there_is_no_recording(film, out, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     found = reconstruct_video(film, UNKNOWN, out, limit=1, **QUICK)
-    assert [path.name for path in found.paths] == [name for name in OUTPUTS if "rrd" not in name]
+    assert [path.name for path in found.paths] == [
+        name for name in OUTPUTS if "rrd" not in name
+    ]
 
 
 @pytest.mark.parametrize(
-    ("options", "named"), [({"every": 0}, "every"), ({"limit": 0}, "limit"), ({"lam": -1.0}, "lam")]
+    ("options", "named"),
+    [({"every": 0}, "every"), ({"limit": 0}, "limit"), ({"lam": -1.0}, "lam")],
 )
 def test_a_bad_option_writes_nothing(film, out, options, named):
     with pytest.raises(ValueError, match=named):

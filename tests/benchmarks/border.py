@@ -35,7 +35,8 @@ class Funnel(Tube):
 
     @property
     def _turn(self):
-        c, s = np.cos(np.deg2rad(self.tilt)), np.sin(np.deg2rad(self.tilt))
+        c = np.cos(np.deg2rad(self.tilt))
+        s = np.sin(np.deg2rad(self.tilt))
         return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
     def normals(self, points):
@@ -48,7 +49,8 @@ class Funnel(Tube):
         return normal @ self._turn.T
 
     def distance(self, rays):
-        inside, offset = rays @ self._turn, np.asarray(self.offset)
+        inside = rays @ self._turn
+        offset = np.asarray(self.offset)
         along = inside[..., 2]
         a = np.sum(inside[..., :2] ** 2, axis=-1) - (self.narrowing * along) ** 2
         b = inside[..., :2] @ offset + self.radius * self.narrowing * along
@@ -62,13 +64,18 @@ def random_tubes(count=20, seed=15, narrowing=None):
     """Radius 8 to 25 mm, tilted by up to 25°, the camera up to half the radius off centre."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
-        radius, tilt, length = rng.uniform(8, 25), rng.uniform(0, 25), rng.uniform(5, 9)
-        away, towards = rng.uniform(0, 0.5), rng.uniform(0, 2 * np.pi)
+        radius = rng.uniform(8, 25)
+        tilt = rng.uniform(0, 25)
+        length = rng.uniform(5, 9)
+        away = rng.uniform(0, 0.5)
+        towards = rng.uniform(0, 2 * np.pi)
         offset = (radius * away * np.cos(towards), radius * away * np.sin(towards))
         if narrowing is None:
             yield Tube(radius, radius * length, tilt, offset)
         else:
-            yield Funnel(radius, radius * length, tilt, offset, rng.uniform(-narrowing, narrowing))
+            yield Funnel(
+                radius, radius * length, tilt, offset, rng.uniform(-narrowing, narrowing)
+            )
 
 
 def random_bends(count=6, seed=16):
@@ -76,7 +83,9 @@ def random_bends(count=6, seed=16):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         radius = rng.uniform(10, 25)
-        yield Colon(radius=radius, fold_height=0.0, winding=rng.uniform(6, 25), length=150.0)
+        yield Colon(
+            radius=radius, fold_height=0.0, winding=rng.uniform(6, 25), length=150.0
+        )
 
 
 def shot_of(scene, camera, noise, seed):
@@ -89,17 +98,30 @@ def shot_of(scene, camera, noise, seed):
 def measure(shot, regulariser):
     """What `HEADS` say."""
     problem = make_problem(shot.frame, shot.calibration, regulariser=regulariser)
-    found, truth = el.run(solve(problem)), shot.truth.distance
+    found = el.run(solve(problem))
+    truth = shot.truth.distance
     mask = problem.mask & np.isfinite(truth)
     off = 100 * np.abs(found.distance / np.where(mask, truth, 1.0) - 1)
     inside = np.zeros_like(mask)
     inside[RIM:-RIM, RIM:-RIM] = mask[RIM:-RIM, RIM:-RIM]
     degrees = angle_between(found.normals, shot.truth.normals)[mask]
-    start = np.where(mask, np.log(np.where(mask, truth, 1.0)), np.where(problem.mask, problem.log_d0, 0.0))
+    start = np.where(
+        mask,
+        np.log(np.where(mask, truth, 1.0)),
+        np.where(problem.mask, problem.log_d0, 0.0),
+    )
     kept = el.run(solve(problem, start=start)).energy
-    energies = 1e5 * np.array([found.energy, kept, sum(energy_terms(problem, start).values())])
+    energies = 1e5 * np.array(
+        [found.energy, kept, sum(energy_terms(problem, start).values())]
+    )
     return np.array(
-        [off[mask].mean(), off[mask & ~inside].mean(), off[inside].mean(), degrees.mean(), *energies]
+        [
+            off[mask].mean(),
+            off[mask & ~inside].mean(),
+            off[inside].mean(),
+            degrees.mean(),
+            *energies,
+        ]
     )
 
 
@@ -109,14 +131,31 @@ def rows_of(scenes, cameras, noises):
         found = []
         for number, scene in enumerate(scenes):
             found.append(measure(shot_of(scene, camera, noise, number), regulariser))
-            yield [camera, f"{noise:g}", regulariser, str(number), *(f"{one:.2f}" for one in found[-1])]
-        for name, summary in (("mean", np.nanmean(found, axis=0)), ("most", np.nanmax(found, axis=0))):
-            yield [camera, f"{noise:g}", regulariser, name, *(f"{one:.2f}" for one in summary)]
+            yield [
+                camera,
+                f"{noise:g}",
+                regulariser,
+                str(number),
+                *(f"{one:.2f}" for one in found[-1]),
+            ]
+        for name, summary in (
+            ("mean", np.nanmean(found, axis=0)),
+            ("most", np.nanmax(found, axis=0)),
+        ):
+            yield [
+                camera,
+                f"{noise:g}",
+                regulariser,
+                name,
+                *(f"{one:.2f}" for one in summary),
+            ]
 
 
 def print_table(title, scenes, noises):
     heads = ("camera", "noise", "regulariser", "tube", *HEADS)
-    table(f"{title}, {WIDTH} px; energies times 1e5", heads, rows_of(scenes, CAMERAS, noises))
+    table(
+        f"{title}, {WIDTH} px; energies times 1e5", heads, rows_of(scenes, CAMERAS, noises)
+    )
 
 
 def straight():

@@ -27,7 +27,9 @@ PHANTOM_LEVELS = (45 / 255, 210 / 255)  # its texture is ± 13 grey levels
 
 def take(target, seed, count=300, **how):
     """Samples of a video and its gains."""
-    return simulate_samples(TARGETS[target], CAMERA, TRUTH, count, seed=seed, **shooting(**how))
+    return simulate_samples(
+        TARGETS[target], CAMERA, TRUTH, count, seed=seed, **shooting(**how)
+    )
 
 
 def sheen(fit):
@@ -64,7 +66,8 @@ def ways(seeds):
     ]
     rows = []
     for name, target, how, options in setups:
-        fits, scales = [], []
+        fits = []
+        scales = []
         for seed in range(seeds):
             samples, gains = take(target, seed, **how)
             try:
@@ -74,7 +77,9 @@ def ways(seeds):
             scales.append(100 * np.std(np.log(fits[-1].gains / gains[fits[-1].frames])))
         row = [name, f"{seeds - len(fits)} of {seeds}"]
         if fits:
-            found = np.array([(f.k, f.photometry.gamma, f.ratio) for f in fits]) - list(TRUE.values())
+            found = np.array([(f.k, f.photometry.gamma, f.ratio) for f in fits]) - list(
+                TRUE.values()
+            )
             errors = np.array([[f.standard_errors[name] for name in TRUE] for f in fits])
             row += [spread(off) for off in found.T]
             row += [f"{errors[:, 0].mean():.4f}, {errors[:, 1].mean():.4f}"]
@@ -82,29 +87,49 @@ def ways(seeds):
             row += [f"{np.mean([sheen(f) for f in fits]):.2f}", f"{np.mean(scales):.2f}"]
             row += [f"{np.mean([f.sigma for f in fits]):.4f}"]
         rows.append(row + [""] * (10 - len(row)))
-    heads = ["set-up", "refused", "Δk: mean ± sd, max", "Δγ", "Δ(k/γ)", "stated s.e. of k, γ", "pull of k"]
+    heads = [
+        "set-up",
+        "refused",
+        "Δk: mean ± sd, max",
+        "Δγ",
+        "Δ(k/γ)",
+        "stated s.e. of k, γ",
+        "pull of k",
+    ]
     table("Ways to γ", [*heads, "BRDF rms %", "gain rms %", "σ grey"], rows)
 
 
 def speed(_):
     """Seconds of a fit against the number of frames."""
     rows = []
-    for name, target, how, options in (("flat, γ given", "vicalib_big", {}, {}), ("folded 30°", *folded(30))):
+    for name, target, how, options in (
+        ("flat, γ given", "vicalib_big", {}, {}),
+        ("folded 30°", *folded(30)),
+    ):
         for count in (75, 300, 1200):
             samples, _ = take(target, 0, count, **how)
-            seconds = seconds_of(lambda given=samples, how=options: calibrate_light(given, **how), 7)
+            seconds = seconds_of(
+                lambda given=samples, how=options: calibrate_light(given, **how), 7
+            )
             steps = str(calibrate_light(samples, **options).history[-1]["k"])
-            rows.append([name, str(count), str(len(samples)), f"{1e3 * seconds:.0f}", steps])
+            rows.append(
+                [name, str(count), str(len(samples)), f"{1e3 * seconds:.0f}", steps]
+            )
     table("Speed", ("set-up", "frames", "samples", "ms, median of 7", "steps"), rows)
 
 
 def phantom(_):
     """C3VD: frames of a silicone phantom with known depth, colours as materials."""
-    folder, parts = datasets.data_folder() / "c3vd_trans_t1_a", []
+    folder = datasets.data_folder() / "c3vd_trans_t1_a"
+    parts = []
     for number, shot in enumerate(datasets.read_c3vd(folder, index) for index in (1, 6)):
         field = shot.calibration.camera.field
         mask = shot.frame.mask & (field.cos_alpha > np.cos(np.deg2rad(55)))
-        parts.append(sample_depth(shot.frame.image, shot.distance, field, mask, frame=number, most=6000))
+        parts.append(
+            sample_depth(
+                shot.frame.image, shot.distance, field, mask, frame=number, most=6000
+            )
+        )
     rows = []
     how = {"brdf": "lambertian", "reflectance": (None, None), "levels": PHANTOM_LEVELS}
     for name, samples in {
@@ -114,8 +139,13 @@ def phantom(_):
     }.items():
         found = calibrate_light(samples, gamma="free", **how)
         values = (found.k, "k"), (found.photometry.gamma, "gamma")
-        row = [name, *(f"{value:.3f} ± {found.standard_errors[of]:.3f}" for value, of in values)]
-        rows.append([*row, ", ".join(f"{gain:.0f}" for gain in found.gains), f"{found.sigma:.1f}"])
+        row = [
+            name,
+            *(f"{value:.3f} ± {found.standard_errors[of]:.3f}" for value, of in values),
+        ]
+        rows.append(
+            [*row, ", ".join(f"{gain:.0f}" for gain in found.gains), f"{found.sigma:.1f}"]
+        )
     table("C3VD, matt", ("frames", "k", "γ", "gain · red", "σ grey"), rows)
 
 

@@ -29,13 +29,21 @@ WAYS = {
 }
 
 
-def tell(name, way, frame, calibration, truth, normals=None, most=90.0, scale="none", **options):
+def tell(
+    name, way, frame, calibration, truth, normals=None, most=90.0, scale="none", **options
+):
     """Reconstruct, print one line of the table, and return the result."""
     started = time.perf_counter()
     result = el.reconstruct(frame, calibration, **options)
-    seconds, cosine = time.perf_counter() - started, result.problem.field.cos_alpha
+    seconds = time.perf_counter() - started
+    cosine = result.problem.field.cos_alpha
     near_axis = np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(most))
-    known = {"normals": result.normals, "true_normals": normals, "mask": near_axis, "scale": scale}
+    known = {
+        "normals": result.normals,
+        "true_normals": normals,
+        "mask": near_axis,
+        "scale": scale,
+    }
     found = compare(result.distance, truth, cosine, **known)
     degrees = f"{found.mean_degrees:5.1f}°" if normals is not None else "     -"
     settings = result.provenance.settings
@@ -52,19 +60,32 @@ def tell(name, way, frame, calibration, truth, normals=None, most=90.0, scale="n
 
 
 def without_albedo(calibration):
-    return replace(calibration, photometry=replace(calibration.photometry, brdf=el.Lambertian(0.38)))
+    return replace(
+        calibration, photometry=replace(calibration.photometry, brdf=el.Lambertian(0.38))
+    )
 
 
 def traced():
     print("path-traced, mean and median of the distance, true scale; normals; iterations")
     for name in datasets.TRACED:
         sample = el.load_traced(name)
-        frame, known, truth = sample.frame, sample.calibration, (sample.distance, sample.normals)
+        frame = sample.frame
+        known = sample.calibration
+        truth = (sample.distance, sample.normals)
         for way, options in WAYS.items():
             tell(name, way, frame, known, *truth, **options)
-        unknown, torn = without_albedo(known), depth_cuts(sample.distance)
+        unknown = without_albedo(known)
+        torn = depth_cuts(sample.distance)
         tell(name, "separated, albedo unknown", frame, unknown, *truth, channel="separated")
-        tell(name, "separated, true contours", frame, known, *truth, channel="separated", cuts=torn)
+        tell(
+            name,
+            "separated, true contours",
+            frame,
+            known,
+            *truth,
+            channel="separated",
+            cuts=torn,
+        )
 
 
 def at_width(sample, width):
@@ -76,11 +97,17 @@ def at_width(sample, width):
         for values in (known, np.nan_to_num(sample.distance))
     )
     truth = np.where(share > 0.5, sums / np.maximum(share, 1e-9), np.nan)
-    return sample.frame.resize(width, height, 2.2), sample.calibration.resize(width, height), truth
+    return (
+        sample.frame.resize(width, height, 2.2),
+        sample.calibration.resize(width, height),
+        truth,
+    )
 
 
 def with_light(calibration, **light):
-    return replace(calibration, photometry=replace(calibration.photometry, brdf=TISSUE, **light))
+    return replace(
+        calibration, photometry=replace(calibration.photometry, brdf=TISSUE, **light)
+    )
 
 
 def c3vd(width=338):
@@ -89,42 +116,76 @@ def c3vd(width=338):
     scored = {"most": 55, "scale": "median"}
     for index in (1, 6):
         name = f"c3vd {index} {width}"
-        frame, calibration, truth = at_width(datasets.read_c3vd(folder / "c3vd_trans_t1_a", index), width)
-        published, fitted = with_light(calibration), with_light(calibration, k=1.52, gamma=2.2)
+        frame, calibration, truth = at_width(
+            datasets.read_c3vd(folder / "c3vd_trans_t1_a", index), width
+        )
+        published = with_light(calibration)
+        fitted = with_light(calibration, k=1.52, gamma=2.2)
         for way, options in WAYS.items():
             tell(name, f"{way}, published", frame, published, truth, **scored, **options)
         for way in ("solved", "separated"):
             tell(name, f"{way}, of frame 1", frame, fitted, truth, **scored, **WAYS[way])
         unknown = without_albedo(calibration)
-        tell(name, "separated, no albedo", frame, unknown, truth, **scored, channel="separated")
+        tell(
+            name,
+            "separated, no albedo",
+            frame,
+            unknown,
+            truth,
+            **scored,
+            channel="separated",
+        )
 
 
 def simcol3d():
     folder = datasets.data_folder()
-    print("SimCol3D, median-scaled; AbsRel, RMSE and L1 of z in cm, as its challenge has them")
+    print(
+        "SimCol3D, median-scaled; AbsRel, RMSE and L1 of z in cm, as its challenge has them"
+    )
     for index in range(5):
         sample = datasets.read_simcol3d(folder / "simcol3d", index)
         frame, calibration, truth = at_width(sample, 320)
         for way in ("marched", "solved", "separated"):
             known = with_light(calibration)
-            result = tell(f"simcol {index}", way, frame, known, truth, scale="median", **WAYS[way])
+            result = tell(
+                f"simcol {index}", way, frame, known, truth, scale="median", **WAYS[way]
+            )
             good = result.mask & np.isfinite(truth)
             cosine = result.problem.field.cos_alpha[good]
-            z, true = result.distance[good] * cosine, truth[good] * cosine
+            z = result.distance[good] * cosine
+            true = truth[good] * cosine
             z *= np.median(true) / np.median(z)
-            l1, rmse = np.abs(z - true).mean() / 10, np.sqrt(((z - true) ** 2).mean()) / 10
-            print(f"{'':37} AbsRel {np.mean(np.abs(z - true) / true):.3f} RMSE {rmse:.3f} L1 {l1:.3f} cm")
+            l1 = np.abs(z - true).mean() / 10
+            rmse = np.sqrt(((z - true) ** 2).mean()) / 10
+            print(
+                f"{'':37} AbsRel {np.mean(np.abs(z - true) / true):.3f} RMSE {rmse:.3f} L1 {l1:.3f} cm"
+            )
 
 
 def variants():
-    print("Table II: the paper's solver on diffuse-1, all six variants; iterations, distance and normals")
+    print(
+        "Table II: the paper's solver on diffuse-1, all six variants; iterations, distance and normals"
+    )
     sample = el.load_traced("diffuse-1")
     truth = sample.distance, sample.normals
     for light, channel in (("as it is", "green"), ("separated", "separated")):
         for regulariser, xi in product(("first", "second"), ("1/z", "d", "1/d")):
-            how = {"solver": "primal_dual", "xi": xi, "regulariser": regulariser, "lam": 0.1}
+            how = {
+                "solver": "primal_dual",
+                "xi": xi,
+                "regulariser": regulariser,
+                "lam": 0.1,
+            }
             way = f"{light}, {{status}}"
-            tell(f"{xi} {regulariser}", way, sample.frame, sample.calibration, *truth, channel=channel, **how)
+            tell(
+                f"{xi} {regulariser}",
+                way,
+                sample.frame,
+                sample.calibration,
+                *truth,
+                channel=channel,
+                **how,
+            )
 
 
 if __name__ == "__main__":

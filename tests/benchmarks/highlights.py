@@ -17,7 +17,9 @@ from tests.benchmarks.report import table
 LIMITS = (0.1, 0.2, 0.5)  # mirrored light over the tissue's, in green
 
 
-def scores(image: np.ndarray, mask: np.ndarray, ratio: np.ndarray, gamma: float) -> list[str]:
+def scores(
+    image: np.ndarray, mask: np.ndarray, ratio: np.ndarray, gamma: float
+) -> list[str]:
     """Share found, precision and recall at each limit, and seconds."""
     start = time.perf_counter()
     found = find_highlights(image, mask, gamma)
@@ -26,18 +28,29 @@ def scores(image: np.ndarray, mask: np.ndarray, ratio: np.ndarray, gamma: float)
     for limit in LIMITS:
         true = mask & (ratio > limit)
         hit = (found & true).sum()
-        row.append(f"{hit / found.sum():.2f} / {hit / true.sum():.2f}" if found.any() and true.any() else "–")
+        row.append(
+            f"{hit / found.sum():.2f} / {hit / true.sum():.2f}"
+            if found.any() and true.any()
+            else "–"
+        )
     return [*row, f"{seconds:.2f} s"]
 
 
 def filled_error(sample: Any) -> str:
     """Mean error of what is filled in, of the tissue's own green, stored values."""
-    gamma, mask = sample.calibration.photometry.gamma, sample.frame.mask
-    holes = dilate(find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1]) & mask
+    gamma = sample.calibration.photometry.gamma
+    mask = sample.frame.mask
+    holes = (
+        dilate(find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1])
+        & mask
+    )
     if not holes.any():
         return "–"
     truth = np.clip(sample.direct + sample.indirect, 0, 1)[..., 1] ** (1 / gamma)
-    green = (picture[..., 1] for picture in (inpaint(sample.frame.image, holes, mask), sample.frame.image))
+    green = (
+        picture[..., 1]
+        for picture in (inpaint(sample.frame.image, holes, mask), sample.frame.image)
+    )
     after, before = (255 * np.abs(values - truth)[holes].mean() for values in green)
     return f"{before:.1f} -> {after:.1f}"
 
@@ -46,14 +59,21 @@ def report(samples: Mapping[str, Any]) -> None:
     """Print the table of path-traced frames, by name."""
     rows = []
     for name, sample in samples.items():
-        frame, gamma = sample.frame, sample.calibration.photometry.gamma
+        frame = sample.frame
+        gamma = sample.calibration.photometry.gamma
         tissue = np.maximum((sample.direct + sample.indirect)[..., 1], 1e-9)
         ratio = np.where(frame.mask, sample.mirrored / tissue, 0.0)
         for kind, image in (("colour", frame.image), ("green alone", frame.image[..., 1])):
             line = scores(image, frame.mask, ratio, gamma)
-            rows.append([name, kind, *line, filled_error(sample) if kind == "colour" else ""])
+            rows.append(
+                [name, kind, *line, filled_error(sample) if kind == "colour" else ""]
+            )
     heads = [f"precision / recall, > {100 * limit:.0f} %" for limit in LIMITS]
-    table("Highlights", ["frame", "picture", "found", *heads, "time", "grey levels off in holes"], rows)
+    table(
+        "Highlights",
+        ["frame", "picture", "found", *heads, "time", "grey levels off in holes"],
+        rows,
+    )
 
 
 if __name__ == "__main__":

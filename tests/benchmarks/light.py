@@ -46,7 +46,14 @@ def of(what: str) -> Iterator[Known]:
         for name in datasets.TRACED:
             sample = el.load_traced(name)
             light = sample.calibration.photometry.simplify()
-            yield Known(sample.frame, sample.calibration.camera, sample.distance, what, light.k, light.gamma)
+            yield Known(
+                sample.frame,
+                sample.calibration.camera,
+                sample.distance,
+                what,
+                light.k,
+                light.gamma,
+            )
     elif what == "c3vd":
         for index in (1, 6):
             sample = datasets.read_c3vd(datasets.data_folder() / "c3vd_trans_t1_a", index)
@@ -56,7 +63,8 @@ def of(what: str) -> Iterator[Known]:
         make(SETS[what], FOLDER / what)
         for path in sorted((FOLDER / what).glob("*.npz")):
             one = read(path)
-            camera, light = one.calibration.camera, one.calibration.photometry
+            camera = one.calibration.camera
+            light = one.calibration.photometry
             whose = f"{what}, {camera.model}, k {light.k:.2f}"
             yield Known(one.frame, camera, one.distance, whose, light.k, light.gamma)
 
@@ -64,10 +72,14 @@ def of(what: str) -> Iterator[Known]:
 def error(one: Known, k: float) -> float:
     """Mean error of the distance with this k, %."""
     light = el.Photometry(k, one.gamma, None)
-    result = el.reconstruct(one.frame, el.Calibration(one.camera, light), channel="separated")
+    result = el.reconstruct(
+        one.frame, el.Calibration(one.camera, light), channel="separated"
+    )
     cosine = result.problem.field.cos_alpha
     near = np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(one.most))
-    return compare(result.distance, one.distance, cosine, mask=near, scale="median").mean_percent
+    return compare(
+        result.distance, one.distance, cosine, mask=near, scale="median"
+    ).mean_percent
 
 
 def row(name: str, frames: Sequence[Known]) -> tuple[list[str], list[float]]:
@@ -75,9 +87,18 @@ def row(name: str, frames: Sequence[Known]) -> tuple[list[str], list[float]]:
     one = frames[0]
     found = el.estimate_light([each.frame for each in frames], one.camera, gamma=one.gamma)
     ks = [one.k, found.photometry.k, USUAL]
-    errors = [float(np.mean([error(each, k) for each in frames])) if np.isfinite(k) else np.nan for k in ks]
+    errors = [
+        float(np.mean([error(each, k) for each in frames])) if np.isfinite(k) else np.nan
+        for k in ks
+    ]
     estimate = f"{found.k:.2f} ± {found.standard_error:.2f}"
-    cells = [name, f"{one.k:.2f}", estimate, found.outcome, *(f"{each:.1f}" for each in errors)]
+    cells = [
+        name,
+        f"{one.k:.2f}",
+        estimate,
+        found.outcome,
+        *(f"{each:.1f}" for each in errors),
+    ]
     print("  ".join(cells), flush=True)
     return cells, [found.k - one.k, *errors]
 

@@ -26,7 +26,8 @@ WAYS = {
 
 def camera(pictures: list[np.ndarray], seconds: float):
     """Pictures as a camera gives them, there and back again."""
-    there_and_back, started = [*pictures, *pictures[-2:0:-1]], time.perf_counter()
+    there_and_back = [*pictures, *pictures[-2:0:-1]]
+    started = time.perf_counter()
     for number in range(round(seconds * RATE)):
         time.sleep(max(0.0, started + number / RATE - time.perf_counter()))
         yield f"{number:06d}", there_and_back[number % len(there_and_back)]
@@ -37,13 +38,17 @@ def main() -> None:
     calibration = datasets.load_calibration("simple", 320)
     lit = el.render(moved_colon(0), calibration.camera, calibration.photometry).photometry
     known = el.Calibration(calibration.camera, replace(calibration.photometry, gain=None))
-    seen = (el.render(moved_colon(t), known.camera, lit, noise=1, bits=8, seed=t) for t in range(12))
+    seen = (
+        el.render(moved_colon(t), known.camera, lit, noise=1, bits=8, seed=t)
+        for t in range(12)
+    )
     pictures = [one.image for one in seen]
     rows = []
     for name, options in WAYS.items():
         list(reconstruct_live(camera(pictures, 0.1), known, **options))  # compile
         steps = list(reconstruct_live(camera(pictures, SECONDS), known, **options))
-        rate, lag = f"{(len(steps) - 1) / SECONDS:.1f}", f"{1000 * median(step.lag for step in steps):.0f}"
+        rate = f"{(len(steps) - 1) / SECONDS:.1f}"
+        lag = f"{1000 * median(step.lag for step in steps):.0f}"
         rows.append([name, rate, lag, str(sum(step.dropped for step in steps))])
     head = ["way", "frames/s", "lag, ms", "dropped"]
     table(f"A camera of {RATE:g} frames/s, 320 x 240", head, rows)

@@ -15,7 +15,10 @@ def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> No
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
     print(f"\n{title}")
     for line in lines:
-        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)))
+        print(
+            "  "
+            + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        )
     sys.stdout.flush()
 
 
@@ -26,7 +29,9 @@ def ended(result: el.Result) -> str:
 
 def both(e: Errors, what: str, digits: int = 4) -> str:
     """Mean and median error in mm, percent or degrees."""
-    return " / ".join(f"{getattr(e, f'{kind}_{what}'):.{digits}f}" for kind in ("mean", "median"))
+    return " / ".join(
+        f"{getattr(e, f'{kind}_{what}'):.{digits}f}" for kind in ("mean", "median")
+    )
 
 
 def seconds_of(call: Callable[[], object], repeats: int = 9) -> float:

@@ -41,7 +41,8 @@ def judge(frame: SheetFrame, target: Target, found: Detection) -> tuple[float, i
 
 def pulls_of(light: PhotometricFit) -> list[float]:
     """How far k, γ and the nodes of the BRDF are off, in their standard errors."""
-    theta, values = np.array(light.photometry.brdf.theta), np.array(light.photometry.brdf.values)
+    theta = np.array(light.photometry.brdf.theta)
+    values = np.array(light.photometry.brdf.values)
     errors = np.array([light.standard_errors[f"brdf {node}"] for node in range(len(theta))])
     ratio = values / PAPER_SHEET.value(np.cos(theta), np.cos(theta))
     pinned = int(np.argmin(errors))
@@ -49,13 +50,22 @@ def pulls_of(light: PhotometricFit) -> list[float]:
     nodes = (ratio / ratio[pinned] - 1)[free] / (errors / values)[free]
     known = {"k": light.k - TRUTH.k, "gamma": light.photometry.gamma - TRUTH.gamma}
     scale = light.standard_errors
-    return [off / scale[name] for name, off in known.items() if scale[name]] + nodes.tolist()
+    return [
+        off / scale[name] for name, off in known.items() if scale[name]
+    ] + nodes.tolist()
 
 
-def run(name: str, fold: float, count: int, seed: int, **options: object) -> tuple[list[str], list[float]]:
+def run(
+    name: str, fold: float, count: int, seed: int, **options: object
+) -> tuple[list[str], list[float]]:
     """Render, detect, calibrate; return a row of the table, and the pulls of the light."""
     target = TARGETS[name]
-    stored, detections, seconds, gains, shares, wrong = [], {}, [], [], [], 0
+    stored = []
+    detections = {}
+    seconds = []
+    gains = []
+    shares = []
+    wrong = 0
     seen = {"movement": Movement(fold), "sensor": Sensor(outliers=0.001)}
     video = simulate_video(target, CAMERA, TRUTH, count, seed=seed, **seen)
     for number, frame in enumerate(video):
@@ -70,11 +80,14 @@ def run(name: str, fold: float, count: int, seed: int, **options: object) -> tup
         wrong += bad
     size = CAMERA.width, CAMERA.height
     session = calibrate(stored, target, detections=detections, size=size, **options)
-    light, geometry = session.light, session.geometry
+    light = session.light
+    geometry = session.geometry
     assert light is not None, session.refused
     assert geometry is not None
     camera = geometry.camera
-    worst = max(abs(getattr(camera, x) - getattr(CAMERA, x)) for x in ("fx", "fy", "cx", "cy"))
+    worst = max(
+        abs(getattr(camera, x) - getattr(CAMERA, x)) for x in ("fx", "fy", "cx", "cy")
+    )
     angle = np.linspace(0, np.deg2rad(68), 100)
     rays = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1)
     drift = np.linalg.norm(camera.project(rays) - CAMERA.project(rays), axis=1).max()
@@ -83,13 +96,25 @@ def run(name: str, fold: float, count: int, seed: int, **options: object) -> tup
     shape = light.photometry.brdf.value(np.cos(theta), np.cos(theta)) / known
     true = np.array(gains)[[int(list(session.poses)[frame]) for frame in light.frames]]
     ratio = light.gains / true * np.mean(shape)
-    row = [name, f"{sum(share > 0 for share in shares)}/{count}", f"{np.median(shares):.3f}", str(wrong)]
+    row = [
+        name,
+        f"{sum(share > 0 for share in shares)}/{count}",
+        f"{np.median(shares):.3f}",
+        str(wrong),
+    ]
     row.append(f"{1e3 * median(seconds):.0f}")
     row += [f"{geometry.rmse:.3f}", f"{worst:.3f}", f"{drift:.3f}"]
     row.append(f"{light.k - 2.5:+.4f} ± {light.standard_errors['k']:.4f}")
-    row.append(f"{light.photometry.gamma - 2.2:+.4f} ± {light.standard_errors['gamma']:.4f}")
-    row += [f"{light.ratio - 2.5 / 2.2:+.4f}", f"{100 * np.std(shape / np.mean(shape)):.2f}"]
-    return [*row, f"{100 * np.std(np.log(ratio)):.2f}", f"{light.sigma:.2f}"], pulls_of(light)
+    row.append(
+        f"{light.photometry.gamma - 2.2:+.4f} ± {light.standard_errors['gamma']:.4f}"
+    )
+    row += [
+        f"{light.ratio - 2.5 / 2.2:+.4f}",
+        f"{100 * np.std(shape / np.mean(shape)):.2f}",
+    ]
+    return [*row, f"{100 * np.std(np.log(ratio)):.2f}", f"{light.sigma:.2f}"], pulls_of(
+        light
+    )
 
 
 def main(arguments: list[str]) -> None:
@@ -98,11 +123,22 @@ def main(arguments: list[str]) -> None:
     rows = []
     pulls: dict[str, list[float]] = {}
     for seed in range(seeds):
-        for name, fold, gamma in (("vicalib_small", 0.0, 2.2), ("vicalib_folded", np.deg2rad(20), "free")):
+        for name, fold, gamma in (
+            ("vicalib_small", 0.0, 2.2),
+            ("vicalib_folded", np.deg2rad(20), "free"),
+        ):
             row, off = run(name, fold, count, seed, gamma=gamma)
             rows.append(row)
             pulls.setdefault(name, []).extend(np.abs(off))
-    heads = ["target", "frames found", "dots found", "wrong names", "ms to detect", "RMSE px", "f, c px"]
+    heads = [
+        "target",
+        "frames found",
+        "dots found",
+        "wrong names",
+        "ms to detect",
+        "RMSE px",
+        "f, c px",
+    ]
     heads += ["map to 68° px", "Δk", "Δγ", "Δ(k/γ)", "BRDF % rms", "gain % sd", "σ grey"]
     table(f"From {count} rendered pictures of 1440x1080, noise 3 grey levels", heads, rows)
 
@@ -110,7 +146,11 @@ def main(arguments: list[str]) -> None:
     for name, off in pulls.items():
         within = (f"{100 * np.mean(np.array(off) < limit):.0f} %" for limit in (1, 2))
         shares.append([name, str(len(off)), *within])
-    table("Truths of k, γ and nodes within their errors", ["target", "numbers", "1 σ", "2 σ"], shares)
+    table(
+        "Truths of k, γ and nodes within their errors",
+        ["target", "numbers", "1 σ", "2 σ"],
+        shares,
+    )
 
 
 if __name__ == "__main__":

@@ -55,13 +55,34 @@ def table_one() -> None:
     for scene, xi, order, iterations, theirs, their_degrees in PAPER:
         shot = shot_of(scene)
         for solver in ("primal_dual", "gauss_newton"):
-            how = {"solver": solver, "xi": xi, "regulariser": order, "max_iterations": 20000}
+            how = {
+                "solver": solver,
+                "xi": xi,
+                "regulariser": order,
+                "max_iterations": 20000,
+            }
             how["channel"] = "grey"
             result = shot.reconstruct(**how)
             e = shot.errors(result)
-            ours = ended(result), f"{result.seconds:.2f}", both(e, "percent"), both(e, "degrees", 3)
-            rows.append([scene, xi, order, solver, *ours, iterations, theirs, their_degrees])
-    heads = ("scene", "ξ", "order", "solver", "iterations", "s", "% mean / median", "° mean / median")
+            ours = (
+                ended(result),
+                f"{result.seconds:.2f}",
+                both(e, "percent"),
+                both(e, "degrees", 3),
+            )
+            rows.append(
+                [scene, xi, order, solver, *ours, iterations, theirs, their_degrees]
+            )
+    heads = (
+        "scene",
+        "ξ",
+        "order",
+        "solver",
+        "iterations",
+        "s",
+        "% mean / median",
+        "° mean / median",
+    )
     heads += ("paper: iterations", "%", "°")
     table("Table I at 320x240, exact frames", heads, rows)
 
@@ -76,27 +97,43 @@ def sizes() -> None:
         for solver in solvers if width in PRIMAL_DUAL_SIZES else solvers[:2]:
             result = el.run(solve(fresh(problem), solver))
             repeats = 1 if solver == "primal_dual" or width > 640 else 3
-            seconds = median(el.run(solve(fresh(problem), solver)).seconds for _ in range(repeats))
+            seconds = median(
+                el.run(solve(fresh(problem), solver)).seconds for _ in range(repeats)
+            )
             measured = fresh(problem)
             gc.collect()
             tracemalloc.start()
-            el.run(solve(measured, solver), max_iterations=400 if solver == "primal_dual" else None)
+            el.run(
+                solve(measured, solver),
+                max_iterations=400 if solver == "primal_dual" else None,
+            )
             peak = tracemalloc.get_traced_memory()[1]
             tracemalloc.stop()
             warm = ""
             if solver == "gauss_newton":
-                moved, start = replace(problem, lam=1.1 * problem.lam), result.iterate.log_distance
-                again = [el.run(solve(fresh(moved), solver, start=start)).seconds for _ in range(repeats)]
+                moved = replace(problem, lam=1.1 * problem.lam)
+                start = result.iterate.log_distance
+                again = [
+                    el.run(solve(fresh(moved), solver, start=start)).seconds
+                    for _ in range(repeats)
+                ]
                 warm = f"{1e3 * median(again):.0f}"
-            e, pixels = shot.errors(result), int(problem.mask.sum())
+            e = shot.errors(result)
+            pixels = int(problem.mask.sum())
             times = f"{1e3 * seconds:.0f}", warm, f"{1e6 * seconds / pixels:.2f}"
             errors = f"{result.energy:.3e}", both(e, "percent"), both(e, "degrees", 3)
             size = f"{width}x{problem.camera.height}"
-            rows.append([size, scene, solver, ended(result), *times, *errors, f"{peak / 2**20:.0f}"])
+            rows.append(
+                [size, scene, solver, ended(result), *times, *errors, f"{peak / 2**20:.0f}"]
+            )
             print(".", end="", flush=True)
     heads = ("size", "scene", "solver", "iterations", "ms", "warm ms", "µs/pixel", "energy")
     heads += ("% mean / median", "° mean / median", "peak MiB")
-    table("Solver, scene, size (ms: solver alone, median of 3, or of 1 where slow)", heads, rows)
+    table(
+        "Solver, scene, size (ms: solver alone, median of 3, or of 1 where slow)",
+        heads,
+        rows,
+    )
 
 
 TABLES = {one.__name__: one for one in (table_one, sizes)}

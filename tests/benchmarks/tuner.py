@@ -18,7 +18,14 @@ import numpy as np
 from endolab import datasets
 from tests.benchmarks.report import table
 
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+]
 SIZE = {"width": 1366, "height": 768}
 # Notes, for each new picture, when it was drawn and what the status line said of it.
 WATCH = """() => {
@@ -39,7 +46,16 @@ KNOB = '.endolab-knob:has-text("%s") select'
 @contextmanager
 def tuner(browser: Any, frame: str) -> Iterator[Any]:
     """Give the page of a tuner."""
-    command = [sys.executable, "-m", "endolab", "tune", frame, "--calibration", "c3vd", "--no-browser"]
+    command = [
+        sys.executable,
+        "-m",
+        "endolab",
+        "tune",
+        frame,
+        "--calibration",
+        "c3vd",
+        "--no-browser",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             page = browser.new_page(viewport=SIZE)
@@ -53,7 +69,8 @@ def tuner(browser: Any, frame: str) -> Iterator[Any]:
 
 def moves(page: Any, count: int) -> list[list[str]]:
     """Move λ by a step, wait for the final picture; return the rows of the table."""
-    rng, samples = random.Random(0), {"first": [], "final": []}
+    rng = random.Random(0)
+    samples = {"first": [], "final": []}
     for _ in range(count):
         page.locator("input[type=range]").first.focus()
         page.evaluate("() => { window.seen = []; }")
@@ -63,7 +80,10 @@ def moves(page: Any, count: int) -> list[list[str]]:
         after = page.evaluate("() => window.seen.map(one => one.at - window.pressed)")
         samples["first"].append(after[0])
         samples["final"].append(after[-1])
-    return [[name, f"{np.median(one):.0f}", f"{np.percentile(one, 95):.0f}"] for name, one in samples.items()]
+    return [
+        [name, f"{np.median(one):.0f}", f"{np.percentile(one, 95):.0f}"]
+        for name, one in samples.items()
+    ]
 
 
 def act(page: Any, rng: random.Random) -> None:
@@ -75,30 +95,45 @@ def act(page: Any, rng: random.Random) -> None:
     elif kind == "choice":
         chosen = page.locator(".endolab-knobs select:visible, .endolab-choose").all()
         one = rng.choice(chosen)
-        one.select_option(index=rng.randrange(one.evaluate("select => select.options.length")))
+        one.select_option(
+            index=rng.randrange(one.evaluate("select => select.options.length"))
+        )
     elif kind == "key":
         page.keyboard.press(rng.choice([*"abcdrux", "Control+z"]))
     else:
-        page.mouse.click(rng.random() * SIZE["width"], 120 + rng.random() * (SIZE["height"] - 120))
+        page.mouse.click(
+            rng.random() * SIZE["width"], 120 + rng.random() * (SIZE["height"] - 120)
+        )
 
 
 def main(arguments: list[str]) -> None:
     """Print the tables."""
-    count, actions = (int(value) for value in (*arguments, *("20", "300")[len(arguments) :]))
+    count, actions = (
+        int(value) for value in (*arguments, *("20", "300")[len(arguments) :])
+    )
     from playwright.sync_api import sync_playwright
 
     frame = str(datasets.data_folder() / "c3vd_trans_t1_a" / "0001_color.png")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=FLAGS
+        )
         with tuner(browser, frame) as page:
-            errors, rng = [], random.Random(1)
+            errors = []
+            rng = random.Random(1)
             page.on("pageerror", lambda error: errors.append(str(error)))
             heads = ["picture", "median", "95th pc"]
-            for scene, channel in (("0001_color.png", "auto"), ("0001_color.png", ""), ("colon", "")):
+            for scene, channel in (
+                ("0001_color.png", "auto"),
+                ("0001_color.png", ""),
+                ("colon", ""),
+            ):
                 page.locator(KNOB % "frame or scene").select_option(scene)
                 page.locator(KNOB % "channel").select_option(channel or "green or grey")
                 page.wait_for_timeout(4000)
-                table(f"{scene} {channel}: ms from key to pixels", heads, moves(page, count))
+                table(
+                    f"{scene} {channel}: ms from key to pixels", heads, moves(page, count)
+                )
             for _ in range(actions):
                 act(page, rng)
                 page.wait_for_timeout(200)

@@ -41,9 +41,17 @@ def cases_of(wanted: str) -> Iterator[tuple]:
         for index in (1, 6):
             sample = datasets.read_c3vd(folder / "c3vd_trans_t1_a", index)
             frame, calibration, truth = at_width(sample, 320)
-            yield f"c3vd {index}", frame, with_light(calibration, k=2.5, gamma=2.2), truth, FIELD
+            yield (
+                f"c3vd {index}",
+                frame,
+                with_light(calibration, k=2.5, gamma=2.2),
+                truth,
+                FIELD,
+            )
         for index in (0, 3):
-            frame, calibration, truth = at_width(datasets.read_simcol3d(folder / "simcol3d", index), 320)
+            frame, calibration, truth = at_width(
+                datasets.read_simcol3d(folder / "simcol3d", index), 320
+            )
             yield f"simcol {index}", frame, with_light(calibration), truth, 90.0
         return
     here = FOLDER / wanted if wanted in SETS else Path(wanted)
@@ -60,21 +68,33 @@ def judge(frame, calibration, truth, most) -> dict[tuple[str, str], Coverage]:
     uncertainty = el.uncertainty_of(result, calibration)
     cosine = np.nan_to_num(result.problem.field.cos_alpha, nan=-1.0)
     seen = result.mask & np.isfinite(truth) & (cosine > np.cos(np.deg2rad(most)))
-    factor = coverage_of(result.distance, uncertainty.sigma_shape, truth, seen, scale="median").scale
+    factor = coverage_of(
+        result.distance, uncertainty.sigma_shape, truth, seen, scale="median"
+    ).scale
     maps = {"shape": (factor * result.distance, factor * uncertainty.sigma_shape, truth)}
     if result.metric:
         maps["whole"] = result.distance, uncertainty.sigma, truth
     kinds = {
         "all": seen,
-        **{kind: seen & (uncertainty.dominant_source == number) for kind, number in KINDS.items()},
+        **{
+            kind: seen & (uncertainty.dominant_source == number)
+            for kind, number in KINDS.items()
+        },
     }
-    found = ((error, kind) for error in maps for kind, where in kinds.items() if where.sum() >= FEW)
+    found = (
+        (error, kind)
+        for error in maps
+        for kind, where in kinds.items()
+        if where.sum() >= FEW
+    )
     return {(error, kind): coverage_of(*maps[error], kinds[kind]) for error, kind in found}
 
 
 def cells(every: Sequence[Coverage]) -> list[str]:
     """Means over frames."""
-    found = {name: np.nanmean([getattr(one, name) for one in every]) for name in vars(every[0])}
+    found = {
+        name: np.nanmean([getattr(one, name) for one in every]) for name in vars(every[0])
+    }
     return [
         "{within_one:5.1f} / {within_two:5.1f}".format(**found),
         "{spearman:5.2f}".format(**found),
@@ -90,10 +110,14 @@ def main(arguments: Sequence[str]) -> None:
         scores = {name: judge(*case) for name, *case in cases_of(wanted)}
         for error in ("whole", "shape"):
             rows = [
-                [name, *cells([one[error, "all"]])] for name, one in scores.items() if (error, "all") in one
+                [name, *cells([one[error, "all"]])]
+                for name, one in scores.items()
+                if (error, "all") in one
             ]
             for kind in ("all", *KINDS):
-                every = [one[error, kind] for one in scores.values() if (error, kind) in one]
+                every = [
+                    one[error, kind] for one in scores.values() if (error, kind) in one
+                ]
                 rows += [[f"mean, {kind}", *cells(every)]] if every else []
             table(f"Uncertainty, {wanted}, {error} error", ["frame", *HEADS], rows)
 

@@ -31,7 +31,9 @@ WAYS: dict[str, dict[str, Any]] = {
     "separated": {"channel": "separated"},
     "automatic": {"channel": "auto"},
 }
-BEST, TORN = "best colour", "separated, true contours"  # the best of three, as told by the truth
+# the best of three, as told by the truth
+BEST = "best colour"
+TORN = "separated, true contours"
 WORSE = 1.0  # points of the mean in percent, by which a way may be worse than the best single colour
 
 
@@ -51,13 +53,17 @@ def score(sample: RandomFrame, **options: Any) -> Score:
     seconds = time.process_time() - started
     cosine = sample.calibration.camera.field.cos_alpha
     both = {"normals": result.normals, "true_normals": sample.normals}
-    return Score(compare(result.distance, sample.distance, cosine, **both), seconds, notes(result))
+    return Score(
+        compare(result.distance, sample.distance, cosine, **both), seconds, notes(result)
+    )
 
 
 def ways_of(sample: RandomFrame) -> dict[str, Score]:
     """Score every way that there is, by name."""
     found = {name: score(sample, **options) for name, options in WAYS.items()}
-    found[BEST] = min((found[name] for name in CHANNELS), key=lambda one: one.errors.mean_percent)
+    found[BEST] = min(
+        (found[name] for name in CHANNELS), key=lambda one: one.errors.mean_percent
+    )
     found[TORN] = score(sample, channel="separated", cuts=depth_cuts(sample.distance))
     return found
 
@@ -66,9 +72,16 @@ def _cells(scores: Sequence[Score]) -> list[str]:
     """Means over frames of the mean and median error in percent and mm, of normals and of seconds."""
     errors = [one.errors for one in scores]
     names = ("mean_percent", "median_percent", "mean_mm", "median_mm", "mean_degrees")
-    percent, middle, mm, middle_mm, degrees = (np.mean([getattr(e, name) for e in errors]) for name in names)
-    worst, seconds = max(e.mean_percent for e in errors), np.mean([one.seconds for one in scores])
-    shares = [f"{percent:5.1f} / {middle:4.1f}", f"{worst:5.1f}", f"{mm:5.2f} / {middle_mm:5.2f}"]
+    percent, middle, mm, middle_mm, degrees = (
+        np.mean([getattr(e, name) for e in errors]) for name in names
+    )
+    worst = max(e.mean_percent for e in errors)
+    seconds = np.mean([one.seconds for one in scores])
+    shares = [
+        f"{percent:5.1f} / {middle:4.1f}",
+        f"{worst:5.1f}",
+        f"{mm:5.2f} / {middle_mm:5.2f}",
+    ]
     return [*shares, f"{degrees:5.1f}", f"{seconds:5.1f}"]
 
 
@@ -78,23 +91,43 @@ def report(title: str, frames: Iterable[Path]) -> None:
     for path in frames:
         sample = read(path)
         scored.append((sample, ways_of(sample)))
-        line = "  ".join(f"{name} {one.errors.mean_percent:.1f}" for name, one in scored[-1][1].items())
+        line = "  ".join(
+            f"{name} {one.errors.mean_percent:.1f}" for name, one in scored[-1][1].items()
+        )
         print(f"{sample.frame.name:16}{line}", flush=True)
-    heads = ["kind", "frames", "way", "mean / median %", "worst %", "mean / median mm", "normals °", "CPU s"]
+    heads = [
+        "kind",
+        "frames",
+        "way",
+        "mean / median %",
+        "worst %",
+        "mean / median mm",
+        "normals °",
+        "CPU s",
+    ]
     rows = []
     for kind in [*sorted({sample.kind for sample, _ in scored}), "all"]:
         of_kind = [found for sample, found in scored if kind in (sample.kind, "all")]
-        count, ways = str(len(of_kind)), list(of_kind[0])
-        rows += [[kind, count, way, *_cells([found[way] for found in of_kind])] for way in ways]
+        count = str(len(of_kind))
+        ways = list(of_kind[0])
+        rows += [
+            [kind, count, way, *_cells([found[way] for found in of_kind])] for way in ways
+        ]
     table(title, heads, rows)
     for sample, found in scored:
-        default, least = found["automatic"], found[BEST].errors.mean_percent
+        default = found["automatic"]
+        least = found[BEST].errors.mean_percent
         if default.errors.mean_percent > least + WORSE:
             notes = " ".join(default.notes) or "it said nothing"
-            print(f"{sample.frame.name}: {default.errors.mean_percent:.1f} % after {least:.1f} %: {notes}")
+            print(
+                f"{sample.frame.name}: {default.errors.mean_percent:.1f} % after {least:.1f} %: {notes}"
+            )
 
 
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or ["open"]:
         make(SETS[wanted], FOLDER / wanted)
-        report(f"Unseen frames, {wanted}: at true scale", sorted((FOLDER / wanted).glob("*.npz")))
+        report(
+            f"Unseen frames, {wanted}: at true scale",
+            sorted((FOLDER / wanted).glob("*.npz")),
+        )

@@ -19,7 +19,14 @@ from tests.tools.foreign_notebooks import foreign_notebooks
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+]
 FLAGS += ["--disable-background-networking", "--disable-component-update"]
 CURRENT = "window.jupyterapp?.shell?.currentWidget"
 # Rerun's viewer asks whether there is a newer one; refused, it goes on.
@@ -65,7 +72,8 @@ class OpenNotebook:
     """
 
     def __init__(self, page, outside, name, cells=None, width=1400, height=9000):
-        self.page, self.outside = page, outside
+        self.page = page
+        self.outside = outside
         outside.clear()
         page.set_viewport_size({"width": width, "height": height})  # all cells at once
         page.evaluate(OPEN, f"notebooks/{name}")
@@ -113,7 +121,8 @@ def compiled():
     """Every solver's kernels in the cache: a page that waits for a cell does not wait for a compiler."""
     camera = datasets.load_calibration("paper", width=32).camera
     scene = el.render(el.SCENES["colon"], camera, el.Photometry())
-    frame, calibration = el.Frame(scene.image, scene.mask), el.Calibration(camera, scene.photometry)
+    frame = el.Frame(scene.image, scene.mask)
+    calibration = el.Calibration(camera, scene.photometry)
     for solver in SOLVERS:
         el.reconstruct(frame, calibration, solver=solver)
 
@@ -122,7 +131,9 @@ def compiled():
 def lab(tmp_path_factory, compiled):
     """Address of a JupyterLab on a copy of the notebooks, started as ``make lab`` does."""
     root = tmp_path_factory.mktemp("lab")
-    shutil.copytree(ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*"))
+    shutil.copytree(
+        ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*")
+    )
     for name, content in foreign_notebooks().items():
         (root / "notebooks" / name).write_text(json.dumps(content), encoding="utf-8")
     environment = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
@@ -132,7 +143,9 @@ def lab(tmp_path_factory, compiled):
     command += ["--IdentityProvider.token="]
     log = root / "log.txt"
     with open(log, "w") as stream:
-        server = subprocess.Popen(command, env=environment, stdout=stream, stderr=subprocess.STDOUT)
+        server = subprocess.Popen(
+            command, env=environment, stdout=stream, stderr=subprocess.STDOUT
+        )
     for _ in range(600):
         if "JupyterLab: " in log.read_text() or server.poll() is not None:
             break
@@ -146,9 +159,15 @@ def lab(tmp_path_factory, compiled):
 @pytest.fixture(scope="package")
 def browser():
     """Chromium, the system's own; Playwright's stays away from the network."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    program = (
+        shutil.which("chromium")
+        or shutil.which("chromium-browser")
+        or shutil.which("google-chrome")
+    )
     if program is None:
-        missing_system("The notebooks are not opened in a browser: there is no Chromium on this machine.")
+        missing_system(
+            "The notebooks are not opened in a browser: there is no Chromium on this machine."
+        )
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

@@ -10,7 +10,9 @@ def test_a_notebook_runs_in_the_browser(open_notebook):
     state = opened.run_all()
     opened.photograph("00_quickstart")
     assert state["complaints"] == []
-    assert state["waiting"] == 0, f"{state['waiting']} of {state['cells']} cells did not end"
+    assert state["waiting"] == 0, (
+        f"{state['waiting']} of {state['cells']} cells did not end"
+    )
     assert state["pictures"] > 0
     assert set(opened.outside) <= {NEWER}
 
@@ -20,7 +22,9 @@ def test_a_foreign_notebooks_scripts_do_not_run_when_it_is_opened(open_notebook)
     for name, content in foreign_notebooks().items():
         opened = open_notebook(name)
         outputs = sum(len(cell.get("outputs", ())) for cell in content["cells"])
-        rendered = f"n => {CURRENT}.node.querySelectorAll('.jp-OutputArea-output').length >= n"
+        rendered = (
+            f"n => {CURRENT}.node.querySelectorAll('.jp-OutputArea-output').length >= n"
+        )
         opened.page.wait_for_function(rendered, arg=outputs)
         opened.page.wait_for_load_state("networkidle")
         assert opened.page.evaluate("() => window.takenOver ?? 0") == 0, name

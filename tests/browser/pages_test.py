@@ -44,7 +44,9 @@ def notebooks(tmp_path):
     """Folder of a notebook with an exercise, a slider, a surface, and a cell whose code is hidden."""
     folder = tmp_path / "notebooks"
     folder.mkdir()
-    hidden = nbformat.v4.new_code_cell("print(6 * 7)", metadata={"jupyter": {"source_hidden": True}})
+    hidden = nbformat.v4.new_code_cell(
+        "print(6 * 7)", metadata={"jupyter": {"source_hidden": True}}
+    )
     others = [nbformat.v4.new_code_cell(code) for code in (SLIDER, SURFACE)]
     cells = [hidden, *others, nbformat.v4.new_markdown_cell(EXERCISE)]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), folder / "01_a.ipynb")
@@ -55,18 +57,31 @@ def notebooks(tmp_path):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 @pytest.mark.usefixtures("compiled")
 @pytest.mark.parametrize("solutions", [False, True], ids=["folded", "open"])
-def test_a_solution_is_in_view_where_it_was_asked_for(browser, notebooks, tmp_path, monkeypatch, solutions):
+def test_a_solution_is_in_view_where_it_was_asked_for(
+    browser, notebooks, tmp_path, monkeypatch, solutions
+):
     pytest.importorskip("dash")  # the formulas' script
-    monkeypatch.setattr(pages, "write_reference", lambda _: None)  # pdoc's affair, and ten seconds
+    monkeypatch.setattr(
+        pages, "write_reference", lambda _: None
+    )  # pdoc's affair, and ten seconds
     pages.render_pages(notebooks, tmp_path / "html", solutions)
-    page, outside = browser.new_page(), []
+    page = browser.new_page()
+    outside = []
     page.on("request", lambda request: outside.append(request.url))
     page.goto((tmp_path / "html" / "01_a.html").as_uri())
     page.locator("mjx-container").wait_for()
     solution = [page.get_by_text("answer"), page.get_by_text("Therefore.")]
-    code, hint = page.locator(".endolab-code pre"), page.get_by_text("Think.")
-    assert [part.is_visible() for part in [*solution, code, hint]] == [solutions, solutions, False, False]
-    assert page.get_by_text("42", exact=True).first.is_visible()  # what the hidden code printed
+    code = page.locator(".endolab-code pre")
+    hint = page.get_by_text("Think.")
+    assert [part.is_visible() for part in [*solution, code, hint]] == [
+        solutions,
+        solutions,
+        False,
+        False,
+    ]
+    assert page.get_by_text(
+        "42", exact=True
+    ).first.is_visible()  # what the hidden code printed
     assert page.get_by_text("Next:").is_visible()
     page.get_by_text("Code", exact=True).click()
     assert code.is_visible()

@@ -39,7 +39,8 @@ def follow(count=100):
 
 threading.Thread(target=follow).start()
 """
-CANVAS, SIZE = ".endolab-surface canvas", ".endolab-size"
+CANVAS = ".endolab-surface canvas"
+SIZE = ".endolab-size"
 DRAWN = f"() => / mm$/.test(document.querySelector('{SIZE}')?.innerText)"
 
 
@@ -65,7 +66,8 @@ def moved(one, other):
 
 def drag(page, right, down):
     box = page.locator(CANVAS).bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    x = box["x"] + box["width"] / 2
+    y = box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
     for step in range(1, 6):
@@ -166,7 +168,9 @@ def follow(opened, index):
     page = opened.page
     before = heap(page), renderers()
     run_cell(opened, index)
-    page.wait_for_function(f"() => / mm, \\d+$/.test(document.querySelector('{SIZE}').innerText)")
+    page.wait_for_function(
+        f"() => / mm, \\d+$/.test(document.querySelector('{SIZE}').innerText)"
+    )
     return heap(page) - before[0], renderers() - before[1]
 
 

@@ -15,7 +15,8 @@ from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
 from tests.browser.conftest import OWN, ROOT, SCREENSHOTS, a_free_port
 
-STATUS, HANDLE = ".endolab-status", ".endolab-tuner input[type=range]"
+STATUS = ".endolab-status"
+HANDLE = ".endolab-tuner input[type=range]"
 SHOWN = "() => document.querySelector('.endolab-picture')?.naturalWidth > 100"
 SAID = f"document.querySelector('{STATUS}').innerText"
 FINAL = f"() => document.querySelector('{STATUS}')?.innerText.includes('converged')"
@@ -43,10 +44,28 @@ def start(frames, compiled):
     started = []
 
     def start(what, *options):
-        command = [sys.executable, "-m", "endolab", "tune", str(frames / what), "--no-browser"]
-        command += ["--calibration", str(frames / "sim/endoscope.json"), f"--port={a_free_port()}"]
-        how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "cwd": ROOT}
-        how["preexec_fn"] = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # in the background ignored
+        command = [
+            sys.executable,
+            "-m",
+            "endolab",
+            "tune",
+            str(frames / what),
+            "--no-browser",
+        ]
+        command += [
+            "--calibration",
+            str(frames / "sim/endoscope.json"),
+            f"--port={a_free_port()}",
+        ]
+        how = {
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.STDOUT,
+            "text": True,
+            "cwd": ROOT,
+        }
+        how["preexec_fn"] = partial(
+            signal.signal, signal.SIGINT, signal.SIG_DFL
+        )  # in the background ignored
         started.append(subprocess.Popen([*command, "--width=160", *options], **how))
         line = started[-1].stdout.readline()
         return started[-1], re.search(r"http://127\.0\.0\.1:\d+/\w{48}/", line)[0]
@@ -96,13 +115,19 @@ def photograph(page, name):
 
 
 @pytest.mark.parametrize("size", [(1366, 768), (1920, 1080)])
-def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(start, visit, size):
+def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(
+    start, visit, size
+):
     process, link = start("sim/frame.png")
     page = visit(link, *size)
     page.wait_for_function(FINAL)
     for _ in range(2):
-        scrolled = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-        page.wait_for_function(f"size => {scrolled}.join() === size", arg=f"{size[0]},{size[1]}")
+        scrolled = (
+            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        )
+        page.wait_for_function(
+            f"size => {scrolled}.join() === size", arg=f"{size[0]},{size[1]}"
+        )
         box = page.locator(".endolab-picture").bounding_box()
         assert box["width"] > 0.97 * size[0]
         assert box["y"] + box["height"] > 0.97 * size[1]
@@ -114,7 +139,9 @@ def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(start
     page.locator(HANDLE).first.focus()
     for _ in range(4):
         page.keyboard.press("ArrowLeft")
-    page.wait_for_function(f"old => ({FINAL})() && {SAID} !== old && {SAID}.includes('λ 0.4 ')", arg=before)
+    page.wait_for_function(
+        f"old => ({FINAL})() && {SAID} !== old && {SAID}.includes('λ 0.4 ')", arg=before
+    )
     photograph(page, f"tune_{size[0]}x{size[1]}")
     assert page.complaints == []
     page.close()
@@ -126,7 +153,9 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(start
     page = visit(link)
     page.wait_for_function(FINAL)
     page.keyboard.press("n")  # wherever the focus is
-    page.wait_for_function(f"() => {SAID}.includes('frame_9.png: not a picture that can be read')")
+    page.wait_for_function(
+        f"() => {SAID}.includes('frame_9.png: not a picture that can be read')"
+    )
     assert "the frame before is still shown" in page.locator(STATUS).inner_text()
     frames = page.locator(FRAMES)
     frames.select_option("frame_10.png")

@@ -4,8 +4,11 @@ import pytest
 
 from tests.browser.conftest import READY
 
-PICTURE, STATUS, HANDLE = ".endolab-picture", ".endolab-status", ".endolab-tuner input[type=range]"
-LABEL, CHOOSER = ".endolab-said", ".endolab-choose"
+PICTURE = ".endolab-picture"
+STATUS = ".endolab-status"
+HANDLE = ".endolab-tuner input[type=range]"
+LABEL = ".endolab-said"
+CHOOSER = ".endolab-choose"
 CELL = "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox"
 SAID = f"document.querySelector('{STATUS}').innerText"
 FINAL = f"() => document.querySelector('{STATUS}')?.innerText.includes('converged')"
@@ -36,9 +39,11 @@ def says(page, words):
 
 def at(page, right, down, panel=1):
     """Page coordinates of a share of a panel's map."""
-    box, cell = page.locator(PICTURE).bounding_box(), page.evaluate(f"() => {CELLS}")[panel]
+    box = page.locator(PICTURE).bounding_box()
+    cell = page.evaluate(f"() => {CELLS}")[panel]
     left, top, to, bottom = cell["spot"] or cell["box"]
-    x, y = left + right * (to - left), top + down * (bottom - top)
+    x = left + right * (to - left)
+    y = top + down * (bottom - top)
     return box["x"] + x * box["width"], box["y"] + y * box["height"]
 
 
@@ -62,12 +67,15 @@ def test_the_section_follows_the_pointer_and_one_cursor_reads_all_maps(opened):
     page.mouse.move(*at(page, 0.9, 0.5))
     page.wait_for_function(f"() => document.querySelectorAll('{LABEL}').length === 3")
     assert page.locator(LABEL).nth(1).inner_text().endswith(" mm")
-    before, status = page.locator(PICTURE).get_attribute("src"), page.locator(STATUS).inner_text()
+    before = page.locator(PICTURE).get_attribute("src")
+    status = page.locator(STATUS).inner_text()
     page.mouse.down()
     for step in range(1, 21):
         page.mouse.move(*at(page, 0.9 - 0.04 * step, 0.5))
     page.mouse.up()
-    page.wait_for_function(f"old => document.querySelector('{PICTURE}').src !== old", arg=before)
+    page.wait_for_function(
+        f"old => document.querySelector('{PICTURE}').src !== old", arg=before
+    )
     page.wait_for_timeout(500)
     section = "document.querySelector('.endolab-section input').value"
     assert float(page.evaluate(section)) == pytest.approx(10, abs=1)
@@ -77,11 +85,14 @@ def test_the_section_follows_the_pointer_and_one_cursor_reads_all_maps(opened):
 
 
 def test_a_title_opens_a_list_and_the_surface_goes_where_3d_is(opened):
-    page, canvas = opened.page, opened.page.locator(".endolab-surface canvas")
+    page = opened.page
+    canvas = opened.page.locator(".endolab-surface canvas")
     first = canvas.bounding_box()
     page.locator(CHOOSER).nth(0).select_option("3D")
     page.locator(CHOOSER).nth(4).select_option("normals")
-    page.wait_for_function(f"() => {CELLS}[4].name === 'normals' && {CELLS}[4].spot !== null")
+    page.wait_for_function(
+        f"() => {CELLS}[4].name === 'normals' && {CELLS}[4].spot !== null"
+    )
     page.wait_for_timeout(500)
     moved = canvas.bounding_box()
     assert moved["x"] < first["x"] - 200
@@ -89,7 +100,8 @@ def test_a_title_opens_a_list_and_the_surface_goes_where_3d_is(opened):
 
 
 def test_a_stands_beside_b_by_keys_and_the_notebook_does_not_hear_them(opened):
-    page, cells = opened.page, opened.state()["cells"]
+    page = opened.page
+    cells = opened.state()["cells"]
     page.keyboard.press("a")
     page.get_by_role("button", name="drop A").wait_for()
     press(page, "ArrowLeft", 10)
@@ -121,11 +133,14 @@ def test_the_pictures_are_there_every_time_the_cell_has_run(open_notebook):
     opened = open_notebook("06_tuner.ipynb", cells=[busy, *[cell] * 10], height=20000)
     assert opened.run_all()["complaints"] == []
     pictures = f"[...document.querySelectorAll('{PICTURE}')]"
-    opened.page.wait_for_function(f"() => {pictures}.filter(one => one.naturalWidth > 100).length === 10")
+    opened.page.wait_for_function(
+        f"() => {pictures}.filter(one => one.naturalWidth > 100).length === 10"
+    )
 
 
 def test_a_restarted_kernel_is_a_line_and_the_cell_runs_again(opened):
-    page, lost = opened.page, opened.page.locator(".endolab-lost")
+    page = opened.page
+    lost = opened.page.locator(".endolab-lost")
     session = "window.jupyterapp.shell.currentWidget.sessionContext.session"
     page.evaluate(f"async () => {{ await {session}.kernel.restart() }}")
     lost.wait_for(state="visible")

@@ -7,7 +7,8 @@ from scipy.optimize import least_squares
 from endolab.calibration.least_squares import CUT, Arrow, Linearised, fit, robust_sigma
 from endolab.numerics.iteration import Status
 
-GROUPS, EACH = 12, 25
+GROUPS = 12
+EACH = 25
 
 
 @dataclass(frozen=True)
@@ -94,18 +95,25 @@ def test_a_fit_agrees_with_scipy(rng):
     assert found.status is Status.CONVERGED
     used = found.iterate.used
     oracle = least_squares(
-        lambda x: model.residual(unflat(x))[0][used].ravel(), flat(model.start()), xtol=1e-15, ftol=1e-15
+        lambda x: model.residual(unflat(x))[0][used].ravel(),
+        flat(model.start()),
+        xtol=1e-15,
+        ftol=1e-15,
     )
     error = np.sqrt(np.diag(found.covariance.common))
     assert np.abs(found.iterate.unknowns.common - oracle.x[:2]).max() < 1e-3 * error.min()
     assert flat(found.iterate.unknowns) == pytest.approx(oracle.x, abs=1e-5)
-    assert found.iterate.cost == pytest.approx(oracle.cost / found.iterate.sigma**2, rel=1e-6)
+    assert found.iterate.cost == pytest.approx(
+        oracle.cost / found.iterate.sigma**2, rel=1e-6
+    )
 
 
 def test_covariance_is_the_dense_inverse(rng):
     model, found = fitted(rng)
     _, jacobian = dense(model, found.iterate.unknowns)
-    jacobian = jacobian.reshape(-1, 2, jacobian.shape[1])[found.iterate.used].reshape(-1, jacobian.shape[1])
+    jacobian = jacobian.reshape(-1, 2, jacobian.shape[1])[found.iterate.used].reshape(
+        -1, jacobian.shape[1]
+    )
     whole = np.linalg.inv(jacobian.T @ jacobian) * found.iterate.sigma**2
     assert found.covariance.common == pytest.approx(whole[:2, :2], rel=1e-6)
     for g in range(GROUPS):
@@ -116,7 +124,8 @@ def test_covariance_is_the_dense_inverse(rng):
 @pytest.mark.parametrize("damping", [1e-10, 1e-2, 10.0])
 def test_a_step_solves_the_dense_normal_equations(rng, damping):
     model = Decays(rng, prior=(1, 0.5, 0.02))
-    u, lin = model.start(), model.linearise(model.start())
+    u = model.start()
+    lin = model.linearise(model.start())
     weight = rng.uniform(0.5, 2, len(model.group))
     common, own = Arrow(lin, weight, model.group).solve(damping)
     residual, jacobian = dense(model, u)
@@ -126,7 +135,9 @@ def test_a_step_solves_the_dense_normal_equations(rng, damping):
     prior[:, :2] = lin.prior_by_common
     jacobian = np.vstack([jacobian * root[:, None], prior])
     normal = jacobian.T @ jacobian
-    expected = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), jacobian.T @ residual)
+    expected = -np.linalg.solve(
+        normal + damping * np.diag(np.diag(normal)), jacobian.T @ residual
+    )
     assert np.append(common, own.ravel()) == pytest.approx(expected, rel=1e-6, abs=1e-9)
     length = Arrow(lin, weight, model.group).length(common, own)
     assert length == pytest.approx(np.sqrt(expected @ normal @ expected))
@@ -140,7 +151,9 @@ def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
             lin = super().linearise(u)
             common = lin.by_common.copy()
             common[:, :, 1] = -1.0
-            return Linearised(lin.residual, common, lin.by_own, lin.prior, lin.prior_by_common)
+            return Linearised(
+                lin.residual, common, lin.by_own, lin.prior, lin.prior_by_common
+            )
 
         def residual(self, u):
             height, offset = u.own[self.group].T
@@ -181,5 +194,7 @@ def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
     for seed in range(10):
         rng = np.random.default_rng(seed)
         model = Decays(rng)
-        model.y[::40] += (CUT + 0.02 * rng.normal(size=model.y[::40].shape)) * 0.01 / np.sqrt(2)
+        model.y[::40] += (
+            (CUT + 0.02 * rng.normal(size=model.y[::40].shape)) * 0.01 / np.sqrt(2)
+        )
         assert fit(model, model.start()).status is Status.CONVERGED

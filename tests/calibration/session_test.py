@@ -30,11 +30,18 @@ def video():
     """Frames of a flat sheet, in colour, their names and truth; and what was detected in them."""
     truth = list(
         simulate_video(
-            SHEET, CAMERA, LIGHT, 18, movement=Movement(distance=(25, 60)), sensor=Sensor(noise=1.0)
+            SHEET,
+            CAMERA,
+            LIGHT,
+            18,
+            movement=Movement(distance=(25, 60)),
+            sensor=Sensor(noise=1.0),
         )
     )
     colour = np.array([1.0, 0.8, 0.6])  # of the sensor's channels, in linear light
-    frames = [(f"{n}.png", f.image[..., None] * colour ** (1 / 2.2)) for n, f in enumerate(truth)]
+    frames = [
+        (f"{n}.png", f.image[..., None] * colour ** (1 / 2.2)) for n, f in enumerate(truth)
+    ]
     detections, size = detect_all(frames, SHEET)
     assert size == SIZE
     return frames, truth, detections
@@ -58,7 +65,9 @@ def test_camera_poses_and_light_come_back(video, done):
         assert np.linalg.norm(pose.translation - true.translation) < 0.1  # mm
     assert found.refused == ""
     assert abs(found.light.k - 2.5) < 4 * found.light.standard_errors["k"] + 0.005
-    assert abs(found.light.sigma - 1.04 * 0.8 ** (1 / 2.2)) < 0.06  # noise and rounding, grey levels
+    assert (
+        abs(found.light.sigma - 1.04 * 0.8 ** (1 / 2.2)) < 0.06
+    )  # noise and rounding, grey levels
     assert len(found.light.gains) == len(np.unique(found.samples.frame))
 
 
@@ -74,8 +83,13 @@ def test_frames_that_are_left_out_count_for_nothing(video):
     """Frames that lie are left out; the camera is that of the others alone, and an unknown name is named."""
     frames, _, detections = video
     liars = [name for name in detections if len(detections[name].ids)][:2]
-    wrong = {name: replace(detections[name], pixels=detections[name].pixels * 1.1) for name in liars}
-    found = calibrate(frames, SHEET, detections=detections | wrong, size=SIZE, leave_out=liars)
+    wrong = {
+        name: replace(detections[name], pixels=detections[name].pixels * 1.1)
+        for name in liars
+    }
+    found = calibrate(
+        frames, SHEET, detections=detections | wrong, size=SIZE, leave_out=liars
+    )
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
     assert [found.dropped[name] for name in liars] == [session.LEFT_OUT] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
@@ -92,7 +106,9 @@ def test_a_known_camera_is_kept(video):
     assert found.camera is CAMERA
     assert set(found.poses) | set(found.dropped) == set(few)
     with pytest.raises(ValueError, match="the camera is for 500x360 px"):
-        calibrate(frames, SHEET, camera=replace(CAMERA, width=500), detections=few, size=SIZE)
+        calibrate(
+            frames, SHEET, camera=replace(CAMERA, width=500), detections=few, size=SIZE
+        )
     read = iter(frames)
     with pytest.raises(ValueError, match="the camera is for 500x360 px"):
         calibrate(read, SHEET, camera=replace(CAMERA, width=500))
@@ -131,7 +147,10 @@ def test_a_light_that_cannot_be_fitted_leaves_the_camera(video, expose, word, kn
 def test_too_few_samples_leave_the_camera(video):
     """The pictures of all frames, or of all but one, are lost after the search."""
     frames, _, detections = video
-    one = [(name, image if number == 4 else None) for number, (name, image) in enumerate(frames)]
+    one = [
+        (name, image if number == 4 else None)
+        for number, (name, image) in enumerate(frames)
+    ]
     assert "single frame" in calibrate(one, SHEET, detections=detections, size=SIZE).refused
     none = [(name, None) for name, _ in frames]
     found = calibrate(none, SHEET, detections=detections, size=SIZE)
@@ -139,7 +158,9 @@ def test_too_few_samples_leave_the_camera(video):
     assert found.geometry.rmse < 0.08
 
 
-def test_a_fit_that_breaks_down_leaves_the_camera_but_a_wrong_option_is_an_error(video, monkeypatch):
+def test_a_fit_that_breaks_down_leaves_the_camera_but_a_wrong_option_is_an_error(
+    video, monkeypatch
+):
     frames, _, detections = video
     with pytest.raises(ValueError, match="brdf"):
         calibrate(frames, SHEET, detections=detections, size=SIZE, brdf="shiny")
@@ -168,7 +189,9 @@ def test_frames_of_another_size_are_named(video):
     other = ("small.png", np.zeros((90, 120)))
     with pytest.raises(ValueError, match=r"0\.png is 480x360 px, small\.png is 120x90 px"):
         detect_all([frames[0], other], SHEET)
-    with pytest.raises(ValueError, match=r"the others are 480x360 px, small\.png is 120x90 px"):
+    with pytest.raises(
+        ValueError, match=r"the others are 480x360 px, small\.png is 120x90 px"
+    ):
         detect_all([other], SHEET, size=(480, 360))
 
 

@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.calibration.summary import account, by_reason, evidence, light_errors, plus_minus
+from endolab.calibration.summary import (
+    account,
+    by_reason,
+    evidence,
+    light_errors,
+    plus_minus,
+)
 from endolab.io.atomic import as_json
 from tests.tools.simulated_session import COUNT, simulated
 
@@ -17,11 +23,23 @@ def session():
 
 def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
     known = evidence(session, "sheet.mkv", "green")
-    camera, light, frames = known["camera"], known["photometry"], known["frames"]
-    assert (known["source"], known["target"]["spacing"], light["channel"]) == ("sheet.mkv", 4.2238, "green")
+    camera = known["camera"]
+    light = known["photometry"]
+    frames = known["frames"]
+    assert (known["source"], known["target"]["spacing"], light["channel"]) == (
+        "sheet.mkv",
+        4.2238,
+        "green",
+    )
     assert camera["standard_errors"] == session.geometry.standard_errors
-    assert camera["points"] + camera["outliers"] == sum(len(view.ids) for view in session.geometry.views)
-    at_rim = -100 * np.log(np.cos(session.light.alpha_range[1])) * session.light.standard_errors["k"]
+    assert camera["points"] + camera["outliers"] == sum(
+        len(view.ids) for view in session.geometry.views
+    )
+    at_rim = (
+        -100
+        * np.log(np.cos(session.light.alpha_range[1]))
+        * session.light.standard_errors["k"]
+    )
     assert light["fall_off_percent"]["largest"] == pytest.approx(at_rim, rel=0.05)
     assert 0 < camera["rays_mrad"]["median"] < camera["rays_mrad"]["largest"]
     assert light["gains"]["frame_4"] == session.light.gains[3]  # frame_3 was not located
@@ -32,7 +50,11 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
 
 
 def test_what_is_not_finite_is_null(session):
-    light = replace(session.light, gain_errors=np.full(COUNT, np.inf), correlation=np.full((2, 2), np.nan))
+    light = replace(
+        session.light,
+        gain_errors=np.full(COUNT, np.inf),
+        correlation=np.full((2, 2), np.nan),
+    )
     known = evidence(replace(session, light=light, scores=None))
     as_json(known)  # strict
     assert set(known["photometry"]["gain_errors"].values()) == {None}
@@ -54,7 +76,8 @@ def test_frames_are_grouped_by_reason_and_not_all_named():
 
 
 def test_the_account_says_it_all(session):
-    text, camera = "\n".join(account(session)), evidence(session)["camera"]
+    text = "\n".join(account(session))
+    camera = evidence(session)["camera"]
     for part in (
         "1: too dark (frame_3)",
         f"RMSE {session.geometry.rmse:.3f} px",
@@ -65,10 +88,14 @@ def test_the_account_says_it_all(session):
     ):
         assert part in text
     lost = replace(session.geometry, covariance=np.diag([np.inf] + 7 * [1e-4]))
-    assert "a ray: not told by these frames" in "\n".join(account(replace(session, geometry=lost)))
+    assert "a ray: not told by these frames" in "\n".join(
+        account(replace(session, geometry=lost))
+    )
 
 
 def test_a_light_that_is_free_and_patches_have_rows():
     patches = simulated("vicalib_grey", reflectance=((0.5, 0.05),), gamma=(2.2, 0.1))[0]
     assert "reflectance 1 = 0.5" in "\n".join(account(patches))
-    assert "light tilt x = " in "\n".join(account(simulated("vicalib_folded", light="free")[0]))
+    assert "light tilt x = " in "\n".join(
+        account(simulated("vicalib_folded", light="free")[0])
+    )

@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, darkness
+from endolab.calibration.targets import (
+    TARGETS,
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    DotGrid,
+    darkness,
+)
 from tests.tools.sheet_views import reflectance
 
 BIG, SMALL, FOLDED = (TARGETS[f"vicalib_{name}"] for name in ("big", "small", "folded"))
@@ -21,7 +28,9 @@ def flat(target, dots=10):
     left, top, width, height = target.sheet
     shape = round(height * dots), round(width * dots)
     dark = darkness(target.ink, (left, top), shape, 1 / dots)
-    return np.round(255 * (1 - dark)).astype(np.uint8), lambda pixel: (pixel + 0.5) / dots + [left, top]
+    return np.round(255 * (1 - dark)).astype(
+        np.uint8
+    ), lambda pixel: (pixel + 0.5) / dots + [left, top]
 
 
 def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
@@ -35,11 +44,18 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
         np.testing.assert_array_equal(target.code, BIG.code)
 
 
-@pytest.mark.parametrize("target", [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)])
+@pytest.mark.parametrize(
+    "target", [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)]
+)
 def test_the_raster_is_the_reflectance_averaged(target):
-    corner, step, sub = np.array([-2.13, -1.57]), 0.31, 8
+    corner = np.array([-2.13, -1.57])
+    step = 0.31
+    sub = 8
     shape = 40, 50
-    y, x = ((np.arange(n * sub) + 0.5) * step / sub + c for n, c in zip(shape, corner[::-1], strict=True))
+    y, x = (
+        (np.arange(n * sub) + 0.5) * step / sub + c
+        for n, c in zip(shape, corner[::-1], strict=True)
+    )
     value = reflectance(target, np.stack(np.meshgrid(x, y), axis=-1), black=0.1)
     truth = 1 - value.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
     found = darkness(target.ink, corner, shape, step, 0.1)
@@ -49,12 +65,18 @@ def test_the_raster_is_the_reflectance_averaged(target):
 
 
 @pytest.mark.parametrize(
-    "target", [*TARGETS.values(), DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4)]
+    "target",
+    [*TARGETS.values(), DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4)],
 )
 def test_white_places_are_bare_and_apart(target):
     places = target.white_places()
     angle = np.linspace(0, 2 * np.pi, 49)
-    rings = np.stack([share * np.stack([np.cos(angle), np.sin(angle)], axis=-1) for share in (0.5, 0.999)])
+    rings = np.stack(
+        [
+            share * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            for share in (0.5, 0.999)
+        ]
+    )
     around = places[:, None, None, :2] + places[:, None, None, 2:] * rings
     assert np.all(reflectance(target, around) == 1)
     assert np.all(target.panel_of(around) == target.panel_of(places)[:, None, None])
@@ -62,16 +84,22 @@ def test_white_places_are_bare_and_apart(target):
     away = np.hypot(*np.moveaxis(places[:, None, :2] - places[None, :, :2], -1, 0))
     assert np.sort(away, axis=1)[:, 1].min() >= target.spacing / 2 * (1 - 1e-9)
     assert len(places) > 0.3 * len(target.points)
-    low, high = target.points[:, :2].min(axis=0), target.points[:, :2].max(axis=0)
+    low = target.points[:, :2].min(axis=0)
+    high = target.points[:, :2].max(axis=0)
     assert np.all((places[:, :2] >= low - 1e-9) & (places[:, :2] <= high + 1e-9))
 
 
 def test_charuco_ids_are_opencvs():
-    for target in (TARGETS["charuco"], Charuco(7, 5, 8.0, marker=6.0, dictionary="DICT_4X4_50")):
+    for target in (
+        TARGETS["charuco"],
+        Charuco(7, 5, 8.0, marker=6.0, dictionary="DICT_4X4_50"),
+    ):
         image, to_mm = flat(target)
         corners, ids, _, _ = cv2.aruco.CharucoDetector(target.board).detectBoard(image)
         assert sorted(ids.ravel()) == list(range(len(target.points)))
-        np.testing.assert_allclose(to_mm(corners.reshape(-1, 2)), target.points[ids.ravel(), :2], atol=0.05)
+        np.testing.assert_allclose(
+            to_mm(corners.reshape(-1, 2)), target.points[ids.ravel(), :2], atol=0.05
+        )
         corners = target.board.getChessboardCorners()[:, :2] - target.spacing
         np.testing.assert_allclose(corners, target.points[:, :2], atol=1e-5)
 
@@ -81,7 +109,9 @@ def test_corners_and_circles_are_in_opencvs_order(name):
     target = TARGETS[name]
     image, to_mm = flat(target)
     if name == "chessboard":
-        found, places = cv2.findChessboardCornersSB(image, (target.columns - 1, target.rows - 1))
+        found, places = cv2.findChessboardCornersSB(
+            image, (target.columns - 1, target.rows - 1)
+        )
     else:
         grid = target.columns, target.rows
         found, places = cv2.findCirclesGrid(image, grid, flags=cv2.CALIB_CB_ASYMMETRIC_GRID)
@@ -99,9 +129,15 @@ def test_corners_and_circles_are_in_opencvs_order(name):
         *((make, "columns", value) for make in GOOD for value in (1, 101, 5.5, "5")),
         *((make, "spacing", value) for make in GOOD for value in (0.0, np.nan, 1e300)),
         *((DotGrid, "small", value) for value in (0.0, 2.0)),
-        *((DotGrid, key, value) for key, value in (("seed", -1), ("greys", 1.0), ("fold", 1), ("fold", 2.5))),
+        *(
+            (DotGrid, key, value)
+            for key, value in (("seed", -1), ("greys", 1.0), ("fold", 1), ("fold", 2.5))
+        ),
         *((CircleGrid, key, value) for key, value in (("radius", 3.6), ("fold", 2))),
-        *((Charuco, key, value) for key, value in (("marker", 5.0), ("dictionary", "DICT_9X9_1"))),
+        *(
+            (Charuco, key, value)
+            for key, value in (("marker", 5.0), ("dictionary", "DICT_9X9_1"))
+        ),
     ],
 )
 def test_wrong_values_are_named(make, key, value):

@@ -43,16 +43,21 @@ def turned_back(camera, true, rays):
 
 def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
     """2000 cameras: the ray of each pixel, the pixel of each ray, and what is left after the best turn."""
-    sure, pixels = covariance(), places(PAPER, 16)[1:-1, 2:-2]
+    sure = covariance()
+    pixels = places(PAPER, 16)[1:-1, 2:-2]
     found = ray_uncertainty(PAPER, sure, pixels)
     rays = PAPER.unproject(pixels)
     drawn = np.random.default_rng(1).multivariate_normal(camera_vector(PAPER), sure, 2000)
     cameras = [camera_of(vector, 160, 120) for vector in drawn]
     others = np.array([camera.unproject(pixels) for camera in cameras])
     assert found.mrad == pytest.approx(1e3 * rms(others - rays), rel=0.06)
-    assert found.px == pytest.approx(rms(np.array([c.project(rays) for c in cameras]) - pixels), rel=0.06)
+    assert found.px == pytest.approx(
+        rms(np.array([c.project(rays) for c in cameras]) - pixels), rel=0.06
+    )
     some = [turned_back(camera, PAPER, rays) for camera in cameras[:300]]
-    turned = np.array([turn.apply(o.reshape(-1, 3)) for turn, o in zip(some, others, strict=False)])
+    turned = np.array(
+        [turn.apply(o.reshape(-1, 3)) for turn, o in zip(some, others, strict=False)]
+    )
     ratio = found.mrad_shape.ravel() / (1e3 * rms(turned - rays.reshape(-1, 3)))
     assert np.median(ratio) == pytest.approx(1, rel=0.05)
     assert ratio == pytest.approx(1, rel=0.2)
@@ -77,9 +82,12 @@ def test_what_is_not_told_is_unknown_and_what_no_ray_has_is_nan():
 
 def test_the_light_of_a_centred_lamp_is_as_uncertain_as_k():
     session = simulated()[0]
-    light, cosine = session.light, PAPER.unproject(places(PAPER))[..., 2]
+    light = session.light
+    cosine = PAPER.unproject(places(PAPER))[..., 2]
     found = fall_off_uncertainty(light, PAPER)
-    above = replace(light.photometry, k=light.k + light.standard_errors["k"]).attenuation(cosine)
+    above = replace(light.photometry, k=light.k + light.standard_errors["k"]).attenuation(
+        cosine
+    )
     below = light.photometry.attenuation(cosine)
     seen = np.isfinite(cosine)
     assert found[seen] == pytest.approx(100 * np.log(below / above)[seen], abs=1e-9)
@@ -89,7 +97,8 @@ def test_the_light_of_a_centred_lamp_is_as_uncertain_as_k():
 
 def test_the_light_of_a_free_lamp_is_as_uncertain_as_lamps_that_are_drawn():
     session = simulated("vicalib_folded", light="free")[0]
-    light, camera = session.light, session.camera
+    light = session.light
+    camera = session.camera
     pixels = places(camera, 16)[1:-1, 2:-2]
     found = fall_off_uncertainty(light, camera, pixels, 30.0)
     names = ["k", *(name for name in light.names if name.startswith("light"))]
@@ -98,7 +107,9 @@ def test_the_light_of_a_free_lamp_is_as_uncertain_as_lamps_that_are_drawn():
     (spot,) = light.photometry.lights
     tilt = np.array(spot.direction[:2]) / spot.direction[2]
     mean = np.array([spot.exponent, *spot.position, *tilt])
-    drawn = np.random.default_rng(2).multivariate_normal(mean, light.covariance[np.ix_(index, index)], 3000)
+    drawn = np.random.default_rng(2).multivariate_normal(
+        mean, light.covariance[np.ix_(index, index)], 3000
+    )
     points = 30 * camera.unproject(pixels)
     logs = []
     for k, x, y, z, a, b in drawn:

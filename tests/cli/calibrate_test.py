@@ -37,9 +37,24 @@ def calibrate(source, out, *options, target="vicalib_folded"):
 def work(tmp_path_factory):
     """A simulated video `v`, and its calibration `cal.json` with its report."""
     folder = tmp_path_factory.mktemp("work")
-    how = ("--frames", FRAMES, "--width", 640, "--target", "vicalib_folded", "--noise", 1, "--video")
+    how = (
+        "--frames",
+        FRAMES,
+        "--width",
+        640,
+        "--target",
+        "vicalib_folded",
+        "--noise",
+        1,
+        "--video",
+    )
     assert call("simulate", "sheet", "--out", folder / "v", *how) == 0
-    assert calibrate(folder / "v/sheet.mkv", folder / "cal.json", "--gamma", "free", "--record") == 0
+    assert (
+        calibrate(
+            folder / "v/sheet.mkv", folder / "cal.json", "--gamma", "free", "--record"
+        )
+        == 0
+    )
     return folder
 
 
@@ -58,7 +73,9 @@ def refused(capsys):
 
     def run(words, *arguments):
         capsys.readouterr()
-        code = (call if arguments[0] in ("target", "calibrate-light") else calibrate)(*arguments)
+        code = (call if arguments[0] in ("target", "calibrate-light") else calibrate)(
+            *arguments
+        )
         error = capsys.readouterr().err
         assert (code, error.count("\n")) == (2, 1)
         assert error.startswith("endolab: ")
@@ -74,7 +91,10 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     for name in ("fx", "fy", "cx", "cy"):
         assert getattr(found.camera, name) == pytest.approx(truth["camera"][name], abs=0.15)
     light = found.photometry
-    assert (light.k, light.gamma) == (pytest.approx(2.5, abs=0.06), pytest.approx(2.2, abs=0.05))
+    assert (light.k, light.gamma) == (
+        pytest.approx(2.5, abs=0.06),
+        pytest.approx(2.2, abs=0.05),
+    )
     assert light.k / light.gamma == pytest.approx(2.5 / 2.2, abs=0.01)
     assert light.gain is None
     gains = found.evidence["photometry"]["gains"]
@@ -84,16 +104,28 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     assert len(found.evidence["frames"]["dropped"]) + len(gains) == FRAMES
     pictures = {"camera.png", "frames.png", "light.png", "uncertainty.png"}
     names = {path.name for path in (work / "cal_report").iterdir()}
-    assert {"report.html", "report.json", "camera.json", "recording.rrd"} | pictures <= names
+    assert {
+        "report.html",
+        "report.json",
+        "camera.json",
+        "recording.rrd",
+    } | pictures <= names
     assert "γ = 2." in (work / "cal_report/report.html").read_text()
 
 
-@pytest.mark.parametrize("options", [("--video",), ("--target", "charuco"), ("--target", "vicalib_folded")])
+@pytest.mark.parametrize(
+    "options", [("--video",), ("--target", "charuco"), ("--target", "vicalib_folded")]
+)
 def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     """Which finds what was written: it fails, if at all, for two frames are too few."""
     out = tmp_path / "a folder"
-    assert call("simulate", "sheet", "--frames", 2, "--width", 240, "--out", out, *options) == 0
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
+    assert (
+        call("simulate", "sheet", "--frames", 2, "--width", 240, "--out", out, *options)
+        == 0
+    )
+    (line,) = [
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")
+    ]
     _, command, source, *rest = shlex.split(line.removeprefix("next: "))
     rest[-1] = tmp_path / rest[-1]
     assert call(command, source, *rest) == 2
@@ -108,7 +140,9 @@ def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     found = el.load_calibration(out)
     assert found.evidence["frames"]["dropped"][names[0]] == "left out, as asked"
     assert not set(names) & set(found.evidence["photometry"]["gains"])
-    assert found.camera.fx == pytest.approx(el.load_calibration("paper", width=640).camera.fx, abs=0.15)
+    assert found.camera.fx == pytest.approx(
+        el.load_calibration("paper", width=640).camera.fx, abs=0.15
+    )
     refused(["leave_out", "'no frame'"], video, out, "--leave-out", "no frame")
 
 
@@ -141,12 +175,24 @@ def test_a_video_that_ends_early_is_calibrated_as_far_as_it_goes(work, tmp_path,
     assert "short.mkv: ends after 19 frames" in caplog.text
 
 
-def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nominal_light(tmp_path, capsys):
+def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nominal_light(
+    tmp_path, capsys
+):
     (tmp_path / "f").mkdir()
-    camera, light = el.load_calibration("paper", width=480).camera, el.Photometry(brdf=PAPER_SHEET)
-    for number, frame in enumerate(simulate_video(el.TARGETS["vicalib_small"], camera, light, 16)):
+    camera = el.load_calibration("paper", width=480).camera
+    light = el.Photometry(brdf=PAPER_SHEET)
+    for number, frame in enumerate(
+        simulate_video(el.TARGETS["vicalib_small"], camera, light, 16)
+    ):
         write_image(tmp_path / f"f/{number:03d}.png", frame.image)
-    asked = ("calibrate", tmp_path / "f", "--target", "vicalib_small", "--out", tmp_path / "c.json")
+    asked = (
+        "calibrate",
+        tmp_path / "f",
+        "--target",
+        "vicalib_small",
+        "--out",
+        tmp_path / "c.json",
+    )
     assert call(*asked, "--gamma", "free") == 0
     assert "the light is not" in capsys.readouterr().out
     assert (tmp_path / "c_report/report.html").is_file()
@@ -176,10 +222,18 @@ def test_a_report_without_a_recording_has_none_of_an_earlier_one(again):
     (report / "notes.txt").write_text("mine")
     assert calibrate(source, out, "--gamma", "free") == 0
     assert not (report / "recording.rrd").exists()
-    assert {"report.html", "report.json", "camera.json", "light.png", "notes.txt"} <= names_in(report)
+    assert {
+        "report.html",
+        "report.json",
+        "camera.json",
+        "light.png",
+        "notes.txt",
+    } <= names_in(report)
 
 
-def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_the_one_before(tmp_path, capsys):
+def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_the_one_before(
+    tmp_path, capsys
+):
     out = tmp_path / "v"
     how = ("simulate", "sheet", "--width", 64, "--out", out, "--overwrite", "--frames")
     assert call(*how, 3) == 0
@@ -197,7 +251,9 @@ def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_the_one_before(tmp
 def test_a_sheet_to_print(tmp_path, refused):
     assert call("target", "vicalib_folded", "--out", tmp_path / "s.pdf") == 0
     assert (tmp_path / "s.pdf").read_bytes().startswith(b"%PDF")
-    refused(["s.pdf", "--overwrite"], "target", "vicalib_small", "--out", tmp_path / "s.pdf")
+    refused(
+        ["s.pdf", "--overwrite"], "target", "vicalib_small", "--out", tmp_path / "s.pdf"
+    )
     assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf", "--overwrite") == 0
     refused(["unknown target"], "target", "none", "--out", tmp_path / "t.pdf")
 
@@ -216,7 +272,14 @@ def tissue(tmp_path_factory):
 
 
 def test_frames_of_tissue_tell_the_light(tissue, tmp_path, capsys, refused):
-    asked = ("calibrate-light", tissue, "--camera", tissue / "camera.json", "--out", tmp_path / "found.json")
+    asked = (
+        "calibrate-light",
+        tissue,
+        "--camera",
+        tissue / "camera.json",
+        "--out",
+        tmp_path / "found.json",
+    )
     assert call(*asked, "--albedo", "0.75,0.38,0.3") == 0
     assert "cannot be read: 2.png" in capsys.readouterr().out
     found = el.load_calibration(tmp_path / "found.json")

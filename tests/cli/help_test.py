@@ -17,17 +17,33 @@ from endolab.io.surfaces import read_depth
 from endolab.io.video import write_video
 
 COMMANDS = next(
-    action.choices for action in cli._parser()._actions if isinstance(action, argparse._SubParsersAction)
+    action.choices
+    for action in cli._parser()._actions
+    if isinstance(action, argparse._SubParsersAction)
 )
-EXAMPLES = [line.strip() for command in COMMANDS.values() for line in command.epilog.splitlines()[1:]]
-CHEAP = [line for line in EXAMPLES if line.split()[1] in ("reconstruct", "sweep", "evaluate", "target")]
-CHEAP = [line for line in CHEAP if "--live" not in line]  # which needs a camera and a screen
+EXAMPLES = [
+    line.strip()
+    for command in COMMANDS.values()
+    for line in command.epilog.splitlines()[1:]
+]
+CHEAP = [
+    line
+    for line in EXAMPLES
+    if line.split()[1] in ("reconstruct", "sweep", "evaluate", "target")
+]
+CHEAP = [
+    line for line in CHEAP if "--live" not in line
+]  # which needs a camera and a screen
 
 
 def words(example):
     """The arguments of an example, as a shell would give them."""
     _, *arguments = shlex.split(example)
-    return [word for text in arguments for word in (sorted(glob.glob(text)) if "*" in text else [text])]
+    return [
+        word
+        for text in arguments
+        for word in (sorted(glob.glob(text)) if "*" in text else [text])
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +59,23 @@ def made(tmp_path_factory):
     calibration = el.load_calibration(folder / "sim/endoscope.json")
     el.write_calibration(calibration, folder / "endoscope.json")
     write_video(folder / "video.mkv", [frame] * 2)
-    truth = {"endolab_target": 1, "kind": "chessboard", "columns": 5, "rows": 4, "spacing": 5.0}
+    truth = {
+        "endolab_target": 1,
+        "kind": "chessboard",
+        "columns": 5,
+        "rows": 4,
+        "spacing": 5.0,
+    }
     (folder / "target.json").write_text(json.dumps(truth), encoding="utf-8")
-    (folder / "tuned.json").write_text('{"endolab_settings": 1, "lam": 0.5}', encoding="utf-8")
-    frame, result = el.Frame(frame, frame.max(axis=-1) >= 0), folder / "result"
+    (folder / "tuned.json").write_text(
+        '{"endolab_settings": 1, "lam": 0.5}', encoding="utf-8"
+    )
+    frame = el.Frame(frame, frame.max(axis=-1) >= 0)
+    result = folder / "result"
     el.save_result(el.reconstruct(frame, calibration, solver="facing"), result)
-    write_image(folder / "0001_depth.png", read_depth(folder / "sim/truth.npz")["z"] / 100, 16)
+    write_image(
+        folder / "0001_depth.png", read_depth(folder / "sim/truth.npz")["z"] / 100, 16
+    )
     return folder
 
 
@@ -67,7 +94,9 @@ def test_help_is_80_columns_wide(monkeypatch):
 
 @pytest.mark.parametrize("example", [line for line in EXAMPLES if line not in CHEAP])
 def test_an_example_parses(example):
-    arguments = cli._parser().parse_args(words(example) if "*" not in example else shlex.split(example)[1:])
+    arguments = cli._parser().parse_args(
+        words(example) if "*" not in example else shlex.split(example)[1:]
+    )
     assert arguments.command == example.split()[1]
 
 

@@ -40,17 +40,29 @@ def started(tmp_path_factory):
         (root / "notebooks" / name).write_text(json.dumps(content), encoding="utf-8")
     (root / "notebooks" / "01_broken.ipynb").write_text("{", encoding="utf-8")
     # A home of its own, so that no settings or signatures of this machine's user matter.
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(root), "TMPDIR": str(root / "tmp")}
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT),
+        "HOME": str(root),
+        "TMPDIR": str(root / "tmp"),
+    }
     (root / "tmp").mkdir()
     log = root / "log.txt"
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        command = [sys.executable, "-m", "endolab", "lab", f"--notebooks={root / 'notebooks'}"]
+        command = [
+            sys.executable,
+            "-m",
+            "endolab",
+            "lab",
+            f"--notebooks={root / 'notebooks'}",
+        ]
         command += [f"--port={port}", "--", "--no-browser"]
         with open(log, "w") as stream:
-            server = subprocess.Popen(command, env=environment, stdout=stream, stderr=subprocess.STDOUT)
+            server = subprocess.Popen(
+                command, env=environment, stdout=stream, stderr=subprocess.STDOUT
+            )
         for _ in range(600):
             if "JupyterLab: " in log.read_text() or server.poll() is not None:
                 break
@@ -96,8 +108,12 @@ def test_nothing_pops_up(ask):
     data = r'id="jupyter-config-data" type="application/json">(.*?)</script>'
     config = json.loads(re.search(data, ask("/lab"), re.S)[1])
     assert (config["buildCheck"], config["buildAvailable"]) == (False, False)
-    plugin = json.loads(ask("/lab/api/settings/@jupyterlab/apputils-extension:notification"))
-    defaults = {name: value["default"] for name, value in plugin["schema"]["properties"].items()}
+    plugin = json.loads(
+        ask("/lab/api/settings/@jupyterlab/apputils-extension:notification")
+    )
+    defaults = {
+        name: value["default"] for name, value in plugin["schema"]["properties"].items()
+    }
     assert (defaults["fetchNews"], defaults["checkForUpdates"]) == ("false", False)
 
 
@@ -118,12 +134,18 @@ def test_the_server_listens_to_this_machine_alone_and_hides_its_token(started, a
 
     server, _, log = started
     process = psutil.Process(server.pid)
-    own = {at.laddr.ip for at in process.net_connections("tcp") if at.status == psutil.CONN_LISTEN}
+    own = {
+        at.laddr.ip
+        for at in process.net_connections("tcp")
+        if at.status == psutil.CONN_LISTEN
+    }
     assert own == {"127.0.0.1"}
     token = re.search(r"token=(\w+)", log.read_text())[1]
     assert token not in " ".join(process.cmdline())
     assert "xsrf" not in " ".join(process.cmdline())
-    assert log.read_text().count(token) == 1  # in the line that is printed, and in no line of the server's
+    assert (
+        log.read_text().count(token) == 1
+    )  # in the line that is printed, and in no line of the server's
 
 
 def test_it_ends_when_it_is_told_to_and_leaves_nothing(started):
@@ -142,8 +164,15 @@ def test_bad_input_is_answered_in_a_line(tmp_path, capsys, monkeypatch):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        for folder, number, named in (("none", port, "none"), (".", 70000, "--port"), (".", port, str(port))):
-            assert cli.main(["lab", f"--notebooks={tmp_path / folder}", f"--port={number}"]) == 2
+        for folder, number, named in (
+            ("none", port, "none"),
+            (".", 70000, "--port"),
+            (".", port, str(port)),
+        ):
+            assert (
+                cli.main(["lab", f"--notebooks={tmp_path / folder}", f"--port={number}"])
+                == 2
+            )
             error = capsys.readouterr().err
             assert (named in error, error.count("\n")) == (True, 1)
 
@@ -167,7 +196,9 @@ def test_interrupting_a_cell_leaves_the_best_iterate(tmp_path):
         reply = client.execute_interactive(LONG_SOLVE, output_hook=hook, timeout=120)
         assert reply["content"]["status"] == "ok", reply["content"]
         asked = "result.status.name, result.iterations > 0, result.energy < result.history[0]['energy']"
-        reply = client.execute("", user_expressions={"answer": asked}, reply=True, timeout=60)
+        reply = client.execute(
+            "", user_expressions={"answer": asked}, reply=True, timeout=60
+        )
         answer = reply["content"]["user_expressions"]["answer"]["data"]["text/plain"]
         assert answer == "('STOPPED', True, True)"
     finally:

@@ -43,7 +43,9 @@ def maps(path):
 
 
 def report(folder):
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    return json.loads(
+        (folder / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +53,36 @@ def work(tmp_path_factory):
     """A folder with a simulated frame `sim`, its reconstruction `out`, and one in relative units `rel`."""
     folder = tmp_path_factory.mktemp("work")
     sim = folder / "sim"
-    assert call("simulate", "curved", "--out", sim, "--calibration", "simple", "--width", 160) == 0
+    assert (
+        call("simulate", "curved", "--out", sim, "--calibration", "simple", "--width", 160)
+        == 0
+    )
     known = json.loads((sim / "endoscope.json").read_text())
     known["photometry"]["gain"] = None
     (folder / "unknown.json").write_text(json.dumps(known))
     frame = sim / "frame.png"
-    assert call("reconstruct", frame, "--calibration", sim / "endoscope.json", "--out", folder / "out") == 0
-    assert call("reconstruct", frame, "--calibration", folder / "unknown.json", "--out", folder / "rel") == 0
+    assert (
+        call(
+            "reconstruct",
+            frame,
+            "--calibration",
+            sim / "endoscope.json",
+            "--out",
+            folder / "out",
+        )
+        == 0
+    )
+    assert (
+        call(
+            "reconstruct",
+            frame,
+            "--calibration",
+            folder / "unknown.json",
+            "--out",
+            folder / "rel",
+        )
+        == 0
+    )
     return folder
 
 
@@ -71,7 +96,9 @@ def solve(sim):
     """Reconstruct the simulated frame with options; the exit code."""
 
     def run(*options, calibration=sim / "endoscope.json"):
-        return call("reconstruct", sim / "frame.png", "--calibration", calibration, *options)
+        return call(
+            "reconstruct", sim / "frame.png", "--calibration", calibration, *options
+        )
 
     return run
 
@@ -98,17 +125,21 @@ def refused(capsys, tmp_path):
 # What it does ---------------------------------------------------------------------------
 def test_simulate_writes_a_frame_and_its_truth(sim):
     assert names(sim) == ["endoscope.json", "frame.png", "report.json", "truth.npz"]
-    calibration, truth = el.load_calibration(sim / "endoscope.json"), maps(sim / "truth.npz")
+    calibration = el.load_calibration(sim / "endoscope.json")
+    truth = maps(sim / "truth.npz")
     assert read_image(sim / "frame.png").shape == (120, 160, 3)
     exact = el.SCENES["curved"].distance(calibration.camera.field.rays)
     np.testing.assert_allclose(truth["distance"], exact, rtol=1e-6)
     assert truth["normals"].shape == (120, 160, 3)
     assert call("simulate", "plane", "--out", sim.parent / "s", "--width", 32) == 0
-    assert call("simulate", "tube", "--out", sim.parent / "s", "--width", 32) == 0  # which is endolab's own
+    assert (
+        call("simulate", "tube", "--out", sim.parent / "s", "--width", 32) == 0
+    )  # which is endolab's own
 
 
 def test_a_folder_holds_what_was_written_last_and_what_that_was_made_of(solve, tmp_path):
-    out, scene = tmp_path / "s", ("--calibration", "simple", "--width", 64, "--out", tmp_path / "s")
+    out = tmp_path / "s"
+    scene = ("--calibration", "simple", "--width", 64, "--out", tmp_path / "s")
     given = ["endoscope.json", "frame.png", "notes.txt", "truth.npz"]
     assert call("simulate", "curved", *scene) == 0
     (out / "notes.txt").write_text("mine")
@@ -133,28 +164,48 @@ def test_reconstruct_writes_a_whole_folder(work):
     content = report(out)
     assert content["settings"]["channel"] == "separated"
     assert (content["settings"]["frame"], content["pixels"]) == ("frame.png", mask.sum())
-    assert sum(one["seconds"] for one in content["stages"]) == pytest.approx(content["seconds"])
+    assert sum(one["seconds"] for one in content["stages"]) == pytest.approx(
+        content["seconds"]
+    )
     header, _, body = (out / "cloud.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {mask.sum()}\n".encode() in header
-    points = np.frombuffer(body, dtype=[("xyz", "<f4", 3), ("n", "<f4", 3), ("rgb", "u1", 3)])
-    np.testing.assert_allclose(np.linalg.norm(points["xyz"], axis=1), depth["distance"][mask], rtol=1e-5)
+    points = np.frombuffer(
+        body, dtype=[("xyz", "<f4", 3), ("n", "<f4", 3), ("rgb", "u1", 3)]
+    )
+    np.testing.assert_allclose(
+        np.linalg.norm(points["xyz"], axis=1), depth["distance"][mask], rtol=1e-5
+    )
     assert (out / "recording.rrd").stat().st_size > 10_000
 
 
-def test_the_summary_tells_how_it_ended_in_which_unit_and_where_it_is(work, solve, capsys, tmp_path):
-    for calibration, unit in ((work / "sim/endoscope.json", "(mm)"), (work / "unknown.json", "(relative")):
+def test_the_summary_tells_how_it_ended_in_which_unit_and_where_it_is(
+    work, solve, capsys, tmp_path
+):
+    for calibration, unit in (
+        (work / "sim/endoscope.json", "(mm)"),
+        (work / "unknown.json", "(relative"),
+    ):
         quick = ("--width", "80", "--channel", "green", "--out", tmp_path / unit)
         assert solve(*quick, calibration=calibration) == 0
         output, error = capsys.readouterr()
         assert error == ""
         content = report(tmp_path / unit)
-        for words in ("CONVERGED", f"gauss_newton, {content['iterations']} iteration", unit, str(tmp_path)):
+        for words in (
+            "CONVERGED",
+            f"gauss_newton, {content['iterations']} iteration",
+            unit,
+            str(tmp_path),
+        ):
             assert words in output
         assert ("--median-distance" in output) == (unit != "(mm)")
 
 
-def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(solve, tmp_path, capsys):
-    assert solve("--solver", "facing", "--out", tmp_path / "out", "--mesh", "--prepare") == 0
+def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
+    solve, tmp_path, capsys
+):
+    assert (
+        solve("--solver", "facing", "--out", tmp_path / "out", "--mesh", "--prepare") == 0
+    )
     assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
     assert "100 % of the picture" in capsys.readouterr().out
     march = ("--width", "80", "--solver", "fast_marching", "--snapshots", "3")
@@ -173,19 +224,59 @@ def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys, refused):
     assert "within 1 σ" in capsys.readouterr().out
     assert call("evaluate", tmp_path / "out/depth.npz", sim / "truth.npz", "--json") == 0
     assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
-    command = ("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--uncertainty")
+    command = (
+        "reconstruct",
+        sim / "frame.png",
+        "--calibration",
+        sim / "endoscope.json",
+        "--uncertainty",
+    )
     assert "'facing'" in refused(*command, "--solver", "facing", "--out", tmp_path / "f")
 
 
 def test_options_arrive(work, solve, tmp_path):
     write_image(tmp_path / "mask.png", np.arange(160) < np.full((120, 1), 80))
-    options = ["--mask", tmp_path / "mask.png", "--xi", "d", "--regulariser", "first", "--lam", "0.5"]
-    options += ["--channel", "red", "--median-distance", "33", "--width", "80", "--smooth", "1.5"]
-    options += ["--epsilon", "2e-3", "--threshold", "0.04", "--max-iterations", "2", "--contours", "no"]
+    options = [
+        "--mask",
+        tmp_path / "mask.png",
+        "--xi",
+        "d",
+        "--regulariser",
+        "first",
+        "--lam",
+        "0.5",
+    ]
+    options += [
+        "--channel",
+        "red",
+        "--median-distance",
+        "33",
+        "--width",
+        "80",
+        "--smooth",
+        "1.5",
+    ]
+    options += [
+        "--epsilon",
+        "2e-3",
+        "--threshold",
+        "0.04",
+        "--max-iterations",
+        "2",
+        "--contours",
+        "no",
+    ]
     options += ["--highlights", "inpaint", "--albedo", "0.4"]
     assert solve("--out", tmp_path / "o", *options, calibration=work / "unknown.json") == 0
     content = report(tmp_path / "o")
-    expected = {"xi": "d", "regulariser": "first", "lam": 0.5, "channel": "red", "width": 80, "smooth": 1.5}
+    expected = {
+        "xi": "d",
+        "regulariser": "first",
+        "lam": 0.5,
+        "channel": "red",
+        "width": 80,
+        "smooth": 1.5,
+    }
     expected |= {"epsilon": 2e-3, "threshold": 0.04, "highlights": "inpaint"}
     assert content["iterations"] <= 2
     assert content["settings"] | expected == content["settings"]
@@ -197,12 +288,18 @@ def test_options_arrive(work, solve, tmp_path):
     assert content["metric"]
 
 
-@pytest.mark.parametrize(("name", "width"), [("distance", ["--width", "80"]), ("diameter", [])])
+@pytest.mark.parametrize(
+    ("name", "width"), [("distance", ["--width", "80"]), ("diameter", [])]
+)
 def test_a_known_length_fixes_the_scale(work, sim, solve, tmp_path, name, width):
     """Pixels are those of the picture, however much it was shrunk."""
     with np.load(sim / "truth.npz") as truth:
-        points = truth["distance"][..., None] * el.load_calibration(sim / "endoscope.json").camera.field.rays
-    one, other = points[40, 30], points[85, 120]
+        points = (
+            truth["distance"][..., None]
+            * el.load_calibration(sim / "endoscope.json").camera.field.rays
+        )
+    one = points[40, 30]
+    other = points[85, 120]
     known = {"distance": f"{np.linalg.norm(one)},30,40"}
     known["diameter"] = f"{np.linalg.norm(one - other)},30,40,120,85"
     options = ["--out", tmp_path, *width, f"--known-{name}", known[name]]
@@ -213,16 +310,48 @@ def test_a_known_length_fixes_the_scale(work, sim, solve, tmp_path, name, width)
 
 
 def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path):
-    output = {"lam": 0.1 + 0.2, "xi": "d", "regulariser": "first", "channel": "green", "width": 48}
+    output = {
+        "lam": 0.1 + 0.2,
+        "xi": "d",
+        "regulariser": "first",
+        "channel": "green",
+        "width": 48,
+    }
     output |= {"contours": False, "known_distance": (30.0, 32.5, 20.0)}
     write_settings(SolvingSettings(output, {"k": 2.0, "albedo": 0.5}), tmp_path / "s.json")
-    given = ["--regulariser", "first", "--channel", "green", "--width", 48, "--contours", "no"]
+    given = [
+        "--regulariser",
+        "first",
+        "--channel",
+        "green",
+        "--width",
+        48,
+        "--contours",
+        "no",
+    ]
     given += ["--known-distance", "30,32.5,20"]
     write_settings(SolvingSettings({}, {"k": 2.0, "albedo": 0.5}), tmp_path / "light.json")
     runs = {
         "file": ["--settings", tmp_path / "s.json"],
-        "options": [*given, "--xi", "d", "--lam", 0.1 + 0.2, "--settings", tmp_path / "light.json"],
-        "both": ["--lam", 1, "--settings", tmp_path / "s.json", "--median-distance", 20, "--albedo", 0.9],
+        "options": [
+            *given,
+            "--xi",
+            "d",
+            "--lam",
+            0.1 + 0.2,
+            "--settings",
+            tmp_path / "light.json",
+        ],
+        "both": [
+            "--lam",
+            1,
+            "--settings",
+            tmp_path / "s.json",
+            "--median-distance",
+            20,
+            "--albedo",
+            0.9,
+        ],
     }
     for name, options in runs.items():
         assert solve(*options, "--out", tmp_path / name) == 0
@@ -230,7 +359,11 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     assert content["file"] == content["options"]
     found = {name: maps(tmp_path / name / "depth.npz")["distance"] for name in runs}
     np.testing.assert_array_equal(found["file"], found["options"])
-    assert (content["both"]["lam"], content["both"]["xi"], content["both"]["known_distance"]) == (
+    assert (
+        content["both"]["lam"],
+        content["both"]["xi"],
+        content["both"]["known_distance"],
+    ) == (
         1,
         "d",
         None,
@@ -257,8 +390,11 @@ def test_evaluate_compares_with_the_truth(work, sim, solve, tmp_path, capsys):
     write_image(tmp_path / "0001_depth.png", maps(sim / "truth.npz")["z"] / 100, 16)
     capsys.readouterr()
     whole = errors(work / "out/depth.npz", sim / "truth.npz")
-    found, true = maps(work / "out/depth.npz")["distance"], maps(sim / "truth.npz")["distance"]
-    assert whole["mean_percent"] == pytest.approx(100 * np.nanmean(np.abs(found - true) / true), rel=1e-5)
+    found = maps(work / "out/depth.npz")["distance"]
+    true = maps(sim / "truth.npz")["distance"]
+    assert whole["mean_percent"] == pytest.approx(
+        100 * np.nanmean(np.abs(found - true) / true), rel=1e-5
+    )
     assert whole["scale"] == 1.0
     assert whole["mean_percent"] < 0.6
     assert whole["mean_degrees"] < 2
@@ -276,7 +412,9 @@ def test_evaluate_compares_with_the_truth(work, sim, solve, tmp_path, capsys):
 
 
 # What it refuses ------------------------------------------------------------------------
-def test_what_is_there_is_replaced_if_it_is_endolabs_and_else_only_when_asked(solve, tmp_path):
+def test_what_is_there_is_replaced_if_it_is_endolabs_and_else_only_when_asked(
+    solve, tmp_path
+):
     (tmp_path / "mine.txt").write_text("old")
     quick = ("--solver", "facing", "--out", tmp_path)
     assert solve(*quick) == 2
@@ -289,13 +427,25 @@ def test_what_is_there_is_replaced_if_it_is_endolabs_and_else_only_when_asked(so
 
 @pytest.mark.parametrize("read", ["frame", "calibration", "settings"])
 def test_what_a_command_reads_is_never_replaced(sim, tmp_path, refused, read):
-    inputs = {"frame": "overview.png", "calibration": "report.json", "settings": "report.json"}
+    inputs = {
+        "frame": "overview.png",
+        "calibration": "report.json",
+        "settings": "report.json",
+    }
     given = {"frame": sim / "frame.png", "calibration": sim / "endoscope.json"}
     write_settings(SolvingSettings(), tmp_path / "report.json")
     if read != "settings":
         shutil.copy(given[read], tmp_path / inputs[read])
     given[read] = tmp_path / inputs[read]
-    command = ["reconstruct", given.pop("frame"), "--solver", "facing", "--out", tmp_path, "--overwrite"]
+    command = [
+        "reconstruct",
+        given.pop("frame"),
+        "--solver",
+        "facing",
+        "--out",
+        tmp_path,
+        "--overwrite",
+    ]
     for name, path in given.items():
         command += [f"--{name}", path]
     assert inputs[read] in refused(*command)
@@ -345,7 +495,11 @@ def test_a_bad_option(sim, tmp_path, refused, options, named):
     ],
 )
 def test_a_bad_file(sim, tmp_path, refused, name, content, named):
-    given = {"frame": sim / "frame.png", "calibration": sim / "endoscope.json", "out": tmp_path / "new/out"}
+    given = {
+        "frame": sim / "frame.png",
+        "calibration": sim / "endoscope.json",
+        "out": tmp_path / "new/out",
+    }
     given[name] = path = tmp_path / f"{name}.png"
     if isinstance(content, np.ndarray):
         write_image(path, content)
@@ -353,7 +507,12 @@ def test_a_bad_file(sim, tmp_path, refused, name, content, named):
         path.write_bytes(content)
     elif content:
         path.mkdir()
-    options = [word for option, path in given.items() if option != "frame" for word in (f"--{option}", path)]
+    options = [
+        word
+        for option, path in given.items()
+        if option != "frame"
+        for word in (f"--{option}", path)
+    ]
     assert named in refused("reconstruct", given["frame"], *options)
 
 
@@ -367,7 +526,12 @@ def npz(**named):
 
 @pytest.mark.parametrize(
     "content",
-    [b"hello", npz(distance=FLAT, z=FLAT)[:5000], npz(distance=FLAT), npz(distance=np.array([None]))],
+    [
+        b"hello",
+        npz(distance=FLAT, z=FLAT)[:5000],
+        npz(distance=FLAT),
+        npz(distance=np.array([None])),
+    ],
 )
 def test_a_bad_depth_map(sim, tmp_path, refused, content):
     (tmp_path / "depth.npz").write_bytes(content)
@@ -429,7 +593,12 @@ def process(sim, tmp_path):
     def start(*arguments, stderr=subprocess.PIPE, **environment):
         command = [sys.executable, "-m", "endolab", *map(str, arguments)]
         environment = os.environ | {"PYTHONPATH": str(ROOT)} | environment
-        how = {"cwd": tmp_path, "env": environment, "stdout": subprocess.PIPE, "stderr": stderr}
+        how = {
+            "cwd": tmp_path,
+            "env": environment,
+            "stdout": subprocess.PIPE,
+            "stderr": stderr,
+        }
         # A job in the background ignores Ctrl-C, and so would its children.
         return subprocess.Popen(
             command, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how
@@ -440,10 +609,29 @@ def process(sim, tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_told_to_end_it_writes_the_best_so_far(tmp_path, process, number):
-    assert call("simulate", "colon", "--calibration", "simple", "--width", 640, "--out", tmp_path / "s") == 0
+    assert (
+        call(
+            "simulate",
+            "colon",
+            "--calibration",
+            "simple",
+            "--width",
+            640,
+            "--out",
+            tmp_path / "s",
+        )
+        == 0
+    )
     terminal, end = os.openpty()
     termios.tcsetwinsize(terminal, (24, 80))
-    command = ["reconstruct", "s/frame.png", "--calibration", "s/endoscope.json", "--out", "o"]
+    command = [
+        "reconstruct",
+        "s/frame.png",
+        "--calibration",
+        "s/endoscope.json",
+        "--out",
+        "o",
+    ]
     command += ["--solver", "primal_dual", "--max-iterations", 10**6]
     with process(*command, stderr=end) as running:
         os.close(end)
@@ -456,14 +644,25 @@ def test_told_to_end_it_writes_the_best_so_far(tmp_path, process, number):
     assert names(tmp_path / "o") == OUTPUTS
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_told_to_end_before_there_is_anything_it_writes_nothing(tmp_path, process, number, status):
-    with process("simulate", "colon", "--calibration", "paper", "--width", 1440, "--out", "o") as running:
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
+def test_told_to_end_before_there_is_anything_it_writes_nothing(
+    tmp_path, process, number, status
+):
+    with process(
+        "simulate", "colon", "--calibration", "paper", "--width", 1440, "--out", "o"
+    ) as running:
         while not list(tmp_path.glob("o/.endolab-*")) and running.poll() is None:
             time.sleep(0.02)
         running.send_signal(number)
         out, error = running.communicate(timeout=60)
-    assert (running.returncode, out, error.count(b"\n"), b"interrupted" in error) == (status, b"", 1, True)
+    assert (running.returncode, out, error.count(b"\n"), b"interrupted" in error) == (
+        status,
+        b"",
+        1,
+        True,
+    )
     assert names(tmp_path) == []
 
 
@@ -491,14 +690,25 @@ def test_nobody_needs_to_read_what_is_printed_in_any_encoding(work, process):
     with process("evaluate", depth, depth, PYTHONUNBUFFERED="1") as running:
         running.stdout.close()  # as after `| head -1`
         assert running.stderr.read() == b""
-    command = f"{shlex.quote(sys.executable)} -m endolab evaluate '{depth}' '{depth}' >&- 2>&-"
+    command = (
+        f"{shlex.quote(sys.executable)} -m endolab evaluate '{depth}' '{depth}' >&- 2>&-"
+    )
     assert subprocess.run(command, shell=True, timeout=60).returncode == 0
 
 
 def test_the_first_run_says_that_it_compiles_and_no_other(sim, tmp_path, process):
-    command = ["reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--out", "o"]
+    command = [
+        "reconstruct",
+        sim / "frame.png",
+        "--calibration",
+        sim / "endoscope.json",
+        "--out",
+        "o",
+    ]
     for lines in (1, 0):
-        with process(*command, "--solver", "facing", NUMBA_CACHE_DIR=str(tmp_path / "cache")) as running:
+        with process(
+            *command, "--solver", "facing", NUMBA_CACHE_DIR=str(tmp_path / "cache")
+        ) as running:
             _, error = running.communicate(timeout=200)
         assert (running.returncode, error.count(b"\n")) == (0, lines)
 
@@ -509,4 +719,6 @@ def test_help_is_quick_and_loads_nothing_large(process):
     for word in (b"reconstruct", b"sweep", b"simulate", b"evaluate"):
         assert word in out
     slow = {"numpy", "cv2", "scipy", "numba", "matplotlib", "rerun", "open3d", "jupyterlab"}
-    assert not slow & {line.rpartition("|")[2].strip() for line in error.decode().splitlines()}
+    assert not slow & {
+        line.rpartition("|")[2].strip() for line in error.decode().splitlines()
+    }

@@ -23,7 +23,9 @@ class Camera:
     """A camera of OpenCV's that sees these pictures, and whose user presses Ctrl-C after so many."""
 
     def __init__(self, pictures, end):
-        self.pictures, self.end, self.count = pictures, end, 0
+        self.pictures = pictures
+        self.end = end
+        self.count = 0
 
     def isOpened(self):
         return True
@@ -36,7 +38,9 @@ class Camera:
         self.count += 1
         if self.count == self.end:
             os.kill(os.getpid(), signal.SIGINT)
-        return True, np.round(255 * self.pictures[self.count % 3]).astype(np.uint8)[..., ::-1]
+        return True, np.round(255 * self.pictures[self.count % 3]).astype(np.uint8)[
+            ..., ::-1
+        ]
 
     def release(self):
         pass
@@ -54,7 +58,8 @@ def here(tmp_path, monkeypatch, pictures):
     """A folder with a film and its calibration."""
     base = datasets.load_calibration("simple", 48)
     el.write_calibration(
-        el.Calibration(base.camera, replace(base.photometry, gain=None)), tmp_path / "cal.json"
+        el.Calibration(base.camera, replace(base.photometry, gain=None)),
+        tmp_path / "cal.json",
     )
     (tmp_path / "film").mkdir()
     for number, picture in enumerate(pictures):
@@ -84,17 +89,30 @@ def test_a_video_goes_on_and_tells_what_became_of_it(call, here):
     (here / "film/2.png").write_bytes(b"broken")
     code, output, error = call("reconstruct film --out o --solver facing")
     assert (code, error) == (0, "")
-    for words in ("2 of 3 frames", "earlier call: 1", "not done: 2.png", "relative units", "recording.rrd"):
+    for words in (
+        "2 of 3 frames",
+        "earlier call: 1",
+        "not done: 2.png",
+        "relative units",
+        "recording.rrd",
+    ):
         assert words in output
     assert len(rows(here / "o/frames.csv")) == 3
     code, _, error = call("reconstruct film --out o --solver facing --lam 3")
-    assert (code, error.count("\n"), "lam" in error, "--overwrite" in error) == (2, 1, True, True)
+    assert (code, error.count("\n"), "lam" in error, "--overwrite" in error) == (
+        2,
+        1,
+        True,
+        True,
+    )
     assert call("reconstruct v.mkv --out w --every 4 --solver facing --width 32")[0] == 0
     assert [row["frame"] for row in rows(here / "w/frames.csv")] == ["000000", "000004"]
 
 
 def test_a_sweep_goes_on_and_tells_what_became_of_it(call, here):
-    code, output, _ = call("sweep film/0.png film/1.png --lam 0.1,1 --xi d --max-iterations 3")
+    code, output, _ = call(
+        "sweep film/0.png film/1.png --lam 0.1,1 --xi d --max-iterations 3"
+    )
     assert (code, "4 of 4 rows" in output) == (0, True)
     code, output, _ = call("sweep film/0.png none.png --lam 1,10 --xi d --max-iterations 3")
     assert code == 0
@@ -105,7 +123,9 @@ def test_a_sweep_goes_on_and_tells_what_became_of_it(call, here):
 
 def test_ctrl_c_ends_a_live_view_with_its_files_written(call, here, monkeypatch, pictures):
     monkeypatch.setattr(cv2, "VideoCapture", lambda *which: Camera(pictures, 6))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell in the background ignores it
     try:
         code, output, error = call("reconstruct 0 --out o --max-iterations 2")
     finally:
@@ -123,10 +143,14 @@ def test_ctrl_c_ends_a_live_view_with_its_files_written(call, here, monkeypatch,
 
 def test_a_video_is_played_live(call, here):
     started = time.monotonic()
-    code, output, _ = call("reconstruct v.mkv --live --out o --max-iterations 2 --limit 100")
+    code, output, _ = call(
+        "reconstruct v.mkv --live --out o --max-iterations 2 --limit 100"
+    )
     assert (code, time.monotonic() - started > 5 / 8) == (0, True)
     assert "of 6 frames" in output
-    code, output, _ = call("reconstruct v.mkv --live --out o --max-iterations 2")  # it is endolab's own
+    code, output, _ = call(
+        "reconstruct v.mkv --live --out o --max-iterations 2"
+    )  # it is endolab's own
     assert code == 0
 
 

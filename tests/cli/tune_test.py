@@ -52,7 +52,9 @@ def test_the_truth_is_a_distance(made):
     calibration = el.load_calibration(made / "sim/endoscope.json")
     expected = read_depth(made / "sim/truth.npz")
     assert np.array_equal(
-        read_truth(made / "sim/truth.npz", calibration), expected["distance"], equal_nan=True
+        read_truth(made / "sim/truth.npz", calibration),
+        expected["distance"],
+        equal_nan=True,
     )
     stored = np.round(expected["z"] / 100 * 65535)  # as C3VD stores it
     cv2.imwrite(str(made / "0001_depth.png"), stored.astype(np.uint16))
@@ -92,9 +94,26 @@ def test_what_is_wrong_is_one_sentence(words, named, made, monkeypatch, capsys):
 def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        command = [sys.executable, "-m", "endolab", "tune", str(made / "sim/frame.png"), "--no-browser"]
-        command += [f"--port={port}", "--calibration", str(made / "sim/endoscope.json"), "--width=64"]
-        how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": ROOT}
+        command = [
+            sys.executable,
+            "-m",
+            "endolab",
+            "tune",
+            str(made / "sim/frame.png"),
+            "--no-browser",
+        ]
+        command += [
+            f"--port={port}",
+            "--calibration",
+            str(made / "sim/endoscope.json"),
+            "--width=64",
+        ]
+        how = {
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.PIPE,
+            "text": True,
+            "cwd": ROOT,
+        }
         # A job in the background ignores Ctrl-C, and so would its children.
         how["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
         with subprocess.Popen(command, **how) as process:
@@ -106,7 +125,11 @@ def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
             assert found, line
             assert port < int(found[1]) < port + lab.PORTS
             own = psutil.Process(process.pid)
-            listening = [at.laddr for at in own.net_connections("tcp") if at.status == psutil.CONN_LISTEN]
+            listening = [
+                at.laddr
+                for at in own.net_connections("tcp")
+                if at.status == psutil.CONN_LISTEN
+            ]
             assert [(at.ip, at.port) for at in listening] == [("127.0.0.1", int(found[1]))]
             assert found[2] not in " ".join(own.cmdline())
             time.sleep(0.5)
@@ -120,9 +143,12 @@ def test_a_frame_of_twelve_megapixels_opens_without_gigabytes(tmp_path):
     """At the tuner's width, in a process of its own; 0.3 GB of it is the picture in double precision."""
     known = load_calibration("paper")
     el.write_calibration(
-        el.Calibration(known.camera.resize(4000, 3000), known.photometry), tmp_path / "large.json"
+        el.Calibration(known.camera.resize(4000, 3000), known.photometry),
+        tmp_path / "large.json",
     )
-    small = el.render(el.SCENES["tube"], known.camera.resize(400, 300), known.photometry).image
+    small = el.render(
+        el.SCENES["tube"], known.camera.resize(400, 300), known.photometry
+    ).image
     stored = cv2.resize(np.round(255 * small[..., ::-1]).astype(np.uint8), (4000, 3000))
     cv2.imwrite(str(tmp_path / "large.png"), stored)
     code = f"""
@@ -140,7 +166,9 @@ app.close()
 peak = re.search("VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]
 print(outcome.result.mask.shape[1], peak)
 """
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=250)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=250
+    )
     assert done.returncode == 0, done.stderr
     width, peak = map(int, done.stdout.split())
     assert width == 160

@@ -60,7 +60,10 @@ def write(tmp_path):
         assert old in geometry + photometry
         folder = tmp_path / "Endoscope_01"
         folder.mkdir(exist_ok=True)
-        paths = folder / "Endoscope_01_geometrical.xml", folder / "Endoscope_01_photometrical.xml"
+        paths = (
+            folder / "Endoscope_01_geometrical.xml",
+            folder / "Endoscope_01_photometrical.xml",
+        )
         for path, text in zip(paths, (geometry, photometry), strict=True):
             path.write_text(text.replace(old, new) if old else text, encoding="utf-8")
         return paths
@@ -73,7 +76,8 @@ def test_the_camera(write):
     assert isinstance(camera, el.KannalaBrandt)
     assert (camera.width, camera.height) == (1440, 1080)
     assert endomapper.read_vicalib(write("734.7278", "0.51")[0]).cx == 0.51
-    theta, k = 0.7, (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
+    theta = 0.7
+    k = (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
     radius = theta + sum(c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True))
     pixel = camera.project([0.0, np.sin(theta), np.cos(theta)])  # down in the picture
     assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
@@ -170,7 +174,9 @@ def test_a_camera_that_cannot_be_used(write, old, new, place):
 )
 def test_a_light_that_cannot_be_used(write, old, new, place):
     camera = datasets.load_calibration("paper").camera
-    refused(lambda path: endomapper.read_photometry(path, camera), write(old, new)[1], place)
+    refused(
+        lambda path: endomapper.read_photometry(path, camera), write(old, new)[1], place
+    )
 
 
 BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</rig>'
@@ -212,5 +218,7 @@ def test_convert(write, tmp_path):
     expected = endomapper.read_endomapper(geometry, photometry)
     assert el.load_calibration(out).to_dict() == expected.to_dict()
     photometry.unlink()
-    assert cli.main(["convert", str(geometry), "--out", str(out), "--overwrite"]) == 0  # the camera alone
+    assert (
+        cli.main(["convert", str(geometry), "--out", str(out), "--overwrite"]) == 0
+    )  # the camera alone
     assert read_camera(out) == expected.camera

@@ -18,9 +18,12 @@ def write_c3vd(folder, suffix="png", shape=(1080, 1350)):
     """A frame of C3VD that shows z = 20 mm but in three pixels, and nothing in the first column."""
     depth = np.full(shape, round(20 * 655.35), np.uint16)
     depth[:, 0] = 0
-    depth[540, 1], depth[543, 679], depth[540, 3] = 65535, 6554, 65534
+    depth[540, 1] = 65535
+    depth[543, 679] = 6554
+    depth[540, 3] = 65534
     colour = np.zeros((1080, 1350, 3), np.uint8)
-    colour[..., 2], colour[7, 9] = 255, (10, 20, 30)
+    colour[..., 2] = 255
+    colour[7, 9] = (10, 20, 30)
     cv2.imwrite(str(folder / "0042_color.png"), colour)
     cv2.imwrite(str(folder / f"0042_depth.{suffix}"), depth)
 
@@ -28,7 +31,8 @@ def write_c3vd(folder, suffix="png", shape=(1080, 1350)):
 def write_simcol3d(folder, shape=(475, 475)):
     """A frame of SimCol3D at z = 4 cm but in two pixels."""
     depth = np.full(shape, 4 / 20 * 255 * 256, np.uint16)
-    depth[0, 0], depth[237, 237] = 0, 256
+    depth[0, 0] = 0
+    depth[237, 237] = 256
     colour = np.full((475, 475, 4), 65280, np.uint16)
     colour[..., 0] = 128 << 8  # blue
     cv2.imwrite(str(folder / "FrameBuffer_0007.png"), colour)
@@ -38,7 +42,8 @@ def write_simcol3d(folder, shape=(475, 475)):
 def write_ucl2019(folder, series=SERIES, value=51, shape=(256, 256), dtype=np.uint8):
     """A frame of UCL 2019 at z = 4 cm, with one pixel unknown and one too far."""
     depth = np.full(shape, value, dtype)
-    depth[0, 0], depth[0, 1] = 0, 255
+    depth[0, 0] = 0
+    depth[0, 1] = 255
     colour = np.full((256, 256, 3), 51, np.uint8)
     colour[..., 2] = 255
     cv2.imwrite(str(folder / f"{series}_Depth_0012.png"), depth)
@@ -58,13 +63,16 @@ every_layout = pytest.mark.parametrize("layout", LOAD)
 
 @pytest.mark.parametrize("name", sorted(datasets.CALIBRATIONS))
 def test_known_endoscopes(name):
-    whole, half = datasets.load_calibration(name), datasets.load_calibration(name, 120)
+    whole = datasets.load_calibration(name)
+    half = datasets.load_calibration(name, 120)
     height = round(whole.camera.height * 120 / whole.camera.width)
     assert (half.camera.width, half.camera.height) == (120, height)
     assert half == whole.resize(120, height)
     assert whole.photometry.gain is None
     assert el.Calibration.from_dict(whole.to_dict()) == whole
-    corners = whole.camera.unproject([(-0.5, -0.5), (whole.camera.width - 0.5, whole.camera.height - 0.5)])
+    corners = whole.camera.unproject(
+        [(-0.5, -0.5), (whole.camera.width - 0.5, whole.camera.height - 0.5)]
+    )
     shrunk = half.camera.unproject([(-0.5, -0.5), (119.5, height - 0.5)])
     assert_allclose(shrunk, corners, atol=1e-9)
 
@@ -100,7 +108,9 @@ def test_a_frame_of_simcol3d(tmp_path):
     assert np.isnan(sample.distance[0, 0])
     assert sample.distance[237, 237] == pytest.approx(200 / 255)
     side = (np.array([474, 0]) - 237) / 227.60416  # the upper right corner
-    assert sample.distance[0, 474] == pytest.approx(40.0 * np.sqrt(1 + side @ side), rel=1e-9)
+    assert sample.distance[0, 474] == pytest.approx(
+        40.0 * np.sqrt(1 + side @ side), rel=1e-9
+    )
 
 
 def test_a_frame_of_ucl2019(tmp_path):
@@ -139,12 +149,18 @@ def test_a_missing_file_is_named(tmp_path, load, message):
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("0001_depth.png", 1 / 655.35), ("9_depth.TIFF", 1 / 655.35), ("Depth_3.png", 200 / 65280)],
+    [
+        ("0001_depth.png", 1 / 655.35),
+        ("9_depth.TIFF", 1 / 655.35),
+        ("Depth_3.png", 200 / 65280),
+    ],
 )
 def test_true_z_goes_by_the_name(tmp_path, name, unit):
     stored = np.array([[0, 1, 30000, 65000]], np.uint16)
     cv2.imwrite(str(tmp_path / name), stored)
-    assert_allclose(datasets.true_z(tmp_path / name), np.where(stored, stored * unit, np.nan))
+    assert_allclose(
+        datasets.true_z(tmp_path / name), np.where(stored, stored * unit, np.nan)
+    )
 
 
 @pytest.mark.parametrize(
@@ -165,7 +181,8 @@ def test_depth_in_another_unit(tmp_path, name, value, message):
 
 
 def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
-    depth, colour = np.full((540, 675), round(20 * 655.35), np.uint16), np.zeros((540, 675, 3), np.uint8)
+    depth = np.full((540, 675), round(20 * 655.35), np.uint16)
+    colour = np.zeros((540, 675, 3), np.uint8)
     cv2.imwrite(str(tmp_path / "0042_depth.tiff"), depth)
     cv2.imwrite(str(tmp_path / "0042_color.png"), colour)
     sample = datasets.read_c3vd(tmp_path, 42)
@@ -186,12 +203,14 @@ def test_colours_of_another_size(tmp_path, layout):
 
 @every_layout
 def test_a_folder_tells_its_layout(tmp_path, layout):
-    name, camera = COLOUR[layout], UCL if layout == "ucl2019" else None
+    name = COLOUR[layout]
+    camera = UCL if layout == "ucl2019" else None
     WRITE[layout](tmp_path)
     (tmp_path / "notes.txt").write_text("a frame")
     folder = folders.open_dataset(tmp_path, camera)
     assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
-    by_position, by_name = folder[0], folder[name]
+    by_position = folder[0]
+    by_name = folder[name]
     assert_array_equal(by_position.distance, by_name.distance)
     assert by_position.frame.name == name
     assert [sample.frame.name for sample in folder] == [name]
@@ -216,11 +235,14 @@ def write_sequence(folder, kind, numbers=(10, 2, 9)):
     """Frames of z = 10 mm and their number, and as red; what else such a folder holds."""
     colours, depths, _ = LAID[kind]
     for number in numbers:
-        colour, depth = folder / colours.format(number), folder / depths.format(number)
+        colour = folder / colours.format(number)
+        depth = folder / depths.format(number)
         for path in (colour, depth):
             path.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(colour), np.full((108, 135, 3), (0, 0, number), np.uint8))
-        cv2.imwrite(str(depth), np.full((108, 135), round((10 + number) * 655.35), np.uint16))
+        cv2.imwrite(
+            str(depth), np.full((108, 135), round((10 + number) * 655.35), np.uint16)
+        )
     for name in ("normals/0002_normals.tiff", "pose.txt", "coverage_mesh.obj"):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).touch()
@@ -299,7 +321,9 @@ def test_published_frames_are_found(tmp_path, monkeypatch):
 
 
 def sample_of(data, name, index):
-    return LOAD[name](data / {"c3vd": "c3vd_trans_t1_a", "simcol3d": "simcol3d"}[name], index)
+    return LOAD[name](
+        data / {"c3vd": "c3vd_trans_t1_a", "simcol3d": "simcol3d"}[name], index
+    )
 
 
 @pytest.mark.parametrize(
@@ -331,11 +355,14 @@ def error_percent(sample, **options):
     """Mean error within 55° of the axis after median scaling, %."""
     result = el.reconstruct(sample.frame, sample.calibration, **options)
     assert not result.metric
-    cosine, truth = result.problem.field.cos_alpha, sample.distance
+    cosine = result.problem.field.cos_alpha
+    truth = sample.distance
     height, width = cosine.shape
     if truth.shape != cosine.shape:
         step = truth.shape[0] // height
-        truth = truth.reshape(height, step, width, step).mean(axis=(1, 3))  # nan where part of it is
+        truth = truth.reshape(height, step, width, step).mean(
+            axis=(1, 3)
+        )  # nan where part of it is
     mask = cosine > np.cos(np.deg2rad(55))
     errors = compare(result.distance, truth, cosine, mask=mask, scale="median")
     assert errors.pixels > 0.5 * mask.sum()

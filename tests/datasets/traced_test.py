@@ -16,8 +16,10 @@ from tests.tools.path_tracing import Traced
 
 @pytest.mark.parametrize("name", CASES)
 def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
-    sample, options = load_traced(name), CASES[name].options
-    gamma, mask = sample.calibration.photometry.gamma, sample.frame.mask
+    sample = load_traced(name)
+    options = CASES[name].options
+    gamma = sample.calibration.photometry.gamma
+    mask = sample.frame.mask
     assert sample.calibration.photometry.gain > 0
     rays = sample.calibration.camera.field.rays
     assert_allclose(sample.distance[mask], sample.scene.distance(rays)[mask], atol=0.002)
@@ -26,7 +28,9 @@ def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
     assert np.mean(facing < 0) > 0.999
     linear = sample.direct + sample.indirect + sample.mirrored[..., None]
     if "fog" in options:
-        linear += VEIL * (1 - np.exp(-options["fog"] * np.nan_to_num(sample.distance)))[..., None]
+        linear += (
+            VEIL * (1 - np.exp(-options["fog"] * np.nan_to_num(sample.distance)))[..., None]
+        )
     error = 255 * (np.clip(linear, 0, 1) ** (1 / gamma) - sample.frame.image)[mask]
     clipped = (sample.frame.image[mask] == 1) | (sample.frame.image[mask] == 0)
     noise = np.hypot(options.get("noise", 0.0), 0.3)  # of the sensor, and of rounding
@@ -40,10 +44,17 @@ def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
 
 def made(sample, gain=2.0):
     """What path tracing would have returned."""
-    known, frame = sample.calibration, sample.frame
+    known = sample.calibration
+    frame = sample.frame
     layers = {name: getattr(sample, name) for name in ("distance", "normals", *LAYERS)}
     photometry = replace(known.photometry, gain=gain)
-    return Traced(image=frame.image, mask=frame.mask, camera=known.camera, photometry=photometry, **layers)
+    return Traced(
+        image=frame.image,
+        mask=frame.mask,
+        camera=known.camera,
+        photometry=photometry,
+        **layers,
+    )
 
 
 def test_round_trip(tmp_path):
@@ -64,7 +75,9 @@ def test_unknown_missing_and_broken_frames(tmp_path):
     whole = (FOLDER / "matt.npz").read_bytes()
     (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
     np.savez(tmp_path / "other.npz", image=np.zeros(3))
-    np.savez(tmp_path / "facts.npz", image=np.zeros(3), facts=np.array(json.dumps({"scene": {}})))
+    np.savez(
+        tmp_path / "facts.npz", image=np.zeros(3), facts=np.array(json.dumps({"scene": {}}))
+    )
     for name in ("half", "other", "facts"):
         with pytest.raises(ValueError, match=f"{name}.npz"):
             read(tmp_path / f"{name}.npz")

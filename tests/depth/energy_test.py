@@ -8,7 +8,15 @@ import pytest
 from scipy.special import huber
 
 import endolab as el
-from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD, second_form, size_and_twofold, whole
+from endolab.depth.curvature import (
+    ANGLE,
+    CREASE,
+    SLIGHT,
+    TWOFOLD,
+    second_form,
+    size_and_twofold,
+    whole,
+)
 from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.problem import Problem
 from endolab.numerics.derivatives import gradient
@@ -33,7 +41,8 @@ def tiny(rng):
 def holed(rng):
     """A frame of 9×7 px that a rough surface nearly explains, with holes and cuts."""
     shape = (7, 9)
-    mask, cuts = np.ones(shape, dtype=bool), rng.random((2, *shape)) < 0.1
+    mask = np.ones(shape, dtype=bool)
+    cuts = rng.random((2, *shape)) < 0.1
     mask[2, 3] = mask[0, 0] = mask[5:, 6] = False
     camera = el.Pinhole(9, 7, 5.0, 5.4, 3.8, 3.1)
     v = np.log(20) + 0.1 * rng.normal(size=shape)
@@ -44,7 +53,9 @@ def holed(rng):
 
 def smoothed(problem, xi, regulariser):
     """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
-    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 6e-5)}[regulariser]
+    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 6e-5)}[
+        regulariser
+    ]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 
@@ -61,10 +72,12 @@ def test_data_term_is_the_sum_written_out(tiny):
     problem, v = tiny
     problem = replace(problem, mask=np.ones((5, 7), dtype=bool))
     v_row, v_column = np.gradient(v, edge_order=1)
-    h, expected = 1e-5, 0.0
+    h = 1e-5
+    expected = 0.0
     for row, column in np.ndindex(5, 7):
         ray, right, left, lower, upper = (
-            CAMERA.unproject((column + a, row + b)) for a, b in ((0, 0), (h, 0), (-h, 0), (0, h), (0, -h))
+            CAMERA.unproject((column + a, row + b))
+            for a, b in ((0, 0), (h, 0), (-h, 0), (0, h), (0, -h))
         )
         along_u = (right - left) / (2 * h) + v_column[row, column] * ray
         along_v = (lower - upper) / (2 * h) + v_row[row, column] * ray
@@ -81,7 +94,8 @@ def test_data_term_is_the_sum_written_out(tiny):
 def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     problem, v = tiny
     problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
-    mask, cosine = problem.mask, CAMERA.unproject(np.moveaxis(np.indices((5, 7))[::-1], 0, -1))[..., 2]
+    mask = problem.mask
+    cosine = CAMERA.unproject(np.moveaxis(np.indices((5, 7))[::-1], 0, -1))[..., 2]
     maps = {"1/z": lambda v: np.exp(-v) / cosine, "d": np.exp, "1/d": lambda v: np.exp(-v)}
     start = np.log(problem.image**-2.0 * cosine**1.7 * 0.6 / np.pi * 900.0) / 2
     f = maps[xi](v) / np.median(maps[xi](start)[mask])
@@ -97,35 +111,44 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
         inside = 0 <= other[0] < 5 and 0 <= other[1] < 7 and mask[other]
         return problem.image[other] - problem.image[pixel] if inside else 0.0
 
-    total, beside = 0.0, [(0, 1), (1, 0), (0, -1), (-1, 0)]
+    total = 0.0
+    beside = [(0, 1), (1, 0), (0, -1), (-1, 0)]
     for pixel in map(tuple, np.argwhere(mask)):
         if regulariser == "first":
             steps = [at(pixel, (0, 0), (0, 1)), at(pixel, (0, 0), (1, 0))]
             size = np.sqrt(sum((x[1] - x[0]) ** 2 for x in steps if x)) * 7 / 320
         else:
             lines = [at(pixel, (0, -1), (0, 0), (0, 1)), at(pixel, (-1, 0), (0, 0), (1, 0))]
-            squares = [at(pixel, (0, 0), (0, b), (a, 0), (a, b)) for a in (-1, 1) for b in (-1, 1)]
+            squares = [
+                at(pixel, (0, 0), (0, b), (a, 0), (a, b)) for a in (-1, 1) for b in (-1, 1)
+            ]
             second = [(x[0] - 2 * x[1] + x[2]) ** 2 for x in lines if x]
             second += [(x[0] - x[1] - x[2] + x[3]) ** 2 / 2 for x in squares if x]
             size = np.sqrt(sum(second)) * (7 / 320) ** 2
         edge = np.sqrt(sum(image_step(pixel, *step) ** 2 for step in beside) / 2)
         g = np.exp(-edge * 7 / 320 / 0.05)
         total += 0.3 * g * huber(2e-5, size) / 2e-5
-    assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
+    assert energy_terms(problem, v)["regulariser"] == pytest.approx(
+        total / mask.sum(), rel=1e-9
+    )
 
 
 def sizes_and_twofolds(problem, v):
     """How the surface of a map of v bends, in the energy's unit, (2, H, W)."""
     w = np.where(problem.mask, np.exp(-v), 0.0) / problem.xi_median
     form = second_form(w, problem.field, problem.mask, problem.cuts)
-    return size_and_twofold(form, problem.field.inverse_metric, whole(problem.mask, problem.cuts))
+    return size_and_twofold(
+        form, problem.field.inverse_metric, whole(problem.mask, problem.cuts)
+    )
 
 
 def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
     """Each second difference of 1/d less that of the plane p·r with its value and slopes; κ of AG⁻¹."""
     problem, v = tiny
     problem = replace(problem, regulariser="curvature", lam=0.3)
-    mask, rays, w = problem.mask, problem.field.rays, np.exp(-v) / problem.xi_median
+    mask = problem.mask
+    rays = problem.field.rays
+    w = np.exp(-v) / problem.xi_median
     total = 0.0
     for row, column in np.argwhere(mask):
 
@@ -135,10 +158,16 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
 
         def slope(f, a, b, row=row, column=column, known=known):
             steps = [
-                f[row + s * a, column + s * b] - f[row, column] for s in (1, -1) if known((s * a, s * b))
+                f[row + s * a, column + s * b] - f[row, column]
+                for s in (1, -1)
+                if known((s * a, s * b))
             ]
             signs = [s for s in (1, -1) if known((s * a, s * b))]
-            return sum(s * step for s, step in zip(signs, steps, strict=True)) / len(steps) if steps else None
+            return (
+                sum(s * step for s, step in zip(signs, steps, strict=True)) / len(steps)
+                if steps
+                else None
+            )
 
         slopes = [(slope(rays, *axis), slope(w, *axis)) for axis in ((0, 1), (1, 0))]
         form = [None, None, None]
@@ -149,10 +178,13 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
             patch = np.pad(rest, 1)[row : row + 3, column : column + 3]
             if known((0, 1), (0, -1)):
                 form[0] = patch[1, 2] + patch[1, 0]
-            squares = [(a, b) for a in (1, -1) for b in (1, -1) if known((0, b), (a, 0), (a, b))]
+            squares = [
+                (a, b) for a in (1, -1) for b in (1, -1) if known((0, b), (a, 0), (a, b))
+            ]
             if squares:  # the mean of theirs; the patch is 0 in its middle
                 corners = [
-                    a * b * (patch[1 + a, 1 + b] - patch[1 + a, 1] - patch[1, 1 + b]) for a, b in squares
+                    a * b * (patch[1 + a, 1 + b] - patch[1 + a, 1] - patch[1, 1 + b])
+                    for a, b in squares
                 ]
                 form[1] = np.mean(corners)
             if known((1, 0), (-1, 0)):
@@ -165,7 +197,9 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
         cost = huber(CREASE * 2e-5, size) + TWOFOLD * huber(CREASE * 2e-5, twofold)
         total += 0.3 * problem.edge_weight[row, column] * cost / (CREASE * 2e-5)
     assert ANGLE == 1 / 160
-    assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
+    assert energy_terms(problem, v)["regulariser"] == pytest.approx(
+        total / mask.sum(), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("camera", ["simple", "paper"])
@@ -176,12 +210,15 @@ def test_a_plane_does_not_bend_whatever_the_camera(camera):
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
-def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel_and_its_rim_to_the_third(scene):
+def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel_and_its_rim_to_the_third(
+    scene,
+):
     """The data term is quadratic in the error of the normals: inside h², so a sixteenth at twice the width.
 
     At the rim two pixels give h, so a quarter, from a share of the pixels that halves: an eighth.
     """
-    data, inside = [], []
+    data = []
+    inside = []
     for width in (80, 160, 320):
         problem, v = at_truth(scene, width)
         residual = model_image(problem, v) - problem.image
@@ -206,7 +243,9 @@ def test_the_unit_of_length_plays_no_part(tiny, xi, regulariser, scale):
 
 @every_variant
 def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
-    both = (at_truth("curved", width, xi=xi, regulariser=regulariser) for width in (120, 240))
+    both = (
+        at_truth("curved", width, xi=xi, regulariser=regulariser) for width in (120, 240)
+    )
     small, large = (energy_terms(*each)["regulariser"] for each in both)
     assert small == pytest.approx(large, rel=0.02)
 
@@ -215,11 +254,15 @@ def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
 def test_what_lies_outside_the_mask_moves_no_step(holed, outside):
     problem, v = holed
     image = np.where(problem.mask, problem.image, outside)
-    spoilt = GaussNewtonModel.at(replace(problem, image=image), np.where(problem.mask, v, outside))
+    spoilt = GaussNewtonModel.at(
+        replace(problem, image=image), np.where(problem.mask, v, outside)
+    )
     clean = GaussNewtonModel.at(problem, v)
     np.testing.assert_array_equal(spoilt.gradient, clean.gradient)
     np.testing.assert_array_equal(spoilt.multiply(v), clean.multiply(v))
-    np.testing.assert_array_equal(clean.multiply(np.where(problem.mask, v, np.nan)), clean.multiply(v))
+    np.testing.assert_array_equal(
+        clean.multiply(np.where(problem.mask, v, np.nan)), clean.multiply(v)
+    )
     assert np.all(clean.gradient[~problem.mask] == 0)
     assert np.all(clean.multiply(v)[~problem.mask] == 0)
 
@@ -233,10 +276,8 @@ def test_a_tear_in_the_surface_is_free_where_it_is_cut():
     torn_v = v + 0.3 * right
     canonical = np.exp(-2 * 0.3 * right) ** (1 / problem.photometry.gamma)
     torn = replace(problem, image=problem.image * canonical)
-    dear, free = (
-        energy_terms(torn, torn_v),
-        energy_terms(replace(torn, cuts=cuts), torn_v),
-    )
+    dear = energy_terms(torn, torn_v)
+    free = energy_terms(replace(torn, cuts=cuts), torn_v)
     assert free["data"] < 1e-3 * dear["data"]
     assert free["data"] < 5 * energy_terms(problem, v)["data"]
     assert free["regulariser"] < 0.5 * dear["regulariser"]
@@ -261,12 +302,19 @@ def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
             assert 5 < np.sum(np.abs(size) > CREASE * problem.epsilon) < 50
             assert np.sum(np.abs(size[size != 0]) < CREASE * problem.epsilon) > 5
     else:
-        flat = problem.lam * problem.edge_weight * problem.derivative_scale**2 / problem.epsilon
+        flat = (
+            problem.lam
+            * problem.edge_weight
+            * problem.derivative_scale**2
+            / problem.epsilon
+        )
         assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50
     data = GaussNewtonModel.at(replace(problem, lam=0.0), v).gradient
     assert 0.2 < np.linalg.norm(model.gradient - data) / np.linalg.norm(data) < 5
     expected = slope_of_energy(problem, v)
-    np.testing.assert_allclose(model.gradient, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        model.gradient, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max()
+    )
 
 
 @every_variant
@@ -281,7 +329,8 @@ def test_the_matrix_is_symmetric_and_bends_upwards(holed, xi, regulariser):
 def test_the_model_image_is_linear_along_its_derivatives(rng, holed):
     """I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ."""
     problem, v = holed
-    model, delta = GaussNewtonModel.at(problem, v), rng.normal(size=v.shape)
+    model = GaussNewtonModel.at(problem, v)
+    delta = rng.normal(size=v.shape)
     delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
     change = model.by_v * delta + model.by_v_u * delta_u + model.by_v_v * delta_v
     expected = derivative(lambda x: model_image(problem, x), v, delta)
@@ -290,18 +339,23 @@ def test_the_model_image_is_linear_along_its_derivatives(rng, holed):
 
 def check_the_matrix(problem, v, rng):
     """It is the derivative of the slope along any direction."""
-    model, delta = GaussNewtonModel.at(problem, v), rng.normal(size=v.shape)
+    model = GaussNewtonModel.at(problem, v)
+    delta = rng.normal(size=v.shape)
     expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta)
     product = model.multiply(delta)
     np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
 
 
 @every_variant
-def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(rng, holed, xi, regulariser):
+def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
+    rng, holed, xi, regulariser
+):
     """At no residual and straight ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
     problem, _ = holed
     v = straight(problem, xi, regulariser)
-    check_the_matrix(smoothed(replace(problem, image=model_image(problem, v)), xi, regulariser), v, rng)
+    check_the_matrix(
+        smoothed(replace(problem, image=model_image(problem, v)), xi, regulariser), v, rng
+    )
 
 
 @pytest.mark.parametrize(

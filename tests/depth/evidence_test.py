@@ -18,7 +18,11 @@ from tests.depth.gauss_newton_model import (
 )
 from tests.tools.problems import check_it_falls, every_regulariser, percent_off, problem_of
 
-KINDS = {"at least": (LOWER_BOUND,), "none": (NONE,), "all three": (EXACT, LOWER_BOUND, NONE)}
+KINDS = {
+    "at least": (LOWER_BOUND,),
+    "none": (NONE,),
+    "all three": (EXACT, LOWER_BOUND, NONE),
+}
 every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
@@ -30,7 +34,9 @@ def saturated(problem):
 
 
 def marked(problem, where, what):
-    return replace(problem, evidence=np.where(where & problem.mask, what, EXACT).astype(np.int8))
+    return replace(
+        problem, evidence=np.where(where & problem.mask, what, EXACT).astype(np.int8)
+    )
 
 
 def worn(rng, kind, **options):
@@ -45,13 +51,18 @@ def worn(rng, kind, **options):
 
 def test_the_data_term_is_the_sum_written_out(rng):
     problem, v = worn(rng, "all three")
-    model, total = model_image(problem, v), 0.0
+    model = model_image(problem, v)
+    total = 0.0
     for pixel in map(tuple, np.argwhere(problem.mask)):
         r = model[pixel] - problem.image[pixel]
         if problem.evidence[pixel] == LOWER_BOUND:
             r = min(r, 0.0)
-        total += 0.0 if problem.evidence[pixel] == NONE else float(huber(r, problem.threshold))
-    assert energy_terms(problem, v)["data"] == pytest.approx(total / problem.mask.sum(), rel=1e-12)
+        total += (
+            0.0 if problem.evidence[pixel] == NONE else float(huber(r, problem.threshold))
+        )
+    assert energy_terms(problem, v)["data"] == pytest.approx(
+        total / problem.mask.sum(), rel=1e-12
+    )
 
 
 @every_kind
@@ -63,13 +74,19 @@ def test_compiled_energy_and_equations_are_the_readable_ones(rng, kind, regulari
 
 def test_a_block_says_what_its_pixels_say():
     problem, _ = posed("plane", 32)
-    evidence, image = np.zeros(problem.mask.shape, dtype=np.int8), np.full(problem.mask.shape, 0.5)
-    evidence[:2, :2], image[:2, :2] = [[NONE, NONE], [NONE, EXACT]], [[0.9, 0.9], [0.9, 0.3]]
-    evidence[:2, 2:4], image[:2, 2:4] = NONE, [[0.1, 0.3], [0.5, 0.7]]
-    evidence[:2, 4:6], image[:2, 4:6] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, NONE]], [[1.0, 1.0], [0.7, 0.1]]
+    evidence = np.zeros(problem.mask.shape, dtype=np.int8)
+    image = np.full(problem.mask.shape, 0.5)
+    evidence[:2, :2] = [[NONE, NONE], [NONE, EXACT]]
+    image[:2, :2] = [[0.9, 0.9], [0.9, 0.3]]
+    evidence[:2, 2:4] = NONE
+    image[:2, 2:4] = [[0.1, 0.3], [0.5, 0.7]]
+    evidence[:2, 4:6] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, NONE]]
+    image[:2, 4:6] = [[1.0, 1.0], [0.7, 0.1]]
     evidence[:2, 6:8] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, EXACT]]
     coarse = Grid.of(replace(problem, image=image, evidence=evidence)).coarser()
-    np.testing.assert_array_equal(inner(coarse.evidence)[0, :4], [EXACT, NONE, LOWER_BOUND, EXACT])
+    np.testing.assert_array_equal(
+        inner(coarse.evidence)[0, :4], [EXACT, NONE, LOWER_BOUND, EXACT]
+    )
     np.testing.assert_allclose(inner(coarse.image)[0, :3], [0.3, 0.4, 0.9])
     # At half of a coarse grid's pixels it has the same form.
     np.testing.assert_array_equal(inner(coarse.coarser().evidence)[0, :2], [EXACT, EXACT])
@@ -81,7 +98,10 @@ def test_a_bowl_whose_nearest_part_is_saturated(gain, exact, bounded):
     problem, seen = posed("curved", 160, gain=gain)
     bright = saturated(problem)
     assert bright.mean() > 0.1
-    before, after = (el.run(gauss_newton(each)) for each in (problem, marked(problem, bright, LOWER_BOUND)))
+    before, after = (
+        el.run(gauss_newton(each))
+        for each in (problem, marked(problem, bright, LOWER_BOUND))
+    )
     assert percent_off(before, seen, bright) > exact
     assert percent_off(after, seen, bright) < bounded
     assert percent_off(after, seen, ~bright) < percent_off(before, seen, ~bright) / 2
@@ -96,7 +116,9 @@ def test_a_painted_blob_on_a_plane_is_seen_through(radius):
     rows, columns = np.indices(problem.mask.shape)
     blob = np.hypot(rows - 60, columns - 70) < radius
     problem = replace(problem, image=np.where(blob, 1.0, problem.image))
-    taken, ignored = (el.run(gauss_newton(each)) for each in (problem, marked(problem, blob, NONE)))
+    taken, ignored = (
+        el.run(gauss_newton(each)) for each in (problem, marked(problem, blob, NONE))
+    )
     assert percent_off(taken, seen, blob) > 15
     assert percent_off(ignored, seen, blob) < 0.1
     assert percent_off(ignored, seen, ~blob) < 0.05

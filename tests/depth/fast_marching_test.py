@@ -12,8 +12,19 @@ from endolab.metrics.depth_errors import depth_cuts
 from tests.tools.adjoints import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
 
-AROUND = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]  # (row, column)
-FISHEYE = el.KannalaBrandt(48, 36, 24.0, 25.0, 23.0, 18.5, (-0.139, -0.00124, 0.000913, -0.0000407))
+AROUND = [
+    (0, 1),
+    (1, 1),
+    (1, 0),
+    (1, -1),
+    (0, -1),
+    (-1, -1),
+    (-1, 0),
+    (-1, 1),
+]  # (row, column)
+FISHEYE = el.KannalaBrandt(
+    48, 36, 24.0, 25.0, 23.0, 18.5, (-0.139, -0.00124, 0.000913, -0.0000407)
+)
 
 
 def marched(problem, **options):
@@ -56,7 +67,9 @@ def local_solution(y, limit, inverse_metric, steps, pixel, highest_order):
     """
     best = limit
     guu, guv, gvv = inverse_metric
-    inner = lambda p, q: guu * p[0] * q[0] + guv * (p[0] * q[1] + p[1] * q[0]) + gvv * p[1] * q[1]  # noqa: E731
+
+    def inner(p, q):
+        return guu * p[0] * q[0] + guv * (p[0] * q[1] + p[1] * q[0]) + gvv * p[1] * q[1]
 
     def next_to(place, step):
         return place[0] + step[0], place[1] + step[1]
@@ -64,17 +77,27 @@ def local_solution(y, limit, inverse_metric, steps, pixel, highest_order):
     def difference(step, order):
         """(s, t, neighbour): p·step = s y + t."""
         place = next_to(pixel, step)
-        near, far = y[place], y[next_to(place, step)] if step in steps[place] else np.inf
-        return (-1.5, 2 * near - 0.5 * far, near) if order == 2 and far <= near else (-1.0, near, near)
+        near = y[place]
+        far = y[next_to(place, step)] if step in steps[place] else np.inf
+        return (
+            (-1.5, 2 * near - 0.5 * far, near)
+            if order == 2 and far <= near
+            else (-1.0, near, near)
+        )
 
     for step, turned in zip(AROUND, [*AROUND[1:], AROUND[0]], strict=True):
         if step not in steps[pixel] or y[next_to(pixel, step)] >= limit:
             continue
-        a, b = step[::-1], turned[::-1]
-        length = (gvv * a[0] ** 2 - 2 * guv * a[0] * a[1] + guu * a[1] ** 2) / (guu * gvv - guv**2)
+        a = step[::-1]
+        b = turned[::-1]
+        length = (gvv * a[0] ** 2 - 2 * guv * a[0] * a[1] + guu * a[1] ** 2) / (
+            guu * gvv - guv**2
+        )
         for order in range(highest_order, 0, -1):
             s, t, near = difference(step, order)
-            value = largest_root(s * s / length + 4, s * t / length, t * t / length - 4 * limit**2)
+            value = largest_root(
+                s * s / length + 4, s * t / length, t * t / length - 4 * limit**2
+            )
             if near <= value <= limit:
                 best = min(best, value)
                 break
@@ -88,13 +111,20 @@ def local_solution(y, limit, inverse_metric, steps, pixel, highest_order):
             (sa, ta, ya), (sb, tb, yb) = difference(step, order), difference(turned, order)
             alpha = (b[1] * sa - a[1] * sb) / turn, (a[0] * sb - b[0] * sa) / turn
             beta = (b[1] * ta - a[1] * tb) / turn, (a[0] * tb - b[0] * ta) / turn
-            squared = inner(alpha, alpha) + 4, inner(alpha, beta), inner(beta, beta) - 4 * limit**2
+            squared = (
+                inner(alpha, alpha) + 4,
+                inner(alpha, beta),
+                inner(beta, beta) - 4 * limit**2,
+            )
             value = largest_root(*squared)
             if not max(ya, yb) <= value <= limit:
                 continue
             p = [alpha[0] * value + beta[0], alpha[1] * value + beta[1]]
             down = -(guu * p[0] + guv * p[1]), -(guv * p[0] + gvv * p[1])
-            weights = (down[0] * b[1] - down[1] * b[0]) / turn, (a[0] * down[1] - a[1] * down[0]) / turn
+            weights = (
+                (down[0] * b[1] - down[1] * b[0]) / turn,
+                (a[0] * down[1] - a[1] * down[0]) / turn,
+            )
             if min(weights) >= -1e-9 * (abs(weights[0]) + abs(weights[1])):
                 best = min(best, value)
                 break
@@ -106,11 +136,16 @@ def fast_sweeping(problem):
 
     First order first, which falls to its fixed point from any upper bound; second order from there.
     """
-    steps, d2 = open_steps(problem.mask, problem.cuts), np.exp(2 * problem.log_d0)
+    steps = open_steps(problem.mask, problem.cuts)
+    d2 = np.exp(2 * problem.log_d0)
     y0 = {pixel: float(d2[pixel]) for pixel in steps}
     metric = {pixel: problem.field.inverse_metric[pixel].tolist() for pixel in steps}
     y = dict(y0)
-    orders = [sorted(steps, key=lambda p, r=r, c=c: (r * p[0], c * p[1])) for r in (1, -1) for c in (1, -1)]
+    orders = [
+        sorted(steps, key=lambda p, r=r, c=c: (r * p[0], c * p[1]))
+        for r in (1, -1)
+        for c in (1, -1)
+    ]
     for order in (1, 2):
         for _ in range(20):
             before = list(y.values())
@@ -127,9 +162,16 @@ def fast_sweeping(problem):
 
 @pytest.mark.parametrize(
     ("scene", "tear"),
-    [*product(el.SCENES, ["none"]), ("colon", "contours"), ("colon", "random"), ("tube", "random")],
+    [
+        *product(el.SCENES, ["none"]),
+        ("colon", "contours"),
+        ("colon", "random"),
+        ("tube", "random"),
+    ],
 )
-@pytest.mark.parametrize("camera", [el.Pinhole(17, 13, 8.5, 8.5, 8.2, 6.3), FISHEYE.resize(17, 13)])
+@pytest.mark.parametrize(
+    "camera", [el.Pinhole(17, 13, 8.5, 8.5, 8.2, 6.3), FISHEYE.resize(17, 13)]
+)
 def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
     rows, columns = np.indices((13, 17))
     holed = ~((rows > 7) & (rows < 10) & (columns > 4) & (columns < 8))
@@ -137,7 +179,9 @@ def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
         holed &= rng.random(holed.shape) > 0.05
     problem, seen = problem_of(scene, camera=camera, mask=holed)
     contours = depth_cuts(seen.distance)
-    cuts = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[tear]
+    cuts = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[
+        tear
+    ]
     assert contours.sum() > 20 or scene != "colon"
     problem = replace(problem, cuts=cuts)
     found = marched(problem)
@@ -161,7 +205,8 @@ def test_the_tube_needs_its_border():
     """The border of the tube is inflow: wrong without its values (as the paper is), right with them."""
     problem, seen = problem_of("tube", 320)
     inflow = border(seen, 2)
-    without, given = marched(problem), marched(problem, inflow=inflow)
+    without = marched(problem)
+    given = marched(problem, inflow=inflow)
     assert 4 < percent_off(without, seen) < 9
     assert percent_off(given, seen) < 0.3
     np.testing.assert_allclose(np.log(given)[:2], inflow[:2], rtol=1e-12)
@@ -190,7 +235,9 @@ def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
     for cut in (lambda distance: None, depth_cuts):
         d = marched(replace(problem, cuts=cut(seen.distance)))
         for turn in (np.fliplr, np.flipud, np.transpose, np.rot90):
-            image, mask, truth = (turn(a).copy() for a in (problem.image, problem.mask, seen.distance))
+            image, mask, truth = (
+                turn(a).copy() for a in (problem.image, problem.mask, seen.distance)
+            )
             turned = replace(problem, image=image, mask=mask, cuts=cut(truth))
             np.testing.assert_allclose(marched(turned), turn(d), rtol=1e-9)
 
@@ -203,7 +250,9 @@ def test_the_front_advances_and_ends_where_one_pass_ends():
     assert np.array_equal(arrived[-1], problem.mask)
     assert all(np.all(late | ~early) for early, late in pairwise(arrived))
     assert all(np.all(np.isfinite(step.log_distance[problem.mask])) for step in steps)
-    np.testing.assert_array_equal(steps[-1].log_distance, el.run(fast_marching(problem)).iterate.log_distance)
+    np.testing.assert_array_equal(
+        steps[-1].log_distance, el.run(fast_marching(problem)).iterate.log_distance
+    )
     assert [step.k for step in steps] == list(range(8))
     assert el.run(fast_marching(problem, snapshots=7)).status is el.Status.CONVERGED
 
@@ -219,4 +268,6 @@ def test_contours_that_meet_at_corners_and_holes_do_not_leak(rng):
     for label in range(4):
         patch = mask & (labels == label)
         image = np.where(patch, torn.image, rng.uniform(0.1, 1, labels.shape))
-        np.testing.assert_array_equal(marched(replace(torn, image=image))[patch], whole[patch])
+        np.testing.assert_array_equal(
+            marched(replace(torn, image=image))[patch], whole[patch]
+        )

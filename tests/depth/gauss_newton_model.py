@@ -39,7 +39,9 @@ def _second_form(xi, mask, cuts, field):
 
 
 def _second_form_adjoint(p, mask, cuts, field):
-    return second_form_adjoint(p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts)
+    return second_form_adjoint(
+        p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts
+    )
 
 
 OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
@@ -48,7 +50,10 @@ OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, whi
     "curvature": [_second_form, _second_form_adjoint],
 }
 SAME = {name: name for name in ("by_v", "by_v_u", "by_v_v", "smoothness")}
-TWINS = SAME | {"weight": "data_weight", "slope": "xi_slope"}  # of Coefficients and GaussNewtonModel
+TWINS = SAME | {
+    "weight": "data_weight",
+    "slope": "xi_slope",
+}  # of Coefficients and GaussNewtonModel
 
 
 @dataclass(frozen=True)
@@ -79,36 +84,56 @@ class GaussNewtonModel:
     @classmethod
     def at(cls, problem, log_distance):
         """Linearise around v = log d, (H, W)."""
-        mask, cuts, field, scale = (
-            problem.mask,
-            problem.cuts,
-            problem.field,
-            problem.derivative_scale,
-        )
+        mask = problem.mask
+        cuts = problem.cuts
+        field = problem.field
+        scale = problem.derivative_scale
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
         f_u, f_v = gradient(log_distance, mask, cuts, edge_order=1)
-        shade = problem.photometry.shade(log_distance, slant(f_u, f_v, field), field.cos_alpha)
+        shade = problem.photometry.shade(
+            log_distance, slant(f_u, f_v, field), field.cos_alpha
+        )
         intensity, by_v, by_slant = shade
         residual = intensity - problem.image
-        xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha) / problem.xi_median
+        xi = (
+            to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha)
+            / problem.xi_median
+        )
         xi = np.where(mask, xi, 0.0)
         derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
-        by_gradient = 2 * by_slant * (guu * f_u + guv * f_v), 2 * by_slant * (guv * f_u + gvv * f_v)
+        by_gradient = (
+            2 * by_slant * (guu * f_u + guv * f_v),
+            2 * by_slant * (guv * f_u + gvv * f_v),
+        )
         weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
         if problem.regulariser == "curvature":
             smoothness = cls._bending_weights(problem, derivative)
         else:
             size = np.linalg.norm(scale * derivative, axis=0)
-            smoothness = problem.lam * problem.edge_weight * scale**2 / np.maximum(size, problem.epsilon)
-        counts, slope = contradicts(problem, residual), xi if problem.xi == "d" else -xi
-        data = (np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight))
-        return cls(problem, *data, *(np.where(mask, piece, 0.0) for piece in (xi, slope, smoothness)))
+            smoothness = (
+                problem.lam
+                * problem.edge_weight
+                * scale**2
+                / np.maximum(size, problem.epsilon)
+            )
+        counts = contradicts(problem, residual)
+        slope = xi if problem.xi == "d" else -xi
+        data = (
+            np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight)
+        )
+        return cls(
+            problem,
+            *data,
+            *(np.where(mask, piece, 0.0) for piece in (xi, slope, smoothness)),
+        )
 
     @property
     def gradient(self):
         """Derivative of the energy by v, (H, W)."""
         smooth = self.xi_slope * self._smooth(self.xi)
-        return (self._data_adjoint(self.data_weight * self.residual) + smooth) / self.problem.mask.sum()
+        return (
+            self._data_adjoint(self.data_weight * self.residual) + smooth
+        ) / self.problem.mask.sum()
 
     def multiply(self, delta):
         """Matrix of the quadratic times a change of v, (H, W) to (H, W)."""
@@ -120,30 +145,46 @@ class GaussNewtonModel:
 
     def _data_adjoint(self, residual):
         around = (self.by_v_u * residual, self.by_v_v * residual)
-        return self.by_v * residual + gradient_adjoint(around, self.problem.mask, self.problem.cuts)
+        return self.by_v * residual + gradient_adjoint(
+            around, self.problem.mask, self.problem.cuts
+        )
 
     @staticmethod
     def _bending_weights(problem, form):
         """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
-        known, metric = whole(problem.mask, problem.cuts), problem.field.inverse_metric
+        known = whole(problem.mask, problem.cuts)
+        metric = problem.field.inverse_metric
         size, twofold = size_and_twofold(form, metric, known)
-        inverse, flat = metric[..., [[0, 1], [1, 2]]], np.moveaxis(form, 0, -1)
-        matrix, adjugate = flat[..., [[0, 1], [1, 2]]], flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
+        inverse = metric[..., [[0, 1], [1, 2]]]
+        flat = np.moveaxis(form, 0, -1)
+        matrix = flat[..., [[0, 1], [1, 2]]]
+        adjugate = flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
         # κ₁κ₂ = det A det G⁻¹ and κ² = tr(A G⁻¹)², so that their slopes by A are matrices, too.
         by_product = ANGLE**4 * np.linalg.det(inverse)[..., None, None] * adjugate
         by_half_square = ANGLE**4 * inverse @ matrix @ inverse
         softened = np.hypot(size, SLIGHT)[..., None, None]
-        by_matrix = by_product / softened - twofold[..., None, None] * by_half_square / softened**2
-        by_form = np.stack([by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]])
+        by_matrix = (
+            by_product / softened - twofold[..., None, None] * by_half_square / softened**2
+        )
+        by_form = np.stack(
+            [by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]]
+        )
         p, q, r = np.moveaxis(metric, -1, 0)
-        squared = np.array([[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]])
+        squared = np.array(
+            [[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]]
+        )
         squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
         weights = problem.lam * problem.edge_weight
         onefold = weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
         # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
         # slope is `degree` times what is charged.
         degree = 2 - (size / softened[..., 0, 0]) ** 2
-        weights = weights * TWOFOLD / np.maximum(np.abs(twofold), CREASE * problem.epsilon) / degree
+        weights = (
+            weights
+            * TWOFOLD
+            / np.maximum(np.abs(twofold), CREASE * problem.epsilon)
+            / degree
+        )
         twofold = weights * by_form[:, None] * by_form
         return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
 
@@ -190,11 +231,15 @@ def inside(problem, v):
 
 def check_the_compiled(problem, v, rng):
     """Energy, coefficients, slope and matrix of the compiled loops are the readable ones."""
-    grid, model = Grid.of(problem), GaussNewtonModel.at(problem, v)
-    assert grid.terms(inside(problem, v), problem.lam) == pytest.approx(energy_terms(problem, v), rel=1e-12)
+    grid = Grid.of(problem)
+    model = GaussNewtonModel.at(problem, v)
+    assert grid.terms(inside(problem, v), problem.lam) == pytest.approx(
+        energy_terms(problem, v), rel=1e-12
+    )
     coefficients, descent = grid.equations_at(inside(problem, v), problem.lam)
     for compiled, readable in TWINS.items():
-        found, expected = inner(getattr(coefficients, compiled)), getattr(model, readable)
+        found = inner(getattr(coefficients, compiled))
+        expected = getattr(model, readable)
         assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), compiled
     count = problem.mask.sum()
     assert relative(-inner(descent) / count, model.gradient).max() < 1e-12

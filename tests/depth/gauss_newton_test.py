@@ -52,7 +52,8 @@ def test_the_energy_falls_with_every_iterate(camera, scene, regulariser, xi):
 
 
 @pytest.mark.parametrize(
-    ("scene", "limit", "degrees"), [("plane", 0.01, 0.05), ("curved", 0.01, 0.05), ("tube", 2.0, 4.0)]
+    ("scene", "limit", "degrees"),
+    [("plane", 0.01, 0.05), ("curved", 0.01, 0.05), ("tube", 2.0, 4.0)],
 )
 def test_exact_frames(scene, limit, degrees):
     """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 1.12 %, 2.2° after 8 steps. All with one λ."""
@@ -66,7 +67,8 @@ def test_exact_frames(scene, limit, degrees):
     assert result.iterations <= 10
 
 
-NOISY, FISHEYE = {"width": 320, "noise": 3.0, "bits": 8}, {"width": 160, "camera": "paper"}
+NOISY = {"width": 320, "noise": 3.0, "bits": 8}
+FISHEYE = {"width": 160, "camera": "paper"}
 
 
 @pytest.mark.parametrize(
@@ -76,7 +78,9 @@ NOISY, FISHEYE = {"width": 320, "noise": 3.0, "bits": 8}, {"width": 160, "camera
         *(("curved", FISHEYE, 0.3), ("tube", FISHEYE, 0.4)),
     ],
 )
-def test_noise_of_three_grey_levels_and_a_fisheye_that_sees_round_the_corner(scene, how, limit):
+def test_noise_of_three_grey_levels_and_a_fisheye_that_sees_round_the_corner(
+    scene, how, limit
+):
     """Measured 0.05, 0.05, 2.7 %. The fisheye's border looks at walls that are near: 0.15 and 0.16 %."""
     problem, seen = problem_of(scene, **how)
     result = solved(problem)
@@ -98,7 +102,9 @@ def test_the_contours_of_the_colon_halve_the_error(width):
 
 @pytest.mark.parametrize("share", [0.02, 0.3])
 @every_variant
-def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(rng, xi, regulariser, share):
+def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(
+    rng, xi, regulariser, share
+):
     problem, _ = problem_of("colon", 96, xi=xi, regulariser=regulariser)
     problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < share)
     for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
@@ -114,7 +120,9 @@ def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     inside[30:33, 40:43] = True
     cuts = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
     torn = replace(problem, image=np.where(inside, 0.02, 1.0) * problem.image, cuts=cuts)
-    cold, warm = (solved(torn, start=start) for start in (None, solved(problem).iterate.log_distance))
+    cold, warm = (
+        solved(torn, start=start) for start in (None, solved(problem).iterate.log_distance)
+    )
     assert cold.status is warm.status is el.Status.CONVERGED
     assert warm.energy < 1.05 * cold.energy
 
@@ -156,10 +164,14 @@ def test_a_far_start_is_brought_near_on_coarser_grids():
 
 def test_slow_falls_are_not_taken_for_the_end():
     """Falls of 1 to 2 % go on for twenty steps. Measured 2.3 % left; 29 % if one promise of 1 % is enough."""
-    problem, _ = problem_of("colon", 96, xi="1/z", regulariser="first", lam=1.8, noise=3, bits=8)
+    problem, _ = problem_of(
+        "colon", 96, xi="1/z", regulariser="first", lam=1.8, noise=3, bits=8
+    )
     result = solved(problem)
     assert result.status is el.Status.CONVERGED
-    further = solved(problem, start=result.iterate.log_distance, tolerance=1e-3, max_iterations=60)
+    further = solved(
+        problem, start=result.iterate.log_distance, tolerance=1e-3, max_iterations=60
+    )
     assert further.energy > 0.95 * result.energy
 
 
@@ -191,13 +203,16 @@ def test_islands_share_the_number_of_steps_and_nothing_else():
     """Measured 1e-5 alone and 1e-4 beside noise, whose steps are shorter, in the worst pixel."""
     problem, _ = problem_of("curved", 96)
     columns = np.indices(problem.mask.shape)[1]
-    left, right = problem.mask & (columns < 40), problem.mask & (columns > 41)
+    left = problem.mask & (columns < 40)
+    right = problem.mask & (columns > 41)
     both = replace(problem, mask=left | right)
     noise = np.random.default_rng(0).uniform(0.05, 1.0, right.shape)
     beside = replace(both, image=np.where(right, noise, problem.image))
     alone = replace(problem, mask=left)
     for other in (alone, beside):
-        other.__dict__["xi_median"] = both.xi_median  # of the whole frame: the one thing that they share
+        other.__dict__["xi_median"] = (
+            both.xi_median
+        )  # of the whole frame: the one thing that they share
     distance = solved(both).distance
     np.testing.assert_allclose(solved(alone).distance[left], distance[left], rtol=2e-4)
     np.testing.assert_allclose(solved(beside).distance[left], distance[left], rtol=1e-3)
@@ -239,7 +254,10 @@ def test_tiny_frames(size):
 def poor_frames():
     rng = np.random.default_rng(0)
     image = problem_of("colon", 96)[1].image
-    grey = np.round(255 * np.clip(0.01 + 0.004 * rng.normal(size=image.shape), 1 / 255, 1)) / 255
+    grey = (
+        np.round(255 * np.clip(0.01 + 0.004 * rng.normal(size=image.shape), 1 / 255, 1))
+        / 255
+    )
     return {
         "constant": np.full(image.shape, 0.5),
         "black": np.full(image.shape, 1 / 255),

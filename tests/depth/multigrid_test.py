@@ -15,7 +15,13 @@ from endolab.depth.normal_equations import WEIGHT
 from endolab.depth.problem import Problem
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import links, shift
-from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
+from tests.depth.gauss_newton_model import (
+    TWINS,
+    GaussNewtonModel,
+    check_the_compiled,
+    inside,
+    relative,
+)
 from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
 
 # Where a pixel stands among its matrix's seven or thirteen numbers: (rows, columns) to the other of the pair.
@@ -65,7 +71,10 @@ def test_where_whole_blocks_are_given_coarser_grids_know_their_rays(regulariser)
 def test_a_smooth_step_costs_what_it_should(regulariser):
     """Its differences are small beside the matrix's entries."""
     problem, truth = at_truth("plane", 320, regulariser=regulariser)
-    model, (coefficients, _) = GaussNewtonModel.at(problem, truth), equations(problem, truth)
+    model, (coefficients, _) = (
+        GaussNewtonModel.at(problem, truth),
+        equations(problem, truth),
+    )
     matrix = coefficients.matrix(0.0)
     for data in (True, False):
         if not data:
@@ -93,7 +102,9 @@ def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
         assert np.percentile(error, 90) < 2e-3, compiled
 
 
-@pytest.mark.parametrize(("step", "last", "off"), [(0.0, 31, 1e-13), (1.0, 31, 1e-13), (1.0, 30, 0.01)])
+@pytest.mark.parametrize(
+    ("step", "last", "off"), [(0.0, 31, 1e-13), (1.0, 31, 1e-13), (1.0, 30, 0.01)]
+)
 def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step, last, off):
     """Block means lie in the blocks' centres, and gradients at the rim are as good as inside.
 
@@ -114,9 +125,9 @@ def around(shape, rows, columns, radius):
     """Cuts along a circle: who is inside, and the steps that lead out."""
     i, j = np.indices(shape)
     inside = np.hypot(i - rows, j - columns) < radius
-    return inside, np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)]) & links(
-        np.ones(shape, bool)
-    )
+    return inside, np.stack(
+        [inside ^ shift(inside, 1, axis, False) for axis in (1, 0)]
+    ) & links(np.ones(shape, bool))
 
 
 @pytest.mark.parametrize("centre", [(30, 40), (31, 41), (30.5, 40.3)])
@@ -124,9 +135,11 @@ def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
     """A map of two levels has them on every grid, and a line of cuts is closed on all of them."""
     problem, _ = at_truth("plane", 80)
     inside, cuts = around(problem.mask.shape, *centre, 14.3)
-    grid, v = Grid.of(replace(problem, cuts=cuts)), pad_maps(np.where(inside, 1.0, 2.0))
+    grid = Grid.of(replace(problem, cuts=cuts))
+    v = pad_maps(np.where(inside, 1.0, 2.0))
     for _ in range(3):
-        fine, grid = grid, grid.coarser()
+        fine = grid
+        grid = grid.coarser()
         v = fine.restrict(v)
         levels = inner(v)
         assert set(np.unique(levels)) == {1.0, 2.0}
@@ -141,9 +154,14 @@ def random_maps(rng, free, count):
 
 def test_prolongation_is_the_adjoint_of_restriction(system, rng):
     top, below = system[0].levels[:2]
-    top, below = top.structure, below.structure
-    (fine,), (coarse,) = random_maps(rng, top.active > 0, 1), random_maps(rng, below.active > 0, 1)
-    down, up = np.zeros_like(coarse), np.zeros_like(fine)
+    top = top.structure
+    below = below.structure
+    (fine,), (coarse,) = (
+        random_maps(rng, top.active > 0, 1),
+        random_maps(rng, below.active > 0, 1),
+    )
+    down = np.zeros_like(coarse)
+    up = np.zeros_like(fine)
     top.way.adjoint(fine, below.active, down)
     top.way.add(coarse, up)
     assert np.vdot(down, coarse) == pytest.approx(np.vdot(fine, up), rel=1e-11)
@@ -161,7 +179,9 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
 
     vectors = random_maps(rng, free, 5)
     products = np.array([[np.vdot(a, cycled(b)) for a in vectors] for b in vectors])
-    np.testing.assert_allclose(products, products.T, rtol=0, atol=1e-12 * np.abs(products).max())
+    np.testing.assert_allclose(
+        products, products.T, rtol=0, atol=1e-12 * np.abs(products).max()
+    )
     assert np.linalg.eigvalsh((products + products.T) / 2).min() > 0
 
 
@@ -221,9 +241,15 @@ def test_a_cycle_of_a_turned_grid_is_the_turned_one(rng, size, turn):
         apart = np.hypot(i - 20.2, j - 24.3) < 11.4
         mask = turn(np.hypot(i - rows / 2, j - columns / 2) < 0.6 * rows)
         apart = turn(apart)
-        cuts = np.stack([apart ^ shift(apart, 1, axis, False) for axis in (1, 0)]) & links(mask)
-        image = np.ascontiguousarray(turn(0.4 + 0.2 * np.cos(0.1 * i) * np.sin(0.13 * j + 0.05 * i)))
-        camera = el.Pinhole(*image.shape[::-1], 40.0, 40.0, *((np.array(image.shape[::-1]) - 1) / 2))
+        cuts = np.stack([apart ^ shift(apart, 1, axis, False) for axis in (1, 0)]) & links(
+            mask
+        )
+        image = np.ascontiguousarray(
+            turn(0.4 + 0.2 * np.cos(0.1 * i) * np.sin(0.13 * j + 0.05 * i))
+        )
+        camera = el.Pinhole(
+            *image.shape[::-1], 40.0, 40.0, *((np.array(image.shape[::-1]) - 1) / 2)
+        )
         problem = Problem(image, np.ascontiguousarray(mask), camera, PHOTOMETRY, cuts=cuts)
         coefficients, b = equations(problem, np.where(mask, problem.log_d0, 0.0))
         return Multigrid(coefficients), b
@@ -233,5 +259,6 @@ def test_a_cycle_of_a_turned_grid_is_the_turned_one(rng, size, turn):
     inner(other.levels[0].b)[:] = turn(inner(one.levels[0].b))
     one._cycle()
     other._cycle()
-    found, expected = inner(other.levels[0].x), turn(inner(one.levels[0].x))
+    found = inner(other.levels[0].x)
+    expected = turn(inner(one.levels[0].x))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())

@@ -24,8 +24,11 @@ class Script:
     """A solver that yields the truth plus each offset, then returns; an exception is raised."""
 
     def __init__(self, problem, *steps, end=el.Status.CONVERGED):
-        self.problem, self.steps, self.end = problem, steps, end
-        self.closed, self.iterates = False, []
+        self.problem = problem
+        self.steps = steps
+        self.end = end
+        self.closed = False
+        self.iterates = []
 
     def __call__(self):
         previous = None
@@ -34,7 +37,9 @@ class Script:
                 if isinstance(step, type):
                     raise step
                 scalars = {"step": float(len(self.iterates))}
-                previous = el.Iterate.of(self.problem, TRUTH + step, previous, maps=HERE, scalars=scalars)
+                previous = el.Iterate.of(
+                    self.problem, TRUTH + step, previous, maps=HERE, scalars=scalars
+                )
                 self.iterates.append(previous)
                 yield previous
             return self.end
@@ -46,7 +51,10 @@ class Watcher:
     """An observer that notes what it saw, and at one iterate returns or raises something."""
 
     def __init__(self, at=None, answer=None):
-        self.at, self.answer, self.seen, self.closed = at, answer, [], 0
+        self.at = at
+        self.answer = answer
+        self.seen = []
+        self.closed = 0
 
     def __call__(self, iterate):
         self.seen.append(iterate.k)
@@ -61,7 +69,8 @@ class Watcher:
 
 
 def test_converged_gives_the_last_iterate(problem):
-    script, watcher = Script(problem, 0.5, 0.1, 0.3), Watcher()
+    script = Script(problem, 0.5, 0.1, 0.3)
+    watcher = Watcher()
     result = el.run(script(), [watcher, lambda iterate: False])
     assert result.status is el.Status.CONVERGED
     assert result.iterate is script.iterates[2]
@@ -85,7 +94,8 @@ def test_any_other_end_gives_the_iterate_of_least_energy(problem, status, option
     steps = (0.5, 0.1, 0.3, *([options["then"]] if "then" in options else []))
     more = () if "end" in options or "then" in options else (0.0,)
     script = Script(problem, *steps, *more, end=options.get("end", el.Status.CONVERGED))
-    first, second = Watcher(options.get("at"), options.get("answer")), Watcher()
+    first = Watcher(options.get("at"), options.get("answer"))
+    second = Watcher()
     with np.errstate(over="ignore", invalid="ignore"):
         solver = script()  # kept, so that it is not closed for want of a name
         result = el.run(solver, [first, second], options.get("max_iterations"))
@@ -94,7 +104,9 @@ def test_any_other_end_gives_the_iterate_of_least_energy(problem, status, option
     assert result.iterations == 2
     assert [row["k"] for row in result.history] == [0, 1, 2]
     assert first.seen == [0, 1, 2]
-    assert second.seen == ([0, 1] if options.get("answer") is KeyboardInterrupt else [0, 1, 2])
+    assert second.seen == (
+        [0, 1] if options.get("answer") is KeyboardInterrupt else [0, 1, 2]
+    )
     assert (first.closed, second.closed, script.closed) == (1, 1, True)
 
 
@@ -108,8 +120,12 @@ def test_any_other_end_gives_the_iterate_of_least_energy(problem, status, option
         ((), None, None, ValueError),
     ],
 )
-def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(problem, steps, at, answer, error):
-    script, first, second = Script(problem, *steps), Watcher(at, answer), Watcher()
+def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(
+    problem, steps, at, answer, error
+):
+    script = Script(problem, *steps)
+    first = Watcher(at, answer)
+    second = Watcher()
     solver = script()
     with pytest.raises(error):
         el.run(solver, [first, second])
@@ -145,11 +161,16 @@ def test_an_iterate_shows_the_surface(problem):
     """The plane z = 20 mm on the axis, turned by 10°."""
     iterate = el.Iterate.of(problem, TRUTH)
     np.testing.assert_allclose(iterate.distance[MASK], np.exp(TRUTH)[MASK])
-    points, normal = iterate.points[MASK], np.array([-np.sin(np.deg2rad(10)), 0, -np.cos(np.deg2rad(10))])
+    points = iterate.points[MASK]
+    normal = np.array([-np.sin(np.deg2rad(10)), 0, -np.cos(np.deg2rad(10))])
     np.testing.assert_allclose(points @ normal, 20 * normal[2], rtol=1e-9)
     np.testing.assert_allclose(points[:, 2], iterate.z[MASK], rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(points, axis=-1), iterate.distance[MASK], rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(iterate.normals[MASK], axis=-1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(points, axis=-1), iterate.distance[MASK], rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        np.linalg.norm(iterate.normals[MASK], axis=-1), 1.0, rtol=1e-12
+    )
     assert np.all(iterate.normals[MASK] @ normal > np.cos(np.deg2rad(5)))
     maps = (iterate.distance, iterate.z, iterate.normals, iterate.points)
     assert all(np.isnan(array[~MASK]).all() for array in maps)

@@ -23,7 +23,11 @@ RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd", "report.jso
 SHEET = ("simulate", "sheet", "--width", 160, "--frames", 12)
 # Of each command: its words, what it writes, and the files that come together or not at all.
 COMMANDS = {
-    "reconstruct": (("reconstruct", "frame.png", *KNOWN, "--solver", "primal_dual"), "out", RESULT),
+    "reconstruct": (
+        ("reconstruct", "frame.png", *KNOWN, "--solver", "primal_dual"),
+        "out",
+        RESULT,
+    ),
     "video": (("reconstruct", "pictures", *KNOWN), "out", None),
     "live": (
         ("reconstruct", "file://{given}/video.mkv", *KNOWN),
@@ -32,7 +36,11 @@ COMMANDS = {
     ),
     "sweep": (("sweep", "frame.png", *KNOWN, "--lam", WEIGHTS), "out.csv", None),
     "calibrate": (("calibrate", "sheet", "--target", "vicalib_small"), "out.json", None),
-    "simulate": (("simulate", "colon", "--width", 320), "out", {"endoscope.json", "frame.png", "truth.npz"}),
+    "simulate": (
+        ("simulate", "colon", "--width", 320),
+        "out",
+        {"endoscope.json", "frame.png", "truth.npz"},
+    ),
     "simulate sheet": ((*SHEET, "--video"), "out", {"sheet.mkv", "truth.json"}),
     "target": (("target", "vicalib_small"), "out.pdf", {"out.pdf"}),
     "convert": (("convert", "rig.xml"), "out.json", {"out.json"}),
@@ -44,7 +52,9 @@ PATIENCE = 5  # s until every process that a killed command started is gone
 
 def check(folder, together):
     """All that is there is whole, and complete if it must be."""
-    results = [path for path in folder.rglob("[!.]*") if path.is_file() and "/." not in str(path)]
+    results = [
+        path for path in folder.rglob("[!.]*") if path.is_file() and "/." not in str(path)
+    ]
     assert [path.name for path in results if not whole(path)] == []
     names = {path.name for path in results} - {"report.json"}
     assert together is None or names in (set(), together - {"report.json"})
@@ -55,27 +65,43 @@ def left(session):
     found = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error, ProcessLookupError):
-            if os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE:
+            if (
+                os.getsid(process.pid) == session
+                and process.status() != psutil.STATUS_ZOMBIE
+            ):
                 found.append(" ".join(process.cmdline())[:100])
     return found
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "convert"])  # it takes no time
+@pytest.mark.parametrize(
+    "name", [name for name in COMMANDS if name != "convert"]
+)  # it takes no time
 @pytest.mark.parametrize("seed", range(TIMES))
 def test_a_killed_command_leaves_what_is_whole_and_no_process(name, seed, given, tmp_path):
     words, out, together = COMMANDS[name]
     number = SIGNALS[(seed + list(COMMANDS).index(name)) % len(SIGNALS)]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "ENDOLAB_THREADS": "1"}
     words = [*words, *(("--jobs", 2) if name == "sweep" else ()), "--out", tmp_path / out]
-    command = [sys.executable, "-m", "endolab", *(str(word).format(given=given) for word in words)]
-    streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
+    command = [
+        sys.executable,
+        "-m",
+        "endolab",
+        *(str(word).format(given=given) for word in words),
+    ]
+    streams = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.PIPE,
+        "start_new_session": True,
+    }
     process = subprocess.Popen(command, cwd=given, env=environment, text=True, **streams)
     while process.poll() is None and not any(tmp_path.iterdir()):
         time.sleep(0.01)  # until it has begun
     time.sleep(np.random.default_rng(seed).uniform(0, 0.8))
     with contextlib.suppress(ProcessLookupError):  # as a terminal does: to all of them
-        os.killpg(process.pid, number) if number is signal.SIGINT else process.send_signal(number)
+        os.killpg(process.pid, number) if number is signal.SIGINT else process.send_signal(
+            number
+        )
     _, output = process.communicate(timeout=30)
     assert "Traceback" not in output
     assert len(sentences(output)) <= 1
@@ -93,7 +119,10 @@ def disk(request, tmp_path):
     """A small disk, of which so many kB are free."""
     (tmp_path / "disk").mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "none", tmp_path / "disk"]
-    if sys.platform != "linux" or subprocess.run(mount, capture_output=True, check=False).returncode:
+    if (
+        sys.platform != "linux"
+        or subprocess.run(mount, capture_output=True, check=False).returncode
+    ):
         pytest.skip("no disk can be mounted here")
     (tmp_path / "disk/.full").write_bytes(bytes((64 - request.param) * 1024))
     yield tmp_path / "disk"
@@ -104,18 +133,26 @@ def disk(request, tmp_path):
 def test_a_full_disk_is_one_sentence_and_nothing_half_written(name, given, disk, capfd):
     words, out, together = COMMANDS[name]
     with contextlib.chdir(given):
-        status = run(*(str(word).format(given=given) for word in words), "--out", disk / out)
+        status = run(
+            *(str(word).format(given=given) for word in words), "--out", disk / out
+        )
     output = capfd.readouterr().err
     assert (status, len(sentences(output))) in ((0, 0), (2, 1)), output
     assert status == 0 or "No space left" in output or "disk may be full" in output
     check(disk, together)
     assert not list(disk.rglob(".endolab*"))
     assert status == 2 or (disk / ".full").stat().st_size < 2**16
-    assert status == 0 or together is None or [path.name for path in disk.iterdir()] == [".full"]
+    assert (
+        status == 0
+        or together is None
+        or [path.name for path in disk.iterdir()] == [".full"]
+    )
 
 
 @pytest.mark.parametrize("disk", [60], indirect=True)
-def test_no_recording_waits_for_good_on_a_full_disk(disk):  # as one in sixty did that Rerun wrote itself
+def test_no_recording_waits_for_good_on_a_full_disk(
+    disk,
+):  # as one in sixty did that Rerun wrote itself
     def record():
         with Sink(disk / "run.rrd") as sink:
             for step in range(3):

@@ -20,9 +20,17 @@ from endolab.io.detection_cache import detect_cached
 from endolab.io.settings import SolvingSettings, write_settings
 from endolab.io.video import open_frames
 
-EXAMPLES = int(os.environ.get("ENDOLAB_EXAMPLES", "20"))  # of every damage; `make attack` asks for more
-how = {"deadline": None, "database": None, "suppress_health_check": list(hypothesis.HealthCheck)}
-hypothesis.settings.register_profile("hostile", max_examples=EXAMPLES, derandomize=EXAMPLES == 20, **how)
+EXAMPLES = int(
+    os.environ.get("ENDOLAB_EXAMPLES", "20")
+)  # of every damage; `make attack` asks for more
+how = {
+    "deadline": None,
+    "database": None,
+    "suppress_health_check": list(hypothesis.HealthCheck),
+}
+hypothesis.settings.register_profile(
+    "hostile", max_examples=EXAMPLES, derandomize=EXAMPLES == 20, **how
+)
 hypothesis.settings.load_profile("hostile")
 
 RIG = """<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4" version="8">
@@ -47,17 +55,28 @@ def given(tmp_path_factory):
         for name in ("frame.png", "endoscope.json", "truth.npz"):
             shutil.copy(f"colon/{name}", name)
         known = ("--calibration", "endoscope.json")
-        assert run("reconstruct", "frame.png", *known, "--solver", "facing", "--out", "result") == 0
+        assert (
+            run("reconstruct", "frame.png", *known, "--solver", "facing", "--out", "result")
+            == 0
+        )
         shutil.copy("result/depth.npz", "depth.npz")
         shutil.copy("result/recording.rrd", "run.rrd")
-        assert run("sweep", "frame.png", *known, "--solver", "facing", "--out", "table.csv") == 0
+        assert (
+            run("sweep", "frame.png", *known, "--solver", "facing", "--out", "table.csv")
+            == 0
+        )
         _make_pictures(cv2.imread("frame.png"))
-        assert run("reconstruct", "pictures", *known, "--solver", "facing", "--out", "video") == 0
+        assert (
+            run("reconstruct", "pictures", *known, "--solver", "facing", "--out", "video")
+            == 0
+        )
         sheet = ("--width", 240, "--frames", 6, "--target", "vicalib_small")
         assert run("simulate", "sheet", *sheet, "--out", "sheet") == 0
         detect_cached(open_frames("sheet"), TARGETS["vicalib_small"], "detections.jsonl")
         write_target(TARGETS["vicalib_grey"], "target.json")
-        write_settings(SolvingSettings({"lam": 1.0, "xi": "d"}, {"k": 2.0}), "settings.json")
+        write_settings(
+            SolvingSettings({"lam": 1.0, "xi": "d"}, {"k": 2.0}), "settings.json"
+        )
         Path("rig.xml").write_text(RIG)
         shutil.copy(traced.FOLDER / "matt.npz", "traced.npz")
     return folder
@@ -65,7 +84,9 @@ def given(tmp_path_factory):
 
 def _make_pictures(frame):
     for name, code in (("video.mkv", "FFV1"), ("video.avi", "MJPG")):
-        writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*code), 30.0, frame.shape[1::-1])
+        writer = cv2.VideoWriter(
+            name, cv2.VideoWriter.fourcc(*code), 30.0, frame.shape[1::-1]
+        )
         for _ in range(4):
             writer.write(frame)
         writer.release()
@@ -77,7 +98,9 @@ def _make_pictures(frame):
     cv2.imwrite("0042_depth.png", depth)
     Path("pictures").mkdir()
     for number in range(6):  # ever darker
-        cv2.imwrite(f"pictures/{number}.png", np.round(frame * (1 - 0.01 * number)).astype(np.uint8))
+        cv2.imwrite(
+            f"pictures/{number}.png", np.round(frame * (1 - 0.01 * number)).astype(np.uint8)
+        )
 
 
 def sentences(output):
@@ -95,9 +118,14 @@ def whole(path):
         case ".json":
             return isinstance(json.loads(content), dict)
         case ".csv":
-            return len({line.count(b",") for line in content.splitlines()}) == 1 and content.endswith(b"\n")
+            return len(
+                {line.count(b",") for line in content.splitlines()}
+            ) == 1 and content.endswith(b"\n")
         case ".png":
-            return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) is not None
+            return (
+                cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+                is not None
+            )
         case ".mkv":
             return all(image is not None for _, image in open_frames(path))
         case ".rrd":
@@ -108,4 +136,6 @@ def whole(path):
             return content.rstrip().endswith(b"</html>")
         case ".ply":
             return b"end_header" in content
-    return path.suffix == ".jsonl"  # whose last line may be cut off: that frame is searched again
+    return (
+        path.suffix == ".jsonl"
+    )  # whose last line may be cut off: that frame is searched again

@@ -43,8 +43,10 @@ def damaged_bytes(draw, path):
             case "put":
                 damaged[start : start + length] = draw(st.binary(max_size=8))
             case "swap":
-                first, second = damaged[start : start + length], damaged[other : other + length]
-                damaged[start : start + length], damaged[other : other + length] = second, first
+                first = damaged[start : start + length]
+                second = damaged[other : other + length]
+                damaged[start : start + length] = second
+                damaged[other : other + length] = first
             case "repeat":
                 damaged[start:start] = damaged[other : other + length]
     return bytes(damaged)
@@ -56,7 +58,9 @@ def damaged_json(draw, path):
     document = json.loads(path.read_bytes())
     place = document
     while True:
-        key = draw(st.sampled_from(list(place) if isinstance(place, dict) else range(len(place))))
+        key = draw(
+            st.sampled_from(list(place) if isinstance(place, dict) else range(len(place)))
+        )
         if not isinstance(place[key], dict | list) or not place[key] or draw(st.booleans()):
             break
         place = place[key]
@@ -84,7 +88,13 @@ def damaged_arrays(draw, path):
         arrays = dict(archive)
     name = draw(st.sampled_from(sorted(arrays)))
     values = arrays.pop(name)
-    odd = [values[..., None], values.ravel()[:-1], np.array(3), np.array("text"), np.array([{}], object)]
+    odd = [
+        values[..., None],
+        values.ravel()[:-1],
+        np.array(3),
+        np.array("text"),
+        np.array([{}], object),
+    ]
     if values.dtype.kind != "U":
         odd += [
             values.astype(complex),

@@ -21,7 +21,9 @@ def read(path):
 def test_what_numpy_wrote_is_read(tmp_path, save):
     written = {"a": NUMBERS, "f": np.asfortranarray(NUMBERS), "big": NUMBERS.astype(">f8")}
     written |= {"one": np.array(True), "text": np.array("λ")}
-    save(tmp_path / "a.npz", **written, other=np.array([{}], object))  # which is not asked for
+    save(
+        tmp_path / "a.npz", **written, other=np.array([{}], object)
+    )  # which is not asked for
     found = read(tmp_path / "a.npz")
     assert list(found) == list(written)
     for name, values in written.items():
@@ -30,7 +32,9 @@ def test_what_numpy_wrote_is_read(tmp_path, save):
 
 def promising(shape):
     """An archive whose array has a head that promises a shape, with the numbers of `NUMBERS` behind it."""
-    text = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    text = (
+        f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    )
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         head = b"\x93NUMPY\x01\0" + struct.pack("<H", len(text)) + text.encode()

@@ -10,14 +10,24 @@ from pathlib import Path
 
 import pytest
 
-from endolab.io.atomic import read_bytes, read_json, stage_file, stage_folder, write_atomically
+from endolab.io.atomic import (
+    read_bytes,
+    read_json,
+    stage_file,
+    stage_folder,
+    write_atomically,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
 def texts(folder):
-    return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_text()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def write(folder, *names, content="new", error=None, **how):
@@ -72,7 +82,10 @@ def test_a_folder_of_others_needs_overwrite(tmp_path, report):
 
 def test_what_an_earlier_run_wrote_goes_with_its_report_and_nothing_else(own):
     report = {"report.json": '{"endolab": 1}'}
-    for name in ("notes.txt", "mesh.ply"):  # called as a file of endolab's, which it has not written
+    for name in (
+        "notes.txt",
+        "mesh.ply",
+    ):  # called as a file of endolab's, which it has not written
         (own / name).write_text("mine")
     write(own, "b")  # brings no report, so it adds to what there is
     assert {*texts(own)} == {"a", "b", "notes.txt", "mesh.ply", *report}
@@ -81,29 +94,46 @@ def test_what_an_earlier_run_wrote_goes_with_its_report_and_nothing_else(own):
     with pytest.raises(ValueError, match="no"):
         write(own, "d", *report, content='{"endolab": 1}', error=ValueError("no"))
     assert "c" in texts(own)
-    write(own, "d", *report, content='{"endolab": 1}', inputs=[own / "c", own])  # which is read
+    write(
+        own, "d", *report, content='{"endolab": 1}', inputs=[own / "c", own]
+    )  # which is read
     assert {*texts(own)} == {"b", "c", "d", "notes.txt", "mesh.ply", *report}
 
 
-@pytest.mark.parametrize("listed", ["a", 3, ["../mine", "..", ".", "", "*", "**", None, [1]], {"mine": 1}])
+@pytest.mark.parametrize(
+    "listed", ["a", 3, ["../mine", "..", ".", "", "*", "**", None, [1]], {"mine": 1}]
+)
 def test_a_report_that_lists_anything_else_takes_nothing_away(tmp_path, listed):
     out = tmp_path / "out"
     (tmp_path / "x").mkdir()
     (out / "deep/er").mkdir(parents=True)
-    for path in (tmp_path / "mine", tmp_path / "x/depth.npz", out / "mine", out / "deep/er/depth.npz"):
+    for path in (
+        tmp_path / "mine",
+        tmp_path / "x/depth.npz",
+        out / "mine",
+        out / "deep/er/depth.npz",
+    ):
         path.write_text("mine")
     (out / "report.json").write_text(json.dumps({"endolab": 1, "files": listed}))
     write(out, "b", "report.json", content='{"endolab": 1}')
-    kept = {"mine", "x/depth.npz", "out/mine", "out/deep/er/depth.npz", "out/b", "out/report.json"}
+    kept = {
+        "mine",
+        "x/depth.npz",
+        "out/mine",
+        "out/deep/er/depth.npz",
+        "out/b",
+        "out/report.json",
+    }
     assert {*texts(tmp_path)} == kept
 
 
 def test_a_folder_where_a_run_was_killed_counts_as_empty(tmp_path):
-    code = "import os, sys; from endolab.io.atomic import staged_folder\n"
-    code += (
-        "with staged_folder('out') as folder:\n    (folder / 'a').write_text('half'); os.kill(os.getpid(), 9)"
+    code = "import os, sys; from endolab.io.atomic import stage_folder\n"
+    code += "with stage_folder('out') as folder:\n"
+    code += "    (folder / 'a').write_text('half'); os.kill(os.getpid(), 9)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=ENVIRONMENT, timeout=60
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=ENVIRONMENT, timeout=60)
     assert done.returncode == -signal.SIGKILL
     assert not list((tmp_path / "out").glob("[!.]*"))
     write(tmp_path / "out", "a")
@@ -114,7 +144,9 @@ def test_what_is_read_is_never_replaced(own):
     for overwrite in (False, True):
         for given in (own / "a", own / ".." / own.name / "a"):
             with pytest.raises(FileExistsError, match="own/a is read by this very call"):
-                write(own, "a", overwrite=overwrite, inputs=["paper", None, given, "x" * 300])
+                write(
+                    own, "a", overwrite=overwrite, inputs=["paper", None, given, "x" * 300]
+                )
         with pytest.raises(FileExistsError, match="own/a is read by this very call"):
             stage_file(own / "a", overwrite=overwrite, inputs=[own / "a"]).__enter__()
     write(own, "b", inputs=[own / "a"])
@@ -130,22 +162,30 @@ def test_a_file_is_replaced_whole_and_only_if_asked(tmp_path):
     with suppress(ValueError), stage_file(path) as temporary:
         temporary.write_text("half")
         raise ValueError
-    with pytest.raises(FileExistsError, match="overwrite"), stage_file(path, overwrite=False):
+    with (
+        pytest.raises(FileExistsError, match="overwrite"),
+        stage_file(path, overwrite=False),
+    ):
         pytest.fail("the block must not run")
     assert texts(tmp_path) == {"a.pdf": "2"}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX")
 def test_files_obey_the_umask(tmp_path):
-    code = "import os; from endolab.io.atomic import staged_folder, write_atomically; os.umask(0o027)\n"
-    code += "with staged_folder('new') as folder:\n    write_atomically(folder / 'a', b'')"
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=ENVIRONMENT, check=True, timeout=60)
+    code = "import os; from endolab.io.atomic import stage_folder, write_atomically; os.umask(0o027)\n"
+    code += "with stage_folder('new') as folder:\n    write_atomically(folder / 'a', b'')"
+    subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=ENVIRONMENT, check=True, timeout=60
+    )
     found = [path.stat().st_mode & 0o777 for path in (tmp_path / "new", tmp_path / "new/a")]
     assert found == [0o750, 0o640]
 
 
 def test_an_error_names_the_file_that_it_is_about_and_no_temporary_one(tmp_path):
-    with pytest.raises(OSError, match=rf"^{tmp_path}/no: No such file"), stage_folder(tmp_path / "new"):
+    with (
+        pytest.raises(OSError, match=rf"^{tmp_path}/no: No such file"),
+        stage_folder(tmp_path / "new"),
+    ):
         (tmp_path / "no").read_bytes()
     refused = pytest.raises(OSError, match=rf"^cannot write {tmp_path}/new/no/a: No such")
     with refused, stage_folder(tmp_path / "new") as staging:
@@ -181,7 +221,10 @@ def test_a_file_that_cannot_be_written_or_read_is_named(here, name):
 @pytest.mark.parametrize("target", ["file", "file/x/y", "new/" + 300 * "n"])
 def test_a_folder_that_cannot_be_made(here, target):
     before = sorted(here.rglob("*"))
-    with pytest.raises(OSError, match=r"cannot write to the folder .*: \w"), stage_folder(target):
+    with (
+        pytest.raises(OSError, match=r"cannot write to the folder .*: \w"),
+        stage_folder(target),
+    ):
         pytest.fail("the block must not run")
     assert sorted(here.rglob("*")) == before
 

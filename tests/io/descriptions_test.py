@@ -10,8 +10,21 @@ from endolab.io.descriptions import read_camera, read_target, write_target
 from endolab.io.settings import SolvingSettings, read_settings, write_settings
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
 
-DOTS = {"endolab_target": 1, "kind": "dots", "columns": 5, "rows": 4, "spacing": 6, "small": 1, "large": 2}
-CHARUCO = {"kind": "charuco", "small": ..., "large": ..., "marker": 4}  # what makes one of it
+DOTS = {
+    "endolab_target": 1,
+    "kind": "dots",
+    "columns": 5,
+    "rows": 4,
+    "spacing": 6,
+    "small": 1,
+    "large": 2,
+}
+CHARUCO = {
+    "kind": "charuco",
+    "small": ...,
+    "large": ...,
+    "marker": 4,
+}  # what makes one of it
 
 
 def written(tmp_path, **changes):
@@ -28,9 +41,15 @@ def test_a_written_target_comes_back(target, tmp_path):
     assert read_target(tmp_path / "sheet.json") == target
 
 
-def test_the_least_description_takes_the_defaults_null_means_absent_and_known_names_need_no_file(tmp_path):
+def test_the_least_description_takes_the_defaults_null_means_absent_and_known_names_need_no_file(
+    tmp_path,
+):
     least = DotGrid(5, 4, 6.0, small=1.0, large=2.0)
-    assert read_target(written(tmp_path)) == read_target(written(tmp_path, fold=None, greys=None)) == least
+    assert (
+        read_target(written(tmp_path))
+        == read_target(written(tmp_path, fold=None, greys=None))
+        == least
+    )
     assert read_target("vicalib_big") is TARGETS["vicalib_big"]
 
 
@@ -57,7 +76,9 @@ def test_the_least_description_takes_the_defaults_null_means_absent_and_known_na
         (CHARUCO | {"marker": 8}, "marker"),
     ],
 )
-def test_what_is_wrong_with_a_description_is_said_with_file_and_key(changes, named, tmp_path):
+def test_what_is_wrong_with_a_description_is_said_with_file_and_key(
+    changes, named, tmp_path
+):
     with pytest.raises(ValueError, match=rf"^[^\n]*sheet\.json: [^\n]*{named}[^\n]*$"):
         read_target(written(tmp_path, **changes))
 
@@ -69,9 +90,13 @@ def test_an_unknown_name_lists_those_that_are_known_and_a_missing_file_is_named(
         read_target(tmp_path / "none.json")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize(
+    "encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"]
+)
 def test_json_is_read_whatever_its_byte_order_mark(encoding, tmp_path):
-    known = el.Calibration(el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5), el.Photometry(), {"from": "Gießen"})
+    known = el.Calibration(
+        el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5), el.Photometry(), {"from": "Gießen"}
+    )
     settings = SolvingSettings({"lam": 0.5}, {})
     el.write_calibration(known, tmp_path / "endoscope.json")
     write_target(TARGETS["vicalib_big"], tmp_path / "sheet.json")

@@ -39,7 +39,9 @@ def search(looked, tmp_path):
         write_image(tmp_path / "in" / f"{name}.png", np.zeros((4, 4)))
 
     def search(target=TARGET, **how):
-        return detect_cached(open_frames(tmp_path / "in"), target, tmp_path / "d.jsonl", **how)
+        return detect_cached(
+            open_frames(tmp_path / "in"), target, tmp_path / "d.jsonl", **how
+        )
 
     with pytest.raises(KeyboardInterrupt, match="1 of 3 frames"):
         search()
@@ -57,8 +59,12 @@ def test_an_interrupted_search_goes_on_where_it_was(search, looked):
     assert len(messages) == 2
 
 
-@pytest.mark.parametrize("line", ["", "null", "[" * 5000, '["a.png", [4, 4], [null], [], ""]', "\udcff"])
-def test_a_line_that_is_cut_off_or_damaged_is_looked_for_again(search, looked, tmp_path, line):
+@pytest.mark.parametrize(
+    "line", ["", "null", "[" * 5000, '["a.png", [4, 4], [null], [], ""]', "\udcff"]
+)
+def test_a_line_that_is_cut_off_or_damaged_is_looked_for_again(
+    search, looked, tmp_path, line
+):
     head = (tmp_path / "d.jsonl").read_text().split("\n")[0]
     (tmp_path / "d.jsonl").write_text(f"{head}\n{line}\n", errors="surrogateescape")
     assert len(search()[0]) == 3
@@ -84,7 +90,9 @@ def test_the_file_of_another_is_not_replaced_unasked(search, tmp_path, content):
     assert len(search(overwrite=True)[0]) == 3
 
 
-def test_what_is_left_out_is_neither_read_nor_taken_for_the_others_size(search, looked, tmp_path):
+def test_what_is_left_out_is_neither_read_nor_taken_for_the_others_size(
+    search, looked, tmp_path
+):
     """A first picture of another size, which an earlier call had searched."""
     for name in "bc":
         write_image(tmp_path / "in" / f"{name}.png", np.zeros((6, 8)))

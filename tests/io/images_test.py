@@ -46,7 +46,9 @@ def random_stored(rng, bits, channels):
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("channels", [(), (2,), (3,), (4,)], ids=["grey", "grey and alpha", "rgb", "rgba"])
+@pytest.mark.parametrize(
+    "channels", [(), (2,), (3,), (4,)], ids=["grey", "grey and alpha", "rgb", "rgba"]
+)
 def test_a_png_is_read_exactly(tmp_path, rng, bits, channels):
     stored = random_stored(rng, bits, channels)
     expected = stored
@@ -59,9 +61,13 @@ def test_a_png_is_read_exactly(tmp_path, rng, bits, channels):
 
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("channels", [(), (3,)])
-def test_a_tiff_is_read_exactly_and_a_written_picture_reads_back(tmp_path, rng, bits, channels):
+def test_a_tiff_is_read_exactly_and_a_written_picture_reads_back(
+    tmp_path, rng, bits, channels
+):
     stored = random_stored(rng, bits, channels)
-    tifffile.imwrite(tmp_path / "a.tiff", stored, photometric="rgb" if channels else "minisblack")
+    tifffile.imwrite(
+        tmp_path / "a.tiff", stored, photometric="rgb" if channels else "minisblack"
+    )
     write_image(tmp_path / "a.png", stored / (2**bits - 1), bits)
     for name in ("a.tiff", "a.png"):
         np.testing.assert_array_equal(read_image(tmp_path / name), stored / (2**bits - 1))
@@ -99,7 +105,8 @@ def test_a_picture_of_which_too_little_is_there_is_refused_and_nothing_is_printe
     for count in (0, 8, 50, len(whole) // 2, int(0.7 * len(whole))):
         path.write_bytes(whole[:count])
         with pytest.raises(
-            ValueError, match=rf"a\{suffix}( is damaged: only \d+ of its 60 rows|: not a picture)"
+            ValueError,
+            match=rf"a\{suffix}( is damaged: only \d+ of its 60 rows|: not a picture)",
         ):
             read_image(path)
     assert capfd.readouterr() == ("", "")
@@ -120,20 +127,27 @@ HOW_SAVED = {
 @pytest.mark.parametrize("mode", ["L", "RGB"])
 @pytest.mark.parametrize("share", [0.98, 0.999, None], ids=["98 %", "99.9 %", "no end"])
 @pytest.mark.parametrize("how", HOW_SAVED)
-def test_rows_that_are_cut_off_are_no_wall_and_a_warning_says_so(tmp_path, caplog, rng, how, share, mode):
+def test_rows_that_are_cut_off_are_no_wall_and_a_warning_says_so(
+    tmp_path, caplog, rng, how, share, mode
+):
     row, column = np.indices((240, 320))
-    smooth = np.stack([90 + 40 * np.sin(column / 30) + row / 4, 60 + row / 5, 200 - column / 4], axis=-1)
+    smooth = np.stack(
+        [90 + 40 * np.sin(column / 30) + row / 4, 60 + row / 5, 200 - column / 4], axis=-1
+    )
     whole = Image.fromarray(
         np.clip(smooth + rng.normal(0, 3, smooth.shape), 0, 255).astype(np.uint8)
     ).convert(mode)
     form, options = HOW_SAVED[how]
     stream = io.BytesIO()
     whole.save(stream, form, **options)
-    content, path = stream.getvalue(), tmp_path / f"a.{how}"
+    content = stream.getvalue()
+    path = tmp_path / f"a.{how}"
     path.write_bytes(content)
     expected = read_image(path)
     assert not caplog.text
-    path.write_bytes(content[:-2] if share is None else content[: int(share * len(content))])
+    path.write_bytes(
+        content[:-2] if share is None else content[: int(share * len(content))]
+    )
     frame = el.read_frame(path)
     assert "is damaged" in caplog.text
     assert frame.mask.mean() > (0.8 if share else 0.99)
@@ -154,7 +168,9 @@ BESIDE = {
 
 
 @pytest.mark.parametrize("name", BESIDE)
-def test_a_picture_with_a_broken_chunk_beside_it_is_read_with_a_warning(tmp_path, caplog, capfd, rng, name):
+def test_a_picture_with_a_broken_chunk_beside_it_is_read_with_a_warning(
+    tmp_path, caplog, capfd, rng, name
+):
     stored = random_stored(rng, 16, (3,))
     png(tmp_path / "a.png", stored, 16, between=BESIDE[name])
     np.testing.assert_array_equal(read_image(tmp_path / "a.png"), stored / 65535)
@@ -173,8 +189,16 @@ def test_a_text_that_cannot_be_unpacked_says_nothing(tmp_path, caplog, capfd, rn
 
 @pytest.mark.parametrize("name", [b"IDAT", b"tRNS", b"PLTE"])
 def test_pixels_and_what_they_depend_on_must_be_whole(tmp_path, name):
-    colours = chunk(b"PLTE", bytes(range(60, 90))) + chunk(b"tRNS", bytes([0] * 5 + [255] * 5))
-    png(tmp_path / "a.png", np.arange(100, dtype=np.uint8).reshape(10, 10) % 10, 8, between=colours, kind=3)
+    colours = chunk(b"PLTE", bytes(range(60, 90))) + chunk(
+        b"tRNS", bytes([0] * 5 + [255] * 5)
+    )
+    png(
+        tmp_path / "a.png",
+        np.arange(100, dtype=np.uint8).reshape(10, 10) % 10,
+        8,
+        between=colours,
+        kind=3,
+    )
     content = bytearray((tmp_path / "a.png").read_bytes())
     content[content.index(name) + 6] ^= 1
     (tmp_path / "a.png").write_bytes(content)
@@ -186,7 +210,9 @@ def test_a_bomb_is_refused_before_anything_is_decoded(tmp_path, monkeypatch):
     png(tmp_path / "bomb.png", np.zeros((1, 1), np.uint8), 8, size=(2**30, 2**30))
     with pytest.raises(ValueError, match=r"bomb\.png: not a picture"):
         read_image(tmp_path / "bomb.png")
-    monkeypatch.setattr("psutil.virtual_memory", lambda: type("Memory", (), {"available": 10**6}))
+    monkeypatch.setattr(
+        "psutil.virtual_memory", lambda: type("Memory", (), {"available": 10**6})
+    )
     png(tmp_path / "large.png", np.zeros((1, 1), np.uint8), 8, size=(9000, 9000))
     with pytest.raises(MemoryError, match=r"large\.png: a picture of 9000x9000 px"):
         read_image(tmp_path / "large.png")
@@ -209,10 +235,17 @@ def test_a_mask_may_be_stored_as_one_likes(tmp_path, name):
 
 def test_a_mask_is_where_it_is_bright_and_a_frame_is_read_with_it(tmp_path, rng):
     write_image(tmp_path / "grey.png", np.array([[0.0, 0.49, 0.51, 1.0]]))
-    write_image(tmp_path / "colour.png", np.array([[[0, 0, 0], [0.4, 0.4, 0.4], [0, 0.9, 0]]]))
-    np.testing.assert_array_equal(read_mask(tmp_path / "grey.png"), [[False, False, True, True]])
-    np.testing.assert_array_equal(read_mask(tmp_path / "colour.png"), [[False, False, True]])
-    image, mask = rng.uniform(size=(30, 40, 3)), rng.uniform(size=(30, 40)) < 0.5
+    write_image(
+        tmp_path / "colour.png", np.array([[[0, 0, 0], [0.4, 0.4, 0.4], [0, 0.9, 0]]])
+    )
+    np.testing.assert_array_equal(
+        read_mask(tmp_path / "grey.png"), [[False, False, True, True]]
+    )
+    np.testing.assert_array_equal(
+        read_mask(tmp_path / "colour.png"), [[False, False, True]]
+    )
+    image = rng.uniform(size=(30, 40, 3))
+    mask = rng.uniform(size=(30, 40)) < 0.5
     write_image(tmp_path / "f.png", image, 16)
     write_image(tmp_path / "m.png", mask.astype(float))
     frame = el.read_frame(tmp_path / "f.png", CALIBRATION, tmp_path / "m.png")
@@ -235,12 +268,16 @@ def test_a_frame_that_does_not_fit(tmp_path, size, mask, named):
     if mask is not None:
         write_image(tmp_path / "m.png", mask)
     with pytest.raises(ValueError, match=named):
-        el.read_frame(tmp_path / "f.png", CALIBRATION, None if mask is None else tmp_path / "m.png")
+        el.read_frame(
+            tmp_path / "f.png", CALIBRATION, None if mask is None else tmp_path / "m.png"
+        )
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(tmp_path, caplog, suffix, orientation):
+def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(
+    tmp_path, caplog, suffix, orientation
+):
     stored = np.zeros((16, 24), np.uint8)
     stored[:8, :8] = 255
     tags = Image.Exif()
@@ -252,7 +289,9 @@ def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(tmp_path, c
 
 
 # What is transparent ---------------------------------------------------------------------
-WALL = np.add.outer(np.arange(40), np.arange(50))  # + 60: from 60 to 148, and nowhere 0 or 255
+WALL = np.add.outer(
+    np.arange(40), np.arange(50)
+)  # + 60: from 60 to 148, and nowhere 0 or 255
 SHAPE = np.hypot(*np.indices((40, 50)) - np.array([[[20]], [[25]]])) < 18
 SHAPE[18:22, 20:28] = False  # within
 
@@ -307,8 +346,25 @@ def save(path, kind, below, alpha):
 
 
 KINDS = [
-    *("rgba8", "rgba16", "la8", "la16", "grey key 8", "grey key 16", "rgb key 8", "rgb key 16", "palette"),
-    *("plain bmp", "bmp", "grey tiff", "tiff unassalpha", "tiff assocalpha", "tiff 16 unassalpha"),
+    *(
+        "rgba8",
+        "rgba16",
+        "la8",
+        "la16",
+        "grey key 8",
+        "grey key 16",
+        "rgb key 8",
+        "rgb key 16",
+        "palette",
+    ),
+    *(
+        "plain bmp",
+        "bmp",
+        "grey tiff",
+        "tiff unassalpha",
+        "tiff assocalpha",
+        "tiff 16 unassalpha",
+    ),
 ]
 
 
@@ -326,7 +382,9 @@ def test_transparent_pixels_are_no_wall_whatever_is_below(tmp_path, caplog, kind
     assert not read_image(tmp_path / "a.img")[~SHAPE].any()  # no white paper, either
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if "key" not in kind and kind != "palette"])
+@pytest.mark.parametrize(
+    "kind", [kind for kind in KINDS if "key" not in kind and kind != "palette"]
+)
 def test_what_is_partly_transparent_is_left_out_as_it_is_mixed(tmp_path, kind):
     alpha = np.full(WALL.shape, 255)
     alpha[10:20, 10:20] = 128
@@ -335,7 +393,9 @@ def test_what_is_partly_transparent_is_left_out_as_it_is_mixed(tmp_path, kind):
 
 
 @pytest.mark.parametrize("opaque", [255, 65280, 65535])
-def test_an_alpha_that_is_full_everywhere_says_nothing_whatever_its_unit(tmp_path, caplog, opaque):
+def test_an_alpha_that_is_full_everywhere_says_nothing_whatever_its_unit(
+    tmp_path, caplog, opaque
+):
     stored = np.dstack([(WALL + 60) * 256] * 3 + [np.full(WALL.shape, opaque)])
     png(tmp_path / "a.png", stored, 16)
     frame = el.read_frame(tmp_path / "a.png")
@@ -344,7 +404,9 @@ def test_an_alpha_that_is_full_everywhere_says_nothing_whatever_its_unit(tmp_pat
     assert not caplog.text
 
 
-def test_a_picture_that_is_transparent_everywhere_is_refused_but_not_a_bmp_that_has_no_alpha(tmp_path):
+def test_a_picture_that_is_transparent_everywhere_is_refused_but_not_a_bmp_that_has_no_alpha(
+    tmp_path,
+):
     for kind in ("rgba8", "la16", "grey tiff", "palette"):
         save(tmp_path / "a.img", kind, "white", np.zeros(WALL.shape))
         with pytest.raises(ValueError, match=r"a\.img is completely transparent"):
@@ -382,7 +444,9 @@ DRAWN = np.where(np.indices(SHAPE.shape)[1] < 25, 255, 0)  # the left half
 )
 @pytest.mark.parametrize("suffix", ["png", "tiff", "bmp"])
 def test_a_mask_that_is_kept_in_alpha(tmp_path, colours, expected, suffix):
-    pixels = np.dstack([colours, colours, colours, np.where(SHAPE, 255, 0)]).astype(np.uint8)
+    pixels = np.dstack([colours, colours, colours, np.where(SHAPE, 255, 0)]).astype(
+        np.uint8
+    )
     (tmp_path / f"m.{suffix}").write_bytes(cv2.imencode(f".{suffix}", pixels)[1].tobytes())
     np.testing.assert_array_equal(read_mask(tmp_path / f"m.{suffix}"), expected)
     write_image(tmp_path / "f.png", (WALL + 60) / 255)
@@ -406,7 +470,9 @@ def test_a_mask_does_not_bring_back_what_is_transparent(tmp_path):
 def test_fewer_bits_than_the_file_has_are_named(tmp_path, caplog, bits, suffix):
     ramp = np.linspace(0, 2**bits - 1, 2000).reshape(40, 50).astype(np.uint16)
     for name, stored in {"low": ramp, "high": ramp << (16 - bits)}.items():
-        (tmp_path / f"{name}.{suffix}").write_bytes(cv2.imencode(f".{suffix}", stored)[1].tobytes())
+        (tmp_path / f"{name}.{suffix}").write_bytes(
+            cv2.imencode(f".{suffix}", stored)[1].tobytes()
+        )
         caplog.clear()
         el.read_frame(tmp_path / f"{name}.{suffix}")
         assert (f"{bits} of its 16 bits" in caplog.text) is (name == "low" and bits < 16)

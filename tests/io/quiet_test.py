@@ -21,7 +21,11 @@ assert before == (cv2.utils.logging.getLogLevel(), dict(os.environ), list(loggin
 
 
 def state():
-    return cv2.utils.logging.getLogLevel(), dict(os.environ), list(logging.getLogger("PIL").handlers)
+    return (
+        cv2.utils.logging.getLogLevel(),
+        dict(os.environ),
+        list(logging.getLogger("PIL").handlers),
+    )
 
 
 def test_importing_silences_nobody():
@@ -41,7 +45,9 @@ def test_what_the_user_set_is_as_it_was_after_reading(tmp_path, monkeypatch):
 
 
 def test_it_is_quiet_until_the_last_thread_is_out():
-    before, inside, leave = state(), threading.Event(), threading.Event()
+    before = state()
+    inside = threading.Event()
+    leave = threading.Event()
 
     def stay():
         with quiet:

@@ -7,7 +7,13 @@ import math
 import pytest
 
 import endolab as el
-from endolab.io.settings import KEYWORDS, LIGHT, SolvingSettings, read_settings, write_settings
+from endolab.io.settings import (
+    KEYWORDS,
+    LIGHT,
+    SolvingSettings,
+    read_settings,
+    write_settings,
+)
 
 EVERY = {
     "solver": "primal_dual",
@@ -33,19 +39,26 @@ def test_everything_comes_back_as_it_was(tmp_path):
     assert set(EVERY) == set(KEYWORDS)
     assert set(BELIEFS) == set(LIGHT)
     taken = set(inspect.signature(el.reconstruct).parameters)
-    assert set(KEYWORDS) - {"epsilon", "threshold"} <= taken  # the two are of the energy, in its options
+    assert (
+        set(KEYWORDS) - {"epsilon", "threshold"} <= taken
+    )  # the two are of the energy, in its options
     for settings in (SolvingSettings(EVERY, BELIEFS), SolvingSettings({}, {"albedo": 0.5})):
         write_settings(settings, tmp_path / "s.json")
         assert read_settings(tmp_path / "s.json") == settings
     write_settings(SolvingSettings({"lam": 0.002, "contours": None}), tmp_path / "s.json")
-    assert json.loads((tmp_path / "s.json").read_text()) == {"endolab_settings": 1, "lam": 0.002}
+    assert json.loads((tmp_path / "s.json").read_text()) == {
+        "endolab_settings": 1,
+        "lam": 0.002,
+    }
 
 
 def test_the_light_is_believed():
     known = el.Calibration(el.Pinhole(32, 24, 16, 16, 15.5, 11.5), el.Photometry(gain=1.0))
     believed = SolvingSettings({}, BELIEFS).believed(known)
     assert believed.camera == known.camera
-    assert believed.photometry == el.Photometry(2.4, 1.0 / 3 + 2, 12.5, el.Lambertian((0.5, 0.3, 0.2)))
+    assert believed.photometry == el.Photometry(
+        2.4, 1.0 / 3 + 2, 12.5, el.Lambertian((0.5, 0.3, 0.2))
+    )
     assert SolvingSettings().believed(known) == known
 
 

@@ -6,7 +6,11 @@ import pytest
 from endolab.io.surfaces import read_depth
 
 DISTANCE = np.linspace(20, 30, 12, dtype=np.float32).reshape(3, 4)
-GOOD = {"distance": DISTANCE, "z": 0.9 * DISTANCE, "normals": np.zeros((3, 4, 3), np.float32)}
+GOOD = {
+    "distance": DISTANCE,
+    "z": 0.9 * DISTANCE,
+    "normals": np.zeros((3, 4, 3), np.float32),
+}
 GOOD |= {"mask": np.ones((3, 4), bool), "metric": np.array(True)}
 
 
@@ -40,7 +44,9 @@ def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
     ],
 )
 def test_what_is_no_map_of_a_surface_is_refused(tmp_path, wrong, named):
-    content = {name: values for name, values in (GOOD | wrong).items() if values is not None}
+    content = {
+        name: values for name, values in (GOOD | wrong).items() if values is not None
+    }
     np.savez(tmp_path / "a.npz", **content)
     with pytest.raises(ValueError, match=rf"a\.npz: {named} "):
         read_depth(tmp_path / "a.npz")

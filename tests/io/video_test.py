@@ -42,7 +42,9 @@ def test_a_video_keeps_every_value_and_some_frames_can_be_chosen(video, pictures
     np.testing.assert_allclose(grey, pictures[0][..., :1].repeat(3, -1), atol=1e-9)
 
 
-def test_a_folder_is_read_in_the_order_of_its_numbers_and_a_broken_picture_is_none(tmp_path, pictures):
+def test_a_folder_is_read_in_the_order_of_its_numbers_and_a_broken_picture_is_none(
+    tmp_path, pictures
+):
     for number in (10, 9, 1):
         write_image(tmp_path / f"frame_{number}.png", pictures[number])
     (tmp_path / "frame_2.png").write_bytes(b"not a picture")
@@ -68,7 +70,9 @@ def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pict
     for (_, image), picture in zip(frames, pictures, strict=False):
         np.testing.assert_allclose(image, picture, atol=1e-9)
     together = open_frames(tmp_path / "a/2.png", tmp_path / "a/10.png")
-    assert together == open_frames(tmp_path / "a")  # so that either call goes on from the other
+    assert together == open_frames(
+        tmp_path / "a"
+    )  # so that either call goes on from the other
     assert open_frames(tmp_path / "a/2.png").names == ("2.png",)
     for other in ("a", "none.png"):
         with pytest.raises(ValueError, match=other):
@@ -132,7 +136,9 @@ def twice(content):
         ("v.avi", "MJPG", 25.0, with_length(500), 30),
     ],
 )
-def test_the_frames_of_a_video_are_those_that_can_be_decoded(tmp_path, name, code, rate, change, count):
+def test_the_frames_of_a_video_are_those_that_can_be_decoded(
+    tmp_path, name, code, rate, change, count
+):
     """Whatever its header estimates: none is lost, and none promised that never was."""
     content = write_numbered(tmp_path / name, code, rate=rate)
     (tmp_path / name).write_bytes(change(content))
@@ -154,7 +160,11 @@ def test_a_video_marked_as_turned_is_read_as_the_sensor_saw_it(tmp_path, caplog,
 
 def test_what_is_damaged_in_the_middle_of_a_video_shifts_no_names(tmp_path):
     content = bytearray(write_numbered(tmp_path / "v.mov", "MJPG"))
-    starts = [place for place in range(len(content)) if content[place : place + 3] == b"\xff\xd8\xff"]
+    starts = [
+        place
+        for place in range(len(content))
+        if content[place : place + 3] == b"\xff\xd8\xff"
+    ]
     assert len(starts) == 30
     content[starts[9] : starts[11]] = bytes(starts[11] - starts[9])
     (tmp_path / "v.mov").write_bytes(content)
@@ -196,7 +206,9 @@ def test_a_video_that_is_interlaced_is_refused(tmp_path, caplog, pictures):
             read(tmp_path / "i.mpg")
 
 
-@pytest.mark.parametrize("name", ["v.MTS", "v.264", "v.mxf", "video_0001", "v.recording", "v.mjpeg"])
+@pytest.mark.parametrize(
+    "name", ["v.MTS", "v.264", "v.mxf", "video_0001", "v.recording", "v.mjpeg"]
+)
 def test_a_video_is_known_by_what_it_is_whatever_its_name(tmp_path, name):
     content = write_numbered(tmp_path / "v.avi", "MJPG")
     place = content.index(b"\xff\xd8\xff")  # a raw stream is pictures, one after the other
@@ -206,14 +218,21 @@ def test_a_video_is_known_by_what_it_is_whatever_its_name(tmp_path, name):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])
-def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(tmp_path, suffix, pictures):
+def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(
+    tmp_path, suffix, pictures
+):
     cv2.imwrite(str(tmp_path / f"a{suffix}"), np.full((8, 8, 3), 255, np.uint8))
     (tmp_path / f"a{suffix}").rename(tmp_path / "IMG0001")
     write_image(tmp_path / "b.png", pictures[0])
     assert not is_sequence(tmp_path / "IMG0001")
     assert open_frames(tmp_path / "IMG0001").names == ("IMG0001",)
-    assert open_frames(tmp_path / "b.png", tmp_path / "IMG0001").names == ("IMG0001", "b.png")
-    np.testing.assert_allclose(dict(open_frames(tmp_path / "IMG0001"))["IMG0001"], 1, atol=1e-9)
+    assert open_frames(tmp_path / "b.png", tmp_path / "IMG0001").names == (
+        "IMG0001",
+        "b.png",
+    )
+    np.testing.assert_allclose(
+        dict(open_frames(tmp_path / "IMG0001"))["IMG0001"], 1, atol=1e-9
+    )
 
 
 SECRETS = [
@@ -248,7 +267,9 @@ def test_what_is_secret_in_a_url_is_in_no_message(url, read):
         ("evaluate", "{}", "{}"),
     ],
 )
-def test_no_command_says_what_is_secret_in_a_url(url, command, tmp_path, monkeypatch, capfd):
+def test_no_command_says_what_is_secret_in_a_url(
+    url, command, tmp_path, monkeypatch, capfd
+):
     monkeypatch.chdir(tmp_path)
     with contextlib.suppress(SystemExit):
         assert main([word.format(url) for word in command]) == 2
@@ -300,8 +321,12 @@ def test_sequences_and_streams_are_known_by_what_they_are(tmp_path, monkeypatch)
     assert not is_stream("0")
 
 
-def test_a_video_larger_than_memory_is_refused_before_a_frame_is_decoded(video, monkeypatch):
-    monkeypatch.setattr("psutil.virtual_memory", lambda: type("Memory", (), {"available": 10_000}))
+def test_a_video_larger_than_memory_is_refused_before_a_frame_is_decoded(
+    video, monkeypatch
+):
+    monkeypatch.setattr(
+        "psutil.virtual_memory", lambda: type("Memory", (), {"available": 10_000})
+    )
     with pytest.raises(MemoryError, match=r"v\.mkv: a frame of 32x24 px"):
         open_frames(video)
 
@@ -309,7 +334,8 @@ def test_a_video_larger_than_memory_is_refused_before_a_frame_is_decoded(video, 
 def test_a_video_is_played_at_its_own_rate_and_can_be_ended(video, pictures):
     stream = open_stream(video)
     assert stream.rate == pytest.approx(40)
-    started, at = time.perf_counter(), []
+    started = time.perf_counter()
+    at = []
     for name, image in stream:
         np.testing.assert_allclose(image, pictures[int(name)], atol=1e-9)
         at.append(time.perf_counter() - started)

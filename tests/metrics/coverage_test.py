@@ -29,7 +29,8 @@ def test_a_normal_error_is_covered_as_the_tables_say():
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_sigma_that_is_off_is_charged_for(factor):
-    honest, off = coverage_of(*samples()), coverage_of(*samples(factor))
+    honest = coverage_of(*samples())
+    off = coverage_of(*samples(factor))
     expected = [100 * (2 * scipy.stats.norm.cdf(n * factor) - 1) for n in (1, 2)]
     assert [off.within_one, off.within_two] == pytest.approx(expected, abs=0.5)
     assert off.log_score > honest.log_score + 0.2
@@ -46,7 +47,11 @@ def test_no_constant_betters_the_best_one_and_it_draws_with_itself():
     tried = np.geomspace(0.01, 0.2, 60)
     assert found.constant_log_score <= min(np.mean(log_score(error, one)) for one in tried)
     least = min(100 * np.mean(crps(error, one)) for one in tried)
-    assert found.constant_crps_percent <= least == pytest.approx(found.constant_crps_percent, rel=1e-3)
+    assert (
+        found.constant_crps_percent
+        <= least
+        == pytest.approx(found.constant_crps_percent, rel=1e-3)
+    )
     same = coverage_of(distance, found.constant_percent / 100 * distance, truth)
     assert same.log_score == pytest.approx(found.constant_log_score)
     assert np.isnan(same.spearman) or abs(same.spearman) < 0.02  # by rounding alone
@@ -61,7 +66,9 @@ def test_a_sigma_that_varies_where_the_error_does_not_loses_to_a_constant():
     assert abs(found.spearman) < 0.01
 
 
-@pytest.mark.parametrize(("error", "sigma"), [(0.0, 1.0), (0.3, 0.1), (2.0, 5.0), (1e-3, 1e-3)])
+@pytest.mark.parametrize(
+    ("error", "sigma"), [(0.0, 1.0), (0.3, 0.1), (2.0, 5.0), (1e-3, 1e-3)]
+)
 def test_scores_are_their_integrals(error, sigma):
     """CRPS is ∫ (F(x) - [x ≥ e])² dx; the density is SciPy's."""
     law = scipy.stats.norm(0, sigma)
@@ -79,10 +86,8 @@ def test_a_sigma_of_nothing_is_charged_the_error():
 
 def test_the_scale_is_taken_out_of_both():
     distance, sigma, truth = samples()
-    there, scaled = (
-        coverage_of(distance, sigma, truth),
-        coverage_of(distance / 7, sigma / 7, truth, scale="median"),
-    )
+    there = coverage_of(distance, sigma, truth)
+    scaled = coverage_of(distance / 7, sigma / 7, truth, scale="median")
     assert scaled.scale == pytest.approx(7, rel=1e-3)
     assert scaled.within_one == pytest.approx(there.within_one, abs=0.1)
     assert coverage_of(distance / 7, sigma / 7, truth).within_two < 1

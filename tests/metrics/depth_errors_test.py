@@ -43,7 +43,8 @@ def test_what_is_no_distance_does_not_count(unknown, which):
 
 
 def test_normals_count_where_both_distances_are_known():
-    normals, true_normals = np.full((2, 3, 3), np.nan), np.full((2, 3, 3), np.nan)
+    normals = np.full((2, 3, 3), np.nan)
+    true_normals = np.full((2, 3, 3), np.nan)
     angles = np.deg2rad([0.0, 1.0, 2.0, 9.0])
     known = np.isfinite(TRUTH) & np.isfinite(ESTIMATE)
     normals[known] = [0.0, 0.0, -1.0]
@@ -55,7 +56,8 @@ def test_normals_count_where_both_distances_are_known():
 @pytest.mark.parametrize("degrees", [0.0, 1e-9, 1e-5, 1.0, 90.0, 179.0, 180.0])
 def test_angles_are_exact_however_small(degrees):
     turn = np.deg2rad(degrees)
-    a, b = np.array([1.0, 0.0, 0.0]), np.array([np.cos(turn), 0.0, np.sin(turn)])
+    a = np.array([1.0, 0.0, 0.0])
+    b = np.array([np.cos(turn), 0.0, np.sin(turn)])
     assert angle_between(a, b) == pytest.approx(degrees, rel=1e-9, abs=0)
 
 
@@ -96,7 +98,9 @@ def test_what_is_unknown_is_no_contour(unknown):
 def test_turning_the_map_turns_its_contours(rng):
     distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
     distance[rng.random(distance.shape) < 0.1] = np.nan
-    assert_array_equal(depth_cuts(distance.T), depth_cuts(distance)[::-1].transpose(0, 2, 1))
+    assert_array_equal(
+        depth_cuts(distance.T), depth_cuts(distance)[::-1].transpose(0, 2, 1)
+    )
 
 
 @pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])
@@ -111,12 +115,19 @@ def test_truth_on_another_grid_is_the_scenes_own(scene, width):
     """Distance and normals are those at the centres of the other grid's pixels; to 0.05 %, 0.1°."""
     whole = el.load_calibration("simple").camera
     other = el.load_calibration("simple", width=width).camera
-    surface, shape = el.SCENES[scene], (other.height, other.width)
-    (points, there) = (surface.distance(c.field.rays)[..., None] * c.field.rays for c in (whole, other))
+    surface = el.SCENES[scene]
+    shape = (other.height, other.width)
+    (points, there) = (
+        surface.distance(c.field.rays)[..., None] * c.field.rays for c in (whole, other)
+    )
     found = resample_truth(np.linalg.norm(points, axis=-1), shape)
-    assert_allclose(found, np.linalg.norm(there, axis=-1), rtol=5e-4 if width <= 320 else 5e-3)
+    assert_allclose(
+        found, np.linalg.norm(there, axis=-1), rtol=5e-4 if width <= 320 else 5e-3
+    )
     normals = resample_truth(surface.normals(points), shape)
-    assert angle_between(normals, surface.normals(there)).max() < (0.1 if width <= 320 else 0.5)
+    assert angle_between(normals, surface.normals(there)).max() < (
+        0.1 if width <= 320 else 0.5
+    )
 
 
 def test_truth_on_another_grid_is_unknown_where_most_of_it_was():
@@ -125,5 +136,8 @@ def test_truth_on_another_grid_is_unknown_where_most_of_it_was():
     assert_array_equal(resample_truth(truth, (2, 3)), [[8, np.nan, 8], [8, 8, 8]])
     assert_array_equal(resample_truth(truth, (4, 6)), truth)
     for shape in ((4, 3), (2, 6), (40, 20)):
-        with pytest.raises(ValueError, match=f"is {shape[1]}x{shape[0]} px, the truth 6x4 px, of other prop"):
+        with pytest.raises(
+            ValueError,
+            match=f"is {shape[1]}x{shape[0]} px, the truth 6x4 px, of other prop",
+        ):
             resample_truth(truth, shape)

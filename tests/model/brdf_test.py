@@ -12,7 +12,9 @@ TABLE = TabulatedBRDF((0.1, 0.4, 0.9, 1.3), (0.30, 0.26, 0.20, 0.05))
 BRDFS = {"matt": Lambertian(0.5), "table": TABLE, "glossy": Glossy(0.5, 0.02, 40.0)}
 every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 COSINE, WEIGHT = np.polynomial.legendre.leggauss(2000)
-COSINE, WEIGHT = 0.5 * (COSINE + 1), 0.5 * WEIGHT  # on the hemisphere, dω = 2π d(cos)
+# on the hemisphere, dω = 2π d(cos)
+COSINE = 0.5 * (COSINE + 1)
+WEIGHT = 0.5 * WEIGHT
 
 
 @pytest.mark.parametrize("albedo", [0.2, 1.0])
@@ -38,7 +40,8 @@ def test_a_table_is_linear_in_the_angle_and_constant_beyond():
 @every_brdf
 def test_derivatives_by_both_cosines(brdf):
     i, h = np.meshgrid(np.linspace(0.03, 0.97, 41), np.linspace(0.05, 0.98, 37))
-    step, actual = 1e-6, brdf.derivative(i, h)
+    step = 1e-6
+    actual = brdf.derivative(i, h)
     by_i = (brdf.value(i + step, h) - brdf.value(i - step, h)) / (2 * step)
     by_h = (brdf.value(i, h + step) - brdf.value(i, h - step)) / (2 * step)
     assert_allclose(actual[0], by_i, rtol=0, atol=1e-7)
@@ -48,13 +51,18 @@ def test_derivatives_by_both_cosines(brdf):
 @every_brdf
 @pytest.mark.parametrize("cosine", [0.0, 1.0, 1.0 + 1e-15, -0.3])
 def test_the_ends_are_finite(brdf, cosine):
-    assert np.all(np.isfinite([brdf.value(cosine, cosine), *brdf.derivative(cosine, cosine)]))
+    assert np.all(
+        np.isfinite([brdf.value(cosine, cosine), *brdf.derivative(cosine, cosine)])
+    )
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        *((partial(Lambertian, albedo), "albedo") for albedo in (0.0, 1.1, (0.5, np.nan, 0.5), (0.5, 0.5))),
+        *(
+            (partial(Lambertian, albedo), "albedo")
+            for albedo in (0.0, 1.1, (0.5, np.nan, 0.5), (0.5, 0.5))
+        ),
         (lambda: Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5), "choose a channel"),
         (lambda: Glossy(-0.1), "albedo"),
         (lambda: Glossy((0.7, 0.4, 0.3)), "albedo"),

@@ -41,7 +41,9 @@ def pixels(camera, step=1):
 def directions(rng, count, max_degrees):
     theta = np.deg2rad(rng.uniform(0, max_degrees, count))
     phi = rng.uniform(0, 2 * np.pi, count)
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    return np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
+    )
 
 
 def matrix(camera):
@@ -50,9 +52,13 @@ def matrix(camera):
 
 @pytest.mark.parametrize("camera", [ENDOSCOPE, C3VD_KB], ids=["endoscope", "c3vd"])
 def test_kannala_brandt_projects_as_opencv_does(rng, camera):
-    points = directions(rng, 500, min(89.0, np.rad2deg(camera.max_angle))) * rng.uniform(5, 200, (500, 1))
+    points = directions(rng, 500, min(89.0, np.rad2deg(camera.max_angle))) * rng.uniform(
+        5, 200, (500, 1)
+    )
     here = np.zeros(3), np.zeros(3)
-    expected, _ = cv2.fisheye.projectPoints(points[None], *here, matrix(camera), np.array(camera.k))
+    expected, _ = cv2.fisheye.projectPoints(
+        points[None], *here, matrix(camera), np.array(camera.k)
+    )
     assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
 
 
@@ -69,7 +75,8 @@ def test_kannala_brandt_unprojects_as_opencv_does(rng):
 def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
     """Against the paper's formula, written out."""
     ray = directions(rng, 500, 150.0)
-    theta, phi = np.arccos(ray[:, 2]), np.arctan2(ray[:, 1], ray[:, 0])
+    theta = np.arccos(ray[:, 2])
+    phi = np.arctan2(ray[:, 1], ray[:, 0])
     rho = theta + 0.01 * theta**3
     expected = 199.5 + 100 * rho[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     assert np.sum(ray[:, 2] < 0) > 100
@@ -95,7 +102,9 @@ def test_pixel_to_ray_to_pixel(camera):
     assert seen.mean() > 0.9
     assert_allclose(np.linalg.norm(ray[seen], axis=-1), 1.0, rtol=0, atol=1e-14)
     for distance in (1e-3, 40, 1e3):
-        assert_allclose(camera.project(distance * ray[seen]), pixel[seen], rtol=0, atol=1e-10)
+        assert_allclose(
+            camera.project(distance * ray[seen]), pixel[seen], rtol=0, atol=1e-10
+        )
 
 
 def test_the_endoscopes_polynomial_ends_where_it_stops_growing():
@@ -109,7 +118,9 @@ def test_the_endoscopes_polynomial_ends_where_it_stops_growing():
 
 def test_scaramuzzas_polynomial_ends_where_the_angle_stops_growing():
     """Against a fine table of atan2(r, a(r))."""
-    camera = scaramuzza(width=400, height=400, cx=199.5, cy=199.5, a=(100, 0, 2e-3, 1e-5, 1e-8))
+    camera = scaramuzza(
+        width=400, height=400, cx=199.5, cy=199.5, a=(100, 0, 2e-3, 1e-5, 1e-8)
+    )
     r = np.linspace(0, 400, 400001)
     angle = np.arctan2(r, np.polynomial.polynomial.polyval(r, camera.a))
     end = r[np.argmax(angle)]
@@ -125,13 +136,19 @@ def test_scaramuzzas_polynomial_ends_where_the_angle_stops_growing():
 @every_camera
 def test_jacobian_is_the_derivative_of_the_rays(camera):
     camera = small(camera)
-    field, pixel, h = camera.field, pixels(camera)[:-1, :-1], 1e-4
+    field = camera.field
+    pixel = pixels(camera)[:-1, :-1]
+    h = 1e-4
     assert (camera._centre == np.round(camera._centre)).all()
     ways = np.eye(2) * h
-    numerical = [(camera.unproject(pixel + e) - camera.unproject(pixel - e)) / (2 * h) for e in ways]
+    numerical = [
+        (camera.unproject(pixel + e) - camera.unproject(pixel - e)) / (2 * h) for e in ways
+    ]
     numerical = np.stack(numerical, axis=-1)
     # Near the end of the endoscope's polynomial ϑ(ρ) has a square root's slope.
-    calm = (np.abs(field.jacobian).max(axis=(-2, -1)) < 0.3)[:-1, :-1] & field.valid[:-1, :-1]
+    calm = (np.abs(field.jacobian).max(axis=(-2, -1)) < 0.3)[:-1, :-1] & field.valid[
+        :-1, :-1
+    ]
     assert calm.mean() > 0.85
     assert_allclose(field.jacobian[:-1, :-1][calm], numerical[calm], rtol=0, atol=1e-7)
 
@@ -140,7 +157,8 @@ def test_solid_angle_of_a_picture():
     """√det G integrates to the solid angle; a pinhole's rectangle has a closed form."""
     camera = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
     uu, uv, vv = np.moveaxis(camera.field.inverse_metric, -1, 0)
-    x, y = 160 / 200, 120 / 200
+    x = 160 / 200
+    y = 120 / 200
     expected = 4 * np.arctan(x * y / np.sqrt(1 + x * x + y * y))
     assert np.sum(1 / np.sqrt(uu * vv - uv**2)) == pytest.approx(expected, rel=1e-5)
 
@@ -175,8 +193,15 @@ def test_resize_keeps_the_outer_edges(rng, camera):
     points = directions(rng, 100, 60.0)
     resized = camera.resize(camera.width // 3, camera.height * 2)
     scale = np.array([resized.width / camera.width, resized.height / camera.height])
-    assert_allclose(resized.project(points) + 0.5, (camera.project(points) + 0.5) * scale, rtol=0, atol=1e-9)
-    here, there = (each.unproject((-0.5, each.height / 2 - 0.5)) for each in (resized, camera))
+    assert_allclose(
+        resized.project(points) + 0.5,
+        (camera.project(points) + 0.5) * scale,
+        rtol=0,
+        atol=1e-9,
+    )
+    here, there = (
+        each.unproject((-0.5, each.height / 2 - 0.5)) for each in (resized, camera)
+    )
     assert_allclose(here, there, rtol=0, atol=1e-12)
 
 
@@ -185,17 +210,23 @@ def test_crop_moves_the_origin(rng, camera):
     points = directions(rng, 100, 60.0)
     window = camera.crop(31, 17, 100, 90)
     assert (window.width, window.height) == (100, 90)
-    assert_allclose(window.project(points), camera.project(points) - [31, 17], rtol=0, atol=1e-10)
+    assert_allclose(
+        window.project(points), camera.project(points) - [31, 17], rtol=0, atol=1e-10
+    )
 
 
-@pytest.mark.parametrize("window", [(-1, 0, 9, 9), (0, -1, 9, 9), (312, 0, 9, 9), (0, 232, 9, 9)])
+@pytest.mark.parametrize(
+    "window", [(-1, 0, 9, 9), (0, -1, 9, 9), (312, 0, 9, 9), (0, 232, 9, 9)]
+)
 def test_crop_stays_inside(window):
     with pytest.raises(ValueError, match="outside the 320x240"):
         PINHOLE.crop(*window)
 
 
 def pinhole(**changes):
-    return Pinhole(**({"width": 32, "height": 24, "fx": 20, "fy": 20, "cx": 15, "cy": 11} | changes))
+    return Pinhole(
+        **({"width": 32, "height": 24, "fx": 20, "fy": 20, "cx": 15, "cy": 11} | changes)
+    )
 
 
 def fisheye(k):
@@ -203,7 +234,9 @@ def fisheye(k):
 
 
 def scaramuzza(**changes):
-    return Scaramuzza(**({"width": 32, "height": 24, "cx": 15, "cy": 11, "a": (20, 0, 0, 0, 0)} | changes))
+    return Scaramuzza(
+        **({"width": 32, "height": 24, "cx": 15, "cy": 11, "a": (20, 0, 0, 0, 0)} | changes)
+    )
 
 
 @pytest.mark.parametrize(
@@ -212,7 +245,10 @@ def scaramuzza(**changes):
         *((pinhole, "width", value, "width") for value in (0, -3, 1.5, np.nan, np.inf)),
         *((pinhole, name, 0, name) for name in ("height", "fx")),
         (pinhole, "cx", np.inf, "cx"),
-        *((fisheye, "k", k, message) for k, message in (((1, 2, 3), "k"), ((0, np.nan, 0, 0), "distortion"))),
+        *(
+            (fisheye, "k", k, message)
+            for k, message in (((1, 2, 3), "k"), ((0, np.nan, 0, 0), "distortion"))
+        ),
         *((scaramuzza, "a", a, "a must") for a in ((1, 0, 0), (20, 0, np.nan, 0, 0))),
         (scaramuzza, "a", (-20, 0, 0, 0, 0), r"a\[0\]"),
         (scaramuzza, "a", (20, 0.1, 0, 0, 0), r"a\[1\]"),

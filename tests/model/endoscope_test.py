@@ -15,12 +15,21 @@ EXAMPLE = """
  "photometry": {"k": 2.5, "gamma": 2.2, "gain": null,
                 "brdf": {"model": "lambertian", "albedo": [0.75, 0.38, 0.30]}}}
 """
-LIGHT = {"position": [4.0, -2.0, 0.5], "direction": [0.0, 0.6, 0.8], "exponent": 1.5, "weight": 2.0}
+LIGHT = {
+    "position": [4.0, -2.0, 0.5],
+    "direction": [0.0, 0.6, 0.8],
+    "exponent": 1.5,
+    "weight": 2.0,
+}
 POLYNOMIAL = (769.2, 0.0, -8.1e-4, 6.3e-7, -1.2e-9)
 CAMERAS = {
-    "kannala_brandt": el.KannalaBrandt(1440, 1080, 717.21, 717.48, 735.37, 552.8, (-0.139, 1e-3, 0.0, 1e-9)),
+    "kannala_brandt": el.KannalaBrandt(
+        1440, 1080, 717.21, 717.48, 735.37, 552.8, (-0.139, 1e-3, 0.0, 1e-9)
+    ),
     "pinhole": el.Pinhole(320, 240, 160.0, 161.0, 159.5, 119.1),
-    "scaramuzza": el.Scaramuzza(1350, 1080, 678.5, 543.0, POLYNOMIAL, 0.99998686, 0.00288, -0.00296),
+    "scaramuzza": el.Scaramuzza(
+        1350, 1080, 678.5, 543.0, POLYNOMIAL, 0.99998686, 0.00288, -0.00296
+    ),
 }
 CAMERAS |= {f"{name}, resized": camera.resize(333, 222) for name, camera in CAMERAS.items()}
 BRDFS = {
@@ -63,9 +72,14 @@ def complaint(path, text):
 def test_the_example_loads(tmp_path):
     path = tmp_path / "endoscope.json"
     path.write_text(EXAMPLE, encoding="utf-8")
-    calibration, k = el.load_calibration(path), (-0.13893, -0.0012396, 0.00091258, -0.000040716)
-    assert calibration.camera == el.KannalaBrandt(1440, 1080, 717.21, 717.48, 735.37, 552.80, k)
-    assert calibration.photometry == el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
+    calibration = el.load_calibration(path)
+    k = (-0.13893, -0.0012396, 0.00091258, -0.000040716)
+    assert calibration.camera == el.KannalaBrandt(
+        1440, 1080, 717.21, 717.48, 735.37, 552.80, k
+    )
+    assert calibration.photometry == el.Photometry(
+        2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30))
+    )
     assert calibration.evidence == {}
     assert json.loads(json.dumps(calibration.to_dict())) == json.loads(EXAMPLE)
 
@@ -75,28 +89,42 @@ def test_the_example_loads(tmp_path):
 def test_what_is_saved_loads_unchanged(tmp_path, camera, brdf):
     for lights, gain in (((), None), (SPOTS, 1234.5678901234567)):
         evidence = {"from": "é", "sd": [1.5, {"k": 0.1}]} if lights else {}
-        saved = el.Calibration(camera, el.Photometry(1.1, 2.3, gain, brdf, lights), evidence)
+        saved = el.Calibration(
+            camera, el.Photometry(1.1, 2.3, gain, brdf, lights), evidence
+        )
         el.write_calibration(saved, tmp_path / "c.json")
         loaded = el.load_calibration(tmp_path / "c.json")
         assert (loaded, type(loaded.camera)) == (saved, type(camera))
 
 
 def test_the_directions_of_lights_load_unchanged(rng):
-    lights = tuple(el.SpotLight(direction=direction) for direction in rng.normal(size=(50, 3)))
+    lights = tuple(
+        el.SpotLight(direction=direction) for direction in rng.normal(size=(50, 3))
+    )
     saved = el.Calibration(CAMERAS["pinhole"], el.Photometry(lights=lights))
     assert el.Calibration.from_dict(json.loads(json.dumps(saved.to_dict()))) == saved
 
 
 def test_optional_keys():
     light = {key: LIGHT[key] for key in ("position", "direction", "exponent")}
-    changes = {"photometry.lights": [light], "photometry.brdf.albedo": ..., "evidence": {"a": [1]}}
+    changes = {
+        "photometry.lights": [light],
+        "photometry.brdf.albedo": ...,
+        "evidence": {"a": [1]},
+    }
     calibration = el.Calibration.from_dict(content(**changes))
     assert calibration.photometry.lights[0].weight == 1.0
     assert calibration.photometry.brdf == el.Lambertian(1.0)
     assert calibration.evidence == {"a": [1]}
 
 
-NUMBERS = ("camera.width", "camera.fx", "photometry.gamma", "photometry.gain", "photometry.lights.0.exponent")
+NUMBERS = (
+    "camera.width",
+    "camera.fx",
+    "photometry.gamma",
+    "photometry.gain",
+    "photometry.lights.0.exponent",
+)
 LISTS = ("camera.k", "photometry.lights.0.position")
 SECTIONS = ("endolab", "camera", "camera.model", "photometry.brdf", "photometry.brdf.model")
 
@@ -106,18 +134,26 @@ def named(dotted):
 
 
 @pytest.mark.parametrize(
-    "value", ["7", True, [1.0], {}, 10**400, float("nan"), "x" * 10**6], ids=lambda v: str(v)[:9]
+    "value",
+    ["7", True, [1.0], {}, 10**400, float("nan"), "x" * 10**6],
+    ids=lambda v: str(v)[:9],
 )
 def test_numbers_and_lists_are_of_finite_numbers(tmp_path, value):
     for key in (*NUMBERS, *LISTS):
-        assert complaint(tmp_path / "c.json", content(**{key: value})).startswith(f"{named(key)}: ")
+        assert complaint(tmp_path / "c.json", content(**{key: value})).startswith(
+            f"{named(key)}: "
+        )
     for key in LISTS:
-        assert complaint(tmp_path / "c.json", content(**{key: [value] * 4})).startswith(f"{named(key)}: ")
+        assert complaint(tmp_path / "c.json", content(**{key: [value] * 4})).startswith(
+            f"{named(key)}: "
+        )
 
 
 @pytest.mark.parametrize("key", [*NUMBERS, *LISTS, *SECTIONS])
 def test_a_missing_key(tmp_path, key):
-    assert complaint(tmp_path / "c.json", content(**{key: ...})).startswith(f"{named(key)}: missing")
+    assert complaint(tmp_path / "c.json", content(**{key: ...})).startswith(
+        f"{named(key)}: missing"
+    )
 
 
 @pytest.mark.parametrize(
@@ -128,14 +164,20 @@ def test_a_missing_key(tmp_path, key):
     ],
 )
 def test_a_key_that_is_none_is_told_what_there_is(tmp_path, key, meant):
-    known, could_be = complaint(tmp_path / "c.json", content(**{key: 1.0})).split("; expected ")
+    known, could_be = complaint(tmp_path / "c.json", content(**{key: 1.0})).split(
+        "; expected "
+    )
     assert known.startswith(f"{named(key)}: ")
     assert meant in could_be.split(", ")
 
 
 @pytest.mark.parametrize(
     ("key", "misspelt"),
-    [("photometry.k", "kk"), ("camera.fx", "f_x"), ("photometry.lights.0.position", "postion")],
+    [
+        ("photometry.k", "kk"),
+        ("camera.fx", "f_x"),
+        ("photometry.lights.0.position", "postion"),
+    ],
 )
 def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, misspelt):
     whole = content(**{key: ..., f"{key.rpartition('.')[0]}.{misspelt}": 1.0})
@@ -162,7 +204,11 @@ def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, m
         ("photometry.brdf.model", "phong", "photometry.brdf.model: "),
         ("photometry.brdf.albedo", [0.5, 0.5], "photometry.brdf.albedo: "),
         ("photometry.brdf.albedo", 1.1, "photometry.brdf: albedo "),
-        ("photometry.brdf", {"model": "tabulated", "theta": [0, 1]}, "photometry.brdf.value: "),
+        (
+            "photometry.brdf",
+            {"model": "tabulated", "theta": [0, 1]},
+            "photometry.brdf.value: ",
+        ),
         (
             "photometry.brdf",
             {"model": "tabulated", "theta": [1, 0], "value": [1, 1]},
@@ -195,7 +241,9 @@ def test_a_bad_scaramuzza(tmp_path, change, message):
     assert complaint(tmp_path / "c.json", whole).startswith(message)
 
 
-@pytest.mark.parametrize("text", ["", EXAMPLE + "}", "[1]", b'{"endolab": "\xe9"}', "[" * 100_000])
+@pytest.mark.parametrize(
+    "text", ["", EXAMPLE + "}", "[1]", b'{"endolab": "\xe9"}', "[" * 100_000]
+)
 def test_not_a_calibration_at_all(tmp_path, text):
     assert complaint(tmp_path / "c.json", text)
 
@@ -213,5 +261,7 @@ def test_what_a_file_cannot_hold_leaves_the_old_one(tmp_path, brdf, evidence, me
     path = tmp_path / "c.json"
     path.write_text("old")
     with pytest.raises(ValueError, match=message):
-        el.write_calibration(el.Calibration(CAMERAS["pinhole"], el.Photometry(brdf=brdf), evidence), path)
+        el.write_calibration(
+            el.Calibration(CAMERAS["pinhole"], el.Photometry(brdf=brdf), evidence), path
+        )
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("c.json", "old")]

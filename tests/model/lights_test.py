@@ -6,7 +6,9 @@ from numpy.testing import assert_allclose
 
 from endolab.model.lights import SpotLight
 
-LIGHT = SpotLight(position=(3.0, -2.0, 0.5), direction=(0.2, -0.1, 2.0), exponent=1.7, weight=0.6)
+LIGHT = SpotLight(
+    position=(3.0, -2.0, 0.5), direction=(0.2, -0.1, 2.0), exponent=1.7, weight=0.6
+)
 
 
 def points(rng, count=50):
@@ -33,10 +35,13 @@ def test_nothing_shines_backwards(exponent):
 
 
 @pytest.mark.parametrize(
-    "light", [LIGHT, SpotLight(), SpotLight(exponent=4.0)], ids=["offset", "centred", "narrow"]
+    "light",
+    [LIGHT, SpotLight(), SpotLight(exponent=4.0)],
+    ids=["offset", "centred", "narrow"],
 )
 def test_log_gradient_is_the_derivative(rng, light):
-    x, h = points(rng), 1e-4
+    x = points(rng)
+    h = 1e-4
     ratio = [light.illuminate(x + e)[0] / light.illuminate(x - e)[0] for e in np.eye(3) * h]
     assert_allclose(light.log_gradient(x), np.log(ratio).T / (2 * h), rtol=0, atol=1e-9)
 

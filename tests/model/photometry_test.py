@@ -22,7 +22,9 @@ THREE_LIGHTS = (
     SpotLight((0.5, -4.0, 0.3), (0.0, 0.1, 1.0), 2.0, 0.4),
 )
 every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
-every_light = pytest.mark.parametrize("lights", [(), THREE_LIGHTS], ids=["centred", "three lights"])
+every_light = pytest.mark.parametrize(
+    "lights", [(), THREE_LIGHTS], ids=["centred", "three lights"]
+)
 
 
 def surface(rng, count=60, max_slant=70.0):
@@ -43,7 +45,12 @@ def slope(function, h):
 
 
 def model(brdf=BRDFS["matt"], lights=(), **changes):
-    return Photometry(**({"k": 2.5, "gamma": 2.2, "gain": 3000.0, "brdf": brdf, "lights": lights} | changes))
+    return Photometry(
+        **(
+            {"k": 2.5, "gamma": 2.2, "gain": 3000.0, "brdf": brdf, "lights": lights}
+            | changes
+        )
+    )
 
 
 @every_brdf
@@ -65,12 +72,19 @@ def test_derivatives_of_the_general_model(rng, brdf, lights):
 def test_derivatives_of_the_simplified_model(rng, brdf):
     photometry = model(brdf)
     _, _, distance, theta, cos_alpha = surface(rng)
-    v, p = np.log(distance), np.tan(theta) ** 2
+    v = np.log(distance)
+    p = np.tan(theta) ** 2
     stored, by_v, by_p = photometry.shade(v, p, cos_alpha)
-    assert_array_equal(photometry.brightness(v, p, photometry.attenuation(cos_alpha)), stored)
-    assert_allclose(by_v, slope(lambda h: photometry.shade(v + h, p, cos_alpha)[0], 1e-6), rtol=1e-7)
+    assert_array_equal(
+        photometry.brightness(v, p, photometry.attenuation(cos_alpha)), stored
+    )
+    assert_allclose(
+        by_v, slope(lambda h: photometry.shade(v + h, p, cos_alpha)[0], 1e-6), rtol=1e-7
+    )
     steps = 1e-6 * (1 + p)
-    assert_allclose(by_p, slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps), rtol=2e-5)
+    assert_allclose(
+        by_p, slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps), rtol=2e-5
+    )
 
 
 @every_brdf
@@ -89,27 +103,36 @@ def test_the_exponent_can_be_the_lights_or_the_lens(rng, brdf):
     points, normals, *_ = surface(rng)
     joint = model(brdf, k=2.5)
     split = model(brdf, (SpotLight(exponent=1.6),), k=0.9)
-    assert_allclose(split.intensity(points, normals), joint.intensity(points, normals), rtol=1e-12)
+    assert_allclose(
+        split.intensity(points, normals), joint.intensity(points, normals), rtol=1e-12
+    )
     assert split.simplify().k == pytest.approx(2.5)
 
 
 def test_lights_add_up_before_the_response(rng):
     points, normals, *_ = surface(rng)
-    each = [model(lights=(light,)).intensity(points, normals) ** 2.2 for light in THREE_LIGHTS]
+    each = [
+        model(lights=(light,)).intensity(points, normals) ** 2.2 for light in THREE_LIGHTS
+    ]
     together = model(lights=THREE_LIGHTS).intensity(points, normals) ** 2.2
     assert_allclose(together, sum(each), rtol=1e-12)
 
 
 def test_far_away_the_lights_become_one(rng):
     """The error falls like offset/distance: ten times as far, about a tenth."""
-    lights = tuple(replace(light, direction=(0, 0, 1), exponent=1.4) for light in THREE_LIGHTS)
+    lights = tuple(
+        replace(light, direction=(0, 0, 1), exponent=1.4) for light in THREE_LIGHTS
+    )
     general = model(lights=lights)
     simplified = general.simplify()
     assert simplified.lights == ()
     assert simplified.gain == pytest.approx(3000 * 1.2)
     points, normals, distance, _, _ = surface(rng, max_slant=50.0)
     far = [d * points / distance[:, None] for d in (50.0, 500.0, 5000.0)]
-    errors = [np.log(general.intensity(x, normals) / simplified.intensity(x, normals)) for x in far]
+    errors = [
+        np.log(general.intensity(x, normals) / simplified.intensity(x, normals))
+        for x in far
+    ]
     errors = np.abs(errors).max(axis=1)
     assert np.all(errors[1:] < errors[:-1] / 8)
     assert errors[2] < 1e-3
@@ -120,8 +143,11 @@ def test_far_away_the_lights_become_one(rng):
 def test_inverse_squares(rng, brdf, lights):
     """Everything twice as large, lights included: a quarter of the light, before the response."""
     points, normals, *_ = surface(rng)
-    grown = tuple(replace(light, position=tuple(2 * np.array(light.position))) for light in lights)
-    small, large = model(brdf, lights), model(brdf, grown)
+    grown = tuple(
+        replace(light, position=tuple(2 * np.array(light.position))) for light in lights
+    )
+    small = model(brdf, lights)
+    large = model(brdf, grown)
     ratio = large.intensity(2 * points, normals) / small.intensity(points, normals)
     assert_allclose(ratio, 2 ** (-2 / 2.2), rtol=1e-12)
 
@@ -129,7 +155,9 @@ def test_inverse_squares(rng, brdf, lights):
 @every_brdf
 def test_canonical_intensity_is_cosine_over_square(rng, brdf):
     points, normals, distance, theta, cos_alpha = surface(rng)
-    canonical = model(brdf).canonical(model(brdf).intensity(points, normals), cos_alpha, theta)
+    canonical = model(brdf).canonical(
+        model(brdf).intensity(points, normals), cos_alpha, theta
+    )
     assert_allclose(canonical, np.cos(theta) / distance**2, rtol=1e-12)
 
 
@@ -137,11 +165,15 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     """BT.601, as OpenCV mixes it; on the stored values, whatever the geometry."""
     colour = model(Lambertian((0.75, 0.38, 0.30)))
     points, normals, *_ = surface(rng)
-    rgb = [colour.channel(name).intensity(points, normals) for name in ("red", "green", "blue")]
+    rgb = [
+        colour.channel(name).intensity(points, normals) for name in ("red", "green", "blue")
+    ]
     expected = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]
     grey = colour.channel("grey").intensity(points, normals)
     assert_allclose(grey, expected, rtol=1e-12)
-    by_opencv = cv2.cvtColor(np.stack(rgb, axis=-1)[None].astype(np.float32), cv2.COLOR_RGB2GRAY)[0]
+    by_opencv = cv2.cvtColor(
+        np.stack(rgb, axis=-1)[None].astype(np.float32), cv2.COLOR_RGB2GRAY
+    )[0]
     assert_allclose(grey, by_opencv, rtol=1e-5)
 
 
@@ -151,7 +183,9 @@ def test_the_slant_table_inverts_the_brightness(brdf):
     theta = np.deg2rad(np.linspace(0, 88, 500))
     cosine = np.cos(theta)
     c = cosine * brdf.value(cosine, cosine) / brdf.value(1.0, 1.0)
-    assert_allclose(np.interp(np.log(c), log_c, log_slant), -2 * np.log(cosine), rtol=0, atol=1e-4)
+    assert_allclose(
+        np.interp(np.log(c), log_c, log_slant), -2 * np.log(cosine), rtol=0, atol=1e-4
+    )
 
 
 def test_a_matt_surface_needs_no_table_and_one_brightness_must_not_have_two_slants():

@@ -19,7 +19,9 @@ def test_every_nth_is_as_in_the_whole(step, torn, rng):
     cuts = rng.random((2, *field.shape)) < 0.3 if torn else None
     every = np.s_[::step, ::step]
     found = thin_normals(v, field, mask, step)
-    np.testing.assert_allclose(found, normals(v, field, mask)[every], rtol=1e-12, equal_nan=True)
+    np.testing.assert_allclose(
+        found, normals(v, field, mask)[every], rtol=1e-12, equal_nan=True
+    )
     expected = slant(*gradient(v, mask, cuts, edge_order=1), field)[every]
     maps = ThinnedMaps(field, mask, cuts, step)
     for _ in range(2):  # what it keeps is not used up

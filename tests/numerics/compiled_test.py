@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "endolab"
 RUN = """
 import numpy as np
 from endolab.numerics import compiled
-assert compiled.block_sums(compiled.padded(np.ones((4, 6)))).sum() == 24
+assert compiled.block_sums(compiled.pad_maps(np.ones((4, 6)))).sum() == 24
 print(compiled.COMPILED["cache"])
 """
 
@@ -28,12 +28,23 @@ def test_loops_run_where_nothing_can_be_kept(tmp_path):
     numerics.mkdir(parents=True)
     for name in ("__init__.py", "arrays.py", "checks.py", "compiled.py", "iteration.py"):
         shutil.copy(PACKAGE / "numerics" / name, numerics)
-    for taken in (tmp_path / "endolab/__init__.py", numerics / "__pycache__", tmp_path / "home"):
+    for taken in (
+        tmp_path / "endolab/__init__.py",
+        numerics / "__pycache__",
+        tmp_path / "home",
+    ):
         taken.touch()  # a file, in which even root can make no folder
-    home = {name: str(tmp_path / "home/cache") for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")}
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")} | home
+    home = {
+        name: str(tmp_path / "home/cache")
+        for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")
+    }
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")
+    } | home
     how = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120}
-    done = subprocess.run([sys.executable, "-B", "-c", RUN], env=environment, **how, check=False)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", RUN], env=environment, **how, check=False
+    )
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 
@@ -46,7 +57,8 @@ def test_seconds_that_are_told_do_not_count_compiling():  # "98.45 s for 4 itera
             yield k
         return Status.CONVERGED
 
-    took, reported = [], []
+    took = []
+    reported = []
     drive(steps(), [], lambda _, seconds: reported.append(seconds))
     assert reported[-1] < 0.5 * sum(took)
 
@@ -57,5 +69,8 @@ def test_blocks_lie_alike_from_both_ends(rng):
         a = compiled.pad_maps(rng.normal(size=shape))
         mirrored = compiled.pad_maps(compiled.inner(a)[::-1, ::-1])
         while min(a.shape) > 2 * compiled.PAD + 2:
-            a, mirrored = compiled.block_sums(a), compiled.block_sums(mirrored)
-            np.testing.assert_array_equal(compiled.inner(mirrored), compiled.inner(a)[::-1, ::-1])
+            a = compiled.block_sums(a)
+            mirrored = compiled.block_sums(mirrored)
+            np.testing.assert_array_equal(
+                compiled.inner(mirrored), compiled.inner(a)[::-1, ::-1]
+            )

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from endolab.numerics.derivatives import differences, forward_gradient, gradient, hessian, links, shift
+from endolab.numerics.derivatives import (
+    differences,
+    forward_gradient,
+    gradient,
+    hessian,
+    links,
+    shift,
+)
 from tests.tools.adjoints import (
     between,
     differences_adjoint,
@@ -64,7 +71,9 @@ def test_gradient_takes_the_best_formula_that_the_mask_allows(rng, mask):
         f_axis = gradient(quadratic, mask)[1 - axis]
         line_axis = gradient(line, mask)[1 - axis]
         for r, c in zip(*np.nonzero(mask), strict=True):
-            here = [padded[r + 2 + s * step[0], c + 2 + s * step[1]] for s in (-2, -1, 0, 1, 2)]
+            here = [
+                padded[r + 2 + s * step[0], c + 2 + s * step[1]] for s in (-2, -1, 0, 1, 2)
+            ]
             run = [all(here[i : i + 3]) for i in range(3)]
             if any(run):
                 seen["three"] += 1
@@ -103,7 +112,13 @@ def test_hessian_of_a_quadratic(rng):
     assert_allclose(f_vv[1:-1], 2 * c[5], rtol=0, atol=1e-11)
     for f_uv in mixed:
         assert_allclose(f_uv[1:-1, 1:-1], c[4] / np.sqrt(2), rtol=0, atol=1e-11)
-    for rim in (f_uu[:, [0, -1]], f_vv[[0, -1]], mixed[0][-1], mixed[0][:, -1], mixed[3][0]):
+    for rim in (
+        f_uu[:, [0, -1]],
+        f_vv[[0, -1]],
+        mixed[0][-1],
+        mixed[0][:, -1],
+        mixed[3][0],
+    ):
         assert np.all(rim == 0)
 
 
@@ -137,16 +152,23 @@ def test_gradient_without_a_mask_is_numpys(rng, shape, edge_order):
 
 def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
     mask = np.array([[True, True, False], [True, True, True]])
-    assert_array_equal(links(mask), np.array([[[1, 0, 0], [1, 1, 0]], [[1, 1, 0], [0, 0, 0]]]) > 0)
+    assert_array_equal(
+        links(mask), np.array([[[1, 0, 0], [1, 1, 0]], [[1, 1, 0], [0, 0, 0]]]) > 0
+    )
     cuts = np.zeros((2, 2, 3), dtype=bool)
-    cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = True  # the last two lead nowhere
-    assert_array_equal(links(mask, cuts), np.array([[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]]]) > 0)
+    cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = (
+        True  # the last two lead nowhere
+    )
+    assert_array_equal(
+        links(mask, cuts), np.array([[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]]]) > 0
+    )
 
 
 @pytest.mark.parametrize("operator", OPERATORS)
 def test_cuts_tear_a_map_into_maps_of_their_own(rng, mask, operator):
     """Cut along a patchwork's seams, each patch has the derivatives that it has as a mask of its own."""
-    f, labels = rng.normal(size=mask.shape), rng.integers(0, 3, mask.shape)
+    f = rng.normal(size=mask.shape)
+    labels = rng.integers(0, 3, mask.shape)
     labels[4:11, 5:12] = 0
     assert np.all(np.asarray(operator(7.0 * labels, cuts=between(labels))) == 0)
     torn = np.asarray(operator(f, mask, between(labels)))
@@ -162,7 +184,8 @@ def test_cuts_tear_a_map_into_maps_of_their_own(rng, mask, operator):
 def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
     """⟨A f, p⟩ = ⟨f, Aᵀ p⟩ with masks and cuts; what lies outside the mask is not read."""
     for share in (0.0, 0.2, 0.5):
-        mask, cuts = rng.random(shape) >= share, rng.random((2, *shape)) < share
+        mask = rng.random(shape) >= share
+        cuts = rng.random((2, *shape)) < share
         f = rng.normal(size=shape)
         p = rng.normal(size=np.shape(operator(f)))
         spoilt = adjoint(np.where(mask, p, rubbish), mask, cuts)
@@ -171,4 +194,6 @@ def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
         assert np.all(spoilt[~mask] == 0)
         forward = operator(np.where(mask, f, rubbish), mask, cuts)
         assert_array_equal(forward, operator(f, mask, cuts))
-        assert np.sum((forward * p)[:, mask]) == pytest.approx(np.sum(f * spoilt), rel=1e-12, abs=1e-12)
+        assert np.sum((forward * p)[:, mask]) == pytest.approx(
+            np.sum(f * spoilt), rel=1e-12, abs=1e-12
+        )

@@ -16,7 +16,12 @@ def sampled_root(coefficients, limit):
     change = np.flatnonzero(np.diff(np.sign(f)))
     if change.size == 0:
         return limit
-    return brentq(lambda t: polynomial.polyval(t, coefficients), x[change[0]], x[change[0] + 1], xtol=1e-14)
+    return brentq(
+        lambda t: polynomial.polyval(t, coefficients),
+        x[change[0]],
+        x[change[0] + 1],
+        xtol=1e-14,
+    )
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -28,10 +33,17 @@ def test_smallest_positive_root_is_the_first_sign_change(seed):
 
 @pytest.mark.parametrize(
     ("roots", "limit", "expected"),
-    [([3.0, 0.5, -0.1], 10, 0.5), ([-1.0, -2.0], 10, 10), ([7.0], 4, 4), ([1e-3, 50.0], 100, 1e-3)],
+    [
+        ([3.0, 0.5, -0.1], 10, 0.5),
+        ([-1.0, -2.0], 10, 10),
+        ([7.0], 4, 4),
+        ([1e-3, 50.0], 100, 1e-3),
+    ],
 )
 def test_smallest_positive_root_of_known_roots(roots, limit, expected):
-    assert smallest_positive_root(polynomial.polyfromroots(roots), limit) == pytest.approx(expected, rel=1e-9)
+    assert smallest_positive_root(polynomial.polyfromroots(roots), limit) == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 def test_no_positive_root_gives_the_limit_and_trailing_zeros_are_no_degree():
@@ -59,5 +71,8 @@ def test_invert_increasing_agrees_with_brent(name):
     assert np.all(np.abs(value - target) <= 1e-15 * np.maximum(1.0, slope))
     steep = np.flatnonzero(slope > 0.01)[1:-1]
     assert steep.size > 80
-    brent = [brentq(lambda s, t=t: function(s)[0] - t, low, high, xtol=1e-15) for t in target[steep]]
+    brent = [
+        brentq(lambda s, t=t: function(s)[0] - t, low, high, xtol=1e-15)
+        for t in target[steep]
+    ]
     assert_allclose(x[steep], brent, rtol=0, atol=1e-12)

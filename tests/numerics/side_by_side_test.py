@@ -8,9 +8,12 @@ from endolab.numerics.side_by_side import WORTH_THREADS, by_rows, side_by_side
 from endolab.numerics.threads import limit_threads, threads
 
 
-@pytest.mark.parametrize("shape", [(3, 7), (600, 700), (WORTH_THREADS, 1), (1, WORTH_THREADS)])
+@pytest.mark.parametrize(
+    "shape", [(3, 7), (600, 700), (WORTH_THREADS, 1), (1, WORTH_THREADS)]
+)
 def test_every_row_is_worked_on_once(rng, shape):
-    a, out = rng.uniform(size=shape), np.zeros(shape)
+    a = rng.uniform(size=shape)
+    out = np.zeros(shape)
 
     def added(rows):
         out[rows] += a[rows] ** 2

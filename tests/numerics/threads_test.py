@@ -30,8 +30,18 @@ def solved(start, rounds=7):
 
 def printed(code, **environment):
     """What a fresh Python prints."""
-    plain = {name: value for name, value in os.environ.items() if name not in (VARIABLE, "NUMBA_NUM_THREADS")}
-    command = [sys.executable, "-W", "error", "-c", f"from endolab.numerics import threads\n{code}"]
+    plain = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in (VARIABLE, "NUMBA_NUM_THREADS")
+    }
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        "-c",
+        f"from endolab.numerics import threads\n{code}",
+    ]
     how = {"capture_output": True, "text": True, "timeout": 120, "env": plain | environment}
     done = subprocess.run(command, **how)
     assert done.returncode == 0, done.stderr
@@ -72,13 +82,17 @@ def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
 def test_two_threads_of_a_process_at_once_both_get_it_right(start, rng):
     other = rng.normal(size=start.shape)
     expected = [solved(one, 30) for one in (start, other)]
-    right, gate = [], threading.Barrier(2)
+    right = []
+    gate = threading.Barrier(2)
 
     def work(one, wanted):
         gate.wait()
         right.extend(np.array_equal(solved(one, 30), wanted) for _ in range(10))
 
-    both = [threading.Thread(target=work, args=given) for given in zip((start, other), expected, strict=True)]
+    both = [
+        threading.Thread(target=work, args=given)
+        for given in zip((start, other), expected, strict=True)
+    ]
     for one in both:
         one.start()
     for one in both:
@@ -112,5 +126,7 @@ def test_a_forked_child_goes_on_by_itself():
 
 def test_a_worker_of_joblib_takes_its_share():
     joint = threads.cores()
-    found = joblib.Parallel(2, backend="loky")(joblib.delayed(threads.threads)() for _ in range(2))
+    found = joblib.Parallel(2, backend="loky")(
+        joblib.delayed(threads.threads)() for _ in range(2)
+    )
     assert found == [max(joint // 2, 1)] * 2

@@ -38,13 +38,19 @@ def test_a_detection_is_joined_along_rows_and_a_wrong_id_leaves_its_row(session,
 
     def longest(which):
         ax = plots.show_detection(
-            frames["frame_0"], Detection(which, detection.pixels), el.TARGETS["vicalib_small"]
+            frames["frame_0"],
+            Detection(which, detection.pixels),
+            el.TARGETS["vicalib_small"],
         )
-        steps = (np.linalg.norm(np.diff(line.get_xydata(), axis=0), axis=1) for line in ax.lines)
+        steps = (
+            np.linalg.norm(np.diff(line.get_xydata(), axis=0), axis=1) for line in ax.lines
+        )
         return max(step.max(initial=0) for step in steps)
 
     assert longest(ids) > 2 * longest(detection.ids)
-    blind = plots.show_detection(frames["frame_3"], session.detections["frame_3"], session.target)
+    blind = plots.show_detection(
+        frames["frame_3"], session.detections["frame_3"], session.target
+    )
     assert "too dark" in blind.get_title()
 
 
@@ -52,12 +58,15 @@ def test_arrows_are_the_residuals_and_outliers_end_early(session):
     geometry = session.geometry
     ax = plots.show_reprojection(geometry)
     inliers, outliers = ax.collections
-    residuals, good = np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
+    residuals = np.concatenate(geometry.residuals)
+    good = np.concatenate(geometry.inliers)
     magnify = float(ax.get_title().split("× ")[1])
     assert inliers.scale == outliers.scale == pytest.approx(1 / magnify)
     assert 0.4 < magnify * geometry.sigma / (0.02 * geometry.camera.width) <= 1
     assert np.isin(inliers.U, residuals[good, 0]).mean() > 0.99
-    assert np.hypot(outliers.U, outliers.V).max() == pytest.approx(plots.LONGEST_ARROW * geometry.sigma)
+    assert np.hypot(outliers.U, outliers.V).max() == pytest.approx(
+        plots.LONGEST_ARROW * geometry.sigma
+    )
 
 
 def test_the_histogram_of_residuals_is_a_density(session):
@@ -69,8 +78,13 @@ def test_the_histogram_of_residuals_is_a_density(session):
 
 
 def test_the_field_has_circles_of_equal_angle(session):
-    camera, ax = session.camera, plots.show_coverage(session.geometry)
-    rings = [line for line in ax.lines if len(line.get_xdata()) > 200 and line.get_linestyle() == "-"]
+    camera = session.camera
+    ax = plots.show_coverage(session.geometry)
+    rings = [
+        line
+        for line in ax.lines
+        if len(line.get_xdata()) > 200 and line.get_linestyle() == "-"
+    ]
     for ring, angle in zip(rings, range(10, 90, 10), strict=False):
         rays = camera.unproject(ring.get_xydata())
         assert np.rad2deg(np.arccos(rays[:, 2])) == pytest.approx(angle, abs=1e-6)
@@ -78,7 +92,9 @@ def test_the_field_has_circles_of_equal_angle(session):
 
 def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(session, frames):
     worst = plots.worst_frames(session)
-    assert [session.errors[name] for name in worst] == sorted(session.errors.values())[:-5:-1]
+    assert [session.errors[name] for name in worst] == sorted(session.errors.values())[
+        :-5:-1
+    ]
     ax = plots.show_frame_errors(session.errors, worst)
     assert [bar.get_height() for bar in ax.patches] == list(session.errors.values())
     assert len({bar.get_facecolor() for bar in ax.patches}) == 2
@@ -101,9 +117,13 @@ def test_the_fall_off_is_a_power_of_the_cosine(session):
 
 def test_gains_stand_beside_the_distance_and_what_is_unknown_is_left_out(session):
     distance = summary.mean_distances(session.samples, session.light.frames)
-    assert distance[2] == pytest.approx(session.samples.distance[session.samples.frame == 2].mean())
+    assert distance[2] == pytest.approx(
+        session.samples.distance[session.samples.frame == 2].mean()
+    )
     unknown = np.where(np.arange(20) == 5, np.inf, session.light.gain_errors)
-    ax = light_plots.show_gains(replace(session.light, gain_errors=unknown), distance=distance)
+    ax = light_plots.show_gains(
+        replace(session.light, gain_errors=unknown), distance=distance
+    )
     assert np.isnan(ax.lines[0].get_ydata()[5])
     other = next(axes for axes in ax.figure.axes if axes is not ax)
     assert np.array_equal(other.lines[0].get_ydata(), distance)
@@ -118,8 +138,10 @@ def test_the_brdf_is_relative_to_its_pinned_node(session):
 
 
 def test_a_score_shows_its_bins_and_a_wide_bar_does_not_rule():
-    edges, error = np.deg2rad([0, 10, 20, 30, 40]), np.array([0.001, -0.001, -0.002, np.nan])
-    counts, spread = np.array([30, 30, 1, 0]), np.array([0.001, 0.001, 0.5, np.nan])
+    edges = np.deg2rad([0, 10, 20, 30, 40])
+    error = np.array([0.001, -0.001, -0.002, np.nan])
+    counts = np.array([30, 30, 1, 0])
+    spread = np.array([0.001, 0.001, 0.5, np.nan])
     ax = light_plots.show_scores(HeldOut(edges, error, spread, counts, 3.0))
     assert ax.containers[0].lines[0].get_xydata() == pytest.approx(
         np.array([[5, 0.1], [15, -0.1], [25, -0.2]])
@@ -128,7 +150,8 @@ def test_a_score_shows_its_bins_and_a_wide_bar_does_not_rule():
 
 
 def test_pages_are_whole_and_those_of_what_is_not_there_are_refused(session, frames):
-    image, worst = frames[plots.best_frame(session)], plots.worst_frames(session)
+    image = frames[plots.best_frame(session)]
+    worst = plots.worst_frames(session)
     pages = plots.geometry_figure(session, image), plots.light_figure(session, image)
     pages += (plots.frames_figure(session, {name: frames[name] for name in worst}),)
     for figure, panels in zip(pages, (4, 6, 6), strict=True):

@@ -74,7 +74,10 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     ax = plots.show_depth(distance)
     image = ax.images[0]
     assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(distance, [1, 99])))
-    assert (image.colorbar.ax.get_ylabel(), image.colorbar.extend) == ("distance [mm]", "both")
+    assert (image.colorbar.ax.get_ylabel(), image.colorbar.extend) == (
+        "distance [mm]",
+        "both",
+    )
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("column u [px]", "row v [px]")
     assert image.get_array().mask.sum() == 100
     drawn = pixels(ax.figure)
@@ -104,7 +107,9 @@ def test_an_error_is_signed_and_centred():
 
 def test_a_section_lies_on_the_surface(rendered):
     field = rendered.camera.field
-    ax = plots.show_section({"truth": rendered.distance, "mine": 2 * rendered.distance}, field)
+    ax = plots.show_section(
+        {"truth": rendered.distance, "mine": 2 * rendered.distance}, field
+    )
     z, y = ax.lines[0].get_data()
     points = rendered.distance[..., None] * field.rays
     assert np.array_equal(z, points[:, 40, 2], equal_nan=True)
@@ -112,7 +117,9 @@ def test_a_section_lies_on_the_surface(rendered):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("z [mm]", "y [mm]")
     assert ax.yaxis_inverted()
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["truth", "mine"]
-    ax = plots.show_section({"truth": rendered.distance}, field, row=7, unit="relative units")
+    ax = plots.show_section(
+        {"truth": rendered.distance}, field, row=7, unit="relative units"
+    )
     assert np.array_equal(ax.lines[0].get_ydata(), points[7, :, 0], equal_nan=True)
     assert ax.get_ylabel() == "x [relative units]"
     with pytest.raises(ValueError, match="row or a column"):
@@ -120,7 +127,8 @@ def test_a_section_lies_on_the_surface(rendered):
 
 
 def test_a_start_with_spikes_does_not_widen_a_section(rendered):
-    field, truth = rendered.camera.field, rendered.distance
+    field = rendered.camera.field
+    truth = rendered.distance
     spiky = truth.copy()
     spiky[28:32, 38:42] *= 20
     limits = {}
@@ -132,14 +140,20 @@ def test_a_start_with_spikes_does_not_widen_a_section(rendered):
     assert limits["mine"][0][1] > 5 * limits["start"][0][1]
     points = truth[..., None] * field.rays
     line = points[:, 40]
-    assert np.nanmax(line[:, 2]) > 0.7 * limits["start"][0][1]  # the estimate fills the axes
+    assert (
+        np.nanmax(line[:, 2]) > 0.7 * limits["start"][0][1]
+    )  # the estimate fills the axes
     alone = plots.show_section({"start": spiky}, field)
     alone.figure.canvas.draw()
-    assert alone.get_xlim()[1] > 5 * limits["start"][0][1]  # there is nothing else to follow
+    assert (
+        alone.get_xlim()[1] > 5 * limits["start"][0][1]
+    )  # there is nothing else to follow
 
 
 def test_a_history_is_logarithmic_and_bears_zeros():
-    history = [{"k": k, "energy": 0.5**k, "data": 0.5**k, "regulariser": 0.0} for k in range(5)]
+    history = [
+        {"k": k, "energy": 0.5**k, "data": 0.5**k, "regulariser": 0.0} for k in range(5)
+    ]
     ax = plots.show_history(history)
     assert ax.get_yscale() == "log"
     assert {line.get_label() for line in ax.lines} == {"energy", "data"}
@@ -163,16 +177,24 @@ def test_a_surface_from_the_side_is_seen_from_the_left_and_above():
     x, y = np.meshgrid(np.linspace(-10, 10, 30), np.linspace(-8, 8, 24))
     wall = np.stack([x, y, np.full_like(x, 50.0)], axis=-1)
     ax = plots.show_cloud(wall, np.full(x.shape, 0.5), angle=30, elevation=0)
-    middle = np.mean([path.vertices[:4].mean(axis=0) for path in ax.collections[0].get_paths()], axis=0)
+    middle = np.mean(
+        [path.vertices[:4].mean(axis=0) for path in ax.collections[0].get_paths()], axis=0
+    )
     assert middle == pytest.approx([-50 * np.sin(np.deg2rad(30)), 0.0], abs=0.5)
-    assert len(plots.show_cloud(wall, np.full(x.shape, 0.5), angle=120).collections) == 0  # its back
+    assert (
+        len(plots.show_cloud(wall, np.full(x.shape, 0.5), angle=120).collections) == 0
+    )  # its back
     pixels(plots.show_cloud(np.full((5, 6, 3), np.nan), np.zeros((5, 6))).figure)
 
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_an_overview_says_everything_and_leaves_no_figure(start, rendered, grey):
-    iterate = replace(start, problem=replace(start.problem, picture=None)) if grey else start
-    result = el.Result(iterate, el.Status.CONVERGED, [{"k": 0, "energy": iterate.energy}], 0.1)
+    iterate = (
+        replace(start, problem=replace(start.problem, picture=None)) if grey else start
+    )
+    result = el.Result(
+        iterate, el.Status.CONVERGED, [{"k": 0, "energy": iterate.energy}], 0.1
+    )
     open_figures = plt.get_fignums()
     figure = plots.overview(result, truth=rendered.distance)
     assert plt.get_fignums() == open_figures
@@ -181,7 +203,11 @@ def test_an_overview_says_everything_and_leaves_no_figure(start, rendered, grey)
     assert "reached its goal" in figure.get_suptitle()
     assert "relative" not in figure.get_suptitle()
     section = next(ax for ax in figure.axes if ax.get_title().startswith("Section"))
-    assert [text.get_text() for text in section.get_legend().get_texts()] == ["truth", "start", "estimate"]
+    assert [text.get_text() for text in section.get_legend().get_texts()] == [
+        "truth",
+        "start",
+        "estimate",
+    ]
     assert pixels(figure).shape == (900, 1600, 3)
 
 
@@ -190,7 +216,8 @@ def test_an_overview_without_a_gain_says_relative(start, rendered):
     figure = plots.overview(iterate, truth=7 * rendered.distance)
     assert "relative units" in figure.get_suptitle()
     section = next(ax for ax in figure.axes if ax.get_title().startswith("Section"))
-    truth, estimate = section.lines[0].get_xdata(), section.lines[2].get_xdata()
+    truth = section.lines[0].get_xdata()
+    estimate = section.lines[2].get_xdata()
     assert 0.5 < np.nanmedian(estimate / truth) < 2
     assert not any("mm" in ax.get_ylabel() or "mm" in ax.get_xlabel() for ax in figure.axes)
 
@@ -204,7 +231,15 @@ WAYS_TO_SEE = {  # Machado et al. 2009, linear RGB, severity 1; rows sum to 1
 
 @pytest.mark.parametrize("eyes", WAYS_TO_SEE)
 def test_colours_of_lines_are_told_apart(eyes):
-    lines = ["black", style.SKY, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.BLUE]
+    lines = [
+        "black",
+        style.SKY,
+        style.VERMILION,
+        style.GREEN,
+        style.PURPLE,
+        style.ORANGE,
+        style.BLUE,
+    ]
     stored = np.array([to_rgb(colour) for colour in lines])
     light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
     way = np.array([[red, green, 1 - red - green] for red, green in WAYS_TO_SEE[eyes]])
@@ -219,13 +254,17 @@ def test_colours_of_lines_are_told_apart(eyes):
 def one_of_each(start, rendered, axes=(None,) * 7):
     """Every plot function that draws on axes, in `axes` or its own."""
     field = rendered.camera.field
-    history = [{"k": k, "energy": 0.5**k, "data": 0.4**k, "regulariser": 0.3**k} for k in range(5)]
+    history = [
+        {"k": k, "energy": 0.5**k, "data": 0.4**k, "regulariser": 0.3**k} for k in range(5)
+    ]
     return [
         plots.show_picture(rendered.image, axes[0]),
         plots.show_depth(start.distance, axes[1]),
         plots.show_normals(start.normals, axes[2]),
         plots.show_error(start.distance, rendered.distance, axes[3]),
-        plots.show_section({"truth": rendered.distance, "start": start.distance}, field, axes[4]),
+        plots.show_section(
+            {"truth": rendered.distance, "start": start.distance}, field, axes[4]
+        ),
         plots.show_history(history, axes[5]),
         plots.show_cloud(start.points, rendered.image, axes[6]),
     ]
@@ -233,7 +272,11 @@ def one_of_each(start, rendered, axes=(None,) * 7):
 
 def shown_texts(figure):
     figure.canvas.draw()
-    return [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+    return [
+        text
+        for text in figure.findobj(Text)
+        if text.get_text().strip() and text.get_visible()
+    ]
 
 
 def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
@@ -244,7 +287,9 @@ def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
     for ax in drawn:
         texts = shown_texts(ax.figure)
         assert len(texts) > 2
-        assert not [str(text) for text in texts if text.get_size() < 12]  # 17 px at 100 dpi, 8 at half size
+        assert not [
+            str(text) for text in texts if text.get_size() < 12
+        ]  # 17 px at 100 dpi, 8 at half size
     for ax in drawn[:6]:  # the last one has a scale bar
         assert ax.get_xlabel().endswith("]") or ax.get_xlabel() == "iteration"
         assert ax.get_ylabel().endswith("]")
@@ -286,4 +331,7 @@ def test_common_limits_are_those_of_all(rng):
     assert plots.common_limits(maps) == pytest.approx(np.percentile(everything, [1, 99]))
     expected = np.percentile(np.abs(everything - 50), 98)
     assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(expected)
-    assert (plots.common_limits([]), plots.common_limit([np.zeros(3), np.full(2, np.nan)])) == ((0, 1), 1)
+    assert (
+        plots.common_limits([]),
+        plots.common_limit([np.zeros(3), np.full(2, np.nan)]),
+    ) == ((0, 1), 1)

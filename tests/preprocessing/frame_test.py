@@ -79,7 +79,8 @@ def test_shrinking_keeps_the_light(rng, size):
 
 @pytest.mark.parametrize("colours", [(), (3,)])
 def test_shrinking_averages_the_pixels_of_the_mask_alone(rng, colours):
-    image, mask = rng.uniform(size=(12, 16, *colours)), rng.uniform(size=(12, 16)) < 0.6
+    image = rng.uniform(size=(12, 16, *colours))
+    mask = rng.uniform(size=(12, 16)) < 0.6
     spoilt = image.copy()
     spoilt[~mask] = rng.choice([np.nan, 1.0, 0.0], size=((~mask).sum(), *colours))
     small = el.Frame(spoilt, mask).resize(8, 6, GAMMA)
@@ -160,9 +161,13 @@ def test_blur_spreads_light_like_a_gaussian():
 def test_a_turned_picture_has_the_turned_field_of_view_and_the_same_noise(rng):
     """Once 30 px were seen in one of two that were turned, and equal bytes counted as noise or not."""
     i, j = np.indices((90, 120))
-    image = np.where(np.hypot(i - 43, j - 61) < 40, np.round(rng.uniform(60, 200, (90, 120))) / 255, 0.0)
+    image = np.where(
+        np.hypot(i - 43, j - 61) < 40, np.round(rng.uniform(60, 200, (90, 120))) / 255, 0.0
+    )
     shown = field_of_view(image)
     for turn in (np.fliplr, np.flipud, np.transpose):
         there = np.ascontiguousarray(turn(image))
         np.testing.assert_array_equal(field_of_view(there), turn(shown))
-        assert noise_level(there, turn(shown)) == pytest.approx(noise_level(image, shown), rel=1e-12)
+        assert noise_level(there, turn(shown)) == pytest.approx(
+            noise_level(image, shown), rel=1e-12
+        )

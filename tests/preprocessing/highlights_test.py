@@ -20,7 +20,11 @@ def film():
     clean = el.render(el.SCENES["curved"], dry.camera, dry.photometry, highlights=0.02)
     noise = np.random.default_rng(0).normal(scale=3 / 255, size=clean.image.shape)
     image = np.round(255 * np.clip(clean.image + noise * clean.mask[..., None], 0, 1)) / 255
-    return image, clean.mask, clean.mask & (clean.image[..., 1] ** 2.2 > 1.2 * dry.image[..., 1] ** 2.2)
+    return (
+        image,
+        clean.mask,
+        clean.mask & (clean.image[..., 1] ** 2.2 > 1.2 * dry.image[..., 1] ** 2.2),
+    )
 
 
 @pytest.mark.parametrize("kind", ["plane", "colon"])
@@ -30,7 +34,9 @@ def test_a_dry_wall_has_none(kind):
         assert find_highlights(image, dry.mask)[dry.mask].mean() < share
 
 
-def test_a_wet_wall_has_those_that_the_film_mirrors_and_fewer_are_found_without_colour(film):
+def test_a_wet_wall_has_those_that_the_film_mirrors_and_fewer_are_found_without_colour(
+    film,
+):
     image, mask, truth = film
     assert truth.sum() > 100
     for picture, share in ((image, 0.6), (image[..., 1], 0.3)):
@@ -55,7 +61,8 @@ def test_a_large_overexposed_wall_is_no_highlight():
 
 
 def test_what_does_not_fit_is_said():
-    image, mask = np.full((4, 5, 3), 0.5), np.ones((4, 5), bool)
+    image = np.full((4, 5, 3), 0.5)
+    mask = np.ones((4, 5), bool)
     for call, message in (
         (lambda: find_highlights(image, mask[:3]), "mask"),
         (lambda: find_highlights(image[..., :2], mask), "picture"),
@@ -79,7 +86,8 @@ def test_a_smooth_picture_is_filled_within_two_per_cent(rng):
 
 
 def test_filling_makes_no_peak_and_does_not_leak(rng):
-    image, holes = rng.uniform(0.3, 0.6, (40, 50)), np.zeros((40, 50), bool)
+    image = rng.uniform(0.3, 0.6, (40, 50))
+    holes = np.zeros((40, 50), bool)
     mask = np.ones(image.shape, bool)
     mask[:, :10] = False
     image[~mask] = 0.0
@@ -93,13 +101,19 @@ def test_filling_makes_no_peak_and_does_not_leak(rng):
 
 def test_a_mirrored_picture_is_filled_mirrored(rng):
     """Of neighbours that were as near, one left 1e-8 of itself, which a wet wall's solve made 1 %."""
-    image, holes = rng.uniform(0.3, 0.6, (40, 50)), np.zeros((40, 50), bool)
+    image = rng.uniform(0.3, 0.6, (40, 50))
+    holes = np.zeros((40, 50), bool)
     holes[5:31, 5:30] = True
     filled = inpaint(image, holes)
-    np.testing.assert_allclose(inpaint(image[:, ::-1], holes[:, ::-1])[:, ::-1], filled, rtol=1e-9)
+    np.testing.assert_allclose(
+        inpaint(image[:, ::-1], holes[:, ::-1])[:, ::-1], filled, rtol=1e-9
+    )
 
 
 def test_phantoms_keep_their_tissue(data):
-    samples = (datasets.read_c3vd(data / "c3vd_trans_t1_a", 1), datasets.read_simcol3d(data / "simcol3d", 0))
+    samples = (
+        datasets.read_c3vd(data / "c3vd_trans_t1_a", 1),
+        datasets.read_simcol3d(data / "simcol3d", 0),
+    )
     for frame in (sample.frame for sample in samples):
         assert find_highlights(frame.image, frame.mask)[frame.mask].mean() < 0.005

@@ -27,7 +27,9 @@ def known():
 
 @pytest.fixture(scope="module")
 def colon(known):
-    return el.render(el.SCENES["colon"], known.camera, known.photometry, noise=2.0, bits=8, texture=0.1)
+    return el.render(
+        el.SCENES["colon"], known.camera, known.photometry, noise=2.0, bits=8, texture=0.1
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,9 @@ def test_text_is_found_and_little_else(colon, grey):
     picture, ink = written(image)
     found = overlay_text(picture, colon.mask)
     assert (found & ink).sum() > 0.9 * ink.sum()
-    assert not (found & ~cv2.dilate(ink.astype(np.uint8), np.ones((13, 13))).astype(bool)).any()
+    assert not (
+        found & ~cv2.dilate(ink.astype(np.uint8), np.ones((13, 13))).astype(bool)
+    ).any()
     assert not overlay_text(image, colon.mask).any()
 
 
@@ -83,7 +87,9 @@ def test_fields_are_told_and_plain_frames_are_plain(colon, wet):
 def test_one_field_is_kept(rows):
     image = np.arange(rows, dtype=float)[:, None] * np.ones((1, 3))
     image[1::2] += 100
-    last = rows - 1 if rows % 2 == 0 else rows  # below it there is nothing to interpolate with
+    last = (
+        rows - 1 if rows % 2 == 0 else rows
+    )  # below it there is nothing to interpolate with
     assert_array_equal(deinterlace(image)[:last, 0], np.arange(last))
     assert deinterlace(image).max() < rows
 
@@ -92,9 +98,12 @@ def test_the_lumen_is_where_noise_says_more_than_the_wall(known, colon):
     rows, columns = np.indices(colon.mask.shape)
     far = np.hypot(rows - 180, columns - 240) < 40
     rng = np.random.default_rng(1)
-    image = np.where(far[..., None], 0.02, 0.5) + rng.normal(scale=3 / 255, size=colon.image.shape)
+    image = np.where(far[..., None], 0.02, 0.5) + rng.normal(
+        scale=3 / 255, size=colon.image.shape
+    )
     found = dark_lumen(np.clip(image, 0, 1), colon.mask)
-    inner, outer = np.hypot(rows - 180, columns - 240) < 37, np.hypot(rows - 180, columns - 240) < 43
+    inner = np.hypot(rows - 180, columns - 240) < 37
+    outer = np.hypot(rows - 180, columns - 240) < 43
     assert found[inner].all()
     assert not found[~outer].any()
     assert not dark_lumen(np.full(far.shape, 0.5), colon.mask).any()
@@ -103,7 +112,9 @@ def test_the_lumen_is_where_noise_says_more_than_the_wall(known, colon):
 def test_undistorted_pixels_are_where_the_cameras_say(known):
     camera = known.camera
     rows, columns = np.indices((camera.height, camera.width), dtype=float)
-    places = np.stack([columns / camera.width, rows / camera.height, np.zeros_like(rows)], axis=-1)
+    places = np.stack(
+        [columns / camera.width, rows / camera.height, np.zeros_like(rows)], axis=-1
+    )
     frame = el.Frame(places, np.isfinite(camera.field.cos_alpha))
     made, pinhole = undistorted(frame, camera)
     assert np.isclose(np.rad2deg(2 * np.arctan(pinhole.width / 2 / pinhole.fx)), 90)
@@ -111,7 +122,9 @@ def test_undistorted_pixels_are_where_the_cameras_say(known):
     assert made.mask.mean() > 0.9
     assert np.abs(made.image[..., :2] - true)[made.mask].max() * camera.width < 0.05
     # As fine as the frame at the centre.
-    centre = pinhole.project([[0.0, 0, 1], [1e-3, 0, 1]]) - camera.project([[0.0, 0, 1], [1e-3, 0, 1]])
+    centre = pinhole.project([[0.0, 0, 1], [1e-3, 0, 1]]) - camera.project(
+        [[0.0, 0, 1], [1e-3, 0, 1]]
+    )
     assert np.abs(np.diff(centre, axis=0)).max() < 0.01 * pinhole.fx * 1e-3
 
 
@@ -134,7 +147,8 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known):
     camera = el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
     lit = replace(known.photometry, gain=wet.photometry.gain)
     seen = el.render(el.SCENES["curved"], camera, lit, noise=1.0, bits=8, highlights=0.02)
-    frame, mine = el.Frame(seen.image, seen.mask), el.Calibration(camera, lit)
+    frame = el.Frame(seen.image, seen.mask)
+    mine = el.Calibration(camera, lit)
     ready = prepare(frame, mine, highlights="ignore")
     assert ready.highlights.any()
     one = el.reconstruct(ready.frame, mine, channel="green")
@@ -147,13 +161,19 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known):
 def test_fields_text_and_undistortion_are_noted(known, colon):
     picture, ink = written(combed(colon.image))
     ready = prepare(el.Frame(picture, colon.mask), known, undistort=True)
-    assert (ready.interlaced, ready.undistorted, ready.camera.model) == (True, True, "pinhole")
+    assert (ready.interlaced, ready.undistorted, ready.camera.model) == (
+        True,
+        True,
+        "pinhole",
+    )
     assert ready.frame.mask.shape == (ready.camera.height, ready.camera.width)
     assert (ready.text & ink).sum() > 0.8 * ink.sum()
     assert len(ready.notes) >= 4
 
 
-def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(known, colon, wet):
+def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(
+    known, colon, wet
+):
     ready = prepare(el.Frame(wet.image[..., 1], wet.mask), known, highlights="inpaint")
     assert (ready.canonical.ndim, ready.highlights.any()) == (2, True)
     shape = colon.mask.shape
@@ -166,7 +186,8 @@ def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(known,
 
 
 def test_what_does_not_fit_is_said(known, colon):
-    frame, other = el.Frame(colon.image, colon.mask), known.resize(320, 240)
+    frame = el.Frame(colon.image, colon.mask)
+    other = known.resize(320, 240)
     for call, message in (
         (lambda: prepare(frame, known, highlights="paint"), "paint"),
         (lambda: prepare(frame, other), "480x360"),

@@ -9,7 +9,8 @@ from endolab import datasets
 from endolab.preprocessing.surround import field_of_view
 from endolab.reconstruction.plausible import warnings
 
-HIGH, WIDE = 360, 480
+HIGH = 360
+WIDE = 480
 BLUE = (20, 20, 160)
 
 
@@ -31,7 +32,9 @@ def shape(name):
         return np.hypot(across, down) < 215
     if name == "octagon":
         return (across < 225) & (down < 170) & (across + down < 300)
-    return np.hypot(np.maximum(across - 150, 0), np.maximum(down - 90, 0)) < 75  # rounded rectangle
+    return (
+        np.hypot(np.maximum(across - 150, 0), np.maximum(down - 90, 0)) < 75
+    )  # rounded rectangle
 
 
 def framed(wall, inside, level, rng, noise=0.0, soft=0.0, jpeg=False, draw=None):
@@ -43,11 +46,14 @@ def framed(wall, inside, level, rng, noise=0.0, soft=0.0, jpeg=False, draw=None)
     if draw is not None:
         draw(around)
     image = share[..., None] * wall + (1 - share[..., None]) * around
-    image += rng.normal(size=image.shape) * np.where(inside, min(noise, 3.0), noise)[..., None]
+    image += (
+        rng.normal(size=image.shape) * np.where(inside, min(noise, 3.0), noise)[..., None]
+    )
     stored = np.clip(np.round(image), 0, 255).astype(np.uint8)
     if jpeg:
         stored = cv2.imdecode(
-            cv2.imencode(".jpg", stored, (cv2.IMWRITE_JPEG_QUALITY, 75))[1], cv2.IMREAD_COLOR
+            cv2.imencode(".jpg", stored, (cv2.IMWRITE_JPEG_QUALITY, 75))[1],
+            cv2.IMREAD_COLOR,
         )
     return stored / 255
 
@@ -55,7 +61,9 @@ def framed(wall, inside, level, rng, noise=0.0, soft=0.0, jpeg=False, draw=None)
 def assert_found(image, inside, soft=0.0):
     """Nearly nothing of the surround is taken for wall, and of the wall little more than its edge is lost."""
     shown = field_of_view(image)
-    depth = cv2.distanceTransform(np.pad(inside, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    depth = cv2.distanceTransform(
+        np.pad(inside, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5
+    )[1:-1, 1:-1]
     assert (shown & ~inside).sum() <= 0.004 * shown.sum()
     assert (~shown & (depth > 4 + soft)).sum() <= 0.02 * inside.sum()
 
@@ -69,7 +77,8 @@ def test_a_surround_of_any_level_is_left_out(wall, rng, name, level):
 
 @pytest.mark.parametrize("level", [0, 16, 255])
 @pytest.mark.parametrize(
-    ("noise", "soft", "jpeg"), [(3, 0, False), (8, 2, True), (13, 0, False), (0, 6, False), (3, 6, True)]
+    ("noise", "soft", "jpeg"),
+    [(3, 0, False), (8, 2, True), (13, 0, False), (0, 6, False), (3, 6, True)],
 )
 def test_noise_soft_edges_and_codecs_do_not_hide_it(wall, rng, level, noise, soft, jpeg):
     inside = shape("disc")
@@ -78,7 +87,15 @@ def test_noise_soft_edges_and_codecs_do_not_hide_it(wall, rng, level, noise, sof
 
 def text(image):
     for line, words in enumerate(("NAME J D", "12/04/26", "ID 0042")):
-        cv2.putText(image, words, (6, 30 + 22 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230, 230, 230), 1)
+        cv2.putText(
+            image,
+            words,
+            (6, 30 + 22 * line),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.4,
+            (230, 230, 230),
+            1,
+        )
 
 
 def column(image):
@@ -127,7 +144,11 @@ def test_a_dark_wall_at_the_edge_stays(wall, rng, level):
 def test_a_picture_that_a_wall_fills_has_no_surround(wall):
     row, column = np.indices((HIGH, WIDE))
     vignette = np.clip(1 - np.hypot(row - 180, column - 240) / 300, 0, 1)[..., None] ** 2
-    for picture in (wall, wall * vignette, np.minimum(3 * wall * vignette[::-1, ::-1] ** 0.2, 255)):
+    for picture in (
+        wall,
+        wall * vignette,
+        np.minimum(3 * wall * vignette[::-1, ::-1] ** 0.2, 255),
+    ):
         assert field_of_view(np.round(picture) / 255).all()
     plane = np.round(250 - 0.5 * column) / 255
     assert field_of_view(plane).all()
@@ -140,7 +161,9 @@ def test_a_surround_of_another_level_leaves_the_same_surface():
     for level in (0, 16, 64):
         image = np.where(seen.mask[..., None], seen.image, level / 255)
         frame = el.Frame(image, np.ones_like(seen.mask))
-        results.append(el.reconstruct(frame, calibration, solver="fast_marching", channel="green"))
+        results.append(
+            el.reconstruct(frame, calibration, solver="fast_marching", channel="green")
+        )
     first = results[0]
     for other in results[1:]:
         both = first.mask & other.mask
@@ -155,7 +178,9 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall, rng):
     frame = el.Frame(framed(wall, inside, 16, rng), shifted)
     assert (frame.seen() & ~inside).sum() <= 0.004 * inside.sum()
     assert frame.seen().sum() > 0.94 * (inside & shifted).sum()
-    assert frame.misplaced == pytest.approx((shifted & ~inside).sum() / shifted.sum(), abs=0.03)
+    assert frame.misplaced == pytest.approx(
+        (shifted & ~inside).sum() / shifted.sum(), abs=0.03
+    )
     assert el.Frame(frame.image, inside).misplaced == 0
 
 

@@ -28,7 +28,9 @@ def points_of(scene):
 def facing(mesh):
     """Cross product of two sides of each triangle, and its first corner."""
     corners = mesh.vertices[mesh.triangles]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[
+        :, 0
+    ]
 
 
 def wall(rows=5, columns=7):
@@ -43,7 +45,9 @@ def colon():
 
 @pytest.fixture(scope="module")
 def coloured(colon):
-    return make_mesh(points_of(SCENES["colon"]), colon.image, cuts=depth_cuts(colon.distance))
+    return make_mesh(
+        points_of(SCENES["colon"]), colon.image, cuts=depth_cuts(colon.distance)
+    )
 
 
 def test_a_full_grid_has_two_triangles_a_square():
@@ -61,7 +65,9 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
     points = wall(5, 7)
     points[place] = np.nan
     mesh = make_mesh(points)
-    around = np.prod([2 if 0 < i < n - 1 else 1 for i, n in zip(place, (5, 7), strict=True)])
+    around = np.prod(
+        [2 if 0 < i < n - 1 else 1 for i, n in zip(place, (5, 7), strict=True)]
+    )
     assert len(mesh.vertices) == 34
     assert len(mesh.triangles) == 48 - around
     assert np.isfinite(mesh.vertices).all()
@@ -69,7 +75,8 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
 
 
 def test_no_triangle_crosses_a_cut():
-    points, cuts = wall(6, 8), np.zeros((2, 6, 8), dtype=bool)
+    points = wall(6, 8)
+    cuts = np.zeros((2, 6, 8), dtype=bool)
     cuts[0, :, 3] = True  # columns 3 and 4 are torn apart
     cuts[1, 2, :4] = True  # and rows 2 and 3 on the left
     mesh = make_mesh(points, cuts=cuts)
@@ -141,7 +148,9 @@ def test_open3d_reads_what_was_written(coloured, tmp_path, open3d, suffix):
     read = open3d.io.read_triangle_mesh(str(path))
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
     assert len(read.vertices) == len(coloured.vertices)
-    ours, theirs = coloured.triangles, np.asarray(read.triangles)  # vertices may come in another order
+    # vertices may come in another order
+    ours = coloured.triangles
+    theirs = np.asarray(read.triangles)
     for values, wanted, tolerance in (
         (read.vertices, coloured.vertices, 1e-3),
         (read.vertex_normals, coloured.normals, 1e-4),
@@ -160,12 +169,17 @@ def doubted():
 
 def test_colours_of_sigma_grow_brighter_with_it_and_a_file_says_so(doubted, tmp_path):
     iterate, sigma = doubted
-    mesh, plain = make_mesh(iterate, sigma=sigma), make_mesh(iterate)
+    mesh = make_mesh(iterate, sigma=sigma)
+    plain = make_mesh(iterate)
     assert np.array_equal(mesh.vertices, plain.vertices)
     u, v = np.round(iterate.problem.camera.project(mesh.vertices)).astype(int).T
     percent = (100 * sigma / iterate.distance)[v, u]
-    most = float(re.fullmatch(r".* bright ([\d.]+) % of it, or more \(magma\)", mesh.legend)[1])
-    assert most == pytest.approx(np.nanpercentile(100 * sigma / iterate.distance, 98), rel=0.05)
+    most = float(
+        re.fullmatch(r".* bright ([\d.]+) % of it, or more \(magma\)", mesh.legend)[1]
+    )
+    assert most == pytest.approx(
+        np.nanpercentile(100 * sigma / iterate.distance, 98), rel=0.05
+    )
     scale = np.asarray(colormaps["magma"](np.clip(percent / most, 0, 1)))[:, :3]
     assert np.abs(mesh.colours - scale).max() < 0.02
     write_mesh(tmp_path / "a.ply", mesh)
@@ -191,7 +205,8 @@ def test_distances_are_those_of_the_analytic_surface(scene, off, open3d):
     found = distance_to(mesh, scene.mesh())
     expected = np.abs(off(mesh.vertices))
     assert np.abs(found.distance - expected).max() < 0.01
-    stated, true = (found.mean, found.median, found.percentile_95), np.percentile(expected, [50, 95])
+    stated = (found.mean, found.median, found.percentile_95)
+    true = np.percentile(expected, [50, 95])
     assert stated == pytest.approx((expected.mean(), *true), abs=0.01)
     assert expected.max() > 0.5
     same = distance_to(mesh, make_mesh(points_of(scene)))  # a mesh from a grid is coarser
@@ -202,12 +217,18 @@ def test_a_mesh_without_a_scale_needs_one(open3d):
     mesh = replace(make_mesh(wall() / 10), unit="relative units")
     with pytest.raises(ValueError, match="relative units: give scale"):
         distance_to(mesh, make_mesh(wall()))
-    assert distance_to(mesh, make_mesh(wall()), scale=10.0).mean == pytest.approx(0, abs=1e-4)
-    with pytest.raises(ValueError, match="nothing to measure: the mesh has 35 vertices, the truth 0"):
+    assert distance_to(mesh, make_mesh(wall()), scale=10.0).mean == pytest.approx(
+        0, abs=1e-4
+    )
+    with pytest.raises(
+        ValueError, match="nothing to measure: the mesh has 35 vertices, the truth 0"
+    ):
         distance_to(mesh, np.full((3, 3), np.nan), scale=10.0)
 
 
-def test_without_open3d_meshes_are_made_and_written_and_the_rest_says_why(monkeypatch, tmp_path):
+def test_without_open3d_meshes_are_made_and_written_and_the_rest_says_why(
+    monkeypatch, tmp_path
+):
     monkeypatch.setitem(sys.modules, "open3d", None)
     mesh = make_mesh(wall())
     write_mesh(tmp_path / "mesh.obj", mesh)

@@ -17,7 +17,9 @@ def wet():
 
 
 def doubts_of(image, calibration, mask, **options):
-    return warnings(el.reconstruct(el.Frame(image, mask, "a"), calibration, width=WIDTH, **options))
+    return warnings(
+        el.reconstruct(el.Frame(image, mask, "a"), calibration, width=WIDTH, **options)
+    )
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "foggy"])
@@ -33,7 +35,10 @@ def test_nothing_is_said_of_what_is_usual(name):
         (lambda image: image[..., ::-1], "Blue is brighter"),
         (lambda image: image / 16, "bits"),
         (lambda image: np.random.default_rng(0).random(image.shape), "contrast"),
-        (lambda image: 0.1 + 0.8 * (np.indices(image.shape).sum(axis=0) // 32 % 2), "contrast"),
+        (
+            lambda image: 0.1 + 0.8 * (np.indices(image.shape).sum(axis=0) // 32 % 2),
+            "contrast",
+        ),
     ],
 )
 def test_a_picture_of_something_else_is_doubted(wet, change, named):
@@ -50,7 +55,9 @@ def test_a_picture_of_something_else_is_doubted(wet, change, named):
     ],
 )
 def test_a_light_of_something_else_is_doubted(wet, change, named):
-    calibration = replace(wet.calibration, photometry=replace(wet.calibration.photometry, **change))
+    calibration = replace(
+        wet.calibration, photometry=replace(wet.calibration.photometry, **change)
+    )
     warnings = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
     assert named in " ".join(warnings)
 
@@ -58,7 +65,9 @@ def test_a_light_of_something_else_is_doubted(wet, change, named):
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):
     camera = el.Pinhole(320, 240, 119535.0, 119535.0, 159.5, 119.5)
     calibration = el.Calibration(camera, wet.calibration.photometry)
-    assert "focal length" in " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
+    assert "focal length" in " ".join(
+        doubts_of(wet.frame.image, calibration, wet.frame.mask)
+    )
 
 
 def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):

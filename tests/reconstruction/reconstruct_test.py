@@ -74,7 +74,9 @@ def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
 
 def test_noise_blurs_and_the_answer_stays_close(ball, rng):
     """The march needs the blur, Gauss-Newton does not: 0.02 % with and without."""
-    noisy = np.clip(ball.frame.image + rng.normal(scale=1 / 255, size=ball.frame.image.shape), 0, 1)
+    noisy = np.clip(
+        ball.frame.image + rng.normal(scale=1 / 255, size=ball.frame.image.shape), 0, 1
+    )
     frame = el.Frame(noisy, ball.frame.mask)
     percent = {}
     for solver in ("fast_marching", "gauss_newton"):
@@ -91,9 +93,12 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
 def test_facing_is_the_canonical_intensity_to_the_minus_one_half(small, channel):
     result = small.reconstruct(solver="facing", channel=channel)
     name, image = small.frame.channel(channel)
-    photometry, cosine = small.calibration.photometry.channel(name), result.problem.field.cos_alpha
+    photometry = small.calibration.photometry.channel(name)
+    cosine = result.problem.field.cos_alpha
     expected = photometry.canonical(image, cosine) ** -0.5
-    np.testing.assert_allclose(result.distance[result.mask], expected[result.mask], rtol=1e-12)
+    np.testing.assert_allclose(
+        result.distance[result.mask], expected[result.mask], rtol=1e-12
+    )
     assert np.all((result.distance >= small.truth.distance * (1 - 1e-12))[result.mask])
 
 
@@ -101,7 +106,9 @@ def test_a_grey_frame(small):
     """The grey value of a colour frame, under the albedo that the grey value has."""
     grey = el.Frame(small.frame.channel("grey")[1], small.frame.mask)
     result = el.reconstruct(grey, small.calibration)
-    np.testing.assert_array_equal(result.distance, small.reconstruct(channel="grey").distance)
+    np.testing.assert_array_equal(
+        result.distance, small.reconstruct(channel="grey").distance
+    )
     assert "is grey" in notes(result)[0]
 
 
@@ -111,7 +118,9 @@ def test_without_a_gain_the_shape_is_the_same(small, solver):
     known = small.reconstruct(solver=solver)
     result = el.reconstruct(small.frame, small.up_to_scale, solver=solver)
     assert not result.metric
-    assert np.median(np.exp(result.problem.log_d0[result.mask])) == pytest.approx(1.0, rel=1e-12)
+    assert np.median(np.exp(result.problem.log_d0[result.mask])) == pytest.approx(
+        1.0, rel=1e-12
+    )
     ratio = (result.distance / known.distance)[known.mask]
     assert np.ptp(ratio) < 1e-8 * ratio[0]
     np.testing.assert_allclose(result.normals, known.normals, atol=1e-7)
@@ -121,7 +130,10 @@ def test_a_frame_can_be_shrunk_first(ball):
     """640 px shrunk to 320 agree with the truth at 320."""
     result = Shot("curved", CALIBRATION.resize(640, 480)).reconstruct(width=320)
     assert asdict(result.problem.camera) == pytest.approx(asdict(CALIBRATION.camera))
-    assert (result.distance.shape, result.problem.picture.shape) == ((240, 320), (240, 320, 3))
+    assert (result.distance.shape, result.problem.picture.shape) == (
+        (240, 320),
+        (240, 320, 3),
+    )
     errors = ball.errors(result)
     assert errors.mean_percent < 0.01
     assert errors.mean_degrees < 0.15  # measured 0.11: curvature charges a ball
@@ -129,8 +141,12 @@ def test_a_frame_can_be_shrunk_first(ball):
 
 def test_offset_lights_are_replaced_by_one():
     """Three lights 3 mm off the centre look like one from 60 mm; without them it is exact."""
-    lights = tuple(el.SpotLight((x, y, 0), exponent=1.0) for x, y in ((3, 0), (-3, 1), (0, -3)))
-    shot = Shot("curved", CALIBRATION, replace(CALIBRATION.photometry, k=1.5, lights=lights))
+    lights = tuple(
+        el.SpotLight((x, y, 0), exponent=1.0) for x, y in ((3, 0), (-3, 1), (0, -3))
+    )
+    shot = Shot(
+        "curved", CALIBRATION, replace(CALIBRATION.photometry, k=1.5, lights=lights)
+    )
     result = shot.reconstruct()
     used = result.problem.photometry
     assert (used.lights, used.k, result.metric) == ((), 2.5, True)
@@ -176,7 +192,9 @@ def test_the_black_frame_of_an_endoscope_is_left_out(small):
 
 
 @pytest.mark.parametrize("wish", [True, KeyboardInterrupt])
-@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {"channel": "green"}])
+@pytest.mark.parametrize(
+    "options", [{"solver": "fast_marching", "snapshots": 5}, {"channel": "green"}]
+)
 def test_a_run_can_be_stopped(small, wish, options):
     def observer(iterate):
         if iterate.k == 2 and wish is not True:
@@ -203,16 +221,24 @@ def test_iterates_one_by_one(small, solver):
 def test_an_earlier_result_is_a_good_start(small, first):
     again = small.reconstruct(start=first, lam=1.1)
     assert (again.status, again.iterations <= 2) == (el.Status.CONVERGED, True)
-    assert again.energy < sum(energy_terms(again.problem, first.iterate.log_distance).values())
+    assert again.energy < sum(
+        energy_terms(again.problem, first.iterate.log_distance).values()
+    )
     np.testing.assert_allclose(again.distance, first.distance, rtol=1e-3)
 
 
-@pytest.mark.parametrize("how", [{}, {"regulariser": "first"}, {"xi": "d"}, {"median_distance": 40.0}])
+@pytest.mark.parametrize(
+    "how", [{}, {"regulariser": "first"}, {"xi": "d"}, {"median_distance": 40.0}]
+)
 def test_where_a_run_converged_it_stays(how):
     """It moved by 1.4 % at the 99th percentile, as a new run knows nothing of the last one's steps."""
     sample = el.load_traced("matt")
-    first = el.reconstruct(sample.frame, sample.calibration, channel="green", width=160, **how)
-    again = el.reconstruct(sample.frame, sample.calibration, channel="green", width=160, start=first, **how)
+    first = el.reconstruct(
+        sample.frame, sample.calibration, channel="green", width=160, **how
+    )
+    again = el.reconstruct(
+        sample.frame, sample.calibration, channel="green", width=160, start=first, **how
+    )
     assert first.status is again.status is el.Status.CONVERGED
     assert np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 99) < 5e-3
 
@@ -265,18 +291,28 @@ def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch)
 
 
 def test_what_was_given_may_be_used_again_and_results_stay(small):
-    image, mask = small.frame.image.copy(), small.frame.mask.copy()
+    image = small.frame.image.copy()
+    mask = small.frame.mask.copy()
     result = el.reconstruct(el.Frame(image, mask), small.calibration)
-    before = [array.copy() for array in (result.problem.picture, result.problem.image, result.mask)]
-    image[:], mask[:] = 0, False  # as a video's buffer is
-    for now, then in zip((result.problem.picture, result.problem.image, result.mask), before, strict=True):
+    before = [
+        array.copy()
+        for array in (result.problem.picture, result.problem.image, result.mask)
+    ]
+    # as a video's buffer is
+    image[:] = 0
+    mask[:] = False
+    for now, then in zip(
+        (result.problem.picture, result.problem.image, result.mask), before, strict=True
+    ):
         np.testing.assert_array_equal(now, then)
         assert not now.flags.writeable
 
 
 @pytest.mark.parametrize("gain", [1e-15, 1e15])
 def test_a_result_is_of_a_surface_or_there_is_none(small, gain):
-    known = replace(small.calibration, photometry=replace(small.calibration.photometry, gain=gain))
+    known = replace(
+        small.calibration, photometry=replace(small.calibration.photometry, gain=gain)
+    )
     result = el.reconstruct(small.frame, known)
     distance = result.distance[result.mask].astype(np.float32)
     assert np.all(np.isfinite(distance) & (distance > 0))
@@ -307,10 +343,17 @@ TURNS = {
 def turned(camera, turn):
     """The camera of the turned picture."""
     if turn == "transposed":
-        swapped = {"width": camera.height, "height": camera.width, "fx": camera.fy, "fy": camera.fx}
+        swapped = {
+            "width": camera.height,
+            "height": camera.width,
+            "fx": camera.fy,
+            "fy": camera.fx,
+        }
         return replace(camera, **swapped, cx=camera.cy, cy=camera.cx)
     camera = replace(camera, cx=camera.width - 1 - camera.cx)
-    return camera if turn == "mirrored" else replace(camera, cy=camera.height - 1 - camera.cy)
+    return (
+        camera if turn == "mirrored" else replace(camera, cy=camera.height - 1 - camera.cy)
+    )
 
 
 @pytest.mark.parametrize(
@@ -329,12 +372,15 @@ def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
     The first order takes differences to the right and downwards, as the paper does: it knows left from right.
     """
     calibration = el.load_calibration("paper", 160)
-    seen = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry, noise=1.0, bits=8)
+    seen = el.render(
+        el.SCENES["colon"], calibration.camera, calibration.photometry, noise=1.0, bits=8
+    )
     known = el.Calibration(seen.camera, seen.photometry)
     one = el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green", **options)
     for turn in turns:
         image, mask, expected = (
-            np.ascontiguousarray(TURNS[turn](a)) for a in (seen.image, seen.mask, one.distance)
+            np.ascontiguousarray(TURNS[turn](a))
+            for a in (seen.image, seen.mask, one.distance)
         )
         known = el.Calibration(turned(seen.camera, turn), seen.photometry)
         other = el.reconstruct(el.Frame(image, mask), known, channel="green", **options)
@@ -347,11 +393,13 @@ def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
 def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
     """Rounding grew in the inner solver: up to 2.6 % at the 99th percentile where it was torn, once 30 %."""
     sample = el.load_traced("matt")
-    frame, calibration = sample.frame.resize(240, 180, 2.2), sample.calibration.resize(240, 180)
+    frame = sample.frame.resize(240, 180, 2.2)
+    calibration = sample.calibration.resize(240, 180)
     one = el.reconstruct(frame, calibration, contours=contours)
     for turn, turned_by in TURNS.items():
         image, mask, expected = (
-            np.ascontiguousarray(turned_by(a)) for a in (frame.image, frame.mask, one.distance)
+            np.ascontiguousarray(turned_by(a))
+            for a in (frame.image, frame.mask, one.distance)
         )
         known = el.Calibration(turned(calibration.camera, turn), calibration.photometry)
         other = el.reconstruct(el.Frame(image, mask), known, contours=contours)
@@ -362,9 +410,12 @@ def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
 def test_a_frame_that_is_solved_again_is_torn_at_the_same_lines():
     """Once new ones came of the light that had been taken out behind the old, and the error doubled."""
     sample = el.load_traced("matt")
-    frame, calibration = sample.frame.resize(240, 180, 2.2), sample.calibration.resize(240, 180)
+    frame = sample.frame.resize(240, 180, 2.2)
+    calibration = sample.calibration.resize(240, 180)
     first = el.reconstruct(frame, calibration)
-    brighter = replace(calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31)))  # or nothing is sought
+    brighter = replace(
+        calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31))
+    )  # or nothing is sought
     again = el.reconstruct(frame, replace(calibration, photometry=brighter), start=first)
     assert first.problem.cuts.any()
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)

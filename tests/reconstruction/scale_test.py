@@ -11,11 +11,18 @@ from endolab.depth.energy import energy_terms
 from endolab.depth.problem import LOWER_BOUND, NONE
 from endolab.depth.provenance import LightOutcome, LightReport, Provenance
 from endolab.reconstruction.assumptions import meaning
-from endolab.reconstruction.scale import check_scale, factor_of_diameter, factor_of_distance, scale_of
+from endolab.reconstruction.scale import (
+    check_scale,
+    factor_of_diameter,
+    factor_of_distance,
+    scale_of,
+)
 from tests.tools.problems import Shot
 
 CAMERA = el.Pinhole(200, 150, 110.0, 110.0, 99.5, 74.5)
-ONE, OTHER = (41, 50), (150, 109)  # column, row
+# column, row
+ONE = (41, 50)
+OTHER = (150, 109)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +43,9 @@ def relative(shot):
 
 def posed(result, **changes):
     """A result whose problem differs."""
-    return replace(result, iterate=replace(result.iterate, problem=replace(result.problem, **changes)))
+    return replace(
+        result, iterate=replace(result.iterate, problem=replace(result.problem, **changes))
+    )
 
 
 def point(shot, pixel):
@@ -55,7 +64,10 @@ def test_one_length_gives_the_true_size(shot, width):
     distance = float(np.linalg.norm(point(shot, ONE)))
     diameter = float(np.linalg.norm(point(shot, ONE) - point(shot, OTHER)))
     true = np.median(shot.truth.distance[shot.truth.mask])
-    for length in ({"known_distance": (distance, *ONE)}, {"known_diameter": (diameter, ONE, OTHER)}):
+    for length in (
+        {"known_distance": (distance, *ONE)},
+        {"known_diameter": (diameter, ONE, OTHER)},
+    ):
         result = solve(shot, width=width, **length)
         assert result.metric
         assert np.median(result.distance[result.mask]) == pytest.approx(true, rel=0.015)
@@ -78,7 +90,9 @@ def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
     factor = factor_of_distance(relative, 30.0, *ONE)
     np.testing.assert_allclose(whole.distance, factor * relative.distance, rtol=1e-12)
     np.testing.assert_allclose(whole.normals, relative.normals, atol=1e-9)
-    terms = energy_terms(whole.problem, whole.iterate.log_distance)  # the same in every unit
+    terms = energy_terms(
+        whole.problem, whole.iterate.log_distance
+    )  # the same in every unit
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
     assert relative.provenance.scale is None
 
@@ -90,7 +104,9 @@ def test_a_pixel_without_a_distance_is_refused(relative, pixel, where):
     hole = relative.mask.copy()
     hole[10:30, 10:30] = False
     result = posed(relative, mask=hole)
-    with pytest.raises(ValueError, match=f"the pixel at column {pixel[0]}, .* outside the {where}"):
+    with pytest.raises(
+        ValueError, match=f"the pixel at column {pixel[0]}, .* outside the {where}"
+    ):
         factor_of_distance(result, 30, *pixel)
     with pytest.raises(ValueError, match=f"outside the {where}"):
         factor_of_diameter(result, 30, ONE, pixel)
@@ -116,15 +132,30 @@ def test_a_bad_length_is_refused(given):
 
 
 def test_the_first_frames_length_is_that_of_all(shot):
-    frames = [(name, light * shot.frame.image) for name, light in (("a", 1.0), ("b", 0.9), ("c", 0.95))]
-    steps = list(el.reconstruct_sequence(frames, shot.up_to_scale, known_distance=(30.0, *ONE)))
+    frames = [
+        (name, light * shot.frame.image)
+        for name, light in (("a", 1.0), ("b", 0.9), ("c", 0.95))
+    ]
+    steps = list(
+        el.reconstruct_sequence(frames, shot.up_to_scale, known_distance=(30.0, *ONE))
+    )
     results = [step.result for step in steps]
-    assert [scale_of(result) for result in results] == ["known distance", "frame before", "frame before"]
+    assert [scale_of(result) for result in results] == [
+        "known distance",
+        "frame before",
+        "frame before",
+    ]
     for result in results:
         assert result.metric
         assert 1 / factor_of_distance(result, 1.0, *ONE) == pytest.approx(30, rel=0.05)
-    with pytest.raises(ValueError, match="a: cannot be read"):  # said of it, and of no other
-        list(el.reconstruct_sequence([("a", None), *frames], shot.up_to_scale, known_distance=(30.0, *ONE)))
+    with pytest.raises(
+        ValueError, match="a: cannot be read"
+    ):  # said of it, and of no other
+        list(
+            el.reconstruct_sequence(
+                [("a", None), *frames], shot.up_to_scale, known_distance=(30.0, *ONE)
+            )
+        )
 
 
 def test_how_the_scale_was_fixed_is_said(shot, relative):
@@ -145,24 +176,38 @@ def test_how_the_scale_was_fixed_is_said(shot, relative):
 def test_what_gamma_does_is_what_it_does(shot, relative):
     """Solve with γ 0.1 larger: the ratio of the dark to the bright changes by what the sentence says."""
     words = r"γ were (\S+) instead of (\S+),.* ([\d.]+) % nearer.* ([\d.]+) % farther"
-    more, gamma, nearer, farther = map(float, re.search(words, note(relative, "γ")).groups())
+    more, gamma, nearer, farther = map(
+        float, re.search(words, note(relative, "γ")).groups()
+    )
     assert (more, gamma) == (pytest.approx(2.3), pytest.approx(2.2))
     wrong = el.Calibration(CAMERA, replace(shot.up_to_scale.photometry, gamma=2.3))
-    other, plain = (el.reconstruct(shot.frame, each, solver="facing") for each in (wrong, shot.up_to_scale))
+    other, plain = (
+        el.reconstruct(shot.frame, each, solver="facing")
+        for each in (wrong, shot.up_to_scale)
+    )
     change = np.log(other.distance / plain.distance)
-    image, mask = plain.problem.image, plain.mask
-    near = (mask & (np.abs(image - np.percentile(image[mask], at)) < 0.004) for at in (5, 50, 95))
+    image = plain.problem.image
+    mask = plain.mask
+    near = (
+        mask & (np.abs(image - np.percentile(image[mask], at)) < 0.004)
+        for at in (5, 50, 95)
+    )
     low, middle, high = (np.nanmean(change[pixels]) for pixels in near)
     assert 100 * np.expm1(middle - high) == pytest.approx(nearer, rel=0.1)
     assert 100 * np.expm1(low - middle) == pytest.approx(farther, rel=0.1)
 
 
 def test_pixels_that_say_less_are_counted_and_notes_told(relative):
-    assert not any("saturated" in each or "Highlights" in each for each in meaning(relative))
+    assert not any(
+        "saturated" in each or "Highlights" in each for each in meaning(relative)
+    )
     assert "counts as direct" in note(relative, "bounced")
     evidence = np.zeros(relative.mask.shape, np.int8)
-    evidence[:10, :30], evidence[20:22, :75] = LOWER_BOUND, NONE
-    light = LightReport(LightOutcome.COMPUTED, "they say little", (0.75, 0.38, 0.3), percent=(60, 20, 10))
+    evidence[:10, :30] = LOWER_BOUND
+    evidence[20:22, :75] = NONE
+    light = LightReport(
+        LightOutcome.COMPUTED, "they say little", (0.75, 0.38, 0.3), percent=(60, 20, 10)
+    )
     provenance = Provenance(light=light)
     result = posed(relative, evidence=evidence)
     result = replace(result, iterate=replace(result.iterate, provenance=provenance))

@@ -9,7 +9,13 @@ import endolab as el
 from endolab import datasets
 from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.scale import in_unit
-from endolab.reconstruction.sequence import Carried, Surface, framed, reconstruct_sequence, scale_between
+from endolab.reconstruction.sequence import (
+    Carried,
+    Surface,
+    framed,
+    reconstruct_sequence,
+    scale_between,
+)
 from endolab.synthetic.scenes import Bowl, Colon, Plane, Tube
 from tests.tools.problems import moved_colon
 
@@ -22,7 +28,10 @@ UNKNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=None))
 
 WAYS = {
     "bowl": [Bowl(centre=(40 - 1.5 * t, -23 + t, -52 - 2 * t)) for t in range(COUNT)],
-    "tube": [Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1)) for t in range(COUNT)],
+    "tube": [
+        Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))
+        for t in range(COUNT)
+    ],
     "colon": [moved_colon(t) for t in range(COUNT)],
 }
 
@@ -32,7 +41,10 @@ def shots(scenes, gains=None):
     gains = [900.0] * len(scenes) if gains is None else gains
     lights = [replace(GREEN, gain=float(gain)) for gain in gains]
     seen = zip(scenes, lights, range(len(scenes)), strict=True)
-    return [el.render(scene, BASE.camera, light, noise=1.0, bits=8, seed=k) for scene, light, k in seen]
+    return [
+        el.render(scene, BASE.camera, light, noise=1.0, bits=8, seed=k)
+        for scene, light, k in seen
+    ]
 
 
 def named(seen):
@@ -41,7 +53,10 @@ def named(seen):
 
 def scales(seen, steps):
     """What each frame's distances lack to be mm, relative to the first's."""
-    factors = [np.nanmedian(a.distance / b.result.distance) for a, b in zip(seen, steps, strict=True)]
+    factors = [
+        np.nanmedian(a.distance / b.result.distance)
+        for a, b in zip(seen, steps, strict=True)
+    ]
     return np.array(factors) / factors[0]
 
 
@@ -63,25 +78,36 @@ def test_the_first_frames_median_fixes_the_scale_of_all():
     for calibration in (UNKNOWN, KNOWN):
         steps = list(reconstruct_sequence(named(seen), calibration, median_distance=median))
         assert all(step.result.metric for step in steps)
-        assert np.median(steps[0].result.distance[steps[0].result.mask]) == pytest.approx(median, rel=0.01)
+        assert np.median(steps[0].result.distance[steps[0].result.mask]) == pytest.approx(
+            median, rel=0.01
+        )
     moved = np.median(steps[2].result.distance) / median
     assert abs(moved - 1) > 1e-3  # and not each frame's own
 
 
 @pytest.mark.parametrize(
     ("gain", "options"),
-    [(900.0, {}), (None, {"channel": "separated"}), (None, {"known_distance": (60, 48, 36), "width": 48})],
+    [
+        (900.0, {}),
+        (None, {"channel": "separated"}),
+        (None, {"known_distance": (60, 48, 36), "width": 48}),
+    ],
 )
-def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(gain, options):
+def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(
+    gain, options
+):
     calibration = el.Calibration(BASE.camera, replace(BASE.photometry, gain=gain))
     lights = [replace(BASE.photometry, gain=float(each)) for each in (900, 950, 1000)]
     scenes = zip(WAYS["tube"], lights, strict=False)
-    frames = named([el.render(scene, BASE.camera, light, noise=1.0, bits=8) for scene, light in scenes])
+    frames = named(
+        [el.render(scene, BASE.camera, light, noise=1.0, bits=8) for scene, light in scenes]
+    )
     frames.insert(1, ("lost", None))
     whole = list(reconstruct_sequence(frames, calibration, **options))
     assert [step.result is None for step in whole] == [False, True, False, False]
     last = whole[2].result
-    bar, frame = min_steepness_of(last) or 0, framed(*frames[2])
+    bar = min_steepness_of(last) or 0
+    frame = framed(*frames[2])
     kept = Carried.again(Surface.of(last), frame, calibration, bar, last.energy)
     (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, **options)
     assert rest.warm == whole[3].warm
@@ -91,7 +117,9 @@ def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(g
 
 
 def test_the_link_is_exact_for_one_surface_in_two_units():
-    result = el.reconstruct(el.Frame(shots(WAYS["tube"][:1])[0].image, BASE.camera.field.valid), UNKNOWN)
+    result = el.reconstruct(
+        el.Frame(shots(WAYS["tube"][:1])[0].image, BASE.camera.field.valid), UNKNOWN
+    )
     other = replace(result, iterate=in_unit(result.iterate, 3.0, False))
     assert scale_between(Surface.of(other), result) == pytest.approx(3, rel=1e-6)
 
@@ -115,7 +143,8 @@ def test_a_cut_in_the_film_is_begun_anew():
 
 def test_what_cannot_be_used_is_named_and_skipped():
     seen = named(shots(WAYS["tube"][:3]))
-    small, dark = np.full((10, 12), 0.5), np.zeros(seen[0][1].shape)
+    small = np.full((10, 12), 0.5)
+    dark = np.zeros(seen[0][1].shape)
     frames = [("lost", None), seen[0], ("small", small), ("dark", dark), seen[1]]
     steps = list(reconstruct_sequence(frames, KNOWN))
     assert [step.result is None for step in steps] == [True, False, True, True, False]
@@ -128,4 +157,6 @@ def test_what_cannot_be_used_is_named_and_skipped():
 def test_a_stop_ends_it():
     seen = named(shots(WAYS["tube"][:3]))
     steps = list(reconstruct_sequence(seen, KNOWN, observers=[lambda iterate: True]))
-    assert [(step.name, step.result.status) for step in steps] == [("f0", el.Status.STOPPED)]
+    assert [(step.name, step.result.status) for step in steps] == [
+        ("f0", el.Status.STOPPED)
+    ]

@@ -76,7 +76,9 @@ def leave(sink):
         pass
 
 
-@pytest.mark.parametrize("end", [close_twice, fail, leave, Sink.drop], ids=lambda end: end.__name__)
+@pytest.mark.parametrize(
+    "end", [close_twice, fail, leave, Sink.drop], ids=lambda end: end.__name__
+)
 @pytest.mark.parametrize("when", ["before", "while it is open"])
 def test_the_users_session_outlives_ours(begin, logged, tmp_path, end, when):
     if when == "before":
@@ -97,7 +99,9 @@ def test_the_users_session_outlives_ours(begin, logged, tmp_path, end, when):
         assert [path.name for path in tmp_path.iterdir()] == ["user.rrd"]
 
 
-def test_a_session_that_nobody_ends_outlives_one_of_ours_that_is_forgotten(begin, logged, tmp_path):
+def test_a_session_that_nobody_ends_outlives_one_of_ours_that_is_forgotten(
+    begin, logged, tmp_path
+):
     begin()
     started(tmp_path / "ours.rrd")
     gc.collect()
@@ -118,7 +122,9 @@ def test_a_session_of_one_thread_stays_the_one_of_that_thread(tmp_path, logged):
     rr.set_thread_local_data_recording(None)
 
 
-def test_two_at_once_are_whole_in_turns_and_in_threads_and_so_is_the_users(begin, logged, tmp_path):
+def test_two_at_once_are_whole_in_turns_and_in_threads_and_so_is_the_users(
+    begin, logged, tmp_path
+):
     begin()
     first, second = (started(tmp_path / f"{name}.rrd") for name in ("first", "second"))
     first.at("iteration", 3)
@@ -141,4 +147,6 @@ def test_two_at_once_are_whole_in_turns_and_in_threads_and_so_is_the_users(begin
     second.close()
     assert logged() == list(range(500))
     assert [count(tmp_path / f"{name}.rrd") for name in ("first", "second")] == [4, 4]
-    assert [count(tmp_path / f"{name}{k}.rrd") for name in "ab" for k in range(3)] == [3] * 6
+    assert [count(tmp_path / f"{name}{k}.rrd") for name in "ab" for k in range(3)] == [
+        3
+    ] * 6

@@ -39,14 +39,19 @@ def test_the_sheet_stands_where_its_poses_say(recorded):
     for number, name in enumerate(session.detections):
         found = file.at("/world/sheet", "positions", number).reshape(-1, 3)
         poses = enumerate(session.poses.get(name, ()))
-        expected = [pose.transform(target.points[panel == n]) for n, pose in poses if pose is not None]
+        expected = [
+            pose.transform(target.points[panel == n])
+            for n, pose in poses
+            if pose is not None
+        ]
         assert (len(found) == 0) == (name in LOST)
         assert np.allclose(found, np.concatenate([np.zeros((0, 3)), *expected]), atol=1e-3)
 
 
 def test_arrows_are_the_residuals_of_the_frame(recorded):
     session, _, _, file = recorded
-    geometry, number = session.geometry, 6
+    geometry = session.geometry
+    number = 6
     name = list(session.detections)[number]
     here = [i for i, view in enumerate(geometry.views) if view.name == name]
     pixels = np.concatenate([geometry.views[i].pixels for i in here])
@@ -67,14 +72,20 @@ def test_arrows_are_the_residuals_of_the_frame(recorded):
 
 def test_samples_are_coloured_by_their_residual(recorded):
     session, _, _, file = recorded
-    number, light = 7, session.light
+    number = 7
+    light = session.light
     here = samples_of(session, list(session.detections)[number])
     places = file.at("/picture/samples", "positions", number).reshape(-1, 2)
-    assert np.allclose(places, session.camera.project(session.samples.points[here]) + 0.5, atol=1e-3)
+    assert np.allclose(
+        places, session.camera.project(session.samples.points[here]) + 0.5, atol=1e-3
+    )
     packed = file.at("/picture/samples", "colors", number)
-    red, blue = (packed >> 24) & 255, (packed >> 8) & 255
-    residual, used = light.residuals[here], light.used[here]
-    bright, dark = used & (residual > light.sigma), used & (residual < -light.sigma)
+    red = (packed >> 24) & 255
+    blue = (packed >> 8) & 255
+    residual = light.residuals[here]
+    used = light.used[here]
+    bright = used & (residual > light.sigma)
+    dark = used & (residual < -light.sigma)
     assert bright.any()
     assert dark.any()
     assert (red[bright] > blue[bright]).all()
@@ -82,7 +93,9 @@ def test_samples_are_coloured_by_their_residual(recorded):
     assert np.all(red[~used] == 160)
 
 
-def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_fit(recorded):
+def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_fit(
+    recorded,
+):
     session, _, steps, file = recorded
     names = list(session.detections)
     located = [names.index(name) for name in session.poses]
@@ -97,7 +110,9 @@ def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_f
         ("sigma", [step.sigma for step in steps]),
         ("cost", [step.cost for step in steps]),
     ):
-        found = {k: value.item() for k, value in file.numbers(f"/fit/{name}", "scalars").items()}
+        found = {
+            k: value.item() for k, value in file.numbers(f"/fit/{name}", "scalars").items()
+        }
         # A new round begins with the last step of the one before.
         assert found == {step.k: value for step, value in zip(steps, values, strict=True)}
 

@@ -12,7 +12,9 @@ from endolab.recording import show as embed
 
 RUNS = 25
 FEW = 3  # after which all is loaded that stays
-GROWTH = 15e6  # bytes over all runs; half of what fifty streams kept before they were let go
+GROWTH = (
+    15e6  # bytes over all runs; half of what fifty streams kept before they were let go
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,11 @@ def dilate(action, count):
     def state():
         gc.collect()
         return np.array(
-            [me.num_threads(), me.num_fds() if hasattr(me, "num_fds") else 0, me.memory_info().rss]
+            [
+                me.num_threads(),
+                me.num_fds() if hasattr(me, "num_fds") else 0,
+                me.memory_info().rss,
+            ]
         )
 
     for _ in range(FEW):

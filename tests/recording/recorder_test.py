@@ -31,7 +31,11 @@ def towards(camera, count, metric=True):
         v = problem.log_d0 + (1 - 0.7**k) * (goal - problem.log_d0)
         arrived = problem.mask & (seen.distance < 20 + 10 * k)
         previous = steps[-1] if steps else None
-        shown = {"maps": {"arrived": arrived}, "scalars": {"step": 0.5**k}, "provenance": BY_HAND}
+        shown = {
+            "maps": {"arrived": arrived},
+            "scalars": {"step": 0.5**k},
+            "provenance": BY_HAND,
+        }
         steps.append(el.Iterate.of(problem, v, previous, **shown))
     return steps, seen.distance
 
@@ -73,19 +77,24 @@ def test_maps_are_those_of_the_iterates(solved):
     assert np.abs(recording.picture - steps[0].problem.picture).max() < 0.003
     assert "| solver | by hand |" in recording.settings
     for step in (steps[0], steps[-1]):
-        assert np.allclose(recording.depth(step.k), step.distance, rtol=1e-6, equal_nan=True)
+        assert np.allclose(
+            recording.depth(step.k), step.distance, rtol=1e-6, equal_nan=True
+        )
         cosine = np.sum(recording.normals(step.k) * step.normals, axis=-1)
         assert np.rad2deg(np.arccos(np.clip(cosine[step.mask], -1, 1))).max() < 0.5
         assert np.isnan(cosine[~step.mask]).all()
     assert np.array_equal(recording.depth(), recording.depth(3), equal_nan=True)
-    with pytest.raises(ValueError, match="iteration 7 has no picture; the nearest that has is 3"):
+    with pytest.raises(
+        ValueError, match="iteration 7 has no picture; the nearest that has is 3"
+    ):
         recording.depth(7)
 
 
 def test_the_viewer_sees_the_same(solved):
     """Cloud, residual and the limits of colours, as they lie in the file."""
     steps, recording = solved
-    file, last = Recorded(recording.path), steps[-1]
+    file = Recorded(recording.path)
+    last = steps[-1]
     positions = file.at("/world/cloud", "positions", 3).reshape(-1, 3)
     assert np.allclose(positions, last.points[last.mask], rtol=1e-6)
     assert file.numbers("/world/truth", "positions")[0].size == 3 * last.mask.sum()
@@ -100,7 +109,10 @@ def test_the_viewer_sees_the_same(solved):
 
 
 def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
-    el.run(iter_of(towards(PAPER.resize(32, 24), 60)[0]), observers=[el.record(tmp_path / "run.rrd")])
+    el.run(
+        iter_of(towards(PAPER.resize(32, 24), 60)[0]),
+        observers=[el.record(tmp_path / "run.rrd")],
+    )
     recording = el.read_recording(tmp_path / "run.rrd")
     assert len(recording.table()) == 60
     assert (recording.pictured[:21], recording.pictured[-1]) == (tuple(range(21)), 59)
@@ -111,7 +123,9 @@ def test_large_pictures_are_thinned_and_a_pinhole_is_drawn(tmp_path):
     steps, _ = towards(Pinhole(80, 60, 60.0, 60.0, 39.5, 29.5), 1)
     el.run(iter_of(steps), observers=[el.record(tmp_path / "run.rrd", max_width=30)])
     assert el.read_recording(tmp_path / "run.rrd").depth().shape == (20, 27)
-    rim = Recorded(tmp_path / "run.rrd").at("/world/camera", "strips", 0).reshape(-1, 3)[:97]
+    rim = (
+        Recorded(tmp_path / "run.rrd").at("/world/camera", "strips", 0).reshape(-1, 3)[:97]
+    )
     pixels = steps[0].problem.camera.project(rim)
     assert np.abs(np.minimum(pixels + 0.5, [79.5, 59.5] - pixels).min(axis=1)).max() < 0.5
 
@@ -119,10 +133,19 @@ def test_large_pictures_are_thinned_and_a_pinhole_is_drawn(tmp_path):
 @pytest.fixture(scope="module")
 def in_stages():
     """Iterates of a run that begins on a smaller grid and ends in mm."""
-    coarse, fine = (towards(PAPER.resize(*size), 4, metric=False)[0] for size in ((40, 30), (80, 60)))
-    steps = [replace(step, stage="bounced light", round=n) for n in (1, 2) for step in coarse] + fine
+    coarse, fine = (
+        towards(PAPER.resize(*size), 4, metric=False)[0] for size in ((40, 30), (80, 60))
+    )
+    steps = [
+        replace(step, stage="bounced light", round=n) for n in (1, 2) for step in coarse
+    ] + fine
     mm = replace(fine[-1].problem, metric=True)
-    last = replace(fine[-1], problem=mm, log_distance=fine[-1].log_distance + np.log(2.0), stage="scaled")
+    last = replace(
+        fine[-1],
+        problem=mm,
+        log_distance=fine[-1].log_distance + np.log(2.0),
+        stage="scaled",
+    )
     return [*steps, last]
 
 
@@ -145,9 +168,20 @@ def trusted(in_stages, tmp_path_factory):
 def test_stages_follow_each_other_on_one_timeline(trusted, in_stages):
     run = trusted[1].runs["one"]
     assert list(run.table()["energy"]) == [step.energy for step in in_stages]
-    begins = [(0, "bounced light", 1), (4, "bounced light", 2), (8, "solution", 0), (12, "scaled", 0)]
+    begins = [
+        (0, "bounced light", 1),
+        (4, "bounced light", 2),
+        (8, "solution", 0),
+        (12, "scaled", 0),
+    ]
     assert run.stages == begins
-    assert run.pictured == (0, 3, 4, 7, *range(8, 13))  # ends of the stages before, all after
+    assert run.pictured == (
+        0,
+        3,
+        4,
+        7,
+        *range(8, 13),
+    )  # ends of the stages before, all after
     for k in run.pictured:
         assert np.allclose(run.depth(k), in_stages[k].distance, rtol=1e-6, equal_nan=True)
         assert np.array_equal(np.isfinite(run.normals(k)).all(axis=-1), in_stages[k].mask)
@@ -170,9 +204,14 @@ def test_trust_is_of_what_was_recorded_before_it_is_closed(tmp_path, trusted, in
         with pytest.raises(ValueError, match="nothing was recorded"):
             recorder.add_uncertainty(trusted[0], in_stages[-1])
         recorder(in_stages[0])
-        with pytest.raises(ValueError, match=r"uncertainty has shape \(60, 80\), .* recorded \(30, 40\)"):
+        with pytest.raises(
+            ValueError, match=r"uncertainty has shape \(60, 80\), .* recorded \(30, 40\)"
+        ):
             recorder.add_uncertainty(trusted[0], in_stages[-1])
-    for late in (lambda: recorder.add_uncertainty(trusted[0], in_stages[-1]), lambda: recorder(in_stages[0])):
+    for late in (
+        lambda: recorder.add_uncertainty(trusted[0], in_stages[-1]),
+        lambda: recorder(in_stages[0]),
+    ):
         with pytest.raises(ValueError, match="closed"):
             late()
 
@@ -207,7 +246,10 @@ def never_begins(folder, steps):
 
 def is_refused(folder, steps):
     recorder = el.record(folder / "run.rrd", truth=np.ones((3, 4)))
-    with contextlib.closing(recorder), pytest.raises(ValueError, match=r"truth has shape \(3, 4\)"):
+    with (
+        contextlib.closing(recorder),
+        pytest.raises(ValueError, match=r"truth has shape \(3, 4\)"),
+    ):
         recorder(steps[0])
 
 
@@ -233,7 +275,9 @@ def test_a_full_disk_leaves_what_was_there_before(tmp_path, solved):
     (tmp_path / "run.rrd").write_bytes(b"an old recording")
     recorder = el.record(tmp_path / "run.rrd")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))  # writes fail as on a full disk
+    resource.setrlimit(
+        resource.RLIMIT_FSIZE, (50_000, hard)
+    )  # writes fail as on a full disk
     try:
         with pytest.raises(OSError, match=r"cannot write .*run\.rrd"):
             el.run(iter_of(solved[0]), observers=[recorder])
@@ -276,13 +320,25 @@ def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path, solved):
     for number, step in ((3, solved[0][1]), (0, solved[0][0])):
         problem = step.problem
         scalars = {"energy": step.energy, "gain": np.nan}
-        recorder.log(number, problem.shown, step.distance, step.normals, problem.camera, scalars)
+        recorder.log(
+            number, problem.shown, step.distance, step.normals, problem.camera, scalars
+        )
     recorder.close()
     file = Recorded(tmp_path / "frames.rrd")
-    energy = {number: value.item() for number, value in file.numbers("/plots/energy", "scalars").items()}
+    energy = {
+        number: value.item()
+        for number, value in file.numbers("/plots/energy", "scalars").items()
+    }
     assert energy == {number: solved[0][k].energy for k, number in enumerate((0, 3))}
     assert "/plots/gain" not in file.rows
     for number, k in ((0, 0), (3, 1)):
-        stored = file.at("/depth", "buffer", number).astype(np.uint8).view(np.float32).reshape(30, 40)
-        assert np.allclose(stored, solved[0][k].distance[::2, ::2], rtol=1e-6, equal_nan=True)
+        stored = (
+            file.at("/depth", "buffer", number)
+            .astype(np.uint8)
+            .view(np.float32)
+            .reshape(30, 40)
+        )
+        assert np.allclose(
+            stored, solved[0][k].distance[::2, ::2], rtol=1e-6, equal_nan=True
+        )
     assert el.read_recording(tmp_path / "frames.rrd").runs == {}

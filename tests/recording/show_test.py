@@ -20,10 +20,17 @@ def path(tmp_path_factory):
     """A recording of two runs."""
     calibration = datasets.load_calibration("paper", width=64)
     scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
-    frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+    frame = el.Frame(scene.image, scene.mask)
+    known = el.Calibration(scene.camera, scene.photometry)
     with Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
         el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
-        el.reconstruct(frame, known, channel="grey", max_iterations=3, observers=[both.run("gauss_newton")])
+        el.reconstruct(
+            frame,
+            known,
+            channel="grey",
+            max_iterations=3,
+            observers=[both.run("gauss_newton")],
+        )
     return both.path
 
 
@@ -34,12 +41,16 @@ def nobody(monkeypatch):
         monkeypatch.delenv(variable, raising=False)
 
 
-def test_without_a_front_end_there_is_a_sentence_and_a_picture(path, nobody, capsys, monkeypatch):
+def test_without_a_front_end_there_is_a_sentence_and_a_picture(
+    path, nobody, capsys, monkeypatch
+):
     shown = []
     monkeypatch.setattr(embed, "_display", shown.append)
     embed.show(path)
     output = capsys.readouterr().out
-    assert output.startswith("Nobody is there to show the viewer to: here is how the run ended.")
+    assert output.startswith(
+        "Nobody is there to show the viewer to: here is how the run ended."
+    )
     assert "`rerun both.rrd`" in output
     assert output.count("\n") == 1
     (figure,) = shown
@@ -51,12 +62,16 @@ def test_without_a_front_end_there_is_a_sentence_and_a_picture(path, nobody, cap
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
-def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(path, nobody, capsys, monkeypatch):
+def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(
+    path, nobody, capsys, monkeypatch
+):
     shown = []
     monkeypatch.setattr(embed, "_display", shown.append)
     monkeypatch.setattr(viewer, "PORT", 9877)
     embed.show(path, native=True)
-    assert capsys.readouterr().out.startswith("The native viewer needs a screen, and there is none: here is")
+    assert capsys.readouterr().out.startswith(
+        "The native viewer needs a screen, and there is none: here is"
+    )
     assert len(shown) == 1
 
 
@@ -65,7 +80,9 @@ def test_the_picture_has_a_row_per_run_on_one_scale(path):
     titles = [axes.get_title() for axes in figure.axes]
     assert "facing, iteration 0" in titles
     assert "gauss newton, iteration 3" in titles
-    limits = [axes.images[0].get_clim() for axes in figure.axes if "iteration" in axes.get_title()]
+    limits = [
+        axes.images[0].get_clim() for axes in figure.axes if "iteration" in axes.get_title()
+    ]
     assert limits[0] == limits[1]
 
 
@@ -96,6 +113,8 @@ assert event == {{"type": "rrd"}} and buffers == [open({str(path)!r}, "rb").read
 assert "WebGL" in hint.value
 """
     monkeypatch.delenv("RERUN_NOTEBOOK_ASSET", raising=False)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""

@@ -19,7 +19,9 @@ class Page(HTMLParser):
 
     def __init__(self, content):
         super().__init__()
-        self.text, self.pictures, self.open = "", [], []
+        self.text = ""
+        self.pictures = []
+        self.open = []
         self.feed(content)
         assert not self.open
 
@@ -44,8 +46,14 @@ def test_a_calibration_survives_its_file_and_a_refused_light_is_nominal(tmp_path
     assert (read.camera, read.photometry) == (session.camera, session.light.photometry)
     assert (read.photometry.gain, read.evidence) == (None, made.evidence)
     without = make_calibration(refused(session))
-    assert without.evidence["photometry"] == {"refused": refused(session).refused, "nominal": True}
-    assert (without.camera, without.photometry) == (session.camera, el.Photometry(k=2.5, gamma=2.2))
+    assert without.evidence["photometry"] == {
+        "refused": refused(session).refused,
+        "nominal": True,
+    }
+    assert (without.camera, without.photometry) == (
+        session.camera,
+        el.Photometry(k=2.5, gamma=2.2),
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -62,13 +70,20 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path):
     for part in (*session.light.verdict, "frame_9", "too few points"):
         assert part in page.text
     facts = json.loads((tmp_path / "report/report.json").read_text(encoding="utf-8"))
-    assert (facts["account"], facts["frames"]["errors_px"]) == (account(session), session.errors)
+    assert (facts["account"], facts["frames"]["errors_px"]) == (
+        account(session),
+        session.errors,
+    )
     assert read_camera(tmp_path / "report/camera.json") == session.camera
 
 
-def test_a_page_without_light_and_with_a_given_camera_says_so_and_what_it_says_is_no_html(tmp_path):
+def test_a_page_without_light_and_with_a_given_camera_says_so_and_what_it_says_is_no_html(
+    tmp_path,
+):
     session, frames, _ = simulated()
-    session = replace(refused(session), geometry=None, dropped=dict.fromkeys(LOST, "a <b> & c"))
+    session = replace(
+        refused(session), geometry=None, dropped=dict.fromkeys(LOST, "a <b> & c")
+    )
     write_report(session, frames, tmp_path / "report")
     page = Page((tmp_path / "report/report.html").read_text(encoding="utf-8"))
     assert page.pictures == ["detection.png", "frames.png"]

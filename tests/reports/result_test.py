@@ -18,7 +18,9 @@ CAMERA = el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
 
 @pytest.fixture(scope="module")
 def result():
-    rendered = el.render(el.SCENES["curved"], CAMERA, el.Photometry(brdf=el.Lambertian((0.7, 0.4, 0.3))))
+    rendered = el.render(
+        el.SCENES["curved"], CAMERA, el.Photometry(brdf=el.Lambertian((0.7, 0.4, 0.3)))
+    )
     mask = rendered.mask.copy()
     mask[:5, :7] = False
     calibration = el.Calibration(CAMERA, rendered.photometry)
@@ -38,14 +40,21 @@ def test_a_result_is_saved_whole(tmp_path, result):
             np.testing.assert_allclose(depth[name], getattr(result, name), rtol=1e-6)
         np.testing.assert_array_equal(depth["mask"], result.mask)
         assert bool(depth["metric"]) is True
-    report = json.loads((tmp_path / "a/b/report.json").read_text("utf-8"), parse_constant=pytest.fail)
+    report = json.loads(
+        (tmp_path / "a/b/report.json").read_text("utf-8"), parse_constant=pytest.fail
+    )
     assert (report["status"], report["pixels"]) == ("CONVERGED", result.mask.sum())
     assert report["energy"] == result.energy == sum(report["terms"].values())
     known = result.distance[result.mask]
-    assert list(report["distance"].values()) == pytest.approx([np.median(known), known.min(), known.max()])
+    assert list(report["distance"].values()) == pytest.approx(
+        [np.median(known), known.min(), known.max()]
+    )
     assert report["settings"]["solver"] == DEFAULT_SOLVER
     assert (report["unit"], report["metric"], report["scale"]) == ("mm", True, "gain")
-    assert (report["ended"], report["meaning"]) == (result.status.value, list(meaning(result)))
+    assert (report["ended"], report["meaning"]) == (
+        result.status.value,
+        list(meaning(result)),
+    )
     overview = np.asarray(Image.open(tmp_path / "a/b/overview.png").convert("L"))
     assert min(overview.shape) > 200
     assert overview.std() > 10
@@ -60,9 +69,9 @@ def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
         np.testing.assert_allclose(depth[name], getattr(uncertainty, name), rtol=1e-6)
     assert depth["dominant_source"].dtype == np.uint8
     np.testing.assert_array_equal(depth["dominant_source"], uncertainty.dominant_source)
-    report = json.loads((tmp_path / "out/report.json").read_text("utf-8"), parse_constant=pytest.fail)[
-        "uncertainty"
-    ]
+    report = json.loads(
+        (tmp_path / "out/report.json").read_text("utf-8"), parse_constant=pytest.fail
+    )["uncertainty"]
     share = (uncertainty.sigma / result.distance)[result.mask]
     assert report["sigma_percent"]["median"] == pytest.approx(100 * np.median(share))
     assert report["sigma_scale_percent"] == pytest.approx(100 * uncertainty.sigma_scale)
@@ -71,7 +80,13 @@ def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
     assert report["draws"] == 4
     plain = json.loads((tmp_path / "plain/report.json").read_text("utf-8"))
     assert "uncertainty" not in plain
-    assert set(read_depth(tmp_path / "plain/depth.npz")) == {"distance", "z", "normals", "mask", "metric"}
+    assert set(read_depth(tmp_path / "plain/depth.npz")) == {
+        "distance",
+        "z",
+        "normals",
+        "mask",
+        "metric",
+    }
     for name, width in (("plain", 1600), ("out", 2100)):
         with Image.open(tmp_path / name / "overview.png") as page:
             assert page.width == width
@@ -91,9 +106,16 @@ def test_nothing_of_an_earlier_result_is_left_beside_a_new_one(tmp_path, result)
 
 
 def test_relative_units_are_written_down(tmp_path, result):
-    relative = replace(result, iterate=replace(result.iterate, problem=replace(result.problem, metric=False)))
+    relative = replace(
+        result,
+        iterate=replace(result.iterate, problem=replace(result.problem, metric=False)),
+    )
     report = result_module.report(relative)
-    assert (report["unit"], report["metric"], report["scale"]) == ("relative units", False, "none")
+    assert (report["unit"], report["metric"], report["scale"]) == (
+        "relative units",
+        False,
+        "none",
+    )
     el.save_result(relative, tmp_path)
     with np.load(tmp_path / "depth.npz", allow_pickle=False) as depth:
         assert bool(depth["metric"]) is False
@@ -102,8 +124,12 @@ def test_relative_units_are_written_down(tmp_path, result):
 def test_the_cloud_opens_in_open3d(tmp_path, result, open3d):
     el.save_result(result, tmp_path)
     cloud = open3d.io.read_point_cloud(str(tmp_path / "cloud.ply"))
-    np.testing.assert_allclose(np.asarray(cloud.points), result.points[result.mask], rtol=1e-6, atol=1e-5)
-    np.testing.assert_allclose(np.asarray(cloud.normals), result.normals[result.mask], atol=1e-6)
+    np.testing.assert_allclose(
+        np.asarray(cloud.points), result.points[result.mask], rtol=1e-6, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        np.asarray(cloud.normals), result.normals[result.mask], atol=1e-6
+    )
     colours = result.problem.picture[result.mask]
     np.testing.assert_allclose(np.asarray(cloud.colors), colours, atol=0.51 / 255)
 

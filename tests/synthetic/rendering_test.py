@@ -17,20 +17,30 @@ CAMERA = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
 WIDE = KannalaBrandt(101, 101, 25.0, 25.0, 50.0, 50.0, (0.01, 0.0, 0.0, 0.0))
 GREY = Photometry(k=2.5, gamma=2.2, gain=700.0, brdf=Lambertian(0.5))
 COLOUR = replace(GREY, brdf=Lambertian((0.75, 0.38, 0.30)))
-LIGHTS = (SpotLight((3.0, 0.0, 0.0), exponent=1.0), SpotLight((-1.0, 2.0, 0.0), (0.1, 0.0, 1.0)))
+LIGHTS = (
+    SpotLight((3.0, 0.0, 0.0), exponent=1.0),
+    SpotLight((-1.0, 2.0, 0.0), (0.1, 0.0, 1.0)),
+)
 TABLE = TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1))
 SCENE = SCENES["curved"]
 
 
 def truth(frame):
     """Points and normals of the pixels that see the surface."""
-    return (frame.distance[..., None] * frame.camera.field.rays)[frame.mask], frame.normals[frame.mask]
+    return (frame.distance[..., None] * frame.camera.field.rays)[frame.mask], frame.normals[
+        frame.mask
+    ]
 
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize(
     "photometry",
-    [GREY, replace(GREY, lights=LIGHTS), replace(GREY, brdf=TABLE), replace(GREY, gamma=1.0, gain=100.0)],
+    [
+        GREY,
+        replace(GREY, lights=LIGHTS),
+        replace(GREY, brdf=TABLE),
+        replace(GREY, gamma=1.0, gain=100.0),
+    ],
     ids=["centred", "two lights", "table", "linear"],
 )
 def test_a_clean_frame_is_the_model_at_the_truth(name, photometry):
@@ -53,8 +63,12 @@ def test_a_fisheye_sees_to_its_side_but_no_light_falls_behind():
     assert frame.image[frame.mask].min() > 0
 
 
-@pytest.mark.parametrize("brdf", [Lambertian(0.5), Lambertian((0.3, 0.75, 0.38))], ids=["grey", "colour"])
-@pytest.mark.parametrize("options", [{}, {"texture": 0.2, "highlights": 0.02}], ids=["clean", "wet"])
+@pytest.mark.parametrize(
+    "brdf", [Lambertian(0.5), Lambertian((0.3, 0.75, 0.38))], ids=["grey", "colour"]
+)
+@pytest.mark.parametrize(
+    "options", [{}, {"texture": 0.2, "highlights": 0.02}], ids=["clean", "wet"]
+)
 def test_an_unknown_gain_exposes_the_frame_well(brdf, options):
     """The 99th percentile of the brightest channel is at 0.9, and the gain is told."""
     unknown = replace(GREY, brdf=brdf, gain=None)
@@ -111,11 +125,15 @@ def test_highlights_are_white_few_and_near_the_mirror_direction():
     assert added.min() > -1e-12
     unclipped = wet.image.max(axis=-1) < 1
     assert unclipped.mean() > 0.5
-    assert_allclose(added[unclipped], added[unclipped][:, :1].repeat(3, axis=-1), rtol=1e-6, atol=1e-12)
+    assert_allclose(
+        added[unclipped], added[unclipped][:, :1].repeat(3, axis=-1), rtol=1e-6, atol=1e-12
+    )
     facing = -np.einsum("hwi,hwi->hw", clean.normals, CAMERA.field.rays)
     glint = added[..., 2] > 0.02
     assert 0.001 < glint.mean() < 0.3
     assert facing[glint].min() > 0.85
     twice = render(SCENE, CAMERA, COLOUR, highlights=0.04)
     both = unclipped & (twice.image.max(axis=-1) < 1)
-    assert_allclose((twice.image**2.2 - clean.image**2.2)[both], 2 * added[both], rtol=1e-6, atol=1e-12)
+    assert_allclose(
+        (twice.image**2.2 - clean.image**2.2)[both], 2 * added[both], rtol=1e-6, atol=1e-12
+    )

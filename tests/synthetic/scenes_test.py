@@ -15,13 +15,16 @@ CAMERAS = {
 }
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 TILTED_TUBE = Tube(radius=14.0, length=90.0, tilt=12.0, offset=(3.0, -5.0))
-STEEP_COLON = Colon(18.0, fold_height=0.6, fold_spacing=20.0, sharpness=15.0, winding=5.0, length=120.0)
+STEEP_COLON = Colon(
+    18.0, fold_height=0.6, fold_spacing=20.0, sharpness=15.0, winding=5.0, length=120.0
+)
 
 
 def turned(x, degrees):
     """Coordinates in a frame whose z axis leans to the camera's right."""
     a = np.deg2rad(degrees)
-    right, ahead = np.array([np.cos(a), 0, -np.sin(a)]), np.array([np.sin(a), 0, np.cos(a)])
+    right = np.array([np.cos(a), 0, -np.sin(a)])
+    ahead = np.array([np.sin(a), 0, np.cos(a)])
     return x @ right, x[..., 1], x @ ahead
 
 
@@ -43,7 +46,8 @@ def colon_equation(scene, x):
     """The docstring's, from the camera's place, the phase and the twist of the folds."""
     s = x[..., 2] + scene._camera[2]
     swing = scene.winding * (1 - np.cos(2 * np.pi * s / scene._period))
-    right, down = x[..., 0] + scene._camera[0] - swing, x[..., 1] + scene._camera[1] - 0.3 * swing
+    right = x[..., 0] + scene._camera[0] - swing
+    down = x[..., 1] + scene._camera[1] - 0.3 * swing
     phi = np.arctan2(down, right) + scene._twist * s
     wave = np.cos(2 * np.pi * (s - scene._phase) / scene.fold_spacing)
     folds = np.exp(scene.sharpness * (wave - 1)) * (0.6 + 0.4 * np.cos(3 * phi))
@@ -91,7 +95,9 @@ def seen(scene, camera):
 
 @every_camera
 @every_shape
-def test_points_satisfy_the_equation_and_normals_are_unit_and_face_the_camera(scene, camera):
+def test_points_satisfy_the_equation_and_normals_are_unit_and_face_the_camera(
+    scene, camera
+):
     rays, distance, points, normals = seen(scene, camera)
     assert np.abs(inside(scene, points) / distance).max() < 1e-12
     assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=0, atol=1e-12)
@@ -127,7 +133,9 @@ def cast(request, open3d):
     vertices, triangles = scene.mesh(300)
     caster = open3d.t.geometry.RaycastingScene()
     tensor = open3d.core.Tensor
-    caster.add_triangles(tensor(vertices.astype(np.float32)), tensor(triangles.astype(np.uint32)))
+    caster.add_triangles(
+        tensor(vertices.astype(np.float32)), tensor(triangles.astype(np.uint32))
+    )
 
     def shoot(rays):
         from_camera = np.concatenate([np.zeros_like(rays), rays], axis=-1)
@@ -156,7 +164,9 @@ def test_open3d_sees_the_same(cast, camera):
     assert np.median(error) < 1e-4
     assert np.percentile(error, 99) < 2e-3
     normals = scene.normals(distance[..., None] * rays)[calm]
-    angle = np.rad2deg(np.arccos(np.clip(np.abs(np.einsum("ni,ni->n", normals, facets[calm])), 0, 1)))
+    angle = np.rad2deg(
+        np.arccos(np.clip(np.abs(np.einsum("ni,ni->n", normals, facets[calm])), 0, 1))
+    )
     assert np.median(angle) < 0.5
     assert np.percentile(angle, 98) < 6.0
 

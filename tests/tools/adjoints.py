@@ -52,7 +52,9 @@ def second_differences_adjoint(p, mask=None, cuts=None):
     """Of f_uu, f_uv and f_vv, the second of the square to the lower right."""
     stencils = hessian_stencils(_links(p[0].shape, mask, cuts))
     uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(stencils, p, strict=True))
-    out = sum(shift(q, 1, a, 0.0) - 2 * q + shift(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
+    out = sum(
+        shift(q, 1, a, 0.0) - 2 * q + shift(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0))
+    )
     lower = shift(uv, -1, 0, 0.0) - uv
     return out + shift(lower, -1, 1, 0.0) - lower
 
@@ -64,6 +66,8 @@ def second_form_adjoint(p, shares, known, mask=None, cuts=None):
     squares = hessian_stencils(_links(p[0].shape, mask, cuts))[1].astype(float)
     for axis in (1, 0):
         squares = squares + shift(squares, -1, axis, 0.0)
-    mixed = np.sqrt(2) * p[1] / np.maximum(squares, 1)  # the mean of the squares around a pixel
+    mixed = (
+        np.sqrt(2) * p[1] / np.maximum(squares, 1)
+    )  # the mean of the squares around a pixel
     straight = hessian_adjoint(np.stack([p[0], p[2], *4 * [mixed]]), mask, cuts)
     return straight - gradient_adjoint((a, b), mask, cuts) - c

@@ -26,7 +26,9 @@ FAREST = 1000.0  # mm, beyond every wall
 POLISH = 11  # steps of false position over the last LEAST
 SPARE = 1.25  # for slopes between the places that are looked at
 STEP = 1e-4  # mm, of the central differences that give normals
-BUMPS, RUGAE = 12.0, 11.0  # mm, the size of bumps and the way from ruga to ruga
+# mm, the size of bumps and the way from ruga to ruga
+BUMPS = 12.0
+RUGAE = 11.0
 RUGA = 0.55  # half the width of a ruga, as a share of that way
 SADDLE = 2.0  # mm, over which the ridge between two branches is rounded
 VOXEL = 0.8  # mm, of the grid in which a parted tube is looked for
@@ -60,16 +62,30 @@ class Cavity:
     """A tube or bag that the camera is in; a scene, see `endolab.synthetic.scenes.Scene`."""
 
     radius: float = 22.0  # mm
-    ahead: float = 120.0  # where the far end begins to round, mm along the tube from the camera
+    ahead: float = (
+        120.0  # where the far end begins to round, mm along the tube from the camera
+    )
     behind: float = 40.0  # the same, backwards
-    ends: tuple[float, float] = (20.0, 20.0)  # over which the far and the near end close, mm
+    ends: tuple[float, float] = (
+        20.0,
+        20.0,
+    )  # over which the far and the near end close, mm
     bend: float = 0.0  # curvature of the tube, 1/mm
-    sway: tuple[float, float] = (0.0, 200.0)  # of the tube across the bend and its period, mm
+    sway: tuple[float, float] = (
+        0.0,
+        200.0,
+    )  # of the tube across the bend and its period, mm
     place: tuple[float, float] = (0.0, 0.0)  # of the camera in the cross-section, mm
-    look: tuple[float, float, float] = (0.0, 0.0, 0.0)  # roll, yaw and pitch of the camera, degrees
+    look: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # roll, yaw and pitch of the camera, degrees
     folds: tuple[Fold, ...] = ()
     polyps: tuple[Polyp, ...] = ()
-    parting: tuple[float, float] | None = None  # where it parts, mm along it; how steeply a branch goes aside
+    parting: tuple[float, float] | None = (
+        None  # where it parts, mm along it; how steeply a branch goes aside
+    )
     rugae: float = 0.0  # height, mm
     bumps: float = 0.0  # standard deviation, mm
     seed: int = 0  # of rugae and bumps
@@ -81,16 +97,25 @@ class Cavity:
 
     def _in_tube(self, tube: FloatArray) -> FloatArray:
         """F at points (..., 3) of the tube's own coordinates."""
-        u, v, s = tube[..., 0], tube[..., 1], tube[..., 2]
+        u = tube[..., 0]
+        v = tube[..., 1]
+        s = tube[..., 2]
         off = u if self.parting is None else np.hypot(u, SADDLE) - self._aside(s)
-        beyond = np.maximum(s - self.ahead, 0) / self.ends[0] + np.maximum(-self.behind - s, 0) / self.ends[1]
+        beyond = (
+            np.maximum(s - self.ahead, 0) / self.ends[0]
+            + np.maximum(-self.behind - s, 0) / self.ends[1]
+        )
         value = self.radius - np.sqrt(off * off + v * v + (self.radius * beyond) ** 2)
         for fold in self.folds:
             out = (u * np.cos(fold.side) + v * np.sin(fold.side)) / self.radius
             across = (s - fold.s - fold.lean * out) / fold.width
-            value -= fold.height * np.exp(-across * across + fold.reach * (np.minimum(out, 1.5) - 1))
+            value -= fold.height * np.exp(
+                -across * across + fold.reach * (np.minimum(out, 1.5) - 1)
+            )
         for polyp in self.polyps:
-            centre = self.radius * np.array([np.cos(polyp.side), np.sin(polyp.side), polyp.s / self.radius])
+            centre = self.radius * np.array(
+                [np.cos(polyp.side), np.sin(polyp.side), polyp.s / self.radius]
+            )
             square = np.sum((tube - centre) ** 2, axis=-1) / polyp.radius**2
             value -= polyp.height * np.exp(-(np.minimum(square, 10.0) ** 2))
         if self.rugae:
@@ -98,7 +123,9 @@ class Cavity:
             wave = waves(place, RUGAE, np.random.default_rng([self.seed, 0]))[0]
             value -= self.rugae * np.exp(-((wave / RUGA) ** 2))
         if self.bumps:
-            value -= self.bumps * waves(tube, BUMPS, np.random.default_rng([self.seed, 1]))[0]
+            value -= (
+                self.bumps * waves(tube, BUMPS, np.random.default_rng([self.seed, 1]))[0]
+            )
         return value
 
     def _aside(self, s: FloatArray) -> FloatArray:
@@ -109,7 +136,10 @@ class Cavity:
     @cached_property
     def _turn(self) -> FloatArray:
         """From the camera's axes to those of the tube at the camera."""
-        (cr, cy, cp), (sr, sy, sp) = np.cos(np.deg2rad(self.look)), np.sin(np.deg2rad(self.look))
+        (cr, cy, cp), (sr, sy, sp) = (
+            np.cos(np.deg2rad(self.look)),
+            np.sin(np.deg2rad(self.look)),
+        )
         roll = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
         yaw = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
         pitch = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
@@ -118,19 +148,25 @@ class Cavity:
     def to_tube(self, x: FloatArray) -> FloatArray:
         """Points (..., 3) of the camera frame in the tube's coordinates."""
         x = x @ self._turn.T + [*self.place, 0.0]
-        u, v, s = x[..., 0], x[..., 1], x[..., 2]
+        u = x[..., 0]
+        v = x[..., 1]
+        s = x[..., 2]
         if self.bend:
             arm = 1 / self.bend - u
-            u, s = 1 / self.bend - np.hypot(arm, s), np.arctan2(s, arm) / self.bend
+            u = 1 / self.bend - np.hypot(arm, s)
+            s = np.arctan2(s, arm) / self.bend
         return np.stack([u, v - self._swayed(s), s], axis=-1)
 
     def from_tube(self, tube: FloatArray) -> FloatArray:
         """Points (..., 3) of the tube's coordinates in the camera frame."""
-        u, s = tube[..., 0], tube[..., 2]
+        u = tube[..., 0]
+        s = tube[..., 2]
         v = tube[..., 1] + self._swayed(s)
         if self.bend:
-            arm, angle = 1 / self.bend - u, s * self.bend
-            u, s = 1 / self.bend - arm * np.cos(angle), arm * np.sin(angle)
+            arm = 1 / self.bend - u
+            angle = s * self.bend
+            u = 1 / self.bend - arm * np.cos(angle)
+            s = arm * np.sin(angle)
         return (np.stack([u, v, s], axis=-1) - [*self.place, 0.0]) @ self._turn
 
     def _swayed(self, s: FloatArray) -> FloatArray:
@@ -142,13 +178,20 @@ class Cavity:
         flat = rays.reshape(-1, 3)
         found = np.full(len(flat), np.nan)
         known = np.isfinite(flat).all(axis=-1)
-        stretched = 1 / (1 - self.bend * self.radius) + 2 * np.pi * abs(self.sway[0] / self.sway[1])
-        found[known] = _march(self.inside, np.zeros(3), flat[known], stretched * self._steepest)
+        stretched = 1 / (1 - self.bend * self.radius) + 2 * np.pi * abs(
+            self.sway[0] / self.sway[1]
+        )
+        found[known] = _march(
+            self.inside, np.zeros(3), flat[known], stretched * self._steepest
+        )
         return found.reshape(rays.shape[:-1])
 
     def normals(self, points: FloatArray) -> FloatArray:
         """See `Scene.normals`; by central differences."""
-        slopes = [self.inside(points + step) - self.inside(points - step) for step in STEP * np.eye(3)]
+        slopes = [
+            self.inside(points + step) - self.inside(points - step)
+            for step in STEP * np.eye(3)
+        ]
         gradient = np.stack(slopes, axis=-1)
         return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
 
@@ -158,12 +201,20 @@ class Cavity:
         A tube that parts has none: it is looked for in a grid of `VOXEL`.
         """
         if self.parting is not None:
-            wide, high = self.radius + float(self._aside(np.array(self.ahead + self.ends[0]))), self.radius
+            wide = self.radius + float(self._aside(np.array(self.ahead + self.ends[0])))
+            high = self.radius
             low = np.array([-wide, -high, -self.behind - self.ends[1]]) - 4 * VOXEL
-            counts = np.ceil((np.array([wide, high, self.ahead + self.ends[0]]) + 4 * VOXEL - low) / VOXEL)
+            counts = np.ceil(
+                (np.array([wide, high, self.ahead + self.ends[0]]) + 4 * VOXEL - low)
+                / VOXEL
+            )
             places = low + VOXEL * np.moveaxis(np.indices(counts.astype(int) + 1), 0, -1)
-            vertices, triangles, *_ = skimage.measure.marching_cubes(self._in_tube(places), 0.0)
-            return self.from_tube(VOXEL * vertices.astype(np.float64) + low), triangles.astype(np.int64)
+            vertices, triangles, *_ = skimage.measure.marching_cubes(
+                self._in_tube(places), 0.0
+            )
+            return self.from_tube(
+                VOXEL * vertices.astype(np.float64) + low
+            ), triangles.astype(np.int64)
         start, out = self._lines(size, size)
         place = start + _march(self._in_tube, start, out, self._steepest)[:, None] * out
         return self.from_tube(place), grid_triangles(size, size)
@@ -194,34 +245,48 @@ class Cavity:
         start, out = self._lines(160, 48)
         reach = np.linspace(0, 1.1 * max(self.radius, *self.ends), 10)[1:, None, None]
         places = start + reach * out
-        steps = [self._in_tube(places + step) - self._in_tube(places - step) for step in STEP * np.eye(3)]
+        steps = [
+            self._in_tube(places + step) - self._in_tube(places - step)
+            for step in STEP * np.eye(3)
+        ]
         return SPARE * float(np.max(np.linalg.norm(steps, axis=0))) / (2 * STEP)
 
 
 def _march(
-    inside: Callable[[FloatArray], FloatArray], start: FloatArray, rays: FloatArray, steepest: float
+    inside: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    rays: FloatArray,
+    steepest: float,
 ) -> FloatArray:
     """How far it is along unit rays (n, 3) to the first place where `inside` is 0, mm; it starts above.
 
     A ray that passes a wall by goes ahead by at least `LEAST`, and overlooks what it meets on a shorter way.
     """
     start = np.broadcast_to(start, rays.shape)
-    near, far = np.zeros(len(rays)), np.zeros(len(rays))
-    above, below = np.full(len(rays), np.nan), np.full(len(rays), np.nan)
+    near = np.zeros(len(rays))
+    far = np.zeros(len(rays))
+    above = np.full(len(rays), np.nan)
+    below = np.full(len(rays), np.nan)
     busy = np.arange(len(rays))
     while busy.size:
         room = inside(start[busy] + far[busy, None] * rays[busy])
         met = room <= 0
         below[busy[met]] = room[met]
-        busy, room = busy[~met], room[~met]
-        near[busy], above[busy] = far[busy], room
+        busy = busy[~met]
+        room = room[~met]
+        near[busy] = far[busy]
+        above[busy] = room
         far[busy] += np.maximum(room / steepest, LEAST)
         if busy.size and far[busy].max() > FAREST:
-            raise ValueError(f"{busy.size} of {len(rays)} rays come to no wall within {FAREST:.0f} mm")
+            raise ValueError(
+                f"{busy.size} of {len(rays)} rays come to no wall within {FAREST:.0f} mm"
+            )
     for _ in range(POLISH):  # Illinois: false position, by halves where one end stays
         t = (near * below - far * above) / (below - above)
         room = inside(start + t[:, None] * rays)
         out = room > 0
-        near, far = np.where(out, t, near), np.where(out, far, t)
-        above, below = np.where(out, room, above / 2), np.where(out, below / 2, np.minimum(room, -1e-300))
+        near = np.where(out, t, near)
+        far = np.where(out, far, t)
+        above = np.where(out, room, above / 2)
+        below = np.where(out, below / 2, np.minimum(room, -1e-300))
     return t

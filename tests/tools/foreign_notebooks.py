@@ -22,10 +22,16 @@ WIDGET = {  # as ipywidgets keeps them; its front end fetches and runs what stan
 }
 STATE = {"version_major": 2, "version_minor": 0, "state": {"w": WIDGET}}
 OUTPUTS = {
-    "script": {"text/html": f"<b>an output</b><script>{TAKEN}</script><img src=x onerror='{TAKEN}'>"},
+    "script": {
+        "text/html": f"<b>an output</b><script>{TAKEN}</script><img src=x onerror='{TAKEN}'>"
+    },
     "javascript": {"application/javascript": TAKEN},
-    "svg": {"image/svg+xml": f"<svg xmlns='http://www.w3.org/2000/svg' onload='{TAKEN}'></svg>"},
-    "widget": {"application/vnd.jupyter.widget-view+json": {"model_id": "w", "version_major": 2}},
+    "svg": {
+        "image/svg+xml": f"<svg xmlns='http://www.w3.org/2000/svg' onload='{TAKEN}'></svg>"
+    },
+    "widget": {
+        "application/vnd.jupyter.widget-view+json": {"model_id": "w", "version_major": 2}
+    },
 }
 
 
@@ -33,16 +39,32 @@ def foreign_notebooks():
     """Their contents by their names."""
 
     def cell(data):
-        output = {"output_type": "display_data", "data": data | {"text/plain": "an output"}, "metadata": {}}
+        output = {
+            "output_type": "display_data",
+            "data": data | {"text/plain": "an output"},
+            "metadata": {},
+        }
         how = {"execution_count": None, "metadata": {"trusted": True}}
         return {"cell_type": "code", "id": "a", "source": "1", "outputs": [output], **how}
 
     def copy():
         return json.loads(QUICKSTART.read_text(encoding="utf-8"))
 
-    names = {"02_foreign.ipynb": copy(), "00_quickstart_again.ipynb": copy(), "03_widgets.ipynb": copy()}
-    names["02_foreign.ipynb"]["cells"] = [cell(data) | {"id": name} for name, data in OUTPUTS.items()]
-    first = next(cell for cell in names["00_quickstart_again.ipynb"]["cells"] if cell["cell_type"] == "code")
+    names = {
+        "02_foreign.ipynb": copy(),
+        "00_quickstart_again.ipynb": copy(),
+        "03_widgets.ipynb": copy(),
+    }
+    names["02_foreign.ipynb"]["cells"] = [
+        cell(data) | {"id": name} for name, data in OUTPUTS.items()
+    ]
+    first = next(
+        cell
+        for cell in names["00_quickstart_again.ipynb"]["cells"]
+        if cell["cell_type"] == "code"
+    )
     first["outputs"] = cell(OUTPUTS["script"])["outputs"]
-    names["03_widgets.ipynb"]["metadata"]["widgets"] = {"application/vnd.jupyter.widget-state+json": STATE}
+    names["03_widgets.ipynb"]["metadata"]["widgets"] = {
+        "application/vnd.jupyter.widget-state+json": STATE
+    }
     return names

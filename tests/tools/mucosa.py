@@ -11,12 +11,19 @@ MOTTLE = np.array([0.6, 1.0, 1.0])  # share of the texture in red, green and blu
 BLOOD = np.array([0.25, 1.0, 0.9])  # what vessels take, as logarithms
 VESSELS = ((9.0, 0.7, 1.0), (4.0, 0.4, 0.5))  # mm between them, mm of half width, share
 BILE = np.array([0.3, 0.7, 1.0])  # what stains take, as logarithms
-STAIN_SIZE, STAIN_EDGE = 12.0, 0.15  # mm; how soft their edge is, of the standard deviation of the waves
+# mm; how soft their edge is, of the standard deviation of the waves
+STAIN_SIZE = 12.0
+STAIN_EDGE = 0.15
 RARE = 1.3  # standard deviations above which a smooth random function is a stain: a tenth of the wall
 
 
 def tissue(
-    points: FloatArray, albedo: FloatArray, texture: float, vessels: float, seed: int = 0, stains: float = 0.0
+    points: FloatArray,
+    albedo: FloatArray,
+    texture: float,
+    vessels: float,
+    seed: int = 0,
+    stains: float = 0.0,
 ) -> FloatArray:
     """Albedo (..., 3) of mucosa at points (..., 3), mm: mottled, with vessels, stained; from 0.01 to 0.95.
 
@@ -29,7 +36,11 @@ def tissue(
     rng = np.random.default_rng([seed, 0])
     mottle = waves(points, TEXTURE_SCALE, rng)[0]
     blood = np.zeros(points.shape[:-1])
-    for spacing, width, share in VESSELS:  # thin lines where a smooth random function vanishes
+    for (
+        spacing,
+        width,
+        share,
+    ) in VESSELS:  # thin lines where a smooth random function vanishes
         away = waves(points, spacing, rng)[0] * spacing / width
         blood = np.maximum(blood, share * np.exp(-(away**2)))
     log = texture * mottle[..., None] * MOTTLE - vessels * blood[..., None] * BLOOD
@@ -47,7 +58,11 @@ def rippled(points: FloatArray, normals: FloatArray, seed: int = 0) -> FloatArra
 
 
 def film_radiance(
-    points: FloatArray, normals: FloatArray, light: SpotLight, film: float, roughness: float = ROUGHNESS
+    points: FloatArray,
+    normals: FloatArray,
+    light: SpotLight,
+    film: float,
+    roughness: float = ROUGHNESS,
 ) -> FloatArray:
     """Light (n,) that a wet film or a rough wall mirrors from one light to the optical centre.
 
@@ -65,7 +80,9 @@ def film_radiance(
         return np.maximum(np.einsum("ij,ij->i", a, b), 1e-4)
 
     width = roughness**4
-    n_l, n_v, n_h = cosine(normals, to_light), cosine(normals, to_camera), cosine(normals, half)
+    n_l = cosine(normals, to_light)
+    n_v = cosine(normals, to_camera)
+    n_h = cosine(normals, half)
     facets = width / (np.pi * (n_h**2 * (width - 1) + 1) ** 2)
     fresnel = film + (1 - film) * (1 - cosine(to_camera, half)) ** 5
     seen = np.ones(len(points))

@@ -50,7 +50,9 @@ class Traced(Rendered):
 
     direct: FloatArray  # (H, W, 3), linear light times gain; an average over the pixel
     indirect: FloatArray  # (H, W, 3), the same
-    mirrored: FloatArray  # (H, W), the same, of the lamps in film or sheen; equal in all channels
+    mirrored: (
+        FloatArray  # (H, W), the same, of the lamps in film or sheen; equal in all channels
+    )
 
 
 def mitsuba() -> tuple[Any, Any]:
@@ -59,7 +61,8 @@ def mitsuba() -> tuple[Any, Any]:
     OSError in one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
     """
     try:
-        mi, dr = import_module("mitsuba"), import_module("drjit")
+        mi = import_module("mitsuba")
+        dr = import_module("drjit")
     except ImportError as error:
         raise OSError(
             f'path tracing needs Mitsuba 3 ({error}); install it with: python -m pip install "mitsuba>=3.9"'
@@ -88,10 +91,15 @@ class _Tracer:
     ) -> None:
         self.mi, self.dr = mitsuba()
         mi = self.mi
-        self.vertices, self.normals, self.lights, self.fog = vertices, normals, lights, fog
+        self.vertices = vertices
+        self.normals = normals
+        self.lights = lights
+        self.fog = fog
         self.wall = mi.Mesh("wall", len(vertices), len(triangles), has_vertex_normals=True)
         self.wall.add_attribute("vertex_albedo", 3, albedo.astype(np.float32).ravel())
-        self.wall.add_attribute("vertex_bounced", 3, np.zeros(self.vertices.size, np.float32))
+        self.wall.add_attribute(
+            "vertex_bounced", 3, np.zeros(self.vertices.size, np.float32)
+        )
         content = mi.traverse(self.wall)
         content["vertex_positions"] = vertices.astype(np.float32).ravel()
         content["vertex_normals"] = normals.astype(np.float32).ravel()
@@ -100,20 +108,29 @@ class _Tracer:
         self.world = mi.load_dict({"type": "scene", "wall": self.wall})
 
     def _vectors(self, values: FloatArray) -> Any:
-        return self.mi.Vector3f(*(np.ascontiguousarray(part, dtype=np.float32) for part in values.T))
+        return self.mi.Vector3f(
+            *(np.ascontiguousarray(part, dtype=np.float32) for part in values.T)
+        )
 
     def _turned(self, normal: Any, start: FloatArray) -> Any:
         """Directions about normals, even in cosine, chosen by two numbers in [0, 1) each (2, n)."""
-        chosen = self.mi.Point2f(*(np.ascontiguousarray(part, dtype=np.float32) for part in start))
-        return self.mi.Frame3f(normal).to_world(self.mi.warp.square_to_cosine_hemisphere(chosen))
+        chosen = self.mi.Point2f(
+            *(np.ascontiguousarray(part, dtype=np.float32) for part in start)
+        )
+        return self.mi.Frame3f(normal).to_world(
+            self.mi.warp.square_to_cosine_hemisphere(chosen)
+        )
 
     def _meet(self, ray: Any, active: Any = True) -> tuple[Any, Any, Any, Any]:
         """What rays meet: hits, unit normals, whether they see the wall's face, and what is left of 1."""
-        mi, dr = self.mi, self.dr
+        mi = self.mi
+        dr = self.dr
         hit = self.world.ray_intersect(ray, active)
         normal = dr.normalize(hit.sh_frame.n)
         facet = dr.mulsign(hit.n, dr.dot(hit.n, normal))  # whichever way the triangle turns
-        faced = mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)  # the wall's back is black
+        faced = (
+            mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)
+        )  # the wall's back is black
         left = self._attribute("vertex_albedo", hit, faced)
         return hit, normal, faced, left * dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
 
@@ -123,22 +140,27 @@ class _Tracer:
 
     def _arriving(self, hit: Any, normal: Any, lamp: SpotLight, active: Any) -> Any:
         """Irradiance of hits from a light; 0 in its shadow."""
-        mi, dr = self.mi, self.dr
+        mi = self.mi
+        dr = self.dr
         way = mi.Point3f(lamp.position) - hit.p
         square = dr.squared_norm(way)
         way = way / dr.sqrt(square)
-        front, cosine = -dr.dot(way, mi.Vector3f(lamp.direction)), dr.dot(normal, way)
+        front = -dr.dot(way, mi.Vector3f(lamp.direction))
+        cosine = dr.dot(normal, way)
         spread = lamp.weight * dr.power(dr.maximum(front, 1e-6), lamp.exponent)
         active = active & (front > 0) & (cosine > 0)
         active &= ~self.world.ray_test(hit.spawn_ray_to(mi.Point3f(lamp.position)), active)
-        return dr.select(active, spread * dr.exp(-self.fog * dr.sqrt(square)) * cosine / square, 0.0)
+        return dr.select(
+            active, spread * dr.exp(-self.fog * dr.sqrt(square)) * cosine / square, 0.0
+        )
 
     def _lit(self, hit: Any, normal: Any, active: Any) -> Any:
         return sum(self._arriving(hit, normal, lamp, active) for lamp in self.lights)
 
     def _follow(self, ray: Any, turns: int, seed: int) -> Any:
         """Radiance along rays, by one path each of at most `turns` turns."""
-        mi, dr = self.mi, self.dr
+        mi = self.mi
+        dr = self.dr
         count = dr.width(ray)
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(seed, count)
@@ -147,13 +169,22 @@ class _Tracer:
             hit, normal, active, kept = self._meet(ray, active)
             left *= kept
             sent += dr.select(active, left * self._lit(hit, normal, active) / dr.pi, 0.0)
-            away = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active)))
+            away = mi.Frame3f(normal).to_world(
+                mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active))
+            )
             luck = dr.select(bounce >= SURE_BOUNCES, dr.clip(dr.max(left), 0.05, 0.95), 1.0)
             active &= (sampler.next_1d(active) < luck) & (bounce < turns)
             return bounce + 1, hit.spawn_ray(away), left / luck, sent, active, sampler
 
         zero = dr.zeros(mi.Color3f, count)
-        state = (dr.zeros(mi.UInt32, count), ray, zero + 1.0, zero, dr.full(mi.Mask, True, count), sampler)
+        state = (
+            dr.zeros(mi.UInt32, count),
+            ray,
+            zero + 1.0,
+            zero,
+            dr.full(mi.Mask, True, count),
+            sampler,
+        )
         labels = ("bounce", "ray", "left", "sent", "active", "sampler")
         # Recorded as one loop: unrolled, the same turns compile for minutes.
         return dr.while_loop(state, lambda *values: values[4], turn, labels=labels)[3]
@@ -163,11 +194,16 @@ class _Tracer:
         mi = self.mi
         rng = np.random.default_rng([seed, 4])
         turned = rng.uniform(size=(2, len(self.vertices)))
-        normal, sums = self._vectors(self.normals), np.zeros(self.vertices.shape)
-        place = self._vectors(self.vertices + self.normals * (1e-4 * np.abs(self.vertices).max()))
+        normal = self._vectors(self.normals)
+        sums = np.zeros(self.vertices.shape)
+        place = self._vectors(
+            self.vertices + self.normals * (1e-4 * np.abs(self.vertices).max())
+        )
         for index in range(paths):
             away = self._turned(normal, (turned + index * GOLDEN[:, None]) % 1)
-            radiance = self._follow(mi.Ray3f(o=mi.Point3f(place), d=away), turns, int(rng.integers(2**32)))
+            radiance = self._follow(
+                mi.Ray3f(o=mi.Point3f(place), d=away), turns, int(rng.integers(2**32))
+            )
             sums += np.array(radiance, dtype=np.float64).T
         content = mi.traverse(self.wall)
         content["vertex_bounced"] = (np.pi / paths * sums).astype(np.float32).ravel()
@@ -181,7 +217,9 @@ class _Tracer:
         self.dr.eval(*met, direct)
         return met, np.array(direct, dtype=np.float64).T
 
-    def gather(self, met: Any, start: FloatArray, sheen: float, roughness: float) -> FloatArray:
+    def gather(
+        self, met: Any, start: FloatArray, sheen: float, roughness: float
+    ) -> FloatArray:
         """Indirect light (n, 3) of what was met, by one more ray each that `start` (2, n) chooses."""
         dr = self.dr
         hit, normal, faced, left = met
@@ -195,7 +233,9 @@ class _Tracer:
     def _sent(self, ray: Any, active: Any) -> Any:
         """What the walls that rays meet send back along them."""
         hit, normal, faced, left = self._meet(ray, active)
-        arriving = self._attribute("vertex_bounced", hit, faced) + self._lit(hit, normal, faced)
+        arriving = self._attribute("vertex_bounced", hit, faced) + self._lit(
+            hit, normal, faced
+        )
         return self.dr.select(faced, left * arriving / self.dr.pi, 0.0)
 
     def _mirrored_way(
@@ -205,32 +245,47 @@ class _Tracer:
 
         The share is F G (v·h) / (n·v n·h), with v to the camera and h the facet's normal.
         """
-        mi, dr = self.mi, self.dr
+        mi = self.mi
+        dr = self.dr
         width = roughness**4
-        first, turn = (dr.llvm.Float(np.ascontiguousarray(part, dtype=np.float32)) for part in start)
+        first, turn = (
+            dr.llvm.Float(np.ascontiguousarray(part, dtype=np.float32)) for part in start
+        )
         steep = dr.sqrt(width * first / (1 - first))
-        local = mi.Vector3f(steep * dr.cos(2 * dr.pi * turn), steep * dr.sin(2 * dr.pi * turn), 1.0)
+        local = mi.Vector3f(
+            steep * dr.cos(2 * dr.pi * turn), steep * dr.sin(2 * dr.pi * turn), 1.0
+        )
         facet = mi.Frame3f(normal).to_world(dr.normalize(local))
         to_camera = dr.normalize(-mi.Vector3f(hit.p))
         met = dr.dot(to_camera, facet)
         away = 2 * met * facet - to_camera
-        n_v, n_l, n_h = (dr.maximum(dr.dot(normal, one), 1e-4) for one in (to_camera, away, facet))
+        n_v, n_l, n_h = (
+            dr.maximum(dr.dot(normal, one), 1e-4) for one in (to_camera, away, facet)
+        )
         share = (sheen + (1 - sheen) * (1 - met) ** 5) * met / (n_v * n_h)
         for c in (n_l, n_v):
             share *= 2 * c / (c + dr.sqrt(width + (1 - width) * c * c))
         return away, dr.select((met > 0) & (dr.dot(normal, away) > 0), share, 0.0)
 
-    def mirrored(self, met: Any, film: float, sheen: float, roughness: float, seed: int) -> FloatArray:
+    def mirrored(
+        self, met: Any, film: float, sheen: float, roughness: float, seed: int
+    ) -> FloatArray:
         """Light (n,) of the lamps that the film and the sheen of what was met send back."""
         hit, normal, faced, _ = met
-        points, normals = np.array(hit.p, dtype=np.float64).T, np.array(normal, dtype=np.float64).T
+        points = np.array(hit.p, dtype=np.float64).T
+        normals = np.array(normal, dtype=np.float64).T
         total = np.zeros(len(points))
         wet = rippled(points, normals, seed) if film else normals
         for lamp in self.lights:
             lit = np.array(self._arriving(hit, normal, lamp, faced)) > 0
             there = points[lit]
-            way = np.linalg.norm(there - np.asarray(lamp.position), axis=-1) + np.linalg.norm(there, axis=-1)
-            for share, rough, turned in ((film, ROUGHNESS, wet), (sheen, roughness, normals)):
+            way = np.linalg.norm(
+                there - np.asarray(lamp.position), axis=-1
+            ) + np.linalg.norm(there, axis=-1)
+            for share, rough, turned in (
+                (film, ROUGHNESS, wet),
+                (sheen, roughness, normals),
+            ):
                 if share:
                     sent = film_radiance(there, turned[lit], lamp, share, rough)
                     total[lit] += np.exp(-self.fog * way) * sent
@@ -289,7 +344,9 @@ def trace(
     rng = np.random.default_rng([seed, 2])
     side = min(isqrt(samples), 4)
     rays = _subpixels(camera, side, rng)
-    turned = rng.uniform(size=(2, 1, rays.shape[1]))  # every pixel starts the sequence elsewhere
+    turned = rng.uniform(
+        size=(2, 1, rays.shape[1])
+    )  # every pixel starts the sequence elsewhere
     defined = ~np.isnan(rays[..., 2])
     met, direct = tracer.look(rays[defined])
     layers = np.zeros((*defined.shape, 7))
@@ -305,17 +362,28 @@ def trace(
     average = layers.sum(axis=0) / np.maximum(defined.sum(axis=0), 1)[:, None]
     truth = truth_of(scene, camera)
     mask = truth["mask"]
-    average = np.where(mask[..., None], average.reshape(camera.height, camera.width, 7), 0.0)
+    average = np.where(
+        mask[..., None], average.reshape(camera.height, camera.width, 7), 0.0
+    )
     gain = expose(photometry, (average[..., :3] + average[..., 3:6])[mask])
     direct, indirect, mirrored = np.split(gain * average, [3, 6], axis=-1)
-    image = stored(direct + indirect + mirrored, truth["distance"], photometry.gamma, fog, noise, seed)
+    image = stored(
+        direct + indirect + mirrored, truth["distance"], photometry.gamma, fog, noise, seed
+    )
     light = {"direct": direct, "indirect": indirect, "mirrored": mirrored[..., 0]}
     return Traced(image=image, photometry=replace(photometry, gain=gain), **truth, **light)
 
 
 def stored(
-    light: FloatArray, distance: FloatArray, gamma: float, fog: float, noise: float, seed: int
+    light: FloatArray,
+    distance: FloatArray,
+    gamma: float,
+    fog: float,
+    noise: float,
+    seed: int,
 ) -> FloatArray:
     """The picture (H, W, 3) of 8 bits that a sensor makes of linear light, with the fog's veil."""
     veil = VEIL * (1 - np.exp(-fog * np.nan_to_num(distance)))[..., None]
-    return np.where(np.isfinite(distance)[..., None], develop(light + veil, gamma, noise, 8, seed), 0.0)
+    return np.where(
+        np.isfinite(distance)[..., None], develop(light + veil, gamma, noise, 8, seed), 0.0
+    )

@@ -18,7 +18,9 @@ from tests.tools.path_tracing import trace
 CAMERA = Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
 ONE = Photometry(k=2.5, gamma=2.2, gain=3000.0, brdf=Lambertian((0.75, 0.38, 0.30)))
 AROUND = [(3.5 * np.cos(a), 3.5 * np.sin(a), 0.0) for a in (0.0, 2.1, 4.2)]
-THREE = replace(ONE, k=0.5, lights=tuple(SpotLight(place, exponent=2.0) for place in AROUND))
+THREE = replace(
+    ONE, k=0.5, lights=tuple(SpotLight(place, exponent=2.0) for place in AROUND)
+)
 SPHERE = Bowl(100.0, (0.0, 0.0, 0.0))
 
 
@@ -38,7 +40,9 @@ def test_direct_light_is_the_renderers(mitsuba, scene, light):
 @pytest.mark.parametrize("albedo", [0.3, 0.7])
 def test_an_integrating_sphere(mitsuba, albedo):
     """Inside a sphere the indirect irradiance is the same everywhere: E ρ/(1 - ρ), E the mean direct one."""
-    lamp = Photometry(k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(albedo))  # lights the front half
+    lamp = Photometry(
+        k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(albedo)
+    )  # lights the front half
     made = trace(SPHERE, CAMERA, lamp, bounces=60, samples=64, mesh_size=60)
     expected = 2 * np.pi / (4 * np.pi * 100.0**2) * albedo / (1 - albedo)
     assert np.pi * made.indirect.mean() / albedo == pytest.approx(expected, rel=0.01)
@@ -50,8 +54,11 @@ def test_a_plane_cannot_light_itself(mitsuba):
 
 def mirrored_share(roughness):
     """What a wall sends one way, straight out, of light that comes alike from everywhere."""
-    points, normals = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
-    theta = np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2  # dense about the mirror's way
+    points = np.array([[0.0, 0.0, 1.0]])
+    normals = np.array([[0.0, 0.0, -1.0]])
+    theta = (
+        np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2
+    )  # dense about the mirror's way
     sent = []
     for angle in theta:
         way = np.array([np.sin(angle), 0.0, -np.cos(angle)])

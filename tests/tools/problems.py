@@ -13,19 +13,31 @@ from endolab.synthetic.scenes import Colon
 
 PAPERS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]
 papers_variant = pytest.mark.parametrize(("xi", "regulariser"), PAPERS)
-every_variant = pytest.mark.parametrize(("xi", "regulariser"), [*PAPERS, ("1/d", "curvature")])
+every_variant = pytest.mark.parametrize(
+    ("xi", "regulariser"), [*PAPERS, ("1/d", "curvature")]
+)
 every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
 papers_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
 every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second", "curvature"])
 # A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(
-    tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
+    tuple(np.linspace(0, 1.5, 15)),
+    tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2)),
 )
 TISSUE = el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30)))
 
 
 def problem_of(
-    scene, width=160, *, camera="simple", brdf=None, gain=1.0, noise=0.0, bits=None, mask=True, **options
+    scene,
+    width=160,
+    *,
+    camera="simple",
+    brdf=None,
+    gain=1.0,
+    noise=0.0,
+    bits=None,
+    mask=True,
+    **options,
 ):
     """A rendered scene as a problem of these options, and its truth; nearly black pixels are left out.
 
@@ -34,19 +46,26 @@ def problem_of(
     if isinstance(camera, str):
         camera = datasets.load_calibration(camera, width).camera
     how = {"noise": noise, "bits": bits}
-    seen = el.render(el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **how)
+    seen = el.render(
+        el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **how
+    )
     if gain != 1:
         photometry = replace(seen.photometry, gain=gain * seen.photometry.gain)
         seen = el.render(el.SCENES[scene], camera, photometry, **how)
     return Problem(
-        seen.image, seen.mask & (seen.image > 0.02) & mask, camera, seen.photometry, **options
+        seen.image,
+        seen.mask & (seen.image > 0.02) & mask,
+        camera,
+        seen.photometry,
+        **options,
     ), seen
 
 
 def coloured_colon(camera, **options):
     """The colon in colour as a problem of its green channel, with its picture, and its truth."""
     seen = el.render(el.SCENES["colon"], camera, TISSUE)
-    green, photometry = seen.image[..., 1], seen.photometry.channel("green")
+    green = seen.image[..., 1]
+    photometry = seen.photometry.channel("green")
     mask = seen.mask & (green > 1.5 / 255)
     return Problem(green, mask, camera, photometry, picture=seen.image, **options), seen
 
@@ -98,10 +117,14 @@ class Shot:
 
     def __init__(self, scene, calibration, photometry=None, **how):
         scene = el.SCENES[scene] if isinstance(scene, str) else scene
-        self.truth = el.render(scene, calibration.camera, photometry or calibration.photometry, **how)
+        self.truth = el.render(
+            scene, calibration.camera, photometry or calibration.photometry, **how
+        )
         self.frame = el.Frame(self.truth.image, self.truth.mask)
         self.calibration = replace(calibration, photometry=self.truth.photometry)
-        self.up_to_scale = replace(self.calibration, photometry=replace(self.truth.photometry, gain=None))
+        self.up_to_scale = replace(
+            self.calibration, photometry=replace(self.truth.photometry, gain=None)
+        )
 
     def reconstruct(self, **options):
         return el.reconstruct(self.frame, self.calibration, **options)

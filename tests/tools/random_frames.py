@@ -45,7 +45,9 @@ PAPER = (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)  # the distortion of its f
 
 # What a frame must be to be one, beside lit: mm, and a share of the steps between pixels.
 CLEARANCE = 6.0  # from the optical centre to the wall, any way
-NEAREST, FARTHEST = 9.0, 230.0  # that is seen
+# that is seen
+NEAREST = 9.0
+FARTHEST = 230.0
 MEDIAN = 16.0, 90.0
 FOLDED = 0.004  # of the steps between pixels that jump, in a colon
 ATTEMPTS = 200
@@ -59,11 +61,15 @@ class RandomCase:
     kind: str
     cavity: Cavity
     camera: Camera
-    photometry: Photometry  # that the light is made with; the gain follows from the exposure
+    photometry: (
+        Photometry  # that the light is made with; the gain follows from the exposure
+    )
     wall: dict[str, float]  # options of `path_tracing.trace`
     fog: float  # 1/mm
     noise: float  # grey levels of 255
-    exposure: tuple[float, float]  # this share of the pixels is brighter than this stored value
+    exposure: tuple[
+        float, float
+    ]  # this share of the pixels is brighter than this stored value
     jpeg: int | None  # quality
     albedo_known: bool  # all three, or green's alone
     seed: int
@@ -83,18 +89,25 @@ class RandomFrame(Sample):
 # Cavities --------------------------------------------------------------------------------
 
 
-def _folds(rng: np.random.Generator, first: float, last: float, radius: float) -> tuple[Fold, ...]:
-    folds, s = [], first + rng.uniform(0, 15)
+def _folds(
+    rng: np.random.Generator, first: float, last: float, radius: float
+) -> tuple[Fold, ...]:
+    folds = []
+    s = first + rng.uniform(0, 15)
     while s < last:
         height = radius * rng.uniform(0.2, 0.5)
-        width, side = rng.uniform(0.35, 0.7) * height, rng.uniform(0, 2 * np.pi)
-        reach, lean = rng.uniform(0, 2.5), radius * rng.uniform(-0.3, 0.5)
+        width = rng.uniform(0.35, 0.7) * height
+        side = rng.uniform(0, 2 * np.pi)
+        reach = rng.uniform(0, 2.5)
+        lean = radius * rng.uniform(-0.3, 0.5)
         folds.append(Fold(s, height, width, side, reach, lean))
         s += rng.uniform(0.7, 1.5) * radius + 4
     return tuple(folds)
 
 
-def _put_polyps(rng: np.random.Generator, cavity: Cavity, camera: Camera, count: int) -> Cavity:
+def _put_polyps(
+    rng: np.random.Generator, cavity: Cavity, camera: Camera, count: int
+) -> Cavity:
     """Polyps where pixels chosen at random see the wall."""
     pixels = rng.uniform(0.15, 0.85, (count, 2)) * [camera.width, camera.height]
     rays = camera.unproject(pixels)
@@ -108,7 +121,8 @@ def _put_polyps(rng: np.random.Generator, cavity: Cavity, camera: Camera, count:
 
 def _tube_like(rng: np.random.Generator, low: float, high: float) -> dict[str, Any]:
     radius = rng.uniform(low, high)
-    off, side = radius * 0.5 * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+    off = radius * 0.5 * np.sqrt(rng.uniform())
+    side = rng.uniform(0, 2 * np.pi)
     return {
         "radius": radius,
         "ahead": rng.uniform(80, 170),
@@ -125,7 +139,9 @@ def _tube_like(rng: np.random.Generator, low: float, high: float) -> dict[str, A
 
 def _colon(rng: np.random.Generator, camera: Camera) -> Cavity:
     shape = _tube_like(rng, 17, 28)
-    return Cavity(**shape, folds=_folds(rng, -shape["behind"], shape["ahead"], shape["radius"]))
+    return Cavity(
+        **shape, folds=_folds(rng, -shape["behind"], shape["ahead"], shape["radius"])
+    )
 
 
 def _tube(rng: np.random.Generator, camera: Camera) -> Cavity:
@@ -135,7 +151,9 @@ def _tube(rng: np.random.Generator, camera: Camera) -> Cavity:
 def _blind(rng: np.random.Generator, camera: Camera) -> Cavity:
     shape = _tube_like(rng, 18, 30)
     shape |= {"ahead": rng.uniform(15, 50), "bumps": rng.uniform(0.2, 1.0)}
-    folds = _folds(rng, -shape["behind"], shape["ahead"] + 0.3 * shape["radius"], shape["radius"])
+    folds = _folds(
+        rng, -shape["behind"], shape["ahead"] + 0.3 * shape["radius"], shape["radius"]
+    )
     return Cavity(**shape, folds=folds if rng.uniform() < 0.6 else ())
 
 
@@ -148,7 +166,11 @@ def _bag(rng: np.random.Generator, camera: Camera) -> Cavity:
 
 def _polyps(rng: np.random.Generator, camera: Camera) -> Cavity:
     shape = _tube_like(rng, 16, 28)
-    folds = _folds(rng, -shape["behind"], shape["ahead"], shape["radius"]) if rng.uniform() < 0.5 else ()
+    folds = (
+        _folds(rng, -shape["behind"], shape["ahead"], shape["radius"])
+        if rng.uniform() < 0.5
+        else ()
+    )
     low = tuple(replace(fold, height=0.5 * fold.height) for fold in folds)
     return _put_polyps(rng, Cavity(**shape, folds=low), camera, int(rng.integers(1, 5)))
 
@@ -156,13 +178,25 @@ def _polyps(rng: np.random.Generator, camera: Camera) -> Cavity:
 def _joint(rng: np.random.Generator, camera: Camera) -> Cavity:
     """Two condyles before a plateau."""
     shape = _tube_like(rng, 20, 30)
-    ahead, first = rng.uniform(25, 50), rng.uniform(0, 2 * np.pi)
-    shape |= {"ahead": ahead, "behind": rng.uniform(5, 20), "bend": 0.0, "bumps": rng.uniform(0, 0.2)}
+    ahead = rng.uniform(25, 50)
+    first = rng.uniform(0, 2 * np.pi)
+    shape |= {
+        "ahead": ahead,
+        "behind": rng.uniform(5, 20),
+        "bend": 0.0,
+        "bumps": rng.uniform(0, 0.2),
+    }
     condyles = []
     for side in (first, first + rng.uniform(1.2, 2.2)):
         radius = rng.uniform(9, 14)
-        condyles.append(Polyp(ahead * rng.uniform(0.4, 0.7), side, radius, radius * rng.uniform(1.0, 1.6)))
-    return Cavity(**shape | {"ends": (shape["radius"] * 0.4, shape["radius"])}, polyps=tuple(condyles))
+        condyles.append(
+            Polyp(
+                ahead * rng.uniform(0.4, 0.7), side, radius, radius * rng.uniform(1.0, 1.6)
+            )
+        )
+    return Cavity(
+        **shape | {"ends": (shape["radius"] * 0.4, shape["radius"])}, polyps=tuple(condyles)
+    )
 
 
 def _bifurcation(rng: np.random.Generator, camera: Camera) -> Cavity:
@@ -190,7 +224,11 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
     glance = camera.resize(LOOK_WIDTH, round(LOOK_WIDTH * camera.height / camera.width))
     distance = cavity.distance(glance.field.rays)
     seen = distance[np.isfinite(distance) & (glance.field.cos_alpha > 0)]
-    if seen.min() < NEAREST or seen.max() > FARTHEST or not MEDIAN[0] < np.median(seen) < MEDIAN[1]:
+    if (
+        seen.min() < NEAREST
+        or seen.max() > FARTHEST
+        or not MEDIAN[0] < np.median(seen) < MEDIAN[1]
+    ):
         return False
     jumps = depth_cuts(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
     return kind not in ("colon", "joint") or bool(jumps > FOLDED)
@@ -202,7 +240,9 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
 def _camera(rng: np.random.Generator) -> Camera:
     wide, high = SIZE
     centre = (np.array(SIZE) - 1) / 2 + rng.uniform(-0.03, 0.03, 2) * wide
-    edge = np.deg2rad(rng.uniform(35, 50))  # from the axis to the middle of the right border
+    edge = np.deg2rad(
+        rng.uniform(35, 50)
+    )  # from the axis to the middle of the right border
     if rng.uniform() < 0.5:
         focal = wide / 2 / np.tan(edge)
         return Pinhole(wide, high, focal, focal, *centre)
@@ -212,23 +252,36 @@ def _camera(rng: np.random.Generator) -> Camera:
 
 def _light(rng: np.random.Generator, albedo: tuple[float, ...]) -> Photometry:
     """One lamp at the optical centre, or one to three beside it; the fall-off's exponent is split."""
-    joint, of_lens = rng.uniform(1.0, 3.5), rng.uniform()
+    joint = rng.uniform(1.0, 3.5)
+    of_lens = rng.uniform()
     count = int(rng.integers(1, 4))
-    off, first = rng.uniform(0.5, 4.0), rng.uniform(0, 2 * np.pi)
+    off = rng.uniform(0.5, 4.0)
+    first = rng.uniform(0, 2 * np.pi)
     if rng.uniform() < 1 / 3:
-        count, off = 1, 0.0
+        count = 1
+        off = 0.0
     angles = first + 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.2, count)
     weights = rng.uniform(0.6, 1.4, count)
     lights = tuple(
-        SpotLight((off * np.cos(a), off * np.sin(a), 0.0), exponent=joint * (1 - of_lens), weight=float(w))
+        SpotLight(
+            (off * np.cos(a), off * np.sin(a), 0.0),
+            exponent=joint * (1 - of_lens),
+            weight=float(w),
+        )
         for a, w in zip(angles, weights / weights.sum(), strict=True)
     )
-    return Photometry(joint * of_lens, rng.uniform(1.9, 2.5), None, Lambertian(albedo), lights)
+    return Photometry(
+        joint * of_lens, rng.uniform(1.9, 2.5), None, Lambertian(albedo), lights
+    )
 
 
 def _wall(rng: np.random.Generator) -> dict[str, float]:
     """A matt wall, one under a wet film, or a rough one with a sheen; mottled, veined, stained or not."""
-    wall = {"texture": rng.uniform(0, 0.15), "vessels": rng.uniform(0, 0.4), "seed": int(rng.integers(100))}
+    wall = {
+        "texture": rng.uniform(0, 0.15),
+        "vessels": rng.uniform(0, 0.4),
+        "seed": int(rng.integers(100)),
+    }
     if rng.uniform() < 0.25:
         wall["stains"] = rng.uniform(0.3, 1.0)
     surface = rng.choice(["matt", "film", "rough"])
@@ -252,7 +305,11 @@ def random_case(seed: int) -> RandomCase:
     else:
         raise RuntimeError(f"seed {seed} makes no {kind} that a camera fits in")
     green = rng.uniform(0.2, 0.45)
-    albedo = (min(green * rng.uniform(1.5, 2.5), 0.85), green, green * rng.uniform(0.6, 1.0))
+    albedo = (
+        min(green * rng.uniform(1.5, 2.5), 0.85),
+        green,
+        green * rng.uniform(0.6, 1.0),
+    )
     saturated = rng.uniform() < 0.35
     return RandomCase(
         kind=kind,
@@ -262,7 +319,9 @@ def random_case(seed: int) -> RandomCase:
         wall=_wall(rng),
         fog=rng.uniform(3e-4, 2e-3) if rng.uniform() < 0.2 else 0.0,
         noise=rng.uniform(0, 4),
-        exposure=(rng.uniform(0.01, 0.1), 1.0) if saturated else (0.01, rng.uniform(0.75, 0.98)),
+        exposure=(rng.uniform(0.01, 0.1), 1.0)
+        if saturated
+        else (0.01, rng.uniform(0.75, 0.98)),
         jpeg=int(rng.integers(70, 96)) if rng.uniform() < 0.4 else None,
         albedo_known=bool(rng.uniform() < 0.5),
         seed=seed,
@@ -272,7 +331,9 @@ def random_case(seed: int) -> RandomCase:
 # Frames ----------------------------------------------------------------------------------
 
 
-def frame_of(case: RandomCase, *, samples: int = SAMPLES, mesh_size: int = MESH) -> RandomFrame:
+def frame_of(
+    case: RandomCase, *, samples: int = SAMPLES, mesh_size: int = MESH
+) -> RandomFrame:
     """Path-trace and develop a case."""
     lit = replace(case.photometry, gain=1.0)
     how = {"samples": samples, "mesh_size": mesh_size, "fog": case.fog}
@@ -284,7 +345,8 @@ def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
 
     The calibration is the one that a user would have: one light at the optical centre, perhaps one albedo.
     """
-    mask, gamma = traced.mask, case.photometry.gamma
+    mask = traced.mask
+    gamma = case.photometry.gamma
     light = traced.direct + traced.indirect + traced.mirrored[..., None]
     share, level = case.exposure
     gain = level**gamma / float(np.percentile(light[mask].max(axis=-1), 100 * (1 - share)))
@@ -298,7 +360,9 @@ def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
     known = Calibration(case.camera, replace(one, brdf=Lambertian(albedo)))
     frame = Frame(image, mask, f"{case.seed}-{case.kind}")
     layers = {name: gain * getattr(traced, name) for name in LAYERS}
-    return RandomFrame(frame, known, traced.distance, traced.normals, **layers, kind=case.kind)
+    return RandomFrame(
+        frame, known, traced.distance, traced.normals, **layers, kind=case.kind
+    )
 
 
 def write(path: PathLike, made: RandomFrame) -> None:

@@ -25,8 +25,12 @@ class Recorded:
             for name in batch.schema.names:
                 if ":" in name:
                     column = batch.column(name)
-                    found = self.rows.setdefault(entity, {}).setdefault(name.split(":")[1], {})
-                    found |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
+                    found = self.rows.setdefault(entity, {}).setdefault(
+                        name.split(":")[1], {}
+                    )
+                    found |= {
+                        k: column[i].values for i, k in enumerate(at) if column[i].is_valid
+                    }
 
     @property
     def entities(self):
@@ -35,7 +39,10 @@ class Recorded:
 
     def numbers(self, entity, component):
         """Values of a component, by frame or iteration."""
-        return {k: flat(values) for k, values in sorted(self.rows[entity][component].items(), key=_order)}
+        return {
+            k: flat(values)
+            for k, values in sorted(self.rows[entity][component].items(), key=_order)
+        }
 
     def at(self, entity, component, k):
         return flat(self.rows[entity][component][k])

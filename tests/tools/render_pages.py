@@ -26,7 +26,9 @@ ROOT = Path(__file__).resolve().parents[2]
 STILLS = "from tests.tools import stills; stills.install(); del stills"
 LECTURERS = ("ANSWERS", "MISTAKES")  # texts that are not for students
 WIDGET = "application/vnd.jupyter.widget-view+json"
-NO_WIDGET = "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
+NO_WIDGET = (
+    "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
+)
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)]*\))")
 SOLUTION = re.compile(r"<details>(?=\s*<summary>Solution)")
 
@@ -48,7 +50,9 @@ class PageExporter(HTMLExporter):
     @pass_context
     def markdown2html(self, context, source):
         path = context["resources"]["metadata"]["path"]
-        return MarkdownWithMath(Renderer(escape=False, embed_images=True, path=path)).render(source)
+        return MarkdownWithMath(
+            Renderer(escape=False, embed_images=True, path=path)
+        ).render(source)
 
 
 def with_links(text, path, out, names):
@@ -61,7 +65,11 @@ def with_links(text, path, out, names):
         if "images/" in target:  # which the page holds, found from the folder of notebooks
             return f"{before}images/{Path(target).name}{after}"
         source = Path(os.path.normpath(path.parent / target))
-        page = f"{names[source]}.html" if source in names else Path(os.path.relpath(source, out)).as_posix()
+        page = (
+            f"{names[source]}.html"
+            if source in names
+            else Path(os.path.relpath(source, out)).as_posix()
+        )
         return f"{before}{page}{after}"
 
     return LINK.sub(moved, text)
@@ -75,15 +83,27 @@ def executed(path):
         notebook,
         timeout=120,
         resources={"metadata": {"path": str(path.parent)}},
-        extra_arguments=[f"--IPKernelApp.code_to_run={STILLS}", "--IPKernelApp.log_level=ERROR"],
+        extra_arguments=[
+            f"--IPKernelApp.code_to_run={STILLS}",
+            "--IPKernelApp.log_level=ERROR",
+        ],
         store_widget_state=False,  # its script would come from the network
     )
-    inline = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "PYTHONPATH": str(ROOT)}
+    inline = {
+        "MPLBACKEND": "module://matplotlib_inline.backend_inline",
+        "PYTHONPATH": str(ROOT),
+    }
     try:
         client.execute(env=os.environ | inline)
     except CellExecutionError as error:
-        raise ValueError(f"{path.name}: a cell failed with {error.ename}: {error.evalue}") from error
-    for data in (output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", [])):
+        raise ValueError(
+            f"{path.name}: a cell failed with {error.ename}: {error.evalue}"
+        ) from error
+    for data in (
+        output.get("data", {})
+        for cell in notebook.cells
+        for output in cell.get("outputs", [])
+    ):
         if data.pop(WIDGET, None) and "image/png" not in data:
             data["text/plain"] = NO_WIDGET
     return notebook
@@ -92,7 +112,11 @@ def executed(path):
 def write_formulas(folder):
     """Write the script that draws formulas, if Dash has it."""
     dash = find_spec("dash")
-    path = Path(dash.origin).parent / "dcc" / "async-mathjax.js" if dash and dash.origin else None
+    path = (
+        Path(dash.origin).parent / "dcc" / "async-mathjax.js"
+        if dash and dash.origin
+        else None
+    )
     if path is None or not path.is_file():
         print("Dash is not installed: formulas will not be drawn.")
     else:
@@ -101,7 +125,16 @@ def write_formulas(folder):
 
 def write_reference(folder):
     """Write a reference of the library, by pdoc."""
-    pdoc = [sys.executable, "-W", "ignore", "-m", "pdoc", "endolab", "--no-show-source", "--no-search"]
+    pdoc = [
+        sys.executable,
+        "-W",
+        "ignore",
+        "-m",
+        "pdoc",
+        "endolab",
+        "--no-show-source",
+        "--no-search",
+    ]
     subprocess.run([*pdoc, "-d", "numpy", "-o", folder], cwd=ROOT, check=True)
 
 
@@ -111,25 +144,36 @@ def render_pages(notebooks, out, solutions=False):
     `solutions` opens the solutions and adds what is for lecturers. The folder `out` is replaced when all are
     done; ``api/`` in it is a reference of the library. ValueError if a cell fails or there are no notebooks.
     """
-    source, target = Path(notebooks).resolve(), Path(out).resolve()
+    source = Path(notebooks).resolve()
+    target = Path(out).resolve()
     paths = sorted(source.glob("*.ipynb"))
     if not paths:
         raise ValueError(f"{source}: there are no notebooks")
-    texts = [one for one in sorted(source.rglob("*.md")) if solutions or one.stem not in LECTURERS]
-    names = {path: "index" if path.stem == "README" else path.stem for path in (*paths, *texts)}
+    texts = [
+        one
+        for one in sorted(source.rglob("*.md"))
+        if solutions or one.stem not in LECTURERS
+    ]
+    names = {
+        path: "index" if path.stem == "README" else path.stem for path in (*paths, *texts)
+    }
     exporter = PageExporter()
     with stage_folder(target, overwrite=True) as folder:
         write_formulas(folder)
         for path, name in names.items():
             if path.suffix == ".md":
                 text = path.read_text(encoding="utf-8")
-                notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(text)])
+                notebook = nbformat.v4.new_notebook(
+                    cells=[nbformat.v4.new_markdown_cell(text)]
+                )
             else:
                 notebook = executed(path)
             for cell in notebook.cells:
                 if cell.cell_type == "markdown":
                     text = with_links(cell.source, path, target, names)
-                    cell.source = SOLUTION.sub("<details open>", text) if solutions else text
+                    cell.source = (
+                        SOLUTION.sub("<details open>", text) if solutions else text
+                    )
             where = {"metadata": {"name": name, "path": str(source)}}
             page = exporter.from_notebook_node(notebook, resources=where)[0]
             (folder / f"{name}.html").write_text(page, encoding="utf-8")

@@ -10,7 +10,9 @@ from endolab.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt
 
 PAPER = load_calibration("paper").camera
-WIDE = KannalaBrandt(1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003))  # 190° and more
+WIDE = KannalaBrandt(
+    1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003)
+)  # 190° and more
 OTHER_TARGETS = [  # than those with a name
     DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
     CircleGrid(3, 7, 4.0, radius=1.5),
@@ -27,7 +29,10 @@ def reflectance(target, xy, black=0.04):
         return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
 
     value = np.where(within(*target.sheet), 1.0, np.nan)
-    for *centre, radius, grey in [*target.ink.greys, *((*disc, black) for disc in target.ink.discs)]:
+    for *centre, radius, grey in [
+        *target.ink.greys,
+        *((*disc, black) for disc in target.ink.discs),
+    ]:
         value[(x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2] = grey
     for rectangle in target.ink.rectangles:
         value[within(*rectangle)] = black
@@ -39,16 +44,25 @@ def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
     if not np.any(radii):
         return camera.project(pose.transform(points))
     node, weight = np.polynomial.legendre.leggauss(rings)
-    node, weight = (node + 1) / 2, weight / 2
+    node = (node + 1) / 2
+    weight = weight / 2
     phi = 2 * np.pi * np.arange(spokes) / spokes
-    disc = np.stack([np.outer(node, np.cos(phi)), np.outer(node, np.sin(phi)), np.zeros((rings, spokes))], -1)
+    disc = np.stack(
+        [
+            np.outer(node, np.cos(phi)),
+            np.outer(node, np.sin(phi)),
+            np.zeros((rings, spokes)),
+        ],
+        -1,
+    )
     places = points[:, None] + np.asarray(radii)[:, None, None] * disc.reshape(-1, 3)
 
     def image(shift=(0.0, 0.0, 0.0)):
         return camera.project(pose.transform(places + shift))
 
     h = 1e-4
-    right, down = image((h, 0, 0)) - image((-h, 0, 0)), image((0, h, 0)) - image((0, -h, 0))
+    right = image((h, 0, 0)) - image((-h, 0, 0))
+    down = image((0, h, 0)) - image((0, -h, 0))
     area = np.abs(right[..., 0] * down[..., 1] - right[..., 1] * down[..., 0])
     area = area * np.repeat(weight * node, spokes)
     return (image() * area[..., None]).sum(axis=1) / area.sum(axis=1)[:, None]
@@ -59,7 +73,10 @@ def random_pose(camera, target, rng, near=25.0, far=100.0, tilt=60.0):
     size = np.array([camera.width, camera.height])
     for _ in range(1000):
         ray = camera.unproject(rng.uniform(0.2 * size, 0.8 * size))
-        lean, about, spin = np.radians(tilt) * np.sqrt(rng.random()), *rng.uniform(0, 2 * np.pi, 2)
+        lean, about, spin = (
+            np.radians(tilt) * np.sqrt(rng.random()),
+            *rng.uniform(0, 2 * np.pi, 2),
+        )
         leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
         rotation = (leaning * Rotation.from_rotvec([0, 0, spin])).as_matrix()
         distance = np.exp(rng.uniform(np.log(near), np.log(far)))
@@ -75,7 +92,9 @@ def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
     angle = np.arctan2(np.hypot(at[:, 0], at[:, 1]), at[:, 2])
     pixels = exact_centroids(camera, pose, target.points, target.radii)
     size = np.array([camera.width, camera.height])
-    inside = (angle < camera.max_angle - 0.1) & np.all((pixels > 8) & (pixels < size - 9), axis=1)
+    inside = (angle < camera.max_angle - 0.1) & np.all(
+        (pixels > 8) & (pixels < size - 9), axis=1
+    )
     ids = np.flatnonzero(inside)
     pixels = pixels[ids] + rng.normal(0, noise, (len(ids), 2))
     mixed = rng.random(len(ids)) < wrong
@@ -86,7 +105,8 @@ def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
 def make_views(camera, target, count, rng, least=20, **options):
     """Views of `least` points or more, and their true poses."""
     kept = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
-    views, poses = [], []
+    views = []
+    poses = []
     for _ in range(100 * count):
         pose = random_pose(camera, target, rng, **options)
         view = view_of(camera, target, pose, rng, f"frame_{len(views):03d}", **kept)

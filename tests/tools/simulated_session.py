@@ -16,30 +16,39 @@ from endolab.calibration.session import Session, locate, score
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 
-COUNT, NOISE = 20, 0.05  # frames that were located; px
+# frames that were located; px
+COUNT = 20
+NOISE = 0.05
 LOST = ("frame_3", "frame_9")  # in one nothing is found, in the other no pose
 
 
 @cache
 def simulated(name="vicalib_small", **light):
     """Return a session, its frames and the steps of the light's fit."""
-    target, camera = el.TARGETS[name], datasets.load_calibration("paper", width=160).camera
+    target = el.TARGETS[name]
+    camera = datasets.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
     how = {"movement": Movement(fold, (30.0, 60.0)), "seed": 1}
-    samples, _ = simulate_samples(target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how)
+    samples, _ = simulate_samples(
+        target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how
+    )
     rng = np.random.default_rng(0)
     true = iter(trajectory(target, camera, COUNT, **how))
     names = [f"frame_{number}" for number in range(COUNT + len(LOST))]
-    panel, detections = target.panel_of(target.points), {}
+    panel = target.panel_of(target.points)
+    detections = {}
     few = Detection(np.arange(5), rng.uniform(20, 100, (5, 2)))
-    detections[LOST[0]], detections[LOST[1]] = Detection(few.ids[:0], few.pixels[:0], "too dark"), few
+    detections[LOST[0]] = Detection(few.ids[:0], few.pixels[:0], "too dark")
+    detections[LOST[1]] = few
     for name in names:
         if name in LOST:
             continue
         pixels = np.empty((len(target.points), 2))
         for number, pose in enumerate(next(true)):
             here = panel == number
-            pixels[here] = predict_view(camera, pose, target.points[here], target.radii[here])
+            pixels[here] = predict_view(
+                camera, pose, target.points[here], target.radii[here]
+            )
         inside = np.flatnonzero(((pixels >= 0) & (pixels <= [159, 119])).all(axis=1))
         error = NOISE * rng.standard_normal((len(inside), 2))
         error[rng.random(len(inside)) < 0.03] *= 30
@@ -51,7 +60,9 @@ def simulated(name="vicalib_small", **light):
     steps = []
     fit = calibrate_light(samples, observers=[steps.append], **light)
     found = (target, detections, geometry, geometry.camera, poses, samples, fit)
-    session = Session(*found, scores=score(samples, **light), dropped=dropped, errors=errors)
+    session = Session(
+        *found, scores=score(samples, **light), dropped=dropped, errors=errors
+    )
     return session, [(name, rng.uniform(0, 1, (120, 160))) for name in names], steps
 
 

@@ -18,7 +18,8 @@ _serial = itertools.count()
 
 def chosen_from(name, pieces, first):
     """HTML of one of several labelled pieces of HTML, which are chosen by their labels."""
-    group, parts = f"endolab-{next(_serial)}", []
+    group = f"endolab-{next(_serial)}"
+    parts = []
     for i, (label, _) in enumerate(pieces):
         checked = " checked" if i == first else ""
         parts.append(f'<input type="radio" name="{group}" id="{group}-{i}"{checked}>')
@@ -33,10 +34,14 @@ def positions(control):
         every = list(zip(control._options_labels, control._options_values, strict=True))
         own = control.index
     else:
-        values = np.arange(control.min, control.max + control.step / 2, control.step).tolist()
+        values = np.arange(
+            control.min, control.max + control.step / 2, control.step
+        ).tolist()
         every = [(f"{value:.6g}", type(control.value)(value)) for value in values]
         own = int(np.argmin(np.abs(np.array(values) - control.value)))
-    kept = sorted({own, *np.linspace(0, len(every) - 1, min(MOST, len(every))).astype(int).tolist()})
+    kept = sorted(
+        {own, *np.linspace(0, len(every) - 1, min(MOST, len(every))).astype(int).tolist()}
+    )
     return [every[i] for i in kept], kept.index(own)
 
 
@@ -46,7 +51,11 @@ def as_html(shown):
     for output in shown.outputs:
         picture = output.data.get("image/png")
         if picture is not None:
-            content = base64.b64encode(picture).decode() if isinstance(picture, bytes) else picture
+            content = (
+                base64.b64encode(picture).decode()
+                if isinstance(picture, bytes)
+                else picture
+            )
             pieces.append(f'<img src="data:image/png;base64,{content}">')
         else:
             plain = f"<pre>{html.escape(output.data.get('text/plain', ''))}</pre>"
@@ -58,8 +67,12 @@ def interact(**sliders):
     """In place of ipywidgets' own: pictures for some positions of the first slider, or choice."""
 
     def shown(function):
-        controls = ipywidgets.interactive(function, {"manual": True}, **sliders).kwargs_widgets
-        moved = next((one for one in controls if "Slider" in type(one).__name__), controls[0])
+        controls = ipywidgets.interactive(
+            function, {"manual": True}, **sliders
+        ).kwargs_widgets
+        moved = next(
+            (one for one in controls if "Slider" in type(one).__name__), controls[0]
+        )
         usual = {control._kwarg: control.get_interact_value() for control in controls}
         places, own = positions(moved)
         pieces = []
@@ -69,7 +82,9 @@ def interact(**sliders):
                 if result is not None:
                     display(result)
             pieces.append((label, as_html(captured)))
-        rest = ", ".join(f"{one.description} = {one.value}" for one in controls if one is not moved)
+        rest = ", ".join(
+            f"{one.description} = {one.value}" for one in controls if one is not moved
+        )
         note = f"<small>Here with {html.escape(rest)}.</small>" if rest else ""
         display(HTML(chosen_from(f"{moved.description} =", pieces, own) + note))
         return function

@@ -15,7 +15,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 NO_CODE = {
-    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+    *(
+        tokenize.COMMENT,
+        tokenize.NL,
+        tokenize.NEWLINE,
+        tokenize.INDENT,
+        tokenize.DEDENT,
+        tokenize.ENDMARKER,
+    )
 }
 Graph = Mapping[str, set[str]]  # who imports whom
 
@@ -23,7 +30,11 @@ Graph = Mapping[str, set[str]]  # who imports whom
 def modules(package: Path) -> dict[str, Path]:
     """Dotted names, below the package, of its modules; its own faces (``__init__``) left out."""
     paths = sorted(package.rglob("*.py"))
-    return {".".join(p.relative_to(package).with_suffix("").parts): p for p in paths if p.stem != "__init__"}
+    return {
+        ".".join(p.relative_to(package).with_suffix("").parts): p
+        for p in paths
+        if p.stem != "__init__"
+    }
 
 
 def imports(package: Path) -> dict[str, set[str]]:
@@ -42,7 +53,10 @@ def imports(package: Path) -> dict[str, set[str]]:
                 ends = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
                 found = next((end for end in ends if end in known), None)
                 if found is None:
-                    found = next((end for end in ends if (package / end.replace(".", "/")).is_dir()), None)
+                    found = next(
+                        (end for end in ends if (package / end.replace(".", "/")).is_dir()),
+                        None,
+                    )
                 if found is not None and found != module:
                     graph[module].add(found)
     return graph
@@ -55,7 +69,9 @@ def _imported(node: ast.AST, package: str) -> Iterable[str]:
         names = [f"{node.module}.{alias.name}" for alias in node.names]
     else:
         return []
-    return [name.removeprefix(f"{package}.") for name in names if name.startswith(f"{package}.")]
+    return [
+        name.removeprefix(f"{package}.") for name in names if name.startswith(f"{package}.")
+    ]
 
 
 def folder_of(module: str) -> str:
@@ -76,19 +92,27 @@ def circles(graph: Graph) -> list[list[str]]:
     """Groups that import one another, directly or not."""
     beyond: dict[str, set[str]] = {}
     for node in graph:
-        seen, ahead = set(), [node]
+        seen = set()
+        ahead = [node]
         while ahead:
             new = set(graph.get(ahead.pop(), ())) - seen
             seen |= new
             ahead += new
         beyond[node] = seen
-    found = {tuple(sorted(b for b in beyond[a] if a in beyond.get(b, ()))) for a in graph if a in beyond[a]}
+    found = {
+        tuple(sorted(b for b in beyond[a] if a in beyond.get(b, ())))
+        for a in graph
+        if a in beyond[a]
+    }
     return sorted(map(list, found))
 
 
 def levels(graph: Graph) -> dict[str, int]:
     """Longest way down from each, from 1; those in one circle share a level."""
-    group = {name: name for name in {*graph, *(other for others in graph.values() for other in others)}}
+    group = {
+        name: name
+        for name in {*graph, *(other for others in graph.values() for other in others)}
+    }
     for circle in circles(graph):
         group.update(dict.fromkeys(circle, circle[0]))
     below: dict[str, set[str]] = {}
@@ -98,7 +122,9 @@ def levels(graph: Graph) -> dict[str, int]:
 
     def level(name: str) -> int:
         if name not in depth:
-            depth[name] = 1 + max((level(o) for o in below.get(name, ()) if o != name), default=0)
+            depth[name] = 1 + max(
+                (level(o) for o in below.get(name, ()) if o != name), default=0
+            )
         return depth[name]
 
     return {name: level(group[name]) for name in group}
@@ -146,10 +172,14 @@ def size_of(text: str) -> Size:
     words: set[int] = set()
     packed = 0
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+        if isinstance(
+            node, ast.Module | ast.ClassDef | ast.FunctionDef
+        ) and ast.get_docstring(node):
             words |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
         if isinstance(node, ast.Assign):
-            packed += isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
+            packed += isinstance(node.targets[0], ast.Tuple) and isinstance(
+                node.value, ast.Tuple
+            )
     code: set[int] = set()
     tokens = 0
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -160,7 +190,9 @@ def size_of(text: str) -> Size:
         node
         for node in tree.body
         if isinstance(node, ast.Assign)
-        and all(isinstance(target, ast.Name) and target.id.isupper() for target in node.targets)
+        and all(
+            isinstance(target, ast.Name) and target.id.isupper() for target in node.targets
+        )
     ]
     return Size(tokens, len(code), packed, len(constants))
 
@@ -176,18 +208,25 @@ def main(root: Path = ROOT) -> None:
     package = root / "endolab"
     graph = imports(package)
     folders = by_folder(graph)
-    deep, wide = levels(graph), levels(folders)
+    deep = levels(graph)
+    wide = levels(folders)
     print(f"files             {len(graph)}")
     print(f"folders           {sum((package / name).is_dir() for name in folders)}")
     print(f"levels of files   {max(deep.values())}")
     print(f"levels of folders {max(wide.values())}")
     print(f"arrows            {sum(map(len, graph.values()))} between files")
-    print(f"circles           {len(circles(graph))} of files, {len(circles(folders))} of folders")
+    print(
+        f"circles           {len(circles(graph))} of files, {len(circles(folders))} of folders"
+    )
     for circle in (*circles(graph), *circles(folders)):
         print("   ", " - ".join(circle))
     for level in sorted(set(wide.values())):
-        print(f"{level:>3}  {' '.join(sorted(name for name in folders if wide[name] == level))}")
-    print(" tokens  lines  a line packed constants; packed: tuples assigned to tuples, per 1000 lines")
+        print(
+            f"{level:>3}  {' '.join(sorted(name for name in folders if wide[name] == level))}"
+        )
+    print(
+        " tokens  lines  a line packed constants; packed: tuples assigned to tuples, per 1000 lines"
+    )
     rooms = sorted(path for path in package.iterdir() if (path / "__init__.py").is_file())
     for folder in (package, *rooms, root / "tests"):
         print(f"{measure(folder)}  {folder.relative_to(root)}")

@@ -23,14 +23,17 @@ def start():
     started = []
 
     def start(calibration=PAPER, **given):
-        answers, refused = [], []
+        answers = []
+        refused = []
         started.append(Tuner(calibration, answers.append, refused.append, **given))
         return started[-1], answers, refused
 
     yield start
     for tuner in started:
         tuner.close()
-    assert not [one for one in threading.enumerate() if one.name.startswith("endolab tuner")]
+    assert not [
+        one for one in threading.enumerate() if one.name.startswith("endolab tuner")
+    ]
 
 
 def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start):
@@ -82,7 +85,9 @@ def test_a_stale_solve_is_stopped_within_a_step_or_two(start):
         ({"solver": "magic"}, "magic"),
     ],
 )
-def test_what_cannot_be_solved_is_one_sentence_and_the_next_wish_is_answered(start, changed, words):
+def test_what_cannot_be_solved_is_one_sentence_and_the_next_wish_is_answered(
+    start, changed, words
+):
     tuner, _, refused = start()
     tuner.ask(replace(SMALL, **changed))
     with pytest.raises(ValueError, match=words):
@@ -107,7 +112,9 @@ def test_trust_is_found_when_it_is_asked_for_and_a_wish_stops_the_search(start):
     tuner.find_uncertainty(final)
     trusted = tuner.wait(60)
     assert trusted.result is final.result
-    expected = el.uncertainty_of(final.result, final.subject.calibration, draws=trusted.uncertainty.draws)
+    expected = el.uncertainty_of(
+        final.result, final.subject.calibration, draws=trusted.uncertainty.draws
+    )
     assert np.array_equal(trusted.uncertainty.sigma, expected.sigma, equal_nan=True)
     count = len(answers)
     tuner.find_uncertainty(final)
@@ -147,11 +154,15 @@ def test_what_is_compared_is_torn_as_the_answer_is(start):
     assert found[0].roughness > found[1].roughness
 
 
-def test_a_gain_four_times_as_high_doubles_distances_and_without_one_errors_are_up_to_scale(start):
+def test_a_gain_four_times_as_high_doubles_distances_and_without_one_errors_are_up_to_scale(
+    start,
+):
     tuner, _, _ = start()
     near, far = (tuner.cold(replace(SMALL, gain=gain)) for gain in (1.0, 4.0))
     assert np.nanmax(np.abs(far.result.distance / near.result.distance - 2)) < 1e-3
-    unknown = replace(PAPER.resize(160, 120), photometry=replace(PAPER.photometry, gain=None))
+    unknown = replace(
+        PAPER.resize(160, 120), photometry=replace(PAPER.photometry, gain=None)
+    )
     subject = near.subject
     tuner, _, _ = start(unknown, frame=subject.frame, truth=subject.truth)
     blind = tuner.cold(Knobs(scene=None, width=160))

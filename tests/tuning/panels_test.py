@@ -11,7 +11,16 @@ from endolab.depth.problem import NONE
 from endolab.plots.scales import DECIDERS
 from endolab.tuning.boards import of_one, of_several, of_two
 from endolab.tuning.engine import Tuner
-from endolab.tuning.panels import BELOW_NOISE, PANELS, SILENT, TORN, USUAL, Dot, View, ratio_of
+from endolab.tuning.panels import (
+    BELOW_NOISE,
+    PANELS,
+    SILENT,
+    TORN,
+    USUAL,
+    Dot,
+    View,
+    ratio_of,
+)
 from endolab.tuning.pictures import Chart, Map, coloured, log_ticks, ticks
 from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Knobs
@@ -57,7 +66,9 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
     assert np.array_equal(shown.picture, coloured(sigma, shown.limits, "magma"))
     decided = PANELS["who decided"](trusted, View()).picture
     for k, colour in enumerate(DECIDERS.values(), 1):
-        assert np.array_equal((decided == colour).all(axis=-1), trusted.uncertainty.dominant_source == k)
+        assert np.array_equal(
+            (decided == colour).all(axis=-1), trusted.uncertainty.dominant_source == k
+        )
     assert "find σ" in PANELS["σ"](answer, View()).title
 
 
@@ -65,7 +76,8 @@ def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
     quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result)[0]
     assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
-    cuts, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
+    cuts = np.zeros((2, 120, 160), bool)
+    evidence = np.zeros((120, 160), np.int8)
     cuts[0, 40:80, 80] = True
     evidence[50:60, 20:30] = NONE
     torn = changed(answer, cuts=cuts, evidence=evidence)
@@ -80,16 +92,22 @@ def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
     board = of_one(answer, USUAL, View(), ROOM)
     assert board.picture.shape == (640, 1200, 3)
     for name, place in zip(USUAL, board.places, strict=True):
-        wide, tall = (place.box[2] - place.box[0], place.box[3] - place.box[1])
+        wide = place.box[2] - place.box[0]
+        tall = place.box[3] - place.box[1]
         assert (wide, tall) == pytest.approx((1 / 3, 1 / 2))
         if name in ("frame", "distance", "model - frame"):
             left, top, right, bottom = place.spot
             assert right - left > 0.75 * wide or bottom - top > 0.85 * tall
-    left, top, right, bottom = np.round(np.multiply(board.places[0].spot, [1200, 640] * 2)).astype(int)
-    seen = board.picture[top:bottom, left:right][:: (bottom - top) // 8, :: (right - left) // 8]
+    left, top, right, bottom = np.round(
+        np.multiply(board.places[0].spot, [1200, 640] * 2)
+    ).astype(int)
+    seen = board.picture[top:bottom, left:right][
+        :: (bottom - top) // 8, :: (right - left) // 8
+    ]
     assert seen.std() > 10
     assert board.at((left + 5) / 1200, (top + 5) / 640) is board.places[0]
-    i, j = 30, 40
+    i = 30
+    j = 40
     assert (
         board.places[1]
         .says((j + 0.5) / 160, (i + 0.5) / 120)
@@ -104,7 +122,9 @@ def test_two_and_several_share_one_scale(answer, smoother):
     ratio = ratio_of(answer, smoother)
     expected = 100 * (smoother.result.distance[60, 80] / answer.result.distance[60, 80] - 1)
     assert float(ratio.says(60, 80).split()[0]) == pytest.approx(expected, abs=0.06)
-    several = of_several([("λ 1", answer), ("λ 10", None), ("λ 100", smoother)], answer, View(), ROOM)
+    several = of_several(
+        [("λ 1", answer), ("λ 10", None), ("λ 100", smoother)], answer, View(), ROOM
+    )
     assert several.picture.shape[:2] == (639, 1200)
     assert [place.answer for place in several.places] == [answer, smoother] * 3
     limits = PANELS["distance"](answer, View()).limits
@@ -140,7 +160,9 @@ def test_what_should_be_known_is_a_sentence(engine, answer, smoother):
 def test_ticks_are_round_and_a_chart_of_nothing_is_drawn():
     assert ticks(0, 10) == [0, 2, 4, 6, 8, 10]
     assert 10 ** np.array(log_ticks(-2.1, -0.9)) == pytest.approx([0.01, 0.02, 0.05, 0.1])
-    assert 10 ** np.array(log_ticks(0.0, 0.01)) == pytest.approx([1.0, 1.005, 1.01, 1.015, 1.02])
+    assert 10 ** np.array(log_ticks(0.0, 0.01)) == pytest.approx(
+        [1.0, 1.005, 1.01, 1.015, 1.02]
+    )
     nothing = np.full(3, np.nan)
     for curves in ([], [("a", nothing, nothing, (0, 0, 0))]):
         paper = np.full((150, 200, 3), 255, np.uint8)

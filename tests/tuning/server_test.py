@@ -43,7 +43,9 @@ def serve():
     threads = []
 
     def serve(make, **how):
-        page, up, raised = Page(make, "a <title>", **how), threading.Event(), []
+        page = Page(make, "a <title>", **how)
+        up = threading.Event()
+        raised = []
 
         def run():
             try:
@@ -75,7 +77,9 @@ def get(link):
 
 
 async def connected(page):
-    return await tornado.websocket.websocket_connect(page.link.replace("http:", "ws:") + "channel")
+    return await tornado.websocket.websocket_connect(
+        page.link.replace("http:", "ws:") + "channel"
+    )
 
 
 async def leave(*channels):
@@ -97,13 +101,21 @@ def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve
     page, *_ = serve(Slider)
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\w{48}/", page.link)
     root = page.link[: -len("/") - 48]
-    for path in ("", "channel", f"{'0' * 48}/", f"{'0' * 48}/channel", f"{page.link[-49:]}../server.py"):
+    for path in (
+        "",
+        "channel",
+        f"{'0' * 48}/",
+        f"{'0' * 48}/channel",
+        f"{page.link[-49:]}../server.py",
+    ):
         status, _, body = get(root + path)
         assert status == 404, path
         assert page.link[-49:-1].encode() not in body
     status, headers, body = get(page.link)
     assert status == 200
-    assert headers["Content-Security-Policy"].startswith("default-src 'self' blob: data: ws://127.0.0.1")
+    assert headers["Content-Security-Policy"].startswith(
+        "default-src 'self' blob: data: ws://127.0.0.1"
+    )
     assert b"<title>a &lt;title&gt;</title>" in body
     port = urlsplit(page.link).port
     assert page._socket.getsockname()[0] == "127.0.0.1"
@@ -114,7 +126,9 @@ def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve
 def test_no_other_pages_script_may_open_the_channel(serve):
     page, *_ = serve(Slider)
     address = page.link.replace("http:", "ws:") + "channel"
-    asking = tornado.httpclient.HTTPRequest(address, headers={"Origin": "http://evil.example"})
+    asking = tornado.httpclient.HTTPRequest(
+        address, headers={"Origin": "http://evil.example"}
+    )
 
     async def tried():
         await tornado.websocket.websocket_connect(asking)
@@ -123,9 +137,14 @@ def test_no_other_pages_script_may_open_the_channel(serve):
         asyncio.run(tried())
 
 
-@pytest.mark.parametrize("origin", ["https://Lab.Example.org/", "http://10.0.0.2:8080", "https://lab:443"])
+@pytest.mark.parametrize(
+    "origin", ["https://Lab.Example.org/", "http://10.0.0.2:8080", "https://lab:443"]
+)
 def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origin):
-    named = {"https://Lab.Example.org/": "https://lab.example.org", "https://lab:443": "https://lab"}
+    named = {
+        "https://Lab.Example.org/": "https://lab.example.org",
+        "https://lab:443": "https://lab",
+    }
     named = named.get(origin, origin)  # as a browser writes it
     page, *_ = serve(Slider, origin=origin)
     address = page.link.replace("http:", "ws:") + "channel"
@@ -144,25 +163,37 @@ def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origi
     asyncio.run(tried(named))
 
 
-@pytest.mark.parametrize("origin", ["lab.example.org", "ftp://lab", "https://lab/user", "*", "https://"])
+@pytest.mark.parametrize(
+    "origin", ["lab.example.org", "ftp://lab", "https://lab/user", "*", "https://"]
+)
 def test_an_origin_that_is_none_is_one_sentence(origin):
     with pytest.raises(ValueError, match=r"https://lab\.example\.org"):
         Page(Slider, "", origin=origin)
 
 
-@pytest.mark.parametrize("place", ["http://127.0.0.1:8877", "https://lab.example.org", "https://lab/user/x"])
+@pytest.mark.parametrize(
+    "place", ["http://127.0.0.1:8877", "https://lab.example.org", "https://lab/user/x"]
+)
 def test_the_page_opens_its_channel_where_it_came_from(place):
     """In Node, with as much of a browser as it needs until then."""
     node = shutil.which("node")
     if node is None:
-        missing_system("What page.js opens is not looked at: there is no Node on this machine.")
+        missing_system(
+            "What page.js opens is not looked at: there is no Node on this machine."
+        )
     address = urlsplit(f"{place}/abc/")
     known = {"href": address.geturl(), "host": address.netloc, "pathname": address.path}
     browser = f"globalThis.location = {json.dumps(known)}; globalThis.window = {{ addEventListener() {{}} }};"
-    browser += "globalThis.WebSocket = class { constructor(link) { console.log(String(link)); } };"
+    browser += (
+        "globalThis.WebSocket = class { constructor(link) { console.log(String(link)); } };"
+    )
     script = (server.HERE / "page.js").read_text(encoding="utf-8")
     done = subprocess.run(
-        [node, "-e", browser + script], capture_output=True, text=True, timeout=60, check=True
+        [node, "-e", browser + script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
     )
     assert done.stdout.strip() == f"{place}/abc/channel".replace("http", "ws", 1)
 
@@ -183,9 +214,9 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
         outer, buffers = await heard(one)
         assert (inner["state"]["value"], outer["state"]["value"]) == (4, 3)
         assert outer["id"] == page.widget.model_id
-        assert dict(zip([path[0] for path in outer["buffer_paths"]], buffers, strict=True)) == {
-            "content": b"abc"
-        }
+        assert dict(
+            zip([path[0] for path in outer["buffer_paths"]], buffers, strict=True)
+        ) == {"content": b"abc"}
         other = await connected(page)
         for channel in (one, other):  # all, once more
             await heard(channel)
@@ -198,7 +229,13 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
         for channel in (one, other):
             assert (await heard(channel))[0]["state"] == {"value": 7}
         state = {"method": "update", "state": []}
-        others = [{"id": "none"}, {"id": []}, {"data": None}, {"data": [1]}, {"data": state}]
+        others = [
+            {"id": "none"},
+            {"id": []},
+            {"data": None},
+            {"data": [1]},
+            {"data": state},
+        ]
         wrong = [json.dumps(change | other) for other in others]
         for nonsense in ("nonsense", "[]", "null", "[" * 200_000, b"bytes", *wrong):
             await one.write_message(nonsense, binary=isinstance(nonsense, bytes))
@@ -213,12 +250,15 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
     assert page.link[-49:-1] not in output
 
 
-def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(serve, monkeypatch):
+def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(
+    serve, monkeypatch
+):
     monkeypatch.setattr(server, "GRACE", 1.5)
     page, thread, raised = serve(Slider)
 
     async def visit():
-        one, other = await connected(page), await connected(page)
+        one = await connected(page)
+        other = await connected(page)
         await leave(one)
         await asyncio.sleep(2)
         assert thread.is_alive()

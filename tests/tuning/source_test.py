@@ -19,15 +19,29 @@ def seen():
     """A frame of a tube, its calibration and its true distance."""
     small = PAPER.resize(200, 150)
     view = el.render(el.SCENES["tube"], small.camera, small.photometry, noise=1, bits=8)
-    return el.Frame(view.image, view.mask), el.Calibration(view.camera, view.photometry), view.distance
+    return (
+        el.Frame(view.image, view.mask),
+        el.Calibration(view.camera, view.photometry),
+        view.distance,
+    )
 
 
 @pytest.mark.parametrize(
     "settings",
     [
         Knobs(scene="tube", width=160, noise=2.0, lam=0.3),
-        Knobs(scene="plane", width=160, k=2.0, gamma=2.0, gain=1.5, xi="d", regulariser="first"),
-        Knobs(scene="colon", width=128, channel="red", solver="fast_marching", epsilon=1e-2),
+        Knobs(
+            scene="plane",
+            width=160,
+            k=2.0,
+            gamma=2.0,
+            gain=1.5,
+            xi="d",
+            regulariser="first",
+        ),
+        Knobs(
+            scene="colon", width=128, channel="red", solver="fast_marching", epsilon=1e-2
+        ),
         Knobs(scene=None, width=160, albedo=(0.7, 0.4, 0.3), channel="auto"),
         Knobs(scene=None, width=400, k=2.2, gain=0.5),  # wider than the frame
     ],
@@ -42,7 +56,9 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
     names = {"el": el, "replace": replace, "calibration": known, "frame": frame}
     exec(settings.code(known, shown.subject.grey), names)
     assert np.array_equal(names["result"].distance, shown.result.distance, equal_nan=True)
-    write_settings(settings.saved(shown.subject.calibration, shown.subject.grey), tmp_path / "s.json")
+    write_settings(
+        settings.saved(shown.subject.calibration, shown.subject.grey), tmp_path / "s.json"
+    )
     written = read_settings(tmp_path / "s.json")
     believed = written.believed(shown.subject.calibration)
     again = el.reconstruct(shown.subject.frame, believed, **written.keywords)

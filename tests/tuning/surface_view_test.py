@@ -32,7 +32,9 @@ def view():
 
 def wall(height, width, far=40.0):
     """A wall before a pinhole: distance, rays and a picture."""
-    field = el.Pinhole(width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2).field
+    field = el.Pinhole(
+        width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2
+    ).field
     return far / field.rays[..., 2], field.rays, np.full((height, width, 3), 100, np.uint8)
 
 
@@ -48,7 +50,9 @@ def triangles_of(view):
 def test_the_points_are_those_of_the_surface_and_each_square_is_two_triangles(view):
     distance, rays, picture = wall(6, 8)
     view.show(distance, rays, picture)
-    np.testing.assert_allclose(points_of(view), (rays * distance[..., None]).reshape(-1, 3), rtol=1e-6)
+    np.testing.assert_allclose(
+        points_of(view), (rays * distance[..., None]).reshape(-1, 3), rtol=1e-6
+    )
     triangles = triangles_of(view)
     assert len(triangles) == 2 * 5 * 7
     corners = points_of(view)[triangles].astype(float)
@@ -57,7 +61,9 @@ def test_the_points_are_those_of_the_surface_and_each_square_is_two_triangles(vi
     assert np.linalg.norm(normal, axis=1).sum() / 2 == pytest.approx(
         np.ptp(corners[..., 0]) * np.ptp(corners[..., 1])
     )
-    np.testing.assert_allclose(np.frombuffer(view.grid, np.float32)[3:5], [0.5 / 8, 0.5 / 6])
+    np.testing.assert_allclose(
+        np.frombuffer(view.grid, np.float32)[3:5], [0.5 / 8, 0.5 / 6]
+    )
 
 
 def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view):
@@ -71,12 +77,17 @@ def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view):
     assert np.all((columns <= 3).all(axis=1) | (columns >= 4).all(axis=1))
     assert {*range(8)} == {*columns.ravel().tolist()}
     assert 2 * 8 + 1 not in triangles_of(view)
-    before, view.drawn = view.triangles, 1
+    before = view.triangles
+    view.drawn = 1
     view.show(distance, rays, picture)
-    assert len(view.triangles) == len(before) + 5 * 2 * 12  # the column of squares that was torn
+    assert (
+        len(view.triangles) == len(before) + 5 * 2 * 12
+    )  # the column of squares that was torn
 
 
-@pytest.mark.parametrize(("height", "width"), [(300, 400), (240, 320), (1080, 1350), (700, 100), (1, 900)])
+@pytest.mark.parametrize(
+    ("height", "width"), [(300, 400), (240, 320), (1080, 1350), (700, 100), (1, 900)]
+)
 def test_large_frames_are_thinned_evenly_and_to_their_rim(height, width):
     rows, columns = thinned((height, width))
     assert len(rows) <= ROWS
@@ -92,10 +103,15 @@ def test_large_frames_are_thinned_evenly_and_to_their_rim(height, width):
 def test_a_step_between_thinned_points_is_one_where_all_steps_are():
     rng = np.random.default_rng(3)
     joined = links(rng.random((29, 41)) < 0.95, rng.random((2, 29, 41)) < 0.03)
-    rows, columns = np.array([0, 2, 5, 8, 12, 28]), np.array([0, 1, 4, 9, 20, 40])
+    rows = np.array([0, 2, 5, 8, 12, 28])
+    columns = np.array([0, 1, 4, 9, 20, 40])
     found = thin_links(joined, rows, columns)
-    right = [[joined[0, r, a:b].all() for a, b in pairwise(columns)] + [False] for r in rows]
-    below = [[joined[1, a:b, c].all() for c in columns] for a, b in pairwise(rows)] + [[False] * 6]
+    right = [
+        [joined[0, r, a:b].all() for a, b in pairwise(columns)] + [False] for r in rows
+    ]
+    below = [[joined[1, a:b, c].all() for c in columns] for a, b in pairwise(rows)] + [
+        [False] * 6
+    ]
     np.testing.assert_array_equal(found, [right, below])
     assert 0 < found.sum() < 50
 
@@ -104,7 +120,9 @@ def test_only_what_has_changed_is_sent_and_the_pose_never(view):
     distance, rays, picture = wall(30, 40)
     view.show(distance, rays, picture)
     sent = []
-    view.send_state = lambda key=None: sent.append({key} if isinstance(key, str) else {*key})
+    view.send_state = lambda key=None: sent.append(
+        {key} if isinstance(key, str) else {*key}
+    )
     view.pose = [10.0, 5.0, 2.0, 0.1, 0.0]
     view.drawn = 1
     sent.clear()
@@ -124,7 +142,9 @@ def test_the_latest_waits_until_the_one_before_is_drawn(view):
     assert view.number == 1
     view.drawn = 1  # as the page says
     assert view.number == 2
-    np.testing.assert_allclose(np.frombuffer(view.far, np.float32), 1.03 * distance.ravel(), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.frombuffer(view.far, np.float32), 1.03 * distance.ravel(), rtol=1e-6
+    )
     view.drawn = 2
     assert view.number == 2
 
@@ -171,13 +191,16 @@ def test_a_closed_view_forgets_its_surface():
     view.close()
     assert view.comm is None
     view.show(distance, rays, picture)
-    assert {len(value) for value in (view.grid, view.far, view.triangles, view.picture)} == {0}
+    assert {
+        len(value) for value in (view.grid, view.far, view.triangles, view.picture)
+    } == {0}
 
 
 def test_a_result_is_shown_in_its_frame_and_has_a_still_where_nobody_looks(monkeypatch):
     small = datasets.load_calibration("paper").resize(80, 60)
     seen = el.render(el.SCENES["tube"], small.camera, small.photometry)
-    frame, known = el.Frame(seen.image, seen.mask), el.Calibration(seen.camera, seen.photometry)
+    frame = el.Frame(seen.image, seen.mask)
+    known = el.Calibration(seen.camera, seen.photometry)
     result = el.reconstruct(frame, known, solver="fast_marching")
     view = el.show_surface(result)
     far = np.frombuffer(view.far, np.float32).reshape(60, 80)

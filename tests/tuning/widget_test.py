@@ -37,7 +37,11 @@ def seen():
     """A frame of a tube, its calibration and its true distance."""
     small = datasets.load_calibration("paper").resize(160, 120)
     view = el.render(el.SCENES["tube"], small.camera, small.photometry, noise=1, bits=8)
-    return el.Frame(view.image, view.mask), el.Calibration(view.camera, view.photometry), view.distance
+    return (
+        el.Frame(view.image, view.mask),
+        el.Calibration(view.camera, view.photometry),
+        view.distance,
+    )
 
 
 def until(condition, seconds=60):
@@ -67,15 +71,23 @@ def click(box, number, right=0.5, down=0.5):
 
 def is_one(box):
     """Whether board, code, knobs, line and surface are of the one answer."""
-    answer, names = box.answer, {}
+    answer = box.answer
+    names = {}
     exec(box.code, names)
     assert np.array_equal(names["result"].distance, answer.result.distance, equal_nan=True)
     assert box.settings() == answer.settings
     assert f"λ {answer.settings.lam:.3g} · " in box.line["text"]
     assert all(place.answer is answer for place in box.board.places)
-    until(lambda: (box.surface.set_state({"drawn": box.surface.number}), not box.surface._waits)[1])
+    until(
+        lambda: (
+            box.surface.set_state({"drawn": box.surface.number}),
+            not box.surface._waits,
+        )[1]
+    )
     far = np.frombuffer(box.surface.far, np.float32).reshape(answer.result.mask.shape)
-    assert np.allclose(far[answer.result.mask], answer.result.distance[answer.result.mask], rtol=1e-6)
+    assert np.allclose(
+        far[answer.result.mask], answer.result.distance[answer.result.mask], rtol=1e-6
+    )
 
 
 def test_all_that_is_shown_is_of_one_answer_after_every_kind_of_change(make):
@@ -84,7 +96,12 @@ def test_all_that_is_shown_is_of_one_answer_after_every_kind_of_change(make):
         {"lam": 0.1, "noise": 2.0},
         {"xi": "d", "regulariser": "first", "smooth": 1.5},
         {"k": 3.0, "gamma": 2.0, "gain": 2.0, "albedo": [0.7, 0.4, 0.3]},
-        {"scene": "plane", "channel": "red", "solver": "fast_marching", "max_iterations": 3},
+        {
+            "scene": "plane",
+            "channel": "red",
+            "solver": "fast_marching",
+            "max_iterations": 3,
+        },
         {"contours": True, "highlights": "keep", "width": 320},
     ):
         answer = turn(box, **knobs)
@@ -117,12 +134,16 @@ def test_a_if_it_is_shown_is_what_is_exported(make, tmp_path):
     board = cv2.imread(str(tmp_path / "out/board.png"))[..., ::-1]
     assert np.array_equal(board, shown)
     with np.load(tmp_path / "out/depth.npz") as stored:
-        assert np.array_equal(stored["distance"], kept.result.distance.astype(np.float32), equal_nan=True)
+        assert np.array_equal(
+            stored["distance"], kept.result.distance.astype(np.float32), equal_nan=True
+        )
     written = read_settings(tmp_path / "out/settings.json")
     assert (written.keywords["lam"], written.keywords["regulariser"]) == (1.0, "auto")
     assert (tmp_path / "out/result.py").read_text() == box.code
     recorded = el.read_recording(tmp_path / "out/recording.rrd")
-    assert recorded.table()["energy"].tolist() == [row["energy"] for row in kept.result.history]
+    assert recorded.table()["energy"].tolist() == [
+        row["energy"] for row in kept.result.history
+    ]
     do(box, "blink")
     assert (box.shows, box.answer) == (B, now)
     is_one(box)
@@ -143,8 +164,11 @@ def test_an_export_is_whole_or_a_sentence(make, tmp_path):
     assert "name a folder" in box.line["text"]
 
 
-def test_an_export_is_done_whatever_is_asked_for_before_it_begins_and_told_if_it_fails(make, tmp_path):
-    box, gate = make(), threading.Event()
+def test_an_export_is_done_whatever_is_asked_for_before_it_begins_and_told_if_it_fails(
+    make, tmp_path
+):
+    box = make()
+    gate = threading.Event()
     first = box.answer
     (tmp_path / "file").write_text("here")
     box.engine.do(lambda is_stale: gate.wait(60))
@@ -156,8 +180,12 @@ def test_an_export_is_done_whatever_is_asked_for_before_it_begins_and_told_if_it
     gate.set()
     assert box.engine.wait(60).settings.lam == 3.0
     with np.load(tmp_path / "out/depth.npz") as stored:
-        assert np.array_equal(stored["distance"], first.result.distance.astype(np.float32), equal_nan=True)
-    assert [line["text"].split()[:2] for line in sentences if line.get("wrong")] == [["the", "export"]]
+        assert np.array_equal(
+            stored["distance"], first.result.distance.astype(np.float32), equal_nan=True
+        )
+    assert [line["text"].split()[:2] for line in sentences if line.get("wrong")] == [
+        ["the", "export"]
+    ]
     assert any("exported into" in line["text"] for line in sentences)
 
 
@@ -167,7 +195,13 @@ def test_five_lam_stand_in_columns_on_the_curve_and_one_is_taken_over(make):
     do(box, "compare", "lam")
     box.engine.wait(60)
     until(lambda: len(box.board.places) == 15)
-    assert [label for label, _ in box.columns] == ["λ 0.1", "λ 0.32", "λ 1", "λ 3.2", "λ 10"]
+    assert [label for label, _ in box.columns] == [
+        "λ 0.1",
+        "λ 0.32",
+        "λ 1",
+        "λ 3.2",
+        "λ 10",
+    ]
     assert box.answer is now
     assert sorted(dot.settings.lam for dot in box.dots) == [0.1, 0.32, 1.0, 3.2, 10.0]
     click(box, 3)
@@ -189,7 +223,8 @@ def test_five_lam_stand_in_columns_on_the_curve_and_one_is_taken_over(make):
 
 def test_the_section_follows_the_pointer_and_the_cursor_reads_all_maps(make):
     box = make()
-    answer, before = box.answer, box.picture
+    answer = box.answer
+    before = box.picture
     click(box, 1, right=0.301)
     assert box.knobs["section"] == pytest.approx(30, abs=1)
     assert box.picture != before
@@ -218,9 +253,15 @@ def test_panels_are_chosen_from_a_list_and_ask_for_no_solve(make, seen):
 
 
 def test_a_page_is_filled_and_gets_its_picture_whenever_it_asks(make):
-    box, sent = make(), []
+    box = make()
+    sent = []
     box.send_state = lambda key=None: sent.append(key or ())
-    for wide, tall, ratio in ((1000, 500, 1), (1600, 870, 1), (1600, 870, 1), (800, 500, 2)):
+    for wide, tall, ratio in (
+        (1000, 500, 1),
+        (1600, 870, 1),
+        (1600, 870, 1),
+        (800, 500, 2),
+    ):
         do(box, "measure", wide, tall, ratio)
         assert "picture" in sent[-1]
         height, width = cv2.imdecode(np.frombuffer(box.picture, np.uint8), 1).shape[:2]
@@ -232,7 +273,12 @@ def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(make, seen
     frame, calibration, _ = seen
     box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
     answer = box.answer
-    for name, text in (("max_iterations", 3.5), ("albedo", [1, 2]), ("smooth", -1), ("channel", "red")):
+    for name, text in (
+        ("max_iterations", 3.5),
+        ("albedo", [1, 2]),
+        ("smooth", -1),
+        ("channel", "red"),
+    ):
         before = box.knobs[name]
         box.set_state({"knobs": box.knobs | {name: text}})
         until(lambda: box.line.get("wrong"))
@@ -247,14 +293,20 @@ def test_from_frame_to_frame_and_one_that_cannot_be_read_is_passed_by(seen, tmp_
     for path in (paths[0], paths[2]):
         write_image(path, frame.image)
     paths[1].write_bytes(b"no picture")
-    box = TunerBox(replace(frame, name="f0.png"), calibration, truth, width=160, pictures=paths)
+    box = TunerBox(
+        replace(frame, name="f0.png"), calibration, truth, width=160, pictures=paths
+    )
     assert box.engine.wait(60).median_error < 5
     do(box, "step", 1)
     assert "f1.png" in box.line["text"]
     assert box.knobs["scene"] == 0
     turn(box, lam=0.5)
     other = turn(box, scene=2)
-    assert (other.subject.frame.name, other.settings.lam, other.median_error) == ("f2.png", 0.5, None)
+    assert (other.subject.frame.name, other.settings.lam, other.median_error) == (
+        "f2.png",
+        0.5,
+        None,
+    )
     assert "read_frame('f2.png'" in box.code
     do(box, "step", 1)  # there is none after it
     assert box.knobs["scene"] == 2
@@ -268,17 +320,35 @@ def test_from_frame_to_frame_and_one_that_cannot_be_read_is_passed_by(seen, tmp_
 @pytest.mark.parametrize("name", ["frame", "calibration", "truth", "scene", "width"])
 def test_what_does_not_go_together_is_one_sentence(name, seen):
     frame, calibration, _ = seen
-    wrong = {"frame": "a.png", "calibration": "c3vd", "truth": np.ones((3, 3)), "scene": "moon", "width": 0.5}
+    wrong = {
+        "frame": "a.png",
+        "calibration": "c3vd",
+        "truth": np.ones((3, 3)),
+        "scene": "moon",
+        "width": 0.5,
+    }
     given = {"frame": frame, "calibration": calibration} | {name: wrong[name]}
     with pytest.raises(ValueError, match=name):
         el.tune(**given)
 
 
 def test_three_hundred_things_done_at_random_leave_one_answer(make):
-    box, rng = make(width=64), np.random.default_rng(0)
+    box = make(width=64)
+    rng = np.random.default_rng(0)
     lists = {spec["name"]: spec["options"] for spec in box.specs if "options" in spec}
-    ranges = {spec["name"]: (*spec["range"][:2], "log" in spec) for spec in box.specs if "range" in spec}
-    actions = [["keep"], ["blink"], ["compare", "lam"], ["compare", ""], ["show", BESIDE], ["step", 1]]
+    ranges = {
+        spec["name"]: (*spec["range"][:2], "log" in spec)
+        for spec in box.specs
+        if "range" in spec
+    }
+    actions = [
+        ["keep"],
+        ["blink"],
+        ["compare", "lam"],
+        ["compare", ""],
+        ["show", BESIDE],
+        ["step", 1],
+    ]
     actions += [["step", -1], ["reset"], ["undo"], ["drop"]]
     for _ in range(300):
         kind = rng.integers(4)

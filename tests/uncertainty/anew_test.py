@@ -21,8 +21,11 @@ def settled(problem, start=None):
 def test_it_moves_as_a_whole_run_does(choice):
     problem, _ = problem_of("colon", 100)
     v = settled(problem)
-    other = replace(problem, lam=4 * problem.lam) if choice == "λ" else cut_at_contours(problem)
-    found, there = finish(re_solve(other, v)) - v, settled(other, v) - v
+    other = (
+        replace(problem, lam=4 * problem.lam) if choice == "λ" else cut_at_contours(problem)
+    )
+    found = finish(re_solve(other, v)) - v
+    there = settled(other, v) - v
     assert np.std(there) > 0.005
     assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.8
     assert np.std(found) == pytest.approx(np.std(there), rel=0.3)

@@ -48,15 +48,21 @@ def test_noise_alone_is_what_solving_again_with_other_noise_finds():
     are stiffer than itself, and a tube's noise comes out at half.
     """
     clean, _ = problem_of("curved", 64)
-    rng, level = np.random.default_rng(1), 2 / 255
+    rng = np.random.default_rng(1)
+    level = 2 / 255
 
     def noisy():
-        image = np.clip(clean.image + level * rng.standard_normal(clean.image.shape), 0.01, 1)
+        image = np.clip(
+            clean.image + level * rng.standard_normal(clean.image.shape), 0.01, 1
+        )
         return replace(clean, image=np.where(clean.mask, image, 0.0))
 
     first = run(gauss_newton(noisy(), tolerance=1e-6, max_iterations=100))
     how = {"start": first.iterate.log_distance, "tolerance": 1e-6, "max_iterations": 100}
-    maps = [run(gauss_newton(noisy(), **how)).iterate.log_distance[clean.mask] for _ in range(24)]
+    maps = [
+        run(gauss_newton(noisy(), **how)).iterate.log_distance[clean.mask]
+        for _ in range(24)
+    ]
     found = np.sqrt(np.mean(np.var(maps, axis=0, ddof=1)))
     uncertainty = uncertainty_of(first, prior_sigma=CERTAIN)
     noise = np.hypot(uncertainty.causes["noise"][clean.mask], uncertainty.scales["noise"])
@@ -81,14 +87,15 @@ def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
     image = np.clip(clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999)
     result = solved(replace(clean, image=np.where(clean.mask, image, 0.0)))
     mask = result.mask
-    surface = Linearised.at(result.problem, np.where(mask, result.iterate.log_distance, 0.0))
-    off, answer = np.log(result.distance / seen.distance)[mask], surface.to_light(0.1 * field)[mask]
+    surface = Linearised.at(
+        result.problem, np.where(mask, result.iterate.log_distance, 0.0)
+    )
+    off = np.log(result.distance / seen.distance)[mask]
+    answer = surface.to_light(0.1 * field)[mask]
     assert np.corrcoef(off, answer)[0, 1] > 0.9
     assert np.std(answer) == pytest.approx(np.std(off), rel=0.2)
-    uncertainty, even = (
-        uncertainty_of(result, prior_sigma=CERTAIN),
-        uncertainty_of(solved(clean), prior_sigma=CERTAIN),
-    )
+    uncertainty = uncertainty_of(result, prior_sigma=CERTAIN)
+    even = uncertainty_of(solved(clean), prior_sigma=CERTAIN)
     strong = np.median(uncertainty.causes["texture"][mask])
     assert 0.3 < strong / np.std(off) < 1.5
     assert strong > 10 * np.median(even.causes["texture"][mask])
@@ -100,7 +107,9 @@ def test_the_unit_does_not_matter(curved):
     far = replace(problem, photometry=replace(problem.photometry, gain=gain))
     prior_sigma = replace(PriorSigma(), lamp=0.0)
     one = uncertainty_of(result, prior_sigma=prior_sigma)
-    other = uncertainty_of(Iterate.of(far, result.iterate.log_distance + np.log(3)), prior_sigma=prior_sigma)
+    other = uncertainty_of(
+        Iterate.of(far, result.iterate.log_distance + np.log(3)), prior_sigma=prior_sigma
+    )
     assert other.sigma[result.mask] == pytest.approx(3 * one.sigma[result.mask], rel=1e-3)
     assert other.sigma_scale == pytest.approx(one.sigma_scale, rel=1e-3)
 
@@ -133,8 +142,12 @@ def test_a_known_length_takes_the_scale_away(curved):
 def test_the_causes_add_up(curved):
     _, _, result, uncertainty = curved
     total = sum(one[result.mask] ** 2 for one in uncertainty.causes.values())
-    assert relative(uncertainty, result, "sigma_shape") ** 2 == pytest.approx(total, rel=1e-9)
-    assert uncertainty.sigma_scale**2 == pytest.approx(sum(one**2 for one in uncertainty.scales.values()))
+    assert relative(uncertainty, result, "sigma_shape") ** 2 == pytest.approx(
+        total, rel=1e-9
+    )
+    assert uncertainty.sigma_scale**2 == pytest.approx(
+        sum(one**2 for one in uncertainty.scales.values())
+    )
     assert np.isnan(uncertainty.sigma[~result.mask]).all()
 
 
@@ -143,9 +156,14 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
     problem, seen = problem_of("tube", 120)
     result = solved(problem)
     uncertainty = uncertainty_of(result)
-    sigma, off = uncertainty.sigma_shape / result.distance, np.abs(np.log(result.distance / seen.distance))
+    sigma = uncertainty.sigma_shape / result.distance
+    off = np.abs(np.log(result.distance / seen.distance))
     above = [np.s_[row : row + 4, 40:80] for row in (0, 8, 16)]
-    assert sigma[above[0]].mean() > 1.05 * sigma[above[1]].mean() > 1.6 * sigma[above[2]].mean()
+    assert (
+        sigma[above[0]].mean()
+        > 1.05 * sigma[above[1]].mean()
+        > 1.6 * sigma[above[2]].mean()
+    )
     for rows in above:
         assert 0.5 < sigma[rows].mean() / off[rows].mean() < 3
     assert np.all(uncertainty.dominant_source[above[0]] == BORDER)
@@ -156,11 +174,13 @@ def test_light_that_bounced_and_was_left_in_counts_whole(curved):
     """In a single colour nobody knows how much there is; where the colours were asked, they do."""
     problem, _, result, uncertainty = curved
     here = problem.mask
-    half = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.5), draws=LEAST_DRAWS).causes[
-        "bounced light"
-    ]
+    half = uncertainty_of(
+        result, prior_sigma=PriorSigma(left_in=0.5), draws=LEAST_DRAWS
+    ).causes["bounced light"]
     assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
-    asked = replace(result.iterate, provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED)))
+    asked = replace(
+        result.iterate, provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED))
+    )
     assert "bounced light" not in uncertainty_of(asked, draws=LEAST_DRAWS).causes
 
 
@@ -171,7 +191,8 @@ def test_what_a_picture_does_not_say_is_the_priors():
     evidence[:, 45:75] = NONE
     result = solved(replace(problem, evidence=evidence))
     uncertainty = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.0))
-    here, beside = np.s_[30:60, 56:64], np.s_[30:60, 20:35]
+    here = np.s_[30:60, 56:64]
+    beside = np.s_[30:60, 20:35]
     assert np.mean(uncertainty.dominant_source[here] == PRIOR) > 0.7
     assert np.mean(uncertainty.dominant_source[beside] == DATA) > 0.9
     sigma = uncertainty.sigma_shape / result.distance
@@ -183,20 +204,24 @@ def test_what_a_picture_does_not_say_is_the_priors():
 @pytest.mark.parametrize("apart", ["hole", "cuts"])
 def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     problem, _ = problem_of("curved", 80)
-    lost, mask = np.indices(problem.mask.shape)[1] >= 42, problem.mask.copy()
+    lost = np.indices(problem.mask.shape)[1] >= 42
+    mask = problem.mask.copy()
     mask[:, 38:42] = apart != "hole"
     cuts = np.zeros((2, *mask.shape), bool)
     cuts[0, :, 41] = apart == "cuts"
     evidence = np.where(lost, NONE, 0).astype(np.int8)
     result = solved(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
-    share, lost = uncertainty_of(result).sigma / result.distance, lost & mask
+    share = uncertainty_of(result).sigma / result.distance
+    lost = lost & mask
     assert share[lost] == pytest.approx(LARGEST_SIGMA)
     assert np.median(share[mask & ~lost]) < 0.2
 
 
 def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     _, _, result, uncertainty = curved
-    assert np.array_equal(uncertainty_of(result, threads=1).sigma, uncertainty.sigma, equal_nan=True)
+    assert np.array_equal(
+        uncertainty_of(result, threads=1).sigma, uncertainty.sigma, equal_nan=True
+    )
     assert uncertainty.status is Status.CONVERGED
     early = uncertainty_of(result, observers=[lambda progress: progress.done == 6])
     assert (early.draws, early.status) == (6, Status.STOPPED)
@@ -212,7 +237,9 @@ def test_it_is_the_same_every_time_and_stops_when_asked(curved):
 def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     """σ of the named causes alone would be too small."""
     with pytest.raises(Stopped, match="before there was anything"):
-        uncertainty_of(curved[2], observers=[lambda progress: progress.done == LEAST_DRAWS - 1])
+        uncertainty_of(
+            curved[2], observers=[lambda progress: progress.done == LEAST_DRAWS - 1]
+        )
 
     def interrupt(progress):
         if progress.done == LEAST_DRAWS - 1:
@@ -236,15 +263,33 @@ def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
     ("evidence", "k", "gamma"),
     [
         ({}, PriorSigma.k, PriorSigma.gamma),
-        ({"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}}, 0.011, PriorSigma.gamma),
+        (
+            {"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}},
+            0.011,
+            PriorSigma.gamma,
+        ),
         ({"photometry": {"nominal": True}}, USUAL_ERROR, NOMINAL["gamma"]),
-        ({"photometry": {"nominal": True, "standard_errors": {"k": 0.02}}}, 0.02, NOMINAL["gamma"]),
-        ({"photometry": [1], "unknown_light": {"standard_error": 0.4}}, 0.4, NOMINAL["gamma"]),
-        ({"photometry": {"nominal": "no", "standard_errors": 3}}, PriorSigma.k, PriorSigma.gamma),
+        (
+            {"photometry": {"nominal": True, "standard_errors": {"k": 0.02}}},
+            0.02,
+            NOMINAL["gamma"],
+        ),
+        (
+            {"photometry": [1], "unknown_light": {"standard_error": 0.4}},
+            0.4,
+            NOMINAL["gamma"],
+        ),
+        (
+            {"photometry": {"nominal": "no", "standard_errors": 3}},
+            PriorSigma.k,
+            PriorSigma.gamma,
+        ),
     ],
 )
 def test_doubts_are_the_standard_errors_of_the_calibration(evidence, k, gamma):
-    prior_sigma = PriorSigma.of(replace(el.load_calibration("paper", width=80), evidence=evidence))
+    prior_sigma = PriorSigma.of(
+        replace(el.load_calibration("paper", width=80), evidence=evidence)
+    )
     assert (prior_sigma.k, prior_sigma.gamma) == (k, gamma)
     assert f"± {k:.2g}" in " ".join(prior_sigma.notes)
 

@@ -35,7 +35,8 @@ def test_a_frame_is_halved_until_it_is_small(large):
 
 
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
-    uncertainty, small = uncertainty_of(large), thinned(large.iterate)
+    uncertainty = uncertainty_of(large)
+    small = thinned(large.iterate)
     other = uncertainty_of(small)
     for share, shape in (
         (uncertainty.sigma / large.distance, large.mask),
@@ -60,8 +61,12 @@ def test_cuts_evidence_and_blur_go_along(large):
     cuts = np.zeros((2, *problem.mask.shape), bool)
     cuts[0, :, 399] = True
     torn = replace(problem, evidence=evidence, cuts=cuts)
-    report = PreparationReport("frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep")
-    thin = thinned(replace(large.iterate, problem=torn, provenance=Provenance(preparation=report)))
+    report = PreparationReport(
+        "frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep"
+    )
+    thin = thinned(
+        replace(large.iterate, problem=torn, provenance=Provenance(preparation=report))
+    )
     assert thin.provenance.preparation.smooth == 0.5
     small = thin.problem
     assert small.evidence is not None

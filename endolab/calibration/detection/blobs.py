@@ -59,18 +59,27 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     height, width = image.shape
     small = shrunk(image)
     # Small glints would pass for white: nothing may be much brighter than the median around it.
-    median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), small.shape[1] // 40 * 2 + 1)
+    median = cv2.medianBlur(
+        cv2.convertScaleAbs(small, alpha=255), small.shape[1] // 40 * 2 + 1
+    )
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
     shrink = width / small.shape[1]
-    level = cv2.multiply(image, cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height)))
+    level = cv2.multiply(
+        image, cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height))
+    )
     least = GREY_DARKNESS if greys else LEAST_DARKNESS
     dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
-    _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(
+        dark, connectivity=4, ltype=cv2.CV_32S
+    )
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
     good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST_SPOT * width)
     row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
-    good &= white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)] > LEAST_WHITE
+    good &= (
+        white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)]
+        > LEAST_WHITE
+    )
     good[0] = False
     if not good.any():
         return Blobs(np.zeros((0, 2)), np.zeros(0))
@@ -82,7 +91,9 @@ def _bare_level(level: Numbers, dark: Numbers, shape: tuple[int, int]) -> Number
     """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
     size = shape[::-1]
     small = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
-    covered = cv2.resize(cv2.dilate(dark, np.ones((5, 5), np.uint8)), size, interpolation=cv2.INTER_AREA)
+    covered = cv2.resize(
+        cv2.dilate(dark, np.ones((5, 5), np.uint8)), size, interpolation=cv2.INTER_AREA
+    )
     bare = ((covered == 0) & (small > 0.85) & (small < 1.1)).astype(np.float32)
     light, weight = (cv2.GaussianBlur(a, (0, 0), 4.0) for a in (small * bare, bare))
     return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
@@ -108,11 +119,18 @@ def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blo
         depth = total(inner * weight) / area
         # Where the darkness is flat, inside and outside, noise and uneven light must not count.
         cover = np.clip((weight / depth[number - 1] - 0.1) / 0.8, 0, 1)
-        centres = np.stack([total(cover * x), total(cover * y)], axis=-1) / total(cover)[:, None]
-        number, x, y, weight = number[inner], x[inner], y[inner], weight[inner]
+        centres = (
+            np.stack([total(cover * x), total(cover * y)], axis=-1) / total(cover)[:, None]
+        )
+        number = number[inner]
+        x = x[inner]
+        y = y[inner]
+        weight = weight[inner]
         dx, dy = (a - (total(a) / area)[number - 1] for a in (x, y))
         # A uniform ellipse has area 4π √det of its covariance; a pixel adds 1/12 px².
-        xx, xy, yy = total(dx * dx) / area + 1 / 12, total(dx * dy) / area, total(dy * dy) / area + 1 / 12
+        xx = total(dx * dx) / area + 1 / 12
+        xy = total(dx * dy) / area
+        yy = total(dy * dy) / area + 1 / 12
         determinant = xx * yy - xy * xy
         solid = area / (4 * np.pi * np.sqrt(determinant))
         short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))

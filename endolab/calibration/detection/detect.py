@@ -18,13 +18,23 @@ from endolab.numerics.arrays import FloatArray, IntArray
 LEAST_CORNERS = 6  # of a ChArUco board
 SMALLEST = 16  # px, side of a picture
 WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
-SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
+SPOILT = (
+    0.8  # of the roughness of refined corners, below which those that were found are better
+)
 FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
 LONGEST = 2000  # px of the longer side, to which they are enlarged at most
 MOST = 2_100_000  # px, Full HD; larger pictures are made half as large as this before anything is sought
-STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)  # of the refining of corners
-LEAST_CONTRAST = 0.4  # of corners and squares that are sought, relative to those that are known
-QUICK = 400_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
+STOP = (
+    cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER,
+    40,
+    0.001,
+)  # of the refining of corners
+LEAST_CONTRAST = (
+    0.4  # of corners and squares that are sought, relative to those that are known
+)
+QUICK = (
+    400_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
+)
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,9 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
         return Detection(
-            *nothing(f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})")
+            *nothing(
+                f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})"
+            )
         )
     return Detection(ids, _moved(pixels, picture, grey), reason)
 
@@ -67,10 +79,14 @@ def _grey(image: NDArray[Any]) -> NDArray[Any]:
         raise ValueError(f"image must be of shape (H, W) or (H, W, 3), got {image.shape}")
     most = {"u1": 255, "u2": 65535, "f4": 1, "f8": 1}.get(image.dtype.str[1:])
     if most is None:
-        raise ValueError(f"image must be uint8, uint16 or float in [0, 1], got {image.dtype}")
+        raise ValueError(
+            f"image must be uint8, uint16 or float in [0, 1], got {image.dtype}"
+        )
     grey = image.astype(np.float32)
     if grey.ndim == 3:
-        grey = np.asarray(cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32)
+        grey = np.asarray(
+            cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32
+        )
     grey *= np.float32(1 / most)
     if not np.all(np.isfinite(grey)) or grey.min() < -0.01 or grey.max() > 1.01:
         raise ValueError("image must hold finite values in [0, 1] where it is float")
@@ -92,7 +108,9 @@ def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if scale <= 1:
         return picture
     size = (scale * picture.shape[1], scale * picture.shape[0])
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    return np.asarray(
+        cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8
+    )
 
 
 def _moved(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
@@ -110,11 +128,15 @@ def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     """Find the corners of a ChArUco board: those beside markers, then those that these foretell."""
     options = cv2.aruco.CharucoParameters()
-    options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
+    options.minMarkers = (
+        1  # next to a corner; a corner that is wrong for it is left out below
+    )
     picture = _enlarged(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
     sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
-    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(sharp)
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(
+        sharp
+    )
     count = 0 if markers is None else len(markers)
     grid = np.full((target.rows - 1, target.columns - 1, 2), np.nan)
     if ids is not None:
@@ -154,7 +176,8 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
         aside = [corner + border / 2 * (sign * along + down) for sign in (1, -1)]
         aside += [corner - border / 2 * (sign * along + down) for sign in (1, -1)]
         a, b, c, d = (
-            scipy.ndimage.map_coordinates(picture, place.T[::-1], float, 1, mode="nearest") for place in aside
+            scipy.ndimage.map_coordinates(picture, place.T[::-1], float, 1, mode="nearest")
+            for place in aside
         )
         contrast = (b + d - a - c) * (-1.0) ** (row + column)
         if usual < 0:
@@ -186,13 +209,16 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     if not is_there:
         return nothing("no chessboard of this size, or not all of it is in view")
     if not sharp:
-        corners = _moved(np.asarray(corners, dtype=np.float64), small, picture).astype(np.float32)
+        corners = _moved(np.asarray(corners, dtype=np.float64), small, picture).astype(
+            np.float32
+        )
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
     half = max(int(WINDOW * shortest), 2)
     refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), STOP)
     grid, given = (
-        corner.reshape(pattern[1], pattern[0], 2).astype(np.float64) for corner in (refined, corners)
+        corner.reshape(pattern[1], pattern[0], 2).astype(np.float64)
+        for corner in (refined, corners)
     )
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < SPOILT * _roughness(grid):
@@ -228,9 +254,14 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
 def _roughness(grid: FloatArray) -> float:
     """How far corners lie from a smooth sheet, a cubic of row and column: root mean square, px."""
     row, column = (np.linspace(-1, 1, n) for n in grid.shape[:2])
-    terms = np.polynomial.polynomial.polyvander2d(*np.meshgrid(row, column, indexing="ij"), [3, 3])
+    terms = np.polynomial.polynomial.polyvander2d(
+        *np.meshgrid(row, column, indexing="ij"), [3, 3]
+    )
     terms = terms.reshape(-1, 16)
-    left = grid.reshape(-1, 2) - terms @ np.linalg.lstsq(terms, grid.reshape(-1, 2), rcond=None)[0]
+    left = (
+        grid.reshape(-1, 2)
+        - terms @ np.linalg.lstsq(terms, grid.reshape(-1, 2), rcond=None)[0]
+    )
     return float(np.sqrt(np.mean(left**2)))
 
 
@@ -239,7 +270,8 @@ def _order_corners(grid: FloatArray, grey: FloatArray) -> FloatArray:
     if np.median(cross(*steps(grid))) < 0:
         grid = grid[:, ::-1]
     turned = grid[::-1, ::-1]
-    dark, dark_turned = _darkness(grid, grey), _darkness(turned, grey)
+    dark = _darkness(grid, grey)
+    dark_turned = _darkness(turned, grey)
     rows, columns = grid.shape[:2]
     if (rows + columns) % 2 and dark != dark_turned:  # the two ends differ in colour
         return grid if dark > dark_turned else turned
@@ -257,7 +289,9 @@ def _darkness(grid: FloatArray, grey: FloatArray) -> float:
 def _squares(grid: FloatArray, grey: FloatArray) -> FloatArray:
     """Grey values in the middle of the squares between corners; 0 beside the picture."""
     middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
-    return np.asarray(scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1))
+    return np.asarray(
+        scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1)
+    )
 
 
 SEARCHES: dict[type[Target], Callable[..., Found]] = {

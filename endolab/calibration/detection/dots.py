@@ -81,12 +81,17 @@ def _placements(
         i, j = np.indices(spare).reshape(2, -1)
         trials += len(i)
         score = table[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ value
-        i, j = i - low[0], j - low[1]
-        placements += [(float(score[k]), number, int(i[k]), int(j[k])) for k in np.argsort(-score)[:2]]
+        i = i - low[0]
+        j = j - low[1]
+        placements += [
+            (float(score[k]), number, int(i[k]), int(j[k])) for k in np.argsort(-score)[:2]
+        ]
     return sorted(placements, reverse=True), trials
 
 
-def _places_in_table(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> IntArray:
+def _places_in_table(
+    shape: tuple[int, int], placement: tuple[float, int, int, int]
+) -> IntArray:
     """Row and column in the table for each place of the lattice, (h, w, 2)."""
     _, number, row, column = placement
     return np.moveaxis(np.indices(shape), 0, -1) @ _TURNS[number].T + [row, column]
@@ -98,7 +103,9 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     Returns row and column on the sheet for each place, (h, w, 2); None where no match is clear.
     """
     value = np.clip(size[np.isfinite(size)], -1, 1)
-    placements, trials = _placements(np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD))
+    placements, trials = _placements(
+        np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD)
+    )
     if not placements:
         return None
     total = np.abs(value).sum()
@@ -177,15 +184,25 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     outline = np.pad(np.where(number >= 0, 1.0, -1.0), PAD, constant_values=-1.0)
     same_turned = np.array_equal(outline, outline[::-1, ::-1])
     of_sheet = np.full(number.shape, -1)
-    for piece in find_lattices(blobs, _cover(target, 2 * target.spacing**2), 2 * sum(outline.shape) + 5):
-        placements, _ = _placements(np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline)
+    for piece in find_lattices(
+        blobs, _cover(target, 2 * target.spacing**2), 2 * sum(outline.shape) + 5
+    ):
+        placements, _ = _placements(
+            np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline
+        )
         if same_turned:  # of two opposite orders take the one whose rows run to the right
-            placements = [placement for placement in placements if _runs_right(placement[1], piece, blobs)]
+            placements = [
+                placement
+                for placement in placements
+                if _runs_right(placement[1], piece, blobs)
+            ]
         if not placements:
             continue
         # Turned by 180° and shifted, all but the ends of a grid look the same.
         stray = (piece >= 0).sum() > placements[0][0]
-        if len(placements) > 1 and placements[0][0] - placements[1][0] < (4 if stray else 2):
+        if len(placements) > 1 and placements[0][0] - placements[1][0] < (
+            4 if stray else 2
+        ):
             continue
         at = _places_in_table(piece.shape, placements[0]) - PAD
         on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)

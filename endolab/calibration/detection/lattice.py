@@ -17,7 +17,10 @@ LEAST_SPOTS = 12  # of a piece of a lattice
 MOST_PIECES = 6
 SLACK = 0.3  # px that a feature may lie off, beyond what is usual
 MOST_MISS = 0.12  # lattice steps
-_RIMS = ((1, 1), (0, 0), (0, 0)), ((0, 0), (1, 1), (0, 0))  # of an array that grows along an axis
+_RIMS = (
+    ((1, 1), (0, 0), (0, 0)),
+    ((0, 0), (1, 1), (0, 0)),
+)  # of an array that grows along an axis
 _AROUND = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
 
 
@@ -30,16 +33,28 @@ def _mean(values: FloatArray) -> FloatArray:
 
 def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
-    along, down = (np.pad(np.diff(grid, axis=axis), _RIMS[axis], constant_values=np.nan) for axis in (1, 0))
-    pairs = (along[:, 1:], along[:, :-1]), (down[1:], down[:-1])  # to the next place, from the one before
-    first, second = (_mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(grid.shape) for pair in pairs)
+    along, down = (
+        np.pad(np.diff(grid, axis=axis), _RIMS[axis], constant_values=np.nan)
+        for axis in (1, 0)
+    )
+    pairs = (
+        (along[:, 1:], along[:, :-1]),
+        (down[1:], down[:-1]),
+    )  # to the next place, from the one before
+    first, second = (
+        _mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(grid.shape)
+        for pair in pairs
+    )
     return first, second
 
 
 def _in_cells(vector: FloatArray, along: FloatArray, down: FloatArray) -> FloatArray:
     """Express vectors of the picture in lattice steps."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.stack([cross(vector, down), cross(along, vector)], axis=-1) / cross(along, down)[..., None]
+        return (
+            np.stack([cross(vector, down), cross(along, vector)], axis=-1)
+            / cross(along, down)[..., None]
+        )
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -47,20 +62,27 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float) -> IntArray:
+def grow(
+    owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float
+) -> IntArray:
     """Grow a lattice: predict each next dot from its neighbours and take the blob that lies there.
 
     `owner`, (h, w), is which blob is at each place, -1 where none; `cover` the least and largest share of
     its cell that a dot may cover; `tolerance`, in lattice steps, how far a blob may lie off.
     """
-    owner, centres = owner.copy(), blobs.centres
+    owner = owner.copy()
+    centres = blobs.centres
     tree = scipy.spatial.cKDTree(centres)
     neighbours = min(4, len(centres))
     limit = tolerance / 3
     for _ in range(3 * sum(owner.shape)):
         taken = owner >= 0
         near_taken = cv2.boxFilter(
-            taken.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+            taken.astype(np.float32),
+            -1,
+            (3, 3),
+            normalize=False,
+            borderType=cv2.BORDER_CONSTANT,
         )
         row, column = np.nonzero(~taken & (near_taken > 1.5))
         if not len(row):
@@ -70,15 +92,23 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
         sought = np.isfinite(guess + along + down).all(axis=-1)
         if not sought.any():
             break
-        row, column = row[sought], column[sought]
-        guess, along, down = guess[sought], along[sought], down[sought]
+        row = row[sought]
+        column = column[sought]
+        guess = guess[sought]
+        along = along[sought]
+        down = down[sought]
         which = tree.query(guess, k=neighbours)[1].reshape(len(row), -1)
         offset = _in_cells(centres[which] - guess[:, None], along[:, None], down[:, None])
         distance = np.hypot(offset[..., 0], offset[..., 1])
         closest = distance.argmin(axis=1)
         which, distance = (a[np.arange(len(row)), closest] for a in (which, distance))
         covered = blobs.ink[which] / np.abs(cross(along, down))
-        close = (distance < limit) & ~np.isin(which, owner) & (covered > cover[0]) & (covered < cover[1])
+        close = (
+            (distance < limit)
+            & ~np.isin(which, owner)
+            & (covered > cover[0])
+            & (covered < cover[1])
+        )
         order = np.flatnonzero(close)[np.argsort(distance[close], kind="stable")]
         order = order[np.unique(which[order], return_index=True)[1]]
         owner[row[order], column[order]] = which[order]
@@ -105,14 +135,21 @@ def predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
     i, j = np.array(_AROUND).T
     first, second, third = (window[:, SIDE - n * i, SIDE - n * j] for n in (1, 2, 3))
-    step, before = first - second, second - third
+    step = first - second
+    before = second - third
     # Perspective and fisheye shrink steps by about the same factor each time.
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.hypot(step[..., 0], step[..., 1]) / np.hypot(before[..., 0], before[..., 1])
+        ratio = np.hypot(step[..., 0], step[..., 1]) / np.hypot(
+            before[..., 0], before[..., 1]
+        )
     ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 2), 1.0)
     ahead = first + step * ratio[..., None]
     i, j = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]).T
-    beside = window[:, SIDE + i, SIDE] + window[:, SIDE, SIDE + j] - window[:, SIDE + i, SIDE + j]
+    beside = (
+        window[:, SIDE + i, SIDE]
+        + window[:, SIDE, SIDE + j]
+        - window[:, SIDE + i, SIDE + j]
+    )
     inner = window[:, 1:-1, 1:-1]
     along, down = (np.diff(inner, axis=axis).reshape(len(window), -1, 2) for axis in (2, 1))
     return _mean(np.concatenate([ahead, beside], axis=1)), _mean(along), _mean(down)
@@ -146,7 +183,9 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     usable &= (covered > cover[0]) & (covered < cover[1])
     around = np.stack([j * a + i * b for i, j in _AROUND], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        offset = _in_cells(vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None])
+        offset = _in_cells(
+            vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None]
+        )
     distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
     is_hit = distance.min(axis=2) < 0.3
     neighbour = which[every[:, None], distance.argmin(axis=2)]
@@ -181,16 +220,23 @@ def _nearby(grid: FloatArray) -> FloatArray:
     return windows(grid, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
 
 
-def _local_fit(grid: FloatArray, panel: IntArray, least: int) -> tuple[FloatArray, FloatArray]:
+def _local_fit(
+    grid: FloatArray, panel: IntArray, least: int
+) -> tuple[FloatArray, FloatArray]:
     """Tell how far each feature lies from where its neighbours place it, in steps, and its cell's area, px².
 
     A quadratic is fitted, robustly, to those of the same panel within two steps; inf if they are too few.
     """
-    spots, same = _nearby(grid), _nearby(panel[..., None].astype(np.float64))
+    spots = _nearby(grid)
+    same = _nearby(panel[..., None].astype(np.float64))
     i, j = (a[1:-1, 1:-1].ravel() for a in (_ROW, _COLUMN))
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
     products = design[:, :, None] * design[:, None]
-    known = np.isfinite(spots[..., 0]) & (same[..., 0] == panel.reshape(-1, 1)) & (i * i + j * j > 0)
+    known = (
+        np.isfinite(spots[..., 0])
+        & (same[..., 0] == panel.reshape(-1, 1))
+        & (i * i + j * j > 0)
+    )
     spots = np.where(known[..., None], spots, 0.0)
     nearness = known / (1 + 0.5 * (i * i + j * j))
     miss = np.zeros(panel.shape)
@@ -203,10 +249,14 @@ def _local_fit(grid: FloatArray, panel: IntArray, least: int) -> tuple[FloatArra
         off = _in_cells(grid - fit[..., 0, :], fit[..., 2, :], fit[..., 1, :])
         miss = np.hypot(off[..., 0], off[..., 1])
     enough = known.sum(axis=1).reshape(panel.shape) >= least
-    return np.where(enough & np.isfinite(miss), miss, np.inf), cross(fit[..., 2, :], fit[..., 1, :])
+    return np.where(enough & np.isfinite(miss), miss, np.inf), cross(
+        fit[..., 2, :], fit[..., 1, :]
+    )
 
 
-def fitting(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[BoolArray, FloatArray]:
+def fitting(
+    grid: FloatArray, panel: IntArray, least: int = 6
+) -> tuple[BoolArray, FloatArray]:
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 
     `grid`, (h, w, 2), px, is nan where a feature is not seen. Returns, (h, w) each: False for those that

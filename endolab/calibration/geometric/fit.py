@@ -15,7 +15,13 @@ import numpy as np
 from endolab.calibration.geometric.planar_pose import LEAST_POINTS
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import NAMES, camera_of, camera_vector
-from endolab.calibration.geometric.reprojection import FINEST, Geometry, Reprojection, View, linear_pose
+from endolab.calibration.geometric.reprojection import (
+    FINEST,
+    Geometry,
+    Reprojection,
+    View,
+    linear_pose,
+)
 from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
@@ -32,7 +38,9 @@ LEAST_VIEWS = 3
 NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
 LEAST_TILT = np.radians(5.0)
 LARGEST_ERROR = 0.05  # standard error of a focal length or centre, of the focal length
-FAR_OFF = 5.0  # a view is wrong if its median residual is this many times that of the others
+FAR_OFF = (
+    5.0  # a view is wrong if its median residual is this many times that of the others
+)
 
 
 @dataclass(frozen=True)
@@ -55,7 +63,9 @@ class GeometricFit:
     covariance: FloatArray  # (8, 8), of the same
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
-    history: list[dict[str, float]] = field(default_factory=list)  # k, cost, sigma, change of every step
+    history: list[dict[str, float]] = field(
+        default_factory=list
+    )  # k, cost, sigma, change of every step
 
     @property
     def agreement(self) -> float:
@@ -71,7 +81,9 @@ def _first_poses(
     views: Sequence[View], target: Target, camera: KannalaBrandt
 ) -> tuple[list[View], list[Pose], dict[str, str]]:
     """Linear poses of the views that have one; why others have none."""
-    kept, poses, dropped = [], [], {}
+    kept = []
+    poses = []
+    dropped = {}
     for view in views:
         try:
             poses.append(linear_pose(view, target, camera))
@@ -90,10 +102,13 @@ def _approach(model: Reprojection, start: Geometry) -> Geometry:
 
 def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
     """Return the equidistant camera that explains the views best."""
-    start, least = None, np.inf
+    start = None
+    least = np.inf
     some = views[:: -(-len(views) // SOME)]
     for focal in FOCAL_LENGTHS * width:
-        camera = KannalaBrandt(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        camera = KannalaBrandt(
+            width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
+        )
         kept, poses, dropped = _first_poses(some, target, camera)
         misses = np.full(len(some), np.inf)
         if kept:
@@ -101,7 +116,8 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
             misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
         # The lower median: half of the views may be useless.
         if (cost := np.sort(misses)[(len(some) - 1) // 2]) < least:
-            start, least = camera, cost
+            start = camera
+            least = cost
     if start is None:
         raise ValueError(f"most views are of no use: {_reasons(dropped)}")
     return start
@@ -112,8 +128,14 @@ def _drop(
 ) -> tuple[list[View], Geometry, dict[str, str]]:
     """Leave out the views with a reason."""
     keep = np.array([not reason for reason in why])
-    rest = replace(geometry, rotation=geometry.rotation[keep], translation=geometry.translation[keep])
-    dropped = {_label(view, target): reason for view, reason in zip(views, why, strict=True) if reason}
+    rest = replace(
+        geometry, rotation=geometry.rotation[keep], translation=geometry.translation[keep]
+    )
+    dropped = {
+        _label(view, target): reason
+        for view, reason in zip(views, why, strict=True)
+        if reason
+    }
     return [view for view, good in zip(views, keep, strict=True) if good], rest, dropped
 
 
@@ -121,8 +143,11 @@ def _far_off(model: Reprojection, geometry: Geometry) -> list[str]:
     """Say which views the camera of the others does not explain at all."""
     median = model.medians(geometry)
     usual = float(np.median(median))
-    others, limit = f"those of the others by {usual:.2f} px", FAR_OFF * usual + 1.0
-    return [f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median]
+    others = f"those of the others by {usual:.2f} px"
+    limit = FAR_OFF * usual + 1.0
+    return [
+        f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median
+    ]
 
 
 def _disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
@@ -133,7 +158,9 @@ def _disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     few = used < np.maximum(LEAST_POINTS, total / 2)
     shares = (f"{some} of its {of}" for some, of in zip(used, total, strict=True))
     why = [f"only {share} points agree with the other views" for share in shares]
-    return np.where(facing, np.where(few, why, ""), "it shows the paper from behind").tolist()
+    return np.where(
+        facing, np.where(few, why, ""), "it shows the paper from behind"
+    ).tolist()
 
 
 def _fit_views(
@@ -150,10 +177,13 @@ def _fit_views(
             raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
         model = Reprojection(views, target, EVERYTHING, usual)
         fitted = fit(model, geometry, observers, smallest=FINEST)
-        fewer, geometry, more = _drop(views, fitted.iterate.unknowns, target, _disagreeing(fitted, model))
+        fewer, geometry, more = _drop(
+            views, fitted.iterate.unknowns, target, _disagreeing(fitted, model)
+        )
         if not more or fitted.status is Status.STOPPED:
             return fitted, views, dropped
-        views, dropped = fewer, dropped | more
+        views = fewer
+        dropped = dropped | more
 
 
 def _reasons(dropped: dict[str, str]) -> str:
@@ -197,7 +227,9 @@ def calibrate_camera(
         too large; the sentence says what was found and what is needed.
     """
     if start is not None and (start.width, start.height) != (width, height):
-        raise ValueError(f"start must be of {width}x{height} px, got {start.width}x{start.height}")
+        raise ValueError(
+            f"start must be of {width}x{height} px, got {start.width}x{start.height}"
+        )
     if start is None:
         _refuse_few(len(views), {})
     camera = _start(views, target, width, height) if start is None else start
@@ -209,7 +241,9 @@ def calibrate_camera(
         model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
     kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
-    fitted, kept, disagreeing = _fit_views(kept, geometry, target, np.array(camera.k), list(observers))
+    fitted, kept, disagreeing = _fit_views(
+        kept, geometry, target, np.array(camera.k), list(observers)
+    )
     result = _result(fitted, kept, dropped | more | disagreeing, target, (width, height))
     if start is None:
         _refuse_few(len(result.views), result.dropped)
@@ -225,7 +259,8 @@ def _result(
     size: tuple[int, int],
 ) -> GeometricFit:
     geometry: Geometry = fitted.iterate.unknowns
-    used, residual = fitted.iterate.used, fitted.iterate.residual
+    used = fitted.iterate.used
+    residual = fitted.iterate.residual
     cuts = np.cumsum([len(view.ids) for view in views])[:-1]
     covariance = fitted.covariance.common
     errors = np.sqrt(np.diag(covariance)).tolist()
@@ -286,4 +321,6 @@ def _refuse_untold(result: GeometricFit) -> None:
         if not error < LARGEST_ERROR * focal:
             lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
             why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
-            raise ValueError(f"the views do not tell {name}: {why}; add tilted views that fill the picture")
+            raise ValueError(
+                f"the views do not tell {name}: {why}; add tilted views that fill the picture"
+            )

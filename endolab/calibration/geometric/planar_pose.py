@@ -26,10 +26,14 @@ def _solve(equations: FloatArray) -> FloatArray:
     return vectors[:, :, 0].reshape(-1, 3, 3)
 
 
-def _misses(homography: FloatArray, rays: FloatArray, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _misses(
+    homography: FloatArray, rays: FloatArray, plane: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Sines-and-beyond between rays and where homographies put them, (s, n), and their signs, (s,)."""
     towards = np.einsum("sij,nj->sni", homography, plane)
-    towards /= np.maximum(np.linalg.norm(towards, axis=2, keepdims=True), np.finfo(float).tiny)
+    towards /= np.maximum(
+        np.linalg.norm(towards, axis=2, keepdims=True), np.finfo(float).tiny
+    )
     along = np.einsum("sni,ni->sn", towards, rays)
     sign = np.where(np.median(along, axis=1) < 0, -1.0, 1.0)
     return np.sqrt(np.maximum(2 - 2 * sign[:, None] * along, 0.0)), sign

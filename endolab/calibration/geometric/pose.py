@@ -24,7 +24,10 @@ class Pose:
     def from_vector(cls, vector: ArrayLike) -> Pose:
         """Make a pose of a rotation vector (rad) and a translation (mm), six numbers."""
         vector = np.asarray(vector, dtype=np.float64)
-        return cls(scipy.spatial.transform.Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:].copy())
+        return cls(
+            scipy.spatial.transform.Rotation.from_rotvec(vector[:3]).as_matrix(),
+            vector[3:].copy(),
+        )
 
     @property
     def vector(self) -> FloatArray:
@@ -46,10 +49,14 @@ class Pose:
 
         Columns are independent errors, of one standard deviation each.
         """
-        normal, height = self.normal, self.normal @ self.translation
+        normal = self.normal
+        height = self.normal @ self.translation
         turned = np.cross(np.eye(3), normal).T  # δn = ω × n
         rise = np.append(self.translation @ turned, normal)  # δ(n · t)
-        slopes = np.hstack([turned, np.zeros((3, 3))]) / height - np.outer(normal, rise) / height**2
+        slopes = (
+            np.hstack([turned, np.zeros((3, 3))]) / height
+            - np.outer(normal, rise) / height**2
+        )
         values, vectors = np.linalg.eigh(slopes @ self.covariance @ slopes.T)
         return vectors * np.sqrt(np.maximum(values, 0.0))
 

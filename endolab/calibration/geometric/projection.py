@@ -50,7 +50,9 @@ class Projection:
 
     pixels: FloatArray  # (n, 2), column and row, px
     by_camera: FloatArray  # (n, 2, 8), derivatives by the camera's vector
-    by_pose: FloatArray  # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ
+    by_pose: (
+        FloatArray  # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ
+    )
 
 
 @dataclass(frozen=True)
@@ -85,27 +87,50 @@ def _fan(points: FloatArray, k: FloatArray) -> _Fan:
     # On the axis ϑ/side → 1/z.
     ratio = value * np.where(axial, 1 / np.where(axial, z, 1.0), theta / safe)
     over = 1 / (side * side + z * z)
-    return _Fan(x * ratio, y * ratio, np.where(axial, 1.0, x / safe), y / safe, theta, slope, ratio, over)
+    return _Fan(
+        x * ratio,
+        y * ratio,
+        np.where(axial, 1.0, x / safe),
+        y / safe,
+        theta,
+        slope,
+        ratio,
+        over,
+    )
 
 
 def _centroid(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centroids of what closed curves enclose, from points along them, (vertices, n); two (n,)."""
     # About a point inside, for the sake of rounding.
-    x0, y0 = x.mean(axis=0), y.mean(axis=0)
-    x, y = x - x0, y - y0
-    dx, dy = ALONG @ x, ALONG @ y
+    x0 = x.mean(axis=0)
+    y0 = y.mean(axis=0)
+    x = x - x0
+    y = y - y0
+    dx = ALONG @ x
+    dy = ALONG @ y
     area = (x * dy).sum(axis=0)
-    return x0 + 0.5 * (x * x * dy).sum(axis=0) / area, y0 - 0.5 * (y * y * dx).sum(axis=0) / area
+    return x0 + 0.5 * (x * x * dy).sum(axis=0) / area, y0 - 0.5 * (y * y * dx).sum(
+        axis=0
+    ) / area
 
 
-def _centroid_weights(x: FloatArray, y: FloatArray) -> tuple[tuple[FloatArray, ...], FloatArray]:
+def _centroid_weights(
+    x: FloatArray, y: FloatArray
+) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """Derivatives of the centroids by the points: ∂X/∂x, ∂X/∂y, ∂Y/∂x, ∂Y/∂y; and the centroids, (2, n)."""
     cx, cy = _centroid(x, y)
     # The derivatives do not depend on the origin; about the centroid the area's change has no effect.
-    x, y = x - cx, y - cy
-    dx, dy = ALONG @ x, ALONG @ y
+    x = x - cx
+    y = y - cy
+    dx = ALONG @ x
+    dy = ALONG @ y
     over = 1 / (x * dy).sum(axis=0)
-    weights = (x * dy * over, -0.5 * over * (ALONG @ (x * x)), 0.5 * over * (ALONG @ (y * y)), -y * dx * over)
+    weights = (
+        x * dy * over,
+        -0.5 * over * (ALONG @ (x * x)),
+        0.5 * over * (ALONG @ (y * y)),
+        -y * dx * over,
+    )
     return weights, np.stack([cx, cy])
 
 
@@ -119,7 +144,11 @@ def _rims(rotation: FloatArray, points: FloatArray, radii: FloatArray) -> FloatA
 
 
 def predict(
-    vector: FloatArray, rotation: FloatArray, translation: FloatArray, points: FloatArray, radii: FloatArray
+    vector: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+    points: FloatArray,
+    radii: FloatArray,
 ) -> FloatArray:
     """Predict where features are measured; see `project`. Returns pixels (n, 2)."""
     fan = _fan(_rims(rotation, points, radii) + translation.T[:, None], vector[4:])
@@ -128,7 +157,11 @@ def predict(
 
 
 def project(
-    vector: FloatArray, rotation: FloatArray, translation: FloatArray, points: FloatArray, radii: FloatArray
+    vector: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+    points: FloatArray,
+    radii: FloatArray,
 ) -> Projection:
     """Predict where features are measured, with derivatives.
 
@@ -142,7 +175,8 @@ def project(
     if len(fan.x) > 1:
         (xx, xy, yx, yy), plane = _centroid_weights(fan.x, fan.y)
     else:
-        ones, zeros = np.ones_like(fan.x), np.zeros_like(fan.x)
+        ones = np.ones_like(fan.x)
+        zeros = np.zeros_like(fan.x)
         (xx, xy, yx, yy), plane = (ones, zeros, zeros, ones), np.stack([fan.x[0], fan.y[0]])
     focal = vector[:2]
     n = plane.shape[1]
@@ -151,12 +185,17 @@ def project(
     by_camera[:, 0, 2] = by_camera[:, 1, 3] = 1.0
     # ∂(plane)/∂(point), symmetric in x and y.
     out = fan.slope * z * fan.over - fan.ratio
-    dxx, dxy, dyy = fan.ratio + out * fan.c**2, out * fan.c * fan.s, fan.ratio + out * fan.s**2
+    dxx = fan.ratio + out * fan.c**2
+    dxy = out * fan.c * fan.s
+    dyy = fan.ratio + out * fan.s**2
     fall = fan.slope * fan.over
-    dxz, dyz = -fall * x, -fall * y
+    dxz = -fall * x
+    dyz = -fall * y
     by_pose = np.empty((n, 2, 6))
     for row, (wx, wy) in enumerate(((xx, xy), (yx, yy))):
-        gx, gy, gz = wx * dxx + wy * dxy, wx * dxy + wy * dyy, wx * dxz + wy * dyz
+        gx = wx * dxx + wy * dxy
+        gy = wx * dxy + wy * dyy
+        gz = wx * dxz + wy * dyz
         # A turn ω moves the point by ω × (turned point).
         a, b, c = turned
         turns = (b * gz - c * gy, c * gx - a * gz, a * gy - b * gx)
@@ -169,12 +208,15 @@ def project(
     return Projection(plane.T * focal + vector[2:4], by_camera, by_pose)
 
 
-def predict_view(camera: KannalaBrandt, pose: Pose, points: ArrayLike, radii: ArrayLike) -> FloatArray:
+def predict_view(
+    camera: KannalaBrandt, pose: Pose, points: ArrayLike, radii: ArrayLike
+) -> FloatArray:
     """Predict where the features of one panel are measured, (n, 2), px; nan beyond the camera's range.
 
     `points` (n, 3) lie in the target's plane z = 0, mm; `radii` (n,), mm, are all 0 for corners.
     """
-    points, radii = np.asarray(points, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+    points = np.asarray(points, dtype=np.float64)
+    radii = np.asarray(radii, dtype=np.float64)
     n = len(points)
     rotation = np.broadcast_to(pose.rotation, (n, 3, 3))
     translation = np.broadcast_to(pose.translation, (n, 3))

@@ -11,7 +11,12 @@ import scipy
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import camera_of, camera_vector, predict, project
+from endolab.calibration.geometric.projection import (
+    camera_of,
+    camera_vector,
+    predict,
+    project,
+)
 from endolab.calibration.least_squares import Linearised, fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
@@ -23,7 +28,9 @@ USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 # Points of a panel are not off independently, but as its light makes them, and all frames alike: poses are
 # off by this many times what independent points would give, and by more where few px lie between them.
 SHARED = 2.0
-SMALL = 17.0  # px between points, where errors have doubled; they grow with the fourth power
+SMALL = (
+    17.0  # px between points, where errors have doubled; they grow with the fourth power
+)
 BESIDE = 0.75  # spacings from a fold, within which light and paper break, and sway a point
 FINEST = 0.03  # px; detectors have systematic errors of that size, whatever the noise
 
@@ -46,9 +53,14 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     points = target.points[detection.ids]
     panel = target.panel_of(points)
     if target.fold_x is not None:
-        panel = np.where(np.abs(points[:, 0] - target.fold_x) < BESIDE * target.spacing, -1, panel)
+        panel = np.where(
+            np.abs(points[:, 0] - target.fold_x) < BESIDE * target.spacing, -1, panel
+        )
     which = ((number, panel == number) for number in range(target.panels))
-    every = (View(name, number, detection.ids[here], detection.pixels[here]) for number, here in which)
+    every = (
+        View(name, number, detection.ids[here], detection.pixels[here])
+        for number, here in which
+    )
     return [view for view in every if len(view.ids) >= LEAST_POINTS]
 
 
@@ -63,7 +75,11 @@ class Geometry:
     @classmethod
     def of(cls, vector: FloatArray, poses: Sequence[Pose]) -> Geometry:
         """Put a camera and poses together."""
-        return cls(vector, np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+        return cls(
+            vector,
+            np.stack([p.rotation for p in poses]),
+            np.stack([p.translation for p in poses]),
+        )
 
     @property
     def poses(self) -> list[Pose]:
@@ -83,22 +99,40 @@ class Reprojection:
     """
 
     def __init__(
-        self, views: Sequence[View], target: Target, basis: FloatArray, usual: FloatArray, discs: bool = True
+        self,
+        views: Sequence[View],
+        target: Target,
+        basis: FloatArray,
+        usual: FloatArray,
+        discs: bool = True,
     ) -> None:
-        self.group: IntArray = np.repeat(np.arange(len(views)), [len(view.ids) for view in views])
+        self.group: IntArray = np.repeat(
+            np.arange(len(views)), [len(view.ids) for view in views]
+        )
         ids = np.concatenate([view.ids for view in views])
-        self.points, self.radii = target.points[ids], target.radii[ids] * discs
+        self.points = target.points[ids]
+        self.radii = target.radii[ids] * discs
         self.pixels = np.concatenate([view.pixels for view in views])
-        self.basis, self.usual = basis, usual
+        self.basis = basis
+        self.usual = usual
 
-    def _at(self, u: Geometry) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        return u.vector, u.rotation[self.group], u.translation[self.group], self.points, self.radii
+    def _at(
+        self, u: Geometry
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        return (
+            u.vector,
+            u.rotation[self.group],
+            u.translation[self.group],
+            self.points,
+            self.radii,
+        )
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
         seen = project(*self._at(unknowns))
         residual = self.pixels - seen.pixels
         by_common = np.tensordot(-seen.by_camera, self.basis, 1)
-        prior, by_prior = self._prior(unknowns), self.basis[4:] / USUAL_K[:, None]
+        prior = self._prior(unknowns)
+        by_prior = self.basis[4:] / USUAL_K[:, None]
         return Linearised(residual, by_common, -seen.by_pose, prior, by_prior)
 
     def _prior(self, unknowns: Geometry) -> FloatArray:
@@ -107,7 +141,9 @@ class Reprojection:
     def residual(self, unknowns: Geometry) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         return self.pixels - predict(*self._at(unknowns)), self._prior(unknowns)
 
-    def moved(self, unknowns: Geometry, common: FloatArray, own: FloatArray) -> Geometry | None:  # noqa: D102
+    def moved(  # noqa: D102
+        self, unknowns: Geometry, common: FloatArray, own: FloatArray
+    ) -> Geometry | None:
         vector = unknowns.vector + self.basis @ common
         if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
             return None
@@ -123,7 +159,9 @@ class Reprojection:
     def medians(self, unknowns: Geometry) -> FloatArray:
         """Median length of the residuals of each view, px."""
         size = np.linalg.norm(self.residual(unknowns)[0], axis=1)
-        return np.array([np.median(size[self.group == g]) for g in range(len(unknowns.rotation))])
+        return np.array(
+            [np.median(size[self.group == g]) for g in range(len(unknowns.rotation))]
+        )
 
     def usable(self, unknowns: Geometry) -> BoolArray:  # noqa: D102
         largest = camera_of(unknowns.vector, 1, 1).max_angle
@@ -137,7 +175,9 @@ def linear_pose(view: View, target: Target, camera: KannalaBrandt) -> Pose:
     return pose_from_rays(rays[seen], target.points[view.ids[seen]])
 
 
-def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, BoolArray, FloatArray]:
+def find_pose(
+    view: View, target: Target, camera: KannalaBrandt
+) -> tuple[Pose, BoolArray, FloatArray]:
     """Find where a panel stands, and which of its points say so; up to a third of them may be wrong.
 
     Returns the pose, the inliers (n,) within 3.5 standard deviations, and the residual (n, 2), measured
@@ -149,7 +189,9 @@ def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, 
     fitted = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
     inliers = fitted.iterate.used
     if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
-        raise ValueError(f"only {inliers.sum()} of its {len(inliers)} points agree with one pose")
+        raise ValueError(
+            f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
+        )
     pose = fitted.iterate.unknowns.poses[0]
     apart = _narrowest(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
     worse = SHARED * (1 + (SMALL / apart) ** 4)

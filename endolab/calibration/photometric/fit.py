@@ -68,12 +68,16 @@ def check_gamma(gamma: float | tuple[float, float] | str) -> Known:
     known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
     if known is None or not low < np.ravel(known)[0] < high:
         allowed = "alone or with a positive standard deviation"
-        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {allowed}, got {excerpt(gamma)}")
+        raise ValueError(
+            f"gamma must lie between {low:g} and {high:g}, {allowed}, got {excerpt(gamma)}"
+        )
     return known
 
 
 def _check_reflectance(reflectance: Sequence[Known]) -> tuple[Known, ...]:
-    checked = tuple(None if value is None else _number_or_pair(value) for value in reflectance)
+    checked = tuple(
+        None if value is None else _number_or_pair(value) for value in reflectance
+    )
     for value, known in zip(reflectance, checked, strict=True):
         if value is not None and known is None:
             either = "None, positive, or (value, standard deviation)"
@@ -97,7 +101,9 @@ def check_options(
         ("light", light, ("centred", "free")),
     ):
         if value not in choices:
-            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}')
+            raise ValueError(
+                f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}'
+            )
     check_int("nodes", nodes, 2)
     if not 0 <= levels[0] < levels[1]:
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")
@@ -112,11 +118,21 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     reweightings. What is saturated is told from the measured level here, for want of a better one.
     """
     samples = model.samples
-    gamma = model.gamma if isinstance(model.gamma, float) else model.gamma[0] if model.gamma else FIRST_GAMMA
+    gamma = (
+        model.gamma
+        if isinstance(model.gamma, float)
+        else model.gamma[0]
+        if model.gamma
+        else FIRST_GAMMA
+    )
     log_reflectance = model.given_log_reflectance
     loose = [m for m in model.loose_materials if model.reflectance[m - 1] is None]
     geometry, _ = model.geometry(LightUnknowns(0, 1, np.zeros(0), np.zeros(0), np.zeros(0)))
-    good = geometry.valid & (samples.level > model.levels[0]) & (samples.level < model.levels[1])
+    good = (
+        geometry.valid
+        & (samples.level > model.levels[0])
+        & (samples.level < model.levels[1])
+    )
     level = np.where(good, samples.level, 0.5)
     target = gamma * np.log(level) - geometry.falloff - log_reflectance[samples.material]
     free = np.arange(len(model.nodes)) != model.pinned
@@ -136,13 +152,18 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     if len(model.nodes) > 1:
         log_brdf[free] += np.clip(solved[1 + len(loose) :], -5, 5)
     groups = int(model.group[-1]) + 1
-    start = LightUnknowns(float(solved[0]), gamma, log_brdf, log_reflectance, np.zeros(groups))
+    start = LightUnknowns(
+        float(solved[0]), gamma, log_brdf, log_reflectance, np.zeros(groups)
+    )
     # The gain of a frame whose samples are all out of range is read from these all the same.
     alone = np.bincount(model.group, weight, groups) == 0
     weight = np.where(alone[model.group], samples.level**2 + 1e-6, weight)
-    measured, expected = np.clip(samples.level, 1e-3, None), np.maximum(model.predict(start) / GREY, 1e-9)
+    measured = np.clip(samples.level, 1e-3, None)
+    expected = np.maximum(model.predict(start) / GREY, 1e-9)
     rest = gamma * np.log(measured / expected)
-    gain = np.bincount(model.group, weight * rest, groups) / np.bincount(model.group, weight, groups)
+    gain = np.bincount(model.group, weight * rest, groups) / np.bincount(
+        model.group, weight, groups
+    )
     return replace(start, log_gain=gain), sigma
 
 
@@ -217,7 +238,9 @@ def calibrate_light(
         raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
     if len(samples) < LEAST_SAMPLES:
         why = "white paper shows between the ink in too few places, or too small"
-        raise NotIdentifiableError("light", f"{LEAST_SAMPLES} samples are needed, got {len(samples)}: {why}")
+        raise NotIdentifiableError(
+            "light", f"{LEAST_SAMPLES} samples are needed, got {len(samples)}: {why}"
+        )
     frames, frame = np.unique(samples.frame, return_inverse=True)
     group = frame if gain == "free" else np.zeros(len(samples), int)
     if gain == "locked":  # then the frames have no unknowns of their own
@@ -228,7 +251,9 @@ def calibrate_light(
         each = f"each of materials 1 to {most} of the samples"
         raise ValueError(f"reflectance must have an entry for {each}, got {len(known)}")
     theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
-    model = LightModel(samples, group, theta, pinned, check_gamma(gamma), known, light == "free", levels)
+    model = LightModel(
+        samples, group, theta, pinned, check_gamma(gamma), known, light == "free", levels
+    )
     begin, sigma = _start(model)
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
@@ -239,31 +264,43 @@ def calibrate_light(
     return _result(model, frames, expected, fitted)
 
 
-def _nodes(samples: Samples, count: int, levels: tuple[float, float]) -> tuple[FloatArray, int]:
+def _nodes(
+    samples: Samples, count: int, levels: tuple[float, float]
+) -> tuple[FloatArray, int]:
     """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
     geometry = SampleGeometry.of(samples, np.zeros(5))
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
     if good.sum() < LEAST_SAMPLES:
-        which = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
-        raise NotIdentifiableError("light", f"{which}, {LEAST_SAMPLES} are needed; change the exposure")
+        which = (
+            f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
+        )
+        raise NotIdentifiableError(
+            "light", f"{which}, {LEAST_SAMPLES} are needed; change the exposure"
+        )
     theta = geometry.theta[good]
     chosen = np.zeros(1)
     if count > 1:
         if np.ptp(theta) < 1e-3:
             why = "the BRDF cannot be told from samples that all lie at one incidence angle"
             ways = "tilt the sheet, or assume a matt sheet (lambertian BRDF)"
-            raise NotIdentifiableError("brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}")
+            raise NotIdentifiableError(
+                "brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}"
+            )
         chosen = place_nodes(theta, count)
     light = samples.level[good] ** 2
     return chosen, int(np.argmax(hats(chosen, theta).T @ light))
 
 
-def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]) -> None:
+def _check_bounds(
+    model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]
+) -> None:
     """Refuse a fit that has run away."""
     low, high = GAMMA_BOUNDS
     if unknowns.k < 0:
         ran = f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0"
-        raise NotIdentifiableError("k", f"{ran}: these samples show no fall-off off the axis")
+        raise NotIdentifiableError(
+            "k", f"{ran}: these samples show no fall-off off the axis"
+        )
     if not low < unknowns.gamma < high:
         ran = f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}"
         raise NotIdentifiableError("gamma", f"{ran}; check the distances, or give gamma")
@@ -283,7 +320,9 @@ def _check_place(spread: dict[str, float]) -> None:
     if place > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
         why = "the light's place and direction cannot be told from these samples"
         errors = f"their standard errors are {place:.2g} mm and {np.rad2deg(tilt):.2g}°"
-        ways = 'vary the distance and the tilt, or take the light as centred (light="centred")'
+        ways = (
+            'vary the distance and the tilt, or take the light as centred (light="centred")'
+        )
         raise NotIdentifiableError("light", f"{why}: {errors}; {ways}")
 
 
@@ -297,7 +336,10 @@ def _standard_errors(
         slope[1] = -unknowns.k / unknowns.gamma**2
     errors = {"k": spread["k"], "gamma": spread.get("gamma", 0.0)}
     errors["k/gamma"] = float(np.sqrt(slope @ covariance @ slope))
-    for name, logs in (("brdf", unknowns.log_brdf), ("reflectance", unknowns.log_reflectance)):
+    for name, logs in (
+        ("brdf", unknowns.log_brdf),
+        ("reflectance", unknowns.log_reflectance),
+    ):
         for i, value in enumerate(np.exp(logs)):
             errors[f"{name} {i}"] = value * spread.get(f"{name} {i}", 0.0)
     errors |= {name: error for name, error in spread.items() if name.startswith("light")}
@@ -308,7 +350,9 @@ def _result(
     model: LightModel, frames: IntArray, expected: dict[str, Strength], fitted: Fit
 ) -> PhotometricFit:
     """Check a fit and put it into words."""
-    last, used, samples = fitted.iterate, fitted.iterate.used, model.samples
+    last = fitted.iterate
+    used = fitted.iterate.used
+    samples = model.samples
     unknowns: LightUnknowns = last.unknowns
     covariance = fitted.covariance.common
     deviation = np.sqrt(np.diag(covariance))
@@ -316,21 +360,34 @@ def _result(
     errors = _standard_errors(unknowns, spread, covariance)
     doubts = identifiability.judge_light(model, unknowns, used, last.sigma)
     _check_bounds(model, unknowns, errors)
-    f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
+    f = np.exp(unknowns.log_brdf)
+    gains = np.exp(unknowns.log_gain)
     gain_errors = gains * np.sqrt(fitted.covariance.own[:, 0, 0])
     locked = len(gains) == 1 and len(frames) > 1
     matt = len(f) == 1
-    surface: BRDF = Lambertian(float(np.pi * f[0])) if matt else TabulatedBRDF(tuple(model.nodes), tuple(f))
-    place, tilt = unknowns.light[:3].tolist(), unknowns.light[3:].tolist()
-    lights = (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
-    k, gain = 0.0 if lights else unknowns.k, float(gains[0]) if locked else None
+    surface: BRDF = (
+        Lambertian(float(np.pi * f[0]))
+        if matt
+        else TabulatedBRDF(tuple(model.nodes), tuple(f))
+    )
+    place = unknowns.light[:3].tolist()
+    tilt = unknowns.light[3:].tolist()
+    lights = (
+        (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
+    )
+    k = 0.0 if lights else unknowns.k
+    gain = float(gains[0]) if locked else None
     alpha = np.arccos(np.minimum(samples.cos_alpha[used], 1.0))
     theta = model.geometry(unknowns)[0].theta[used]
     seen = {"alpha": alpha, "theta": theta, "distance": samples.distance[used]}
-    ranges = {name: (float(values.min()), float(values.max())) for name, values in seen.items()}
+    ranges = {
+        name: (float(values.min()), float(values.max())) for name, values in seen.items()
+    }
     known = np.isfinite(gain_errors)
     jumps = [] if locked else identifiability.gain_jumps(frames[known], gains[known])
-    verdict = identifiability.describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)
+    verdict = identifiability.describe_verdict(
+        model, unknowns, expected, errors, last.sigma, ranges, jumps
+    )
     verdict += doubts
     if fitted.status is not Status.CONVERGED:
         verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")

@@ -36,9 +36,13 @@ LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
 # Between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a room, 0.
 LEAST_FALL_OFF = 0.6
 USUAL_FALL_OFF = 0.85
-LARGEST_SIGMA = 15.0  # grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13
+LARGEST_SIGMA = (
+    15.0  # grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13
+)
 JUMPS_NAMED = 5
-JUMP, JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
+# a jump of the gain, in medians of the steps of so many frames around
+JUMP = 6.0
+JUMP_WINDOW = 11
 HELD = 1e-3  # of its standard deviation, to which an unknown is held
 CLIPPED = 3.5  # standard deviations of the noise by which levels should stay inside the sensor's range
 POSE_ERROR = 0.001  # of the distances, for which the verdict says what it would do
@@ -86,7 +90,9 @@ def regress(
     return solved, residual
 
 
-def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[str, Strength]:
+def strengths(
+    model: LightModel, unknowns: LightUnknowns, sigma: float
+) -> dict[str, Strength]:
     """Measure what the samples know of "k" (γ being given) and of "gamma", unless γ is known.
 
     The unknowns must be near the truth; σ is the noise in grey levels.
@@ -97,10 +103,13 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
     columns = [np.zeros((len(used), 0))]
     if len(model.nodes) > 1:
         count = int(np.clip(used.sum() // 10, len(model.nodes), RICH_NODES))
-        columns.append(hats(np.linspace(model.nodes[0], model.nodes[-1], count), geometry.theta))
+        columns.append(
+            hats(np.linspace(model.nodes[0], model.nodes[-1], count), geometry.theta)
+        )
     roughly = []
     for material in model.loose_materials:
-        here, known = (model.samples.material == material).astype(float), model.reflectance[material - 1]
+        here = (model.samples.material == material).astype(float)
+        known = model.reflectance[material - 1]
         if isinstance(known, tuple):
             roughly.append((here, (sigma * known[0] / known[1]) ** 2))
         else:
@@ -112,7 +121,9 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
         information = alone = squares
         if roughly:
             free = np.column_stack([known, *(here for here, _ in roughly)])
-            ridge = np.concatenate([np.zeros(known.shape[1]), [stiff for _, stiff in roughly]])
+            ridge = np.concatenate(
+                [np.zeros(known.shape[1]), [stiff for _, stiff in roughly]]
+            )
             alone = float(weight @ regress(free, target, weight, model.group)[1] ** 2)
             solved, residual = regress(free, target, weight, model.group, ridge)
             information = float(weight @ residual**2 + ridge @ solved**2)
@@ -124,14 +135,18 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
     strength = {"k": left(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
         columns.append(geometry.log_cos_psi[:, None])
-        strength["gamma"] = left(geometry.falloff + model.given_log_reflectance[model.samples.material])
+        strength["gamma"] = left(
+            geometry.falloff + model.given_log_reflectance[model.samples.material]
+        )
     return strength
 
 
 def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
     """Raise, saying what to do, if the samples cannot tell k, or a γ that is to be found from them alone."""
-    k, normals = evidence["k"], model.samples.normals
-    frames, tabulated = len(np.unique(model.samples.frame)), len(model.nodes) > 1
+    k = evidence["k"]
+    normals = model.samples.normals
+    frames = len(np.unique(model.samples.frame))
+    tabulated = len(model.nodes) > 1
     if tabulated and k.signal < LEAST_SIGNAL["k"]:
         raise NotIdentifiableError(
             "k",
@@ -162,7 +177,9 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
         )
 
 
-def fall_off_share(model: LightModel, unknowns: LightUnknowns, used: BoolArray) -> tuple[float, float]:
+def fall_off_share(
+    model: LightModel, unknowns: LightUnknowns, used: BoolArray
+) -> tuple[float, float]:
     """Measure how much of 1/r² cos θ is in the brightness within frames: 1 of a lamp at the lens.
 
     The surface is taken to be matt. Returns the exponent, and its standard error; both hold for γ as it is in
@@ -183,7 +200,9 @@ def fall_off_share(model: LightModel, unknowns: LightUnknowns, used: BoolArray) 
     return share, float(np.sqrt(rest / information))
 
 
-def judge_light(model: LightModel, unknowns: LightUnknowns, used: BoolArray, sigma: float) -> list[str]:
+def judge_light(
+    model: LightModel, unknowns: LightUnknowns, used: BoolArray, sigma: float
+) -> list[str]:
     """Raise if what was fitted is no light that moves with the camera; return what is doubtful about it."""
     doubts = []
     ways = "use the endoscope's own light, and no other"
@@ -197,8 +216,12 @@ def judge_light(model: LightModel, unknowns: LightUnknowns, used: BoolArray, sig
             why = "there was another light, γ is larger, or the paper is rough"
             doubts.append(f"The brightness falls with distance and tilt {power}: {why}.")
     if sigma > LARGEST_SIGMA:
-        why = f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
-        raise NotIdentifiableError("light", f"{why}; {ways}, or fit one beside the lens (light free)")
+        why = (
+            f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
+        )
+        raise NotIdentifiableError(
+            "light", f"{why}; {ways}, or fit one beside the lens (light free)"
+        )
     return doubts
 
 
@@ -208,12 +231,15 @@ def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightMode
     Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
     nodes, and would seem to be known. `widen` gives the uncertainty back.
     """
-    gamma, reflectance = model.gamma, model.reflectance
+    gamma = model.gamma
+    reflectance = model.reflectance
     if not isinstance(gamma, float):
         if isinstance(gamma, tuple) and evidence["gamma"].signal < LEAST_SIGNAL["gamma"]:
             gamma = (gamma[0], HELD * gamma[1])
         if evidence["gamma"].alone < LEAST_SIGNAL["gamma"]:
-            reflectance = tuple((r[0], HELD * r[1]) if isinstance(r, tuple) else r for r in reflectance)
+            reflectance = tuple(
+                (r[0], HELD * r[1]) if isinstance(r, tuple) else r for r in reflectance
+            )
     return replace(model, gamma=gamma, reflectance=reflectance)
 
 
@@ -221,13 +247,19 @@ def widen(covariance: FloatArray, model: LightModel, stiff: LightModel) -> Float
     """Add to a covariance, (p, p), what the unknowns that were held may vary, and others with them."""
     result = covariance.copy()
     priors = [("gamma", model.gamma, stiff.gamma, 1.0)]
-    for m, pair in enumerate(zip(model.reflectance, stiff.reflectance, strict=True), start=1):
-        priors.append((f"reflectance {m}", *pair, pair[0][0] if isinstance(pair[0], tuple) else 1.0))
+    for m, pair in enumerate(
+        zip(model.reflectance, stiff.reflectance, strict=True), start=1
+    ):
+        priors.append(
+            (f"reflectance {m}", *pair, pair[0][0] if isinstance(pair[0], tuple) else 1.0)
+        )
     for name, true, used, unit in priors:
         if isinstance(true, tuple) and true != used:
             column = model.names.index(name)
             along = covariance[:, column] / covariance[column, column]  # d(all)/d(held)
-            result += ((true[1] / unit) ** 2 - covariance[column, column]) * np.outer(along, along)
+            result += ((true[1] / unit) ** 2 - covariance[column, column]) * np.outer(
+                along, along
+            )
     return result
 
 
@@ -254,7 +286,8 @@ def describe_verdict(
     jumps: Sequence[tuple[int, float]],
 ) -> list[str]:
     """Say in words what is determined, by what, and what is not."""
-    k, gamma = unknowns.k, unknowns.gamma
+    k = unknowns.k
+    gamma = unknowns.gamma
     lambertian = len(model.nodes) == 1
     locked = int(model.group[-1]) == 0 and len(np.unique(model.samples.frame)) > 1
     ratio = f"k/γ = {k / gamma:.4f} ± {errors['k/gamma']:.4f}"
@@ -265,7 +298,11 @@ def describe_verdict(
         say(f"{ratio} is determined by how the light falls off across the frames; {given}.")
         say(f"k = {k:.4f} ± {errors['k']:.4f}, if γ is {gamma:g}.")
     elif model.gamma is None:
-        source = "the distance under a locked gain" if locked else "the distance within each frame"
+        source = (
+            "the distance under a locked gain"
+            if locked
+            else "the distance within each frame"
+        )
         if any(known is not None for known in model.reflectance):
             source = "the reflectances that are known"
         say(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
@@ -281,20 +318,31 @@ def describe_verdict(
         say(f"k = {k:.4f} ± {errors['k']:.4f}; {ratio} is known better than either.")
     if lambertian:
         also = "" if isinstance(model.gamma, float) else " and γ"
-        say(f"The surface was taken to be matt (Lambertian): a sheen would show as wrong k{also}.")
+        say(
+            f"The surface was taken to be matt (Lambertian): a sheen would show as wrong k{also}."
+        )
     low, high = np.rad2deg(used_range["alpha"])
-    say(f"The fall-off was seen from {low:.0f}° to {high:.0f}° off the axis; it is a guess beyond.")
+    say(
+        f"The fall-off was seen from {low:.0f}° to {high:.0f}° off the axis; it is a guess beyond."
+    )
     if not lambertian:
         low, high = np.rad2deg(used_range["theta"])
         seen = f"The BRDF was seen from {low:.0f}° to {high:.0f}° and is constant beyond"
         say(f"{seen}; its scale and that of the gains cannot be told apart.")
     for material in model.loose_materials:
-        value, error = np.exp(unknowns.log_reflectance[material]), errors[f"reflectance {material}"]
-        say(f"Material {material} reflects {value:.4f} ± {error:.4f} of what material 0 does.")
+        value = np.exp(unknowns.log_reflectance[material])
+        error = errors[f"reflectance {material}"]
+        say(
+            f"Material {material} reflects {value:.4f} ± {error:.4f} of what material 0 does."
+        )
     if model.free_light:
-        place = [f"{v:.2f} ± {errors[f'light {a}']:.2f}" for v, a in zip(unknowns.light, "xyz", strict=False)]
+        place = [
+            f"{v:.2f} ± {errors[f'light {a}']:.2f}"
+            for v, a in zip(unknowns.light, "xyz", strict=False)
+        ]
         say(f"The virtual light is at ({', '.join(place)}) mm.")
-    low, high = GREY * model.levels[0], GREY * model.levels[1]
+    low = GREY * model.levels[0]
+    high = GREY * model.levels[1]
     if min(low, GREY - high) < CLIPPED * sigma:
         say(
             f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
@@ -304,7 +352,9 @@ def describe_verdict(
     if locked:
         say("One gain was fitted for all frames.")
     if jumps:
-        named = ", ".join(f"{frame} (×{jump:.2g})" for frame, jump in sorted(jumps[:JUMPS_NAMED]))
+        named = ", ".join(
+            f"{frame} (×{jump:.2g})" for frame, jump in sorted(jumps[:JUMPS_NAMED])
+        )
         more = f" and {len(jumps) - JUMPS_NAMED} more" if len(jumps) > JUMPS_NAMED else ""
         say(f"The gain jumps at frame {named}{more}.")
     return sentences

@@ -24,7 +24,10 @@ from endolab.calibration.photometric.samples import Samples
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
 GREY = 255.0  # grey levels of a stored value of 1
-LEVELS = (12 / 255, 240 / 255)  # predicted stored values that noise of 3 grey levels cannot clip
+LEVELS = (
+    12 / 255,
+    240 / 255,
+)  # predicted stored values that noise of 3 grey levels cannot clip
 FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
 DENSER = 1.15  # exponent that brings the nodes closer together near θ = 0
 LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is left out
@@ -43,7 +46,9 @@ class LightUnknowns:
     log_gain: FloatArray  # (groups,), of each frame, or a single one if the gain is locked
     # (5,): position of the virtual light, mm, and tilt of its direction (a, b, 1) along x and y.
     light: FloatArray = field(default_factory=lambda: np.zeros(5))
-    slack: FloatArray | float = 0.0  # (groups, b), errors of the poses, in standard deviations
+    slack: FloatArray | float = (
+        0.0  # (groups, b), errors of the poses, in standard deviations
+    )
 
 
 @dataclass(frozen=True)
@@ -74,9 +79,12 @@ def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
     """Return the interpolation between nodes as a matrix, (n, nodes); constant beyond them."""
     if len(nodes) == 1:
         return np.ones((len(theta), 1))
-    matrix, row, below = np.zeros((len(theta), len(nodes))), np.arange(len(theta)), interval(nodes, theta)
+    matrix = np.zeros((len(theta), len(nodes)))
+    row = np.arange(len(theta))
+    below = interval(nodes, theta)
     share = np.clip((theta - nodes[below]) / np.diff(nodes)[below], 0.0, 1.0)
-    matrix[row, below], matrix[row, below + 1] = 1 - share, share
+    matrix[row, below] = 1 - share
+    matrix[row, below + 1] = share
     return matrix
 
 
@@ -91,7 +99,8 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     They are closer together near the least angle, where paper has its sheen; with too few samples
     between two of them, one is left out.
     """
-    low, high = float(theta.min()), float(theta.max())
+    low = float(theta.min())
+    high = float(theta.max())
     nodes = low + (high - low) * np.linspace(0, 1, count) ** DENSER
     while len(nodes) > 2:
         inside = np.bincount(interval(nodes, theta), minlength=len(nodes) - 1)
@@ -115,7 +124,9 @@ class LightModel:
     gamma: Known
     reflectance: tuple[Known, ...]  # of materials 1 and up
     free_light: bool
-    levels: tuple[float, float]  # stored values that the model may predict for a sample to count
+    levels: tuple[
+        float, float
+    ]  # stored values that the model may predict for a sample to count
 
     @property
     def names(self) -> list[str]:
@@ -130,7 +141,11 @@ class LightModel:
     @cached_property
     def loose_materials(self) -> list[int]:
         """Materials whose reflectance is fitted."""
-        return [i for i, known in enumerate(self.reflectance, start=1) if not isinstance(known, float)]
+        return [
+            i
+            for i, known in enumerate(self.reflectance, start=1)
+            if not isinstance(known, float)
+        ]
 
     @property
     def given_log_reflectance(self) -> FloatArray:
@@ -154,14 +169,22 @@ class LightModel:
         self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """L, the logarithm of the linear light, and the grey level, (n,) each."""
-        shade = unknowns.log_reflectance[self.samples.material] + unknowns.log_gain[self.group]
-        shade += np.einsum("nb,nb->n", self.samples.slack, self._slack(unknowns)[self.group])
+        shade = (
+            unknowns.log_reflectance[self.samples.material] + unknowns.log_gain[self.group]
+        )
+        shade += np.einsum(
+            "nb,nb->n", self.samples.slack, self._slack(unknowns)[self.group]
+        )
         logarithm = unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f) + shade
         # A wild step must not overflow.
-        return logarithm, GREY * np.exp(np.minimum(logarithm / unknowns.gamma, 50.0)) * geometry.valid
+        return logarithm, GREY * np.exp(
+            np.minimum(logarithm / unknowns.gamma, 50.0)
+        ) * geometry.valid
 
     def _slack(self, unknowns: LightUnknowns) -> FloatArray:
-        return np.broadcast_to(unknowns.slack, (int(self.group[-1]) + 1, self.samples.slack.shape[1]))
+        return np.broadcast_to(
+            unknowns.slack, (int(self.group[-1]) + 1, self.samples.slack.shape[1])
+        )
 
     def predict(self, unknowns: LightUnknowns) -> FloatArray:
         """Grey level of each sample, (n,); 0 where no light can come from."""
@@ -175,12 +198,17 @@ class LightModel:
         for material, value in enumerate(self.reflectance, start=1):
             if isinstance(value, tuple):
                 column = self.names.index(f"reflectance {material}")
-                priors.append((column, material, float(np.log(value[0])), value[1] / value[0]))
+                priors.append(
+                    (column, material, float(np.log(value[0])), value[1] / value[0])
+                )
         return priors
 
     def _prior(self, unknowns: LightUnknowns) -> FloatArray:
-        logs, gamma = unknowns.log_reflectance, unknowns.gamma
-        return np.array([((logs[m] if m else gamma) - mean) / sd for _, m, mean, sd in self._priors])
+        logs = unknowns.log_reflectance
+        gamma = unknowns.gamma
+        return np.array(
+            [((logs[m] if m else gamma) - mean) / sd for _, m, mean, sd in self._priors]
+        )
 
     def residual(self, unknowns: LightUnknowns) -> tuple[FloatArray, FloatArray]:
         """Measured minus predicted grey levels, (n, 1), and what the priors say."""
@@ -203,7 +231,9 @@ class LightModel:
         f = hat @ values
         logarithm, level = self._shine(unknowns, geometry, f)
         slope = level / unknowns.gamma  # ∂I/∂L
-        columns = [geometry.log_cos_psi[:, None]]  # derivatives of L, in the order of `names`
+        columns = [
+            geometry.log_cos_psi[:, None]
+        ]  # derivatives of L, in the order of `names`
         if not isinstance(self.gamma, float):
             columns.append(-logarithm[:, None] / unknowns.gamma)
         columns.append(np.delete(hat * values, self.pinned, axis=1) / f[:, None])
@@ -217,18 +247,26 @@ class LightModel:
         residual = GREY * self.samples.level - level
         own = np.column_stack([np.ones(len(slope)), self.samples.slack])
         by_own = -(slope[:, None] * own)[:, None]
-        slack = np.pad(self._slack(unknowns), ((0, 0), (1, 0)))  # nothing is known of the gain
+        slack = np.pad(
+            self._slack(unknowns), ((0, 0), (1, 0))
+        )  # nothing is known of the gain
         stiff = np.append(0.0, np.ones(slack.shape[1] - 1))
         prior = self._prior(unknowns)
-        return Linearised(residual[:, None], by_common[:, None], by_own, prior, by_prior, slack, stiff)
+        return Linearised(
+            residual[:, None], by_common[:, None], by_own, prior, by_prior, slack, stiff
+        )
 
-    def _by_light(self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray) -> FloatArray:
+    def _by_light(
+        self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray
+    ) -> FloatArray:
         """∂L by the light's position and tilt, (n, 5)."""
         offset = self.samples.points - unknowns.light[:3]
         square = np.sum(offset**2, axis=1)[:, None]
         direction = np.append(unknowns.light[3:], 1.0)
         along = np.where(geometry.valid, offset @ direction, np.inf)[:, None]
-        towards = np.where(geometry.valid, np.einsum("ni,ni->n", offset, self.samples.normals), np.inf)
+        towards = np.where(
+            geometry.valid, np.einsum("ni,ni->n", offset, self.samples.normals), np.inf
+        )
         # Gradients by the point: of log cos ψ, of log cos θ; of log r it is offset/square.
         psi = direction / along - offset / square
         incidence = self.samples.normals / towards[:, None] - offset / square
@@ -239,20 +277,33 @@ class LightModel:
             rise = slopes[interval(self.nodes, geometry.theta)] * inside
         # dθ = -cot θ d log cos θ
         cot = 1 / np.tan(np.maximum(geometry.theta, 1e-6))
-        by_point = unknowns.k * psi - 2 * offset / square + incidence * (1 - cot * rise / f)[:, None]
-        by_tilt = unknowns.k * (offset[:, :2] / along - direction[:2] / (direction @ direction))
-        return np.where(geometry.valid[:, None], np.concatenate([-by_point, by_tilt], axis=1), 0.0)
+        by_point = (
+            unknowns.k * psi
+            - 2 * offset / square
+            + incidence * (1 - cot * rise / f)[:, None]
+        )
+        by_tilt = unknowns.k * (
+            offset[:, :2] / along - direction[:2] / (direction @ direction)
+        )
+        return np.where(
+            geometry.valid[:, None], np.concatenate([-by_point, by_tilt], axis=1), 0.0
+        )
 
-    def moved(self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray) -> LightUnknowns | None:
+    def moved(
+        self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray
+    ) -> LightUnknowns | None:
         """Return the unknowns after a step; None where γ would lose its meaning."""
         column = 1 if isinstance(self.gamma, float) else 2
         gamma = unknowns.gamma + (common[1] if column == 2 else 0.0)
         if not 0.1 < gamma < 20:
             return None
         last = column + len(self.nodes) - 1
-        log_brdf, log_reflectance = unknowns.log_brdf.copy(), unknowns.log_reflectance.copy()
+        log_brdf = unknowns.log_brdf.copy()
+        log_reflectance = unknowns.log_reflectance.copy()
         log_brdf[np.arange(len(log_brdf)) != self.pinned] += common[column:last]
-        log_reflectance[self.loose_materials] += common[last : last + len(self.loose_materials)]
+        log_reflectance[self.loose_materials] += common[
+            last : last + len(self.loose_materials)
+        ]
         return replace(
             unknowns,
             k=unknowns.k + float(common[0]),

@@ -51,9 +51,13 @@ class PhotometricFit:
     alpha_range: tuple[float, float]  # of the samples used, rad
     theta_range: tuple[float, float]  # likewise, rad
     distance_range: tuple[float, float]  # likewise, mm
-    verdict: list[str]  # what is determined, by what, how well, and what is not, in sentences
+    verdict: list[
+        str
+    ]  # what is determined, by what, how well, and what is not, in sentences
     status: Status
-    history: list[dict[str, float]] = field(repr=False)  # per iterate: k (its number), cost, sigma, change
+    history: list[dict[str, float]] = field(
+        repr=False
+    )  # per iterate: k (its number), cost, sigma, change
 
     @property
     def k(self) -> float:
@@ -72,12 +76,16 @@ class PhotometricFit:
         if self.photometry.gain is not None:
             gain = np.full(len(samples), self.photometry.gain)
         else:
-            place = np.minimum(np.searchsorted(self.frames, samples.frame), len(self.frames) - 1)
+            place = np.minimum(
+                np.searchsorted(self.frames, samples.frame), len(self.frames) - 1
+            )
             gain = np.where(self.frames[place] == samples.frame, self.gains[place], np.nan)
         return self._shape(samples) * gain ** (1 / self.photometry.gamma)
 
     def score_held_out(
-        self, samples: Samples, edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0)))
+        self,
+        samples: Samples,
+        edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0))),
     ) -> HeldOut:
         """Score the calibration on frames that it has not seen, in bins of α, rad.
 
@@ -88,10 +96,12 @@ class PhotometricFit:
         """
         if not len(samples):
             raise ValueError("samples must hold at least one sample, got none")
-        measured, shape = GREY * samples.level, GREY * self._shape(samples)
+        measured = GREY * samples.level
+        shape = GREY * self._shape(samples)
         numbers, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
-            numbers, group = numbers[:1], np.zeros_like(group)
+            numbers = numbers[:1]
+            group = np.zeros_like(group)
         low, high = LEVELS
         weight = ((samples.level > low) & (samples.level < high)).astype(float)
         for _ in range(10):
@@ -101,11 +111,14 @@ class PhotometricFit:
             residual = measured - predicted
             inside = (predicted > GREY * low) & (predicted < GREY * high)
             if not inside.any():
-                raise ValueError("samples must hold some within the range of levels, got none")
+                raise ValueError(
+                    "samples must hold some within the range of levels, got none"
+                )
             sigma = robust_sigma(residual[:, None], inside, len(numbers))
             weight = (inside & (np.abs(residual) < CUT * sigma)).astype(float)
         used = weight > 0
-        alpha, gamma = np.arccos(np.clip(samples.cos_alpha[used], -1, 1)), self.photometry.gamma
+        alpha = np.arccos(np.clip(samples.cos_alpha[used], -1, 1))
+        gamma = self.photometry.gamma
         count, bounds = np.histogram(alpha, edges)
         power, _ = np.histogram(alpha, edges, weights=predicted[used] ** 2)
         excess, _ = np.histogram(alpha, edges, weights=(predicted * residual)[used])

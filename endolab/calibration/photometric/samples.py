@@ -21,7 +21,9 @@ LARGE_PICTURE = 960  # px; in pictures as wide as this the light of 3x3 pixels i
 RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
 EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an edge
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
-MOST_OF_A_FRAME = 200  # samples of a frame; more would only make one frame count more than another
+MOST_OF_A_FRAME = (
+    200  # samples of a frame; more would only make one frame count more than another
+)
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,16 @@ class Samples:
         n = len(self.frame)
         if not self.slack.size:
             object.__setattr__(self, "slack", np.zeros((n, 0)))
-        for name, shape in (("level", (n,)), ("points", (n, 3)), ("normals", (n, 3)), ("material", (n,))):
+        for name, shape in (
+            ("level", (n,)),
+            ("points", (n, 3)),
+            ("normals", (n, 3)),
+            ("material", (n,)),
+        ):
             if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} must be of shape {shape}, got {getattr(self, name).shape}")
+                raise ValueError(
+                    f"{name} must be of shape {shape}, got {getattr(self, name).shape}"
+                )
         if np.any(np.diff(self.frame) < 0):
             raise ValueError("frame must be in ascending order")
 
@@ -59,7 +68,13 @@ class Samples:
         """Join samples, in the order of their frames."""
         parts = [part for part in parts if len(part)]
         if not parts:
-            return cls(np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int))
+            return cls(
+                np.zeros(0, int),
+                np.zeros(0),
+                np.zeros((0, 3)),
+                np.zeros((0, 3)),
+                np.zeros(0, int),
+            )
         order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
         columns = ([getattr(part, column.name) for part in parts] for column in fields(cls))
         return cls(*(np.concatenate(column)[order] for column in columns))
@@ -80,7 +95,9 @@ class Samples:
         return -np.einsum("ni,ni->n", self.points, self.normals) / self.distance
 
 
-def sample_places(target: Target, white: FloatArray | None = None) -> tuple[FloatArray, IntArray]:
+def sample_places(
+    target: Target, white: FloatArray | None = None
+) -> tuple[FloatArray, IntArray]:
     """Places of a sheet whose brightness tells of the light: bare paper and grey patches.
 
     Returns (n, 4): x, y and the radius of one reflectance around, mm, and the reflectance relative to the
@@ -89,7 +106,9 @@ def sample_places(target: Target, white: FloatArray | None = None) -> tuple[Floa
     white = target.white_places() if white is None else white
     greys = target.ink.greys * [1, 1, GREY_CLEARANCE, 1]
     ratios = np.unique(-greys[:, 3])
-    material = np.concatenate([np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])])
+    material = np.concatenate(
+        [np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])]
+    )
     return np.concatenate([np.column_stack([white, np.ones(len(white))]), greys]), material
 
 
@@ -110,7 +129,8 @@ def _on_panel(
     square = np.sum(axes**2, axis=(0, 2)) / 2
     area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
     short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
-    nearest, half = np.round(pixel), side // 2
+    nearest = np.round(pixel)
+    half = side // 2
     with np.errstate(invalid="ignore"):
         inside = np.all((nearest >= half) & (nearest < np.array(size) - half), axis=1)
         good = np.flatnonzero(inside & (short >= RIM + np.sqrt(2) * side / 2))
@@ -143,7 +163,8 @@ def sample_sheet(
     height, width = image.shape
     side = 3 if width >= LARGE_PICTURE else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
-    panel, parts = target.panel_of(spots), [Samples.concatenate([])]
+    panel = target.panel_of(spots)
+    parts = [Samples.concatenate([])]
     for number, pose in enumerate(poses):
         here = np.flatnonzero(panel == number)
         if pose is None or not len(here):
@@ -156,12 +177,25 @@ def sample_sheet(
         errors = pose.plane_errors()
         slack = np.zeros((len(read), 3 * target.panels))
         # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
-        slack[:, 3 * number : 3 * number + 3] = 3 * points @ errors - plane @ errors / (plane @ plane)
-        parts.append(Samples(np.full(len(read), frame), level, points, normals, material[here[read]], slack))
+        slack[:, 3 * number : 3 * number + 3] = 3 * points @ errors - plane @ errors / (
+            plane @ plane
+        )
+        parts.append(
+            Samples(
+                np.full(len(read), frame),
+                level,
+                points,
+                normals,
+                material[here[read]],
+                slack,
+            )
+        )
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples
-    return samples[np.sort(np.random.default_rng(frame).choice(len(samples), most, replace=False))]
+    return samples[
+        np.sort(np.random.default_rng(frame).choice(len(samples), most, replace=False))
+    ]
 
 
 def sample_surface(
@@ -178,18 +212,27 @@ def sample_surface(
     `points` and `normals` are (H, W, 3), in the camera frame, mm; of `mask`, at most `most` places are
     sampled at random. The colour channels of an image become materials 0, 1 and 2.
     """
-    usable = mask & np.all(np.isfinite(points), axis=-1) & np.all(np.isfinite(normals), axis=-1)
+    usable = (
+        mask & np.all(np.isfinite(points), axis=-1) & np.all(np.isfinite(normals), axis=-1)
+    )
     usable &= np.einsum("hwi,hwi->hw", points, normals) < 0
     rows, columns = np.nonzero(usable)
     if len(rows) > most:
-        chosen = np.sort(np.random.default_rng(frame).choice(len(rows), most, replace=False))
-        rows, columns = rows[chosen], columns[chosen]
+        chosen = np.sort(
+            np.random.default_rng(frame).choice(len(rows), most, replace=False)
+        )
+        rows = rows[chosen]
+        columns = columns[chosen]
     channels = image[..., None] if image.ndim == 2 else image
-    level, places, towards = (a[rows, columns].astype(np.float64) for a in (channels, points, normals))
+    level, places, towards = (
+        a[rows, columns].astype(np.float64) for a in (channels, points, normals)
+    )
     frames = np.full(len(rows), frame)
     materials = (np.full(len(rows), channel) for channel in range(channels.shape[-1]))
     parts = zip(level.T, materials, strict=True)
-    return Samples.concatenate([Samples(frames, colour, places, towards, which) for colour, which in parts])
+    return Samples.concatenate(
+        [Samples(frames, colour, places, towards, which) for colour, which in parts]
+    )
 
 
 def sample_depth(
@@ -209,8 +252,12 @@ def sample_depth(
     """
     known = mask & field.valid & np.isfinite(distance) & (distance > 0)
     v = np.log(np.where(known, distance, 1.0))
-    jump = known & (scipy.ndimage.maximum_filter(v, 3) - scipy.ndimage.minimum_filter(v, 3) > EDGE)
+    jump = known & (
+        scipy.ndimage.maximum_filter(v, 3) - scipy.ndimage.minimum_filter(v, 3) > EDGE
+    )
     reach = int(np.ceil(3 * smooth)) + 1
     inner = scipy.ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
     v = np.where(known, scipy.ndimage.gaussian_filter(v, smooth), np.nan)
-    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, **options)
+    return sample_surface(
+        image, points_of(v, field), normals_of(v, field), inner, **options
+    )

@@ -48,14 +48,18 @@ class Sensor:
     motion: float = 0.0  # length of the motion blur, px, in a random direction
     outliers: float = 0.0  # share of the sheet under glints and dust
     black: float = 0.04  # the ink's reflectance
-    locked: bool = False  # one gain for all frames of a video, instead of one that follows the sheet
+    locked: bool = (
+        False  # one gain for all frames of a video, instead of one that follows the sheet
+    )
 
     def __post_init__(self) -> None:
         for name in ("noise", "blur", "motion"):
             number(name, getattr(self, name), 0)
         for name in ("outliers", "black"):
             if not 0 <= getattr(self, name) < 1:
-                raise ValueError(f"{name} must be from 0 to below 1, got {getattr(self, name)}")
+                raise ValueError(
+                    f"{name} must be from 0 to below 1, got {getattr(self, name)}"
+                )
         if not 1 <= self.bits <= 16:
             raise ValueError(f"bits must be from 1 to 16, got {self.bits}")
 
@@ -72,7 +76,9 @@ class SheetFrame:
     gain: float
 
 
-def linear_light(photometry: Photometry, points: FloatArray, normals: FloatArray) -> FloatArray:
+def linear_light(
+    photometry: Photometry, points: FloatArray, normals: FloatArray
+) -> FloatArray:
     """Linear light of bare paper at gain 1; 0 where none arrives."""
     if photometry.lights:
         lit = replace(photometry, gain=1.0)
@@ -98,7 +104,9 @@ def automatic_gain(
     near frames are overexposed and far ones dark; `locked` chooses one gain, for the middle of the video.
     """
     points, normals = on_sheet(target, poses, target.points)
-    light = np.where(in_view(camera, points, normals), linear_light(photometry, points, normals), np.nan)
+    light = np.where(
+        in_view(camera, points, normals), linear_light(photometry, points, normals), np.nan
+    )
     known = np.flatnonzero(np.isfinite(light).any(axis=1))
     if not len(known):
         raise ValueError("the sheet is in none of the frames, so no gain suits them")
@@ -120,7 +128,9 @@ def stored(
     """Response, noise (grey levels), saturation and rounding."""
     level = np.maximum(linear, 0) ** (1 / gamma)  # a blur may leave rounding errors below 0
     if noise:
-        level += rng.standard_normal(level.shape, level.dtype) * level.dtype.type(noise / 255)
+        level += rng.standard_normal(level.shape, level.dtype) * level.dtype.type(
+            noise / 255
+        )
     most = 2**bits - 1
     return np.round(np.clip(level, 0, 1) * most).astype(np.float64) / most
 
@@ -147,7 +157,9 @@ def _rasters(target: Target, black: float) -> tuple[Float32Array, ...]:
     left, top, width, height = target.sheet
     step = _step(target)
     coarse = step * 2 ** (RASTERS - 1)
-    shape = [int(np.ceil(length / coarse)) * 2 ** (RASTERS - 1) for length in (height, width)]
+    shape = [
+        int(np.ceil(length / coarse)) * 2 ** (RASTERS - 1) for length in (height, width)
+    ]
     levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
     for _ in range(RASTERS - 1):
         rows, columns = levels[-1].shape
@@ -160,21 +172,31 @@ def _paper(
 ) -> tuple[Float32Array, Float32Array]:
     """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
     shape = camera.height, camera.width
-    seen, share = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    to_sheet = np.linalg.inv(np.column_stack([pose.rotation[:, :2], pose.translation])).T.astype(np.float32)
+    seen = np.zeros(shape, np.float32)
+    share = np.zeros(shape, np.float32)
+    to_sheet = np.linalg.inv(
+        np.column_stack([pose.rotation[:, :2], pose.translation])
+    ).T.astype(np.float32)
     left, top, width, height = target.sheet
     right = left + width
     if target.fold_x is not None:
         left, right = ((left, target.fold_x), (target.fold_x, right))[panel]
-    rays, levels, step = rays_of(camera, SUB), _rasters(target, black), _step(target)
+    rays = rays_of(camera, SUB)
+    levels = _rasters(target, black)
+    step = _step(target)
     for row in range(0, camera.height, TILE):
         for column in range(0, camera.width, TILE):
             tile = slice(row, row + TILE), slice(column, column + TILE)
-            fine = rays[SUB * row : SUB * (row + TILE), SUB * column : SUB * (column + TILE)]
+            fine = rays[
+                SUB * row : SUB * (row + TILE), SUB * column : SUB * (column + TILE)
+            ]
             x, y, inverse = np.moveaxis(fine @ to_sheet, -1, 0)
             with np.errstate(invalid="ignore", divide="ignore"):
-                x, y = x / inverse, y / inverse
-            inside = (inverse > 0) & (x > left) & (x <= right) & (y >= top) & (y <= top + height)
+                x = x / inverse
+                y = y / inverse
+            inside = (
+                (inverse > 0) & (x > left) & (x <= right) & (y >= top) & (y <= top + height)
+            )
             if not inside.any():
                 continue
             # The raster whose cells are as large as the tile's pixels are on the paper.
@@ -185,10 +207,18 @@ def _paper(
             level = int(np.clip(np.round(np.log2(cell / step)), 0, RASTERS - 1))
             pitch = np.float32(step * 2**level)
             across, down = (
-                np.where(inside, (part - np.float32(start)) / pitch - np.float32(0.5), 0).astype(np.float32)
+                np.where(
+                    inside, (part - np.float32(start)) / pitch - np.float32(0.5), 0
+                ).astype(np.float32)
                 for part, start in ((x, target.sheet[0]), (y, top))
             )
-            value = cv2.remap(levels[level], across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            value = cv2.remap(
+                levels[level],
+                across,
+                down,
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
             h, w = inside.shape
             blocks = (h // SUB, SUB, w // SUB, SUB)
             seen[tile] = (value * inside).reshape(blocks).mean(axis=(1, 3))
@@ -206,7 +236,11 @@ def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Fl
 
 
 def _plane_light(
-    photometry: Photometry, rays: Float32Array, normal: FloatArray, point: FloatArray, where: BoolArray
+    photometry: Photometry,
+    rays: Float32Array,
+    normal: FloatArray,
+    point: FloatArray,
+    where: BoolArray,
 ) -> Float32Array:
     """Linear light of a bare plane at gain 1, (H, W); 0 elsewhere."""
     light = np.zeros(where.shape, np.float32)
@@ -237,21 +271,31 @@ def render_sheet(
     """
     for name in ("blur", "motion"):
         number(name, getattr(sensor, name), 0, camera.width)
-    check_memory(RENDERING * camera.width * camera.height, f"a picture of {camera.width}x{camera.height} px")
+    check_memory(
+        RENDERING * camera.width * camera.height,
+        f"a picture of {camera.width}x{camera.height} px",
+    )
     if len(poses) != target.panels:
-        raise ValueError(f"poses must hold one for each of {target.panels} panels, got {len(poses)}")
+        raise ValueError(
+            f"poses must hold one for each of {target.panels} panels, got {len(poses)}"
+        )
     gain = photometry.gain
     if gain is None:
         gain = float(automatic_gain(target, [tuple(poses)], camera, photometry)[0])
     rng = np.random.default_rng([check_int("seed", seed), 1])
     rays = rays_of(camera, 1)
     shape = camera.height, camera.width
-    linear, paper = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    linear = np.zeros(shape, np.float32)
+    paper = np.zeros(shape, np.float32)
     for panel, pose in enumerate(poses):
-        if pose.translation @ pose.normal >= 0:  # seen from behind: hidden by the other panel
+        if (
+            pose.translation @ pose.normal >= 0
+        ):  # seen from behind: hidden by the other panel
             continue
         seen, share = _paper(target, panel, pose, camera, sensor.black)
-        linear += seen * _plane_light(photometry, rays, pose.normal, pose.translation, share > 0)
+        linear += seen * _plane_light(
+            photometry, rays, pose.normal, pose.translation, share > 0
+        )
         paper += share
     cloth = replace(photometry, brdf=BACKGROUND)
     behind = poses[0].translation - BEHIND * poses[0].normal
@@ -261,21 +305,32 @@ def render_sheet(
         linear *= 1 - 0.8 * _spots(shape, sensor.outliers / 2, rng) * paper
         linear += 1.5 * _spots(shape, sensor.outliers / 2, rng) * paper
     if sensor.blur:
-        cv2.GaussianBlur(linear, (0, 0), sensor.blur, dst=linear, borderType=cv2.BORDER_REPLICATE)
+        cv2.GaussianBlur(
+            linear, (0, 0), sensor.blur, dst=linear, borderType=cv2.BORDER_REPLICATE
+        )
     if sensor.motion:
-        cv2.filter2D(linear, -1, _streak(sensor.motion, rng), dst=linear, borderType=cv2.BORDER_REPLICATE)
+        cv2.filter2D(
+            linear,
+            -1,
+            _streak(sensor.motion, rng),
+            dst=linear,
+            borderType=cv2.BORDER_REPLICATE,
+        )
     image = stored(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
     return SheetFrame(image, tuple(poses), gain)
 
 
 def _streak(length: float, rng: np.random.Generator) -> Float32Array:
     """Kernel of a motion blur: a straight line in a random direction, of sum 1."""
-    angle, half = rng.uniform(0, np.pi), length / 2
+    angle = rng.uniform(0, np.pi)
+    half = length / 2
     size = int(np.ceil(half)) + 1
     kernel = np.zeros((2 * size + 1, 2 * size + 1), np.float32)
     for along in np.linspace(-half, half, 8 * size + 1):
-        x, y = size + along * np.cos(angle), size + along * np.sin(angle)
-        column, row = int(x), int(y)
+        x = size + along * np.cos(angle)
+        y = size + along * np.sin(angle)
+        column = int(x)
+        row = int(y)
         shares = np.outer([1 - y + row, y - row], [1 - x + column, x - column])
         kernel[row : row + 2, column : column + 2] += shares
     return kernel / kernel.sum()

@@ -23,7 +23,10 @@ class Movement:
     """How a hand moves a sheet."""
 
     fold: float = 0.0  # angle between the normals of a folded sheet's panels, rad
-    distance: tuple[float, float] = (25.0, 100.0)  # nearest and farthest depth z of its middle, mm
+    distance: tuple[float, float] = (
+        25.0,
+        100.0,
+    )  # nearest and farthest depth z of its middle, mm
     tilt: float = TILT  # the largest angle of its normal to the axis, rad; 0: frontal
     reach: float = REACH  # the largest angle of its middle off the axis, rad
     # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
@@ -54,21 +57,27 @@ def fold_pose(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
         return (pose,)
     ridge = np.array([target.fold_x, 0.0, 0.0])
     turns = (Rotation.from_euler("y", half).as_matrix() for half in (fold / 2, -fold / 2))
-    return tuple(Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)) for turn in turns)
+    return tuple(
+        Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)) for turn in turns
+    )
 
 
 def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
     """Return smooth random motions, (count, columns), that spend their time evenly over [-1, 1]."""
     time = np.linspace(0, 1, count)[:, None]
-    slow, fast = rng.uniform(1.5, 3.5, columns), rng.uniform(2.0, 5.0, columns)
+    slow = rng.uniform(1.5, 3.5, columns)
+    fast = rng.uniform(2.0, 5.0, columns)
     start, other = rng.uniform(0, 2 * np.pi, (2, columns))
     phase = 2 * np.pi * slow * time + start + 0.6 * np.sin(2 * np.pi * fast * time + other)
-    return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)  # a triangle wave with round corners
+    return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(
+        0.99
+    )  # a triangle wave with round corners
 
 
 def _disc(square: FloatArray) -> FloatArray:
     """Map the square [-1, 1]² onto the unit disc, (..., 2)."""
-    x, y = square[..., 0], square[..., 1]
+    x = square[..., 0]
+    y = square[..., 1]
     return np.stack([x * np.sqrt(1 - y**2 / 2), y * np.sqrt(1 - x**2 / 2)], axis=-1)
 
 
@@ -92,8 +101,12 @@ def in_view(camera: Camera, points: FloatArray, normals: FloatArray) -> BoolArra
     """Whether the camera sees the front of the sheet at these points, within the picture."""
     with np.errstate(invalid="ignore"):
         pixel = camera.project(points)
-        inside = np.all((pixel >= 0) & (pixel <= [camera.width - 1, camera.height - 1]), axis=-1)
-    facing = np.einsum("...i,...i->...", points, normals) < -0.1 * np.linalg.norm(points, axis=-1)
+        inside = np.all(
+            (pixel >= 0) & (pixel <= [camera.width - 1, camera.height - 1]), axis=-1
+        )
+    facing = np.einsum("...i,...i->...", points, normals) < -0.1 * np.linalg.norm(
+        points, axis=-1
+    )
     return inside & facing & (points[..., 2] > 0)
 
 
@@ -107,27 +120,42 @@ def trajectory(
 ) -> list[tuple[Pose, ...]]:
     """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel."""
     check_int("count", count, 1)
-    tilt, reach, fold, seen = movement.tilt, movement.reach, movement.fold, movement.seen
+    tilt = movement.tilt
+    reach = movement.reach
+    fold = movement.fold
+    seen = movement.seen
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     if seen is None:
         seen = 1.0 if target.kind in WHOLE else 0.25
     wander = _wander(count, 6, np.random.default_rng([check_int("seed", seed), 0]))
-    lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
+    lean = tilt * _disc(wander[:, :2])
+    aside = reach * _disc(wander[:, 2:4])
     depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log(movement.distance)))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
     turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
     left, top, width, height = target.sheet
-    middle = np.array([left + width / 2 if target.fold_x is None else target.fold_x, top + height / 2, 0.0])
+    middle = np.array(
+        [
+            left + width / 2 if target.fold_x is None else target.fold_x,
+            top + height / 2,
+            0.0,
+        ]
+    )
 
     def place(which: IntArray, pull: FloatArray) -> list[tuple[Pose, ...]]:
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
         z = depth[which] * (movement.distance[1] / depth[which]) ** np.clip(pull - 1, 0, 1)
-        away = np.column_stack([side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))])
+        away = np.column_stack(
+            [side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))]
+        )
         flat = zip(turns[which].as_matrix(), away * z[:, None], strict=True)
-        return [fold_pose(target, Pose(turn, centre - turn @ middle), fold) for turn, centre in flat]
+        return [
+            fold_pose(target, Pose(turn, centre - turn @ middle), fold)
+            for turn, centre in flat
+        ]
 
     def settle(pull: FloatArray) -> FloatArray:
         """Pull the frames that show too little, step by step."""

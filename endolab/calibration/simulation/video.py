@@ -15,7 +15,13 @@ from endolab.calibration.simulation.sheet_image import (
     render_sheet,
     stored,
 )
-from endolab.calibration.simulation.trajectory import MOVEMENT, Movement, in_view, on_sheet, trajectory
+from endolab.calibration.simulation.trajectory import (
+    MOVEMENT,
+    Movement,
+    in_view,
+    on_sheet,
+    trajectory,
+)
 from endolab.calibration.targets import Target
 from endolab.model.brdf import Glossy
 from endolab.model.cameras import Camera
@@ -41,7 +47,9 @@ def simulate_video(
     gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
     for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
         light = replace(photometry, gain=float(gain))
-        yield render_sheet(target, pose, camera, light, sensor, seed=seed * 100_003 + number)
+        yield render_sheet(
+            target, pose, camera, light, sensor, seed=seed * 100_003 + number
+        )
 
 
 def simulate_samples(
@@ -67,10 +75,13 @@ def simulate_samples(
     points, normals = on_sheet(target, poses, places)
     visible = in_view(camera, points, normals)
     # The places of a frame in random order, those in view first.
-    order = np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1)[:, :per_frame]
+    order = np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1)[
+        :, :per_frame
+    ]
     frame, rank = np.nonzero(np.take_along_axis(visible, order, axis=1))
     place = order[frame, rank]
-    points, normals = points[frame, place], normals[frame, place]
+    points = points[frame, place]
+    normals = normals[frame, place]
     light = gains[frame] * places[place, 3] * linear_light(photometry, points, normals)
     level = stored(light, photometry.gamma, sensor.noise, sensor.bits, rng)
     wild = rng.random(len(level)) < sensor.outliers

@@ -39,7 +39,9 @@ class Trial:
     """A surface that is cut, or not, and what speaks for it."""
 
     surface: Iterate
-    min_steepness: float | None = None  # of the lines that are cut; None of the uncut surface
+    min_steepness: float | None = (
+        None  # of the lines that are cut; None of the uncut surface
+    )
     light: LightOutcome | None = None  # what its colours tell; None without three colours
     factor: float = 0.0  # indirect light over what the surface predicts
     misfit: float = 0.0  # mean disagreement of the three colours' log E
@@ -85,7 +87,9 @@ class ContourChoice:
         limit = self._misfit_limit(trials, trials)
         return self.colours_are_reliable(trials) and trials[-1].misfit <= limit
 
-    def choose(self, trials: Sequence[Trial], always: bool = False) -> tuple[int, ContourOutcome]:
+    def choose(
+        self, trials: Sequence[Trial], always: bool = False
+    ) -> tuple[int, ContourOutcome]:
         """Return the number of the surface that is taken, and what decided.
 
         The uncut one is the first; it is not taken if there are to be contours `always`.
@@ -95,10 +99,14 @@ class ContourChoice:
         number, outcome = self._choose_among(trials, 1 if always else 0)
         return number, outcome if number else ContourOutcome.NONE_CLEAR
 
-    def _choose_among(self, trials: Sequence[Trial], first: int) -> tuple[int, ContourOutcome]:
+    def _choose_among(
+        self, trials: Sequence[Trial], first: int
+    ) -> tuple[int, ContourOutcome]:
         allowed = range(first, len(trials))
         if trials[0].light is LightOutcome.NONE_BOUNCED:  # its energy is the picture's own
-            return self._cheapest(trials, allowed, self.clean_price), ContourOutcome.BY_ENERGY
+            return self._cheapest(
+                trials, allowed, self.clean_price
+            ), ContourOutcome.BY_ENERGY
         if not self.colours_are_reliable(trials):
             is_cut = first == 1 or is_worth_cutting(trials[1], trials[0], self.price)
             return int(is_cut), ContourOutcome.BY_ENERGY
@@ -111,7 +119,8 @@ class ContourChoice:
     def colours_are_reliable(self, trials: Sequence[Trial]) -> bool:
         """Whether what the colours say of the first two surfaces can be."""
         return not any(
-            trial.light is LightOutcome.COMPUTED or trial.factor > self.most_indirect for trial in trials[:2]
+            trial.light is LightOutcome.COMPUTED or trial.factor > self.most_indirect
+            for trial in trials[:2]
         )
 
     def _misfit_limit(self, trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
@@ -146,7 +155,9 @@ def is_worth_cutting(cut: Trial, uncut: Trial, price: float = CHOICE.price) -> b
 
 
 def cut_at_contours(
-    problem: Problem, min_steepness: float = CHOICE.min_steepness[0], lines: FloatArray | None = None
+    problem: Problem,
+    min_steepness: float = CHOICE.min_steepness[0],
+    lines: FloatArray | None = None,
 ) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
     if lines is None:
@@ -193,7 +204,9 @@ def solve_cut(
     problem = cut_at_contours(uncut.problem, choice.min_steepness[0])
     if problem.cuts is None:
         return uncut
-    solver = gauss_newton(problem, start=uncut.log_distance, max_iterations=choice.max_iterations)
+    solver = gauss_newton(
+        problem, start=uncut.log_distance, max_iterations=choice.max_iterations
+    )
     steps = with_provenance(solver, uncut.provenance)
     surface = yield from name_stage(steps, CONTOURS)
     is_cut = always or is_worth_cutting(Trial(surface), Trial(uncut), choice.price)
@@ -218,7 +231,9 @@ def choose_contours(
     if before is not None:
         steepness = min_steepness_of(before)
         cut = problem if steepness is None else cut_at_contours(problem, steepness)
-        outcome = ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
+        outcome = (
+            ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
+        )
         return with_contours(task, cut, outcome, steepness)
     steps = with_provenance(gauss_newton(task.small), task.provenance)
     uncut = yield from name_stage(steps, SMOOTH)
@@ -232,7 +247,10 @@ def choose_contours(
 
 
 def with_contours(
-    task: Task, problem: Problem, outcome: ContourOutcome, min_steepness: float | None = None
+    task: Task,
+    problem: Problem,
+    outcome: ContourOutcome,
+    min_steepness: float | None = None,
 ) -> Task:
     """Return a task whose problem is cut, with the report on it."""
     cuts = problem.cuts

@@ -33,19 +33,25 @@ DIGITS = 10  # of a slope that count: what rounding makes of equals does not say
 
 
 @kernel
-def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, region: IndexArray) -> int:
+def _flood(
+    order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, region: IndexArray
+) -> int:
     """Give each pixel the number of its basin, from 0; basins that meet before one is deep enough are one.
 
     `order` holds the pixels by their slope, `region` -1 everywhere; around them is a rim of pixels that
     are in no basin. Returns how many basins there are.
     """
-    floor, parent, count = np.zeros(order.size), np.zeros(order.size, np.int64), 0
+    floor = np.zeros(order.size)
+    parent = np.zeros(order.size, np.int64)
+    count = 0
     taken = np.zeros(steps.size, np.bool_)
     for pixel in order:
-        first, least = -1, np.inf
+        first = -1
+        least = np.inf
         for step in steps:
             if region[pixel + step] >= 0 and slope[pixel + step] < least:
-                first, least = region[pixel + step], slope[pixel + step]
+                first = region[pixel + step]
+                least = slope[pixel + step]
         if first < 0:
             region[pixel] = parent[count] = count
             floor[count] = slope[pixel]
@@ -55,11 +61,19 @@ def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, 
             first = parent[first]
         region[pixel] = first
         taken[:] = False
-        for _ in steps:  # from the lowest neighbour upwards, whichever way the picture is turned
-            lowest, at = np.inf, -1
+        for _ in (
+            steps
+        ):  # from the lowest neighbour upwards, whichever way the picture is turned
+            lowest = np.inf
+            at = -1
             for k in range(steps.size):
-                if not taken[k] and region[pixel + steps[k]] >= 0 and slope[pixel + steps[k]] < lowest:
-                    lowest, at = slope[pixel + steps[k]], k
+                if (
+                    not taken[k]
+                    and region[pixel + steps[k]] >= 0
+                    and slope[pixel + steps[k]] < lowest
+                ):
+                    lowest = slope[pixel + steps[k]]
+                    at = k
             if at < 0:
                 break
             taken[at] = True
@@ -70,7 +84,8 @@ def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, 
                 if floor[other] < floor[first]:
                     first, other = other, first
                 parent[other] = first
-    number, basins = np.empty(count, np.int64), 0
+    number = np.empty(count, np.int64)
+    basins = 0
     for label in range(count):
         if parent[label] == label:
             number[label] = basins
@@ -86,10 +101,13 @@ def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, 
 def basins(slope: FloatArray, mask: BoolArray) -> tuple[Any, int]:
     """Number of the basin that each pixel of the mask is in, from 0; -1 outside. And how many there are."""
     rimmed = np.pad(np.where(mask, slope, np.inf), 1, constant_values=np.inf)
-    flat, steps = rimmed.ravel(), np.array([1, -1, rimmed.shape[1], -rimmed.shape[1]])
+    flat = rimmed.ravel()
+    steps = np.array([1, -1, rimmed.shape[1], -rimmed.shape[1]])
     inside = np.flatnonzero(np.isfinite(flat))
     region = np.full(flat.size, -1, np.int32)
-    count = _flood(inside[np.argsort(flat[inside], kind="stable")], flat, steps, SHALLOW, region)
+    count = _flood(
+        inside[np.argsort(flat[inside], kind="stable")], flat, steps, SHALLOW, region
+    )
     return region.reshape(rimmed.shape)[1:-1, 1:-1], count
 
 
@@ -99,15 +117,19 @@ def _medians(values: FloatArray, labels: Any, count: int) -> FloatArray:
     `scipy.ndimage.median` takes ten times as long.
     """
     order = np.argsort(values)
-    order = order[np.argsort(labels[order].astype(np.min_scalar_type(count)), kind="stable")]
+    order = order[
+        np.argsort(labels[order].astype(np.min_scalar_type(count)), kind="stable")
+    ]
     size = np.bincount(labels, minlength=count)
-    first, grouped = np.cumsum(size) - size, values[order]
+    first = np.cumsum(size) - size
+    grouped = values[order]
     return (grouped[first + (size - 1) // 2] + grouped[first + size // 2]) / 2
 
 
 def _largest(values: Any, region: Any, count: int) -> Any:
     """Largest value of a map in each region."""
-    out, known = np.zeros(count, values.dtype), region >= 0
+    out = np.zeros(count, values.dtype)
+    known = region >= 0
     np.maximum.at(out, region[known], values[known])
     return out
 
@@ -121,16 +143,28 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     has them.
     """
     unit = px_per_reference(mask.shape)
-    blur, steepness = max(BLUR * unit, 0.3), np.zeros((2, *mask.shape))
+    blur = max(BLUR * unit, 0.3)
+    steepness = np.zeros((2, *mask.shape))
     maps = (np.where(mask, log_d0, 0.0), mask.astype(np.float64))
-    light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)
+    light, share = side_by_side(
+        lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size
+    )
     smooth = light / np.maximum(share, 1e-6)
-    slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
+    slope = (
+        np.asarray(np.hypot(*np.gradient(smooth)) * unit)
+        if min(mask.shape) > 1
+        else np.zeros(mask.shape)
+    )
     slope = slope.round(DIGITS)
     region, count = basins(slope, mask)
-    places, pairs, slopes, rises = [], [], [], []
+    places = []
+    pairs = []
+    slopes = []
+    rises = []
     for axis in (1, 0):
-        here, there = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
+        here, there = (
+            (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
+        )
         where = np.nonzero(mask[here] & mask[there] & (region[here] != region[there]))
         places.append(where)
         pairs.append(np.stack([region[here][where], region[there][where]]))
@@ -145,9 +179,13 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     steep = _medians(np.concatenate(slopes), line, both.shape[1])
     across, along = (np.bincount(line, np.concatenate(those)) for those in (rises, slopes))
     steep[np.abs(across) < ACROSS * along] = 0.0
-    within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[
+        1:-1, 1:-1
+    ]
     at_rim = _largest(within, region, count) <= RIM * unit
-    steep[at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_d0, LIMB * unit)] = 0.0
+    steep[
+        at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_d0, LIMB * unit)
+    ] = 0.0
     for by_axis, where, those in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
     ):
@@ -155,7 +193,9 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     return steepness
 
 
-def _joins_a_limb(both: Any, region: Any, count: int, log_d0: FloatArray, thin: float) -> BoolArray:
+def _joins_a_limb(
+    both: Any, region: Any, count: int, log_d0: FloatArray, thin: float
+) -> BoolArray:
     """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
     around = np.pad(region, 1, constant_values=-1)
     sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
@@ -169,4 +209,6 @@ def _joins_a_limb(both: Any, region: Any, count: int, log_d0: FloatArray, thin: 
         np.minimum.at(lightest, end, far[far_end])
     limit = lightest + SHARE * (far - lightest)
     end, far_end = both
-    return (is_thin[end] & (far[far_end] < limit[end])) | (is_thin[far_end] & (far[end] < limit[far_end]))
+    return (is_thin[end] & (far[far_end] < limit[end])) | (
+        is_thin[far_end] & (far[end] < limit[far_end])
+    )

@@ -49,21 +49,33 @@ class LightFit:
     blue's against green's.
     """
 
-    factor: tuple[float, float] = (0.9, 0.2)  # p; 0.8 to 1.1 for the true surfaces of traced cavities
+    factor: tuple[float, float] = (
+        0.9,
+        0.2,
+    )  # p; 0.8 to 1.1 for the true surfaces of traced cavities
     lamp: tuple[float, float] = (1.0, 0.3)  # b: all the lamp's, or any share
-    film: tuple[float, float] = (0.0, 0.15)  # m; 1 mirrors 4 % at normal incidence, as water does
+    film: tuple[float, float] = (
+        0.0,
+        0.15,
+    )  # m; 1 mirrors 4 % at normal incidence, as water does
     given: tuple[float, float] = (0.03, 0.03)  # of albedos that are given
     green: tuple[float, float] = (0.1, 0.35)  # where green's alone is given
     unknown: tuple[float, float] = (0.35, 0.35)  # where none is
     # Of the albedos' logarithms in red, green and blue: blood takes green and blue light, hardly red.
     texture: tuple[float, float, float] = (0.05, 0.2, 0.2)
     together: float = 0.8  # correlation of green's texture with blue's
-    pieces: float = 20.0  # errors of S go on over many patches: so many of them are independent
-    least_spread: float = 0.25  # robust standard deviation, in units of texture: S is never exact
+    pieces: float = (
+        20.0  # errors of S go on over many patches: so many of them are independent
+    )
+    least_spread: float = (
+        0.25  # robust standard deviation, in units of texture: S is never exact
+    )
     largest_factor: float = 2.5
     largest_film: float = 3.0
     at_bound: float = 0.98  # share of a bound beyond which an estimate is at it
-    most_misfit: float = 0.1  # mean difference of the colours' log E beyond which they say no one E
+    most_misfit: float = (
+        0.1  # mean difference of the colours' log E beyond which they say no one E
+    )
     none_bounced: float = 0.05  # p below which nothing is taken to have bounced
     film_seen: float = 0.2  # m beyond which a film is spoken of
     rounds: int = 3  # of the robust weights' scale
@@ -81,7 +93,9 @@ class AlbedoPrior:
     """What is believed of a wall's albedos before the colours are asked."""
 
     albedo: FloatArray  # (3,)
-    widths: tuple[float, float]  # of the logarithm of green's, and of red's and blue's against green's
+    widths: tuple[
+        float, float
+    ]  # of the logarithm of green's, and of red's and blue's against green's
 
     @classmethod
     def of(cls, given: ArrayLike | None) -> AlbedoPrior:
@@ -102,13 +116,21 @@ class AlbedoPrior:
     @property
     def light(self) -> Light:
         """What follows if the colours are not heard."""
-        return Light(LightOutcome.COMPUTED, self.albedo, FIT.factor[0], FIT.lamp[0], FIT.film[0])
+        return Light(
+            LightOutcome.COMPUTED, self.albedo, FIT.factor[0], FIT.lamp[0], FIT.film[0]
+        )
 
     @property
     def whitening(self) -> FloatArray:
         """What makes the albedos' logarithms independent and of unit variance, (3, 3)."""
         level, ratio = self.widths
-        return np.array([[1 / ratio, -1 / ratio, 0.0], [0.0, 1 / level, 0.0], [0.0, -1 / ratio, 1 / ratio]])
+        return np.array(
+            [
+                [1 / ratio, -1 / ratio, 0.0],
+                [0.0, 1 / level, 0.0],
+                [0.0, -1 / ratio, 1 / ratio],
+            ]
+        )
 
 
 def known_albedo(endoscope: Calibration) -> FloatArray | None:
@@ -171,7 +193,9 @@ class Patches:
         lit = [walls.under(lamp * photometry.k) for lamp in LAMPS]
         pictures = [colour.image**photometry.gamma for colour in colours]
         direct = [under.direct for under in lit]
-        maps = np.dstack([np.ones(exact.shape), *pictures, *direct, film_lobe(walls.cosine)])
+        maps = np.dstack(
+            [np.ones(exact.shape), *pictures, *direct, film_lobe(walls.cosine)]
+        )
         sums = walls.sums(np.where(exact[..., None], maps, 0.0))
         full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.full / 2)
         means = sums[full, 1:] / sums[full, :1]
@@ -201,7 +225,9 @@ class Patches:
         mirrored = self.lobe[:, None] / albedo
         by_lamp = factor * (len(LAMPS) - 1) * change
         by_albedo = factor * by_albedo - film * mirrored
-        return factor * ratio + film * mirrored, np.stack([ratio, by_lamp, mirrored, by_albedo])
+        return factor * ratio + film * mirrored, np.stack(
+            [ratio, by_lamp, mirrored, by_albedo]
+        )
 
 
 def all_exact(colours: Sequence[Problem]) -> BoolArray:
@@ -214,7 +240,9 @@ def all_exact(colours: Sequence[Problem]) -> BoolArray:
     return exact
 
 
-def refine_per_pixel(colours: Sequence[Problem], indirect_ratio: FloatArray, light: Light) -> FloatArray:
+def refine_per_pixel(
+    colours: Sequence[Problem], indirect_ratio: FloatArray, light: Light
+) -> FloatArray:
     """Correct ι (H, W, 3) where the wall's own tint tells that there is more of it, or less.
 
     Where the surface is wrong, S/E is wrong by one factor e^s in all colours, and what bounces too much is
@@ -249,7 +277,9 @@ def _tint_whitening() -> FloatArray:
     covariance = np.diag(np.square(FIT.texture))
     covariance[1, 2] = covariance[2, 1] = FIT.together * FIT.texture[1] * FIT.texture[2]
     differences = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
-    return np.linalg.solve(np.linalg.cholesky(differences @ covariance @ differences.T), differences)
+    return np.linalg.solve(
+        np.linalg.cholesky(differences @ covariance @ differences.T), differences
+    )
 
 
 def _charbonnier(r: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -294,7 +324,9 @@ class ColourResiduals:
         by_colours, slopes_by_colours = self._of_colours(x)
         by_prior, slopes_by_prior = self._of_prior(x)
         residual = np.concatenate([by_colours.ravel(), by_prior])
-        return residual, np.concatenate([slopes_by_colours.reshape(-1, len(x)), slopes_by_prior])
+        return residual, np.concatenate(
+            [slopes_by_colours.reshape(-1, len(x)), slopes_by_prior]
+        )
 
     def _of_colours(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (P, 2), and by x (P, 2, 6)."""
@@ -319,7 +351,9 @@ class ColourResiduals:
             by_light[index, index] *= bend
         albedo = whitening @ (x[3:] - np.log(self._prior.albedo))
         none = np.zeros((3, 3))
-        return np.concatenate([light, albedo]), np.block([[by_light, none], [none, whitening]])
+        return np.concatenate([light, albedo]), np.block(
+            [[by_light, none], [none, whitening]]
+        )
 
 
 def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
@@ -351,11 +385,15 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
             xtol=1e-5,
             ftol=1e-5,
         ).x
-        sigma = max(1.48 * float(np.median(np.abs(log_direct(x) @ tint.T))), FIT.least_spread)
+        sigma = max(
+            1.48 * float(np.median(np.abs(log_direct(x) @ tint.T))), FIT.least_spread
+        )
     light = log_direct(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[3:])
-    estimate = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), float(x[2]), misfit)
+    estimate = Light(
+        LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), float(x[2]), misfit
+    )
     if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():
         raise NoColour("they are as good as equal")
     reason = _why_unlikely(estimate)

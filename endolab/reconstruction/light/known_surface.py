@@ -39,7 +39,13 @@ LAMP = 0.8  # b, share of the light's fall that is the lamp's
 EXPONENTS = np.linspace(0.0, 4.0, 9)  # k for which light is computed, to be interpolated
 GAMMA = 2.2, 0.2  # γ of cameras, and its standard deviation
 TINT = 0.35  # standard deviation of the logarithm of tissue's albedos
-MODEL = 0.1, 0.15, 0.1, 0.3, 0.3  # errors of k, γ and albedos' logarithms that computed bounces make
+MODEL = (
+    0.1,
+    0.15,
+    0.1,
+    0.3,
+    0.3,
+)  # errors of k, γ and albedos' logarithms that computed bounces make
 GAMMAS = 1.2, 4.5  # least and greatest
 USUAL = 8.0  # grey levels that the model leaves; larger ones count as lines, not squares
 TOO_LITTLE = "too little of {} and its surface is known to measure the light"
@@ -51,7 +57,9 @@ class MeasuredLight:
     """What known surfaces tell of a light; `photometry` is ready to reconstruct with, its gain unknown."""
 
     photometry: Photometry
-    standard_errors: dict[str, float]  # of "k" and "gamma", and of "red", "green" and "blue" albedos
+    standard_errors: dict[
+        str, float
+    ]  # of "k" and "gamma", and of "red", "green" and "blue" albedos
     misfit: float  # median size of what the model leaves, grey levels of 255
     names: tuple[str, ...]  # of the frames
 
@@ -64,7 +72,11 @@ class MeasuredLight:
 
 
 def measure_light(
-    frames: Sequence[Frame], camera: Camera, distances: Sequence[FloatArray], *, lamp: float = LAMP
+    frames: Sequence[Frame],
+    camera: Camera,
+    distances: Sequence[FloatArray],
+    *,
+    lamp: float = LAMP,
 ) -> MeasuredLight:
     """Measure k, γ and the wall's albedos on colour frames whose surface is known.
 
@@ -90,26 +102,38 @@ def measure_light(
         If there is no frame, one is grey or of another size, or too little of it is known.
     """
     if not frames or len(frames) != len(distances):
-        raise ValueError(f"frames and distances must be as many, got {len(frames)} and {len(distances)}")
-    seen = [_Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)]
+        raise ValueError(
+            f"frames and distances must be as many, got {len(frames)} and {len(distances)}"
+        )
+    seen = [
+        _Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)
+    ]
     fitted = _fit(seen, lamp)
     parts = [_fit(seen, lamp, fitted, part) for part in range(2 * SECTORS)]
     apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
     covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(np.square(MODEL))
-    usual, width = np.array([GAMMA[0], *np.log(TISSUE)]), np.array([GAMMA[1], TINT, TINT, TINT])
+    usual = np.array([GAMMA[0], *np.log(TISSUE)])
+    width = np.array([GAMMA[1], TINT, TINT, TINT])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
     albedo = np.clip(np.exp(logs), *ALBEDOS)
     red, green, blue = (round(float(rho), 2) for rho in albedo)
-    errors = dict(zip(("k", "gamma", *CHANNELS), [*spread[:2], *(albedo * spread[2:])], strict=True))
+    errors = dict(
+        zip(("k", "gamma", *CHANNELS), [*spread[:2], *(albedo * spread[2:])], strict=True)
+    )
     light = Photometry(
-        round(max(float(k), 0.0), 2), round(float(gamma), 2), brdf=Lambertian((red, green, blue))
+        round(max(float(k), 0.0), 2),
+        round(float(gamma), 2),
+        brdf=Lambertian((red, green, blue)),
     )
     left = np.concatenate([np.ravel(part) for part in _residuals(fitted, seen, lamp)])
     names = tuple(frame.name for frame in frames)
     return MeasuredLight(
-        light, {n: float(e) for n, e in errors.items()}, float(np.median(np.abs(left))), names
+        light,
+        {n: float(e) for n, e in errors.items()},
+        float(np.median(np.abs(left))),
+        names,
     )
 
 
@@ -124,18 +148,27 @@ class _Patches:
     part: FloatArray  # (P,), number of the part of the scene
 
     @classmethod
-    def of(cls, frame: Frame, distance: FloatArray, camera: Camera, lamp: float) -> _Patches:
+    def of(
+        cls, frame: Frame, distance: FloatArray, camera: Camera, lamp: float
+    ) -> _Patches:
         check_size(frame.name, (frame.width, frame.height), camera)
         if frame.image.ndim == 2:
-            raise ValueError(f"{frame.name} is grey; its light is measured in three colours")
+            raise ValueError(
+                f"{frame.name} is grey; its light is measured in three colours"
+            )
         if distance.shape != frame.mask.shape:
             raise ValueError(
                 f"the distance of {frame.name} has shape {distance.shape}, not {frame.mask.shape}"
             )
         height = max(1, round(frame.height * WIDTH / frame.width))
-        small, clipped = frame.resize(WIDTH, height, GAMMA[0]), frame.image.max(axis=-1) >= BRIGHT
-        clipped = cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA) > 0
-        known, field = resample_truth(distance, (height, WIDTH)), camera.resize(WIDTH, height).field
+        small = frame.resize(WIDTH, height, GAMMA[0])
+        clipped = frame.image.max(axis=-1) >= BRIGHT
+        clipped = (
+            cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA)
+            > 0
+        )
+        known = resample_truth(distance, (height, WIDTH))
+        field = camera.resize(WIDTH, height).field
         mask = np.isfinite(known) & field.valid & small.mask
         if mask.sum() < LEAST_PATCHES:
             raise ValueError(TOO_LITTLE.format(frame.name))
@@ -146,17 +179,28 @@ class _Patches:
         usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
         lit = [walls.under(lamp * k) for k in EXPONENTS]
         aside = np.log(np.where(usable, field.cos_alpha, 1.0))
-        maps = np.dstack([usable, 255 * small.image, aside, *(lit_colour.direct for lit_colour in lit)])
+        maps = np.dstack(
+            [usable, 255 * small.image, aside, *(lit_colour.direct for lit_colour in lit)]
+        )
         sums = walls.sums(np.where(usable[..., None], maps, 0.0))
         full = sums[:, 0] > walls.full / 2
         if full.sum() < LEAST_PATCHES:
             raise ValueError(TOO_LITTLE.format(frame.name))
-        means, points = sums[full, 1:] / sums[full, :1], walls.points[: walls.count][full]
-        around = (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SECTORS).astype(int)
+        means = sums[full, 1:] / sums[full, :1]
+        points = walls.points[: walls.count][full]
+        around = (
+            np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SECTORS
+        ).astype(int)
         far = np.linalg.norm(points, axis=-1)
-        orders = np.array([lit_colour.orders[:, : walls.count][:, full] for lit_colour in lit])
+        orders = np.array(
+            [lit_colour.orders[:, : walls.count][:, full] for lit_colour in lit]
+        )
         return cls(
-            means[:, :3], means[:, 3], np.log(means[:, 4:].T), orders, 2 * around + (far > np.median(far))
+            means[:, :3],
+            means[:, 3],
+            np.log(means[:, 4:].T),
+            orders,
+            2 * around + (far > np.median(far)),
         )
 
     def light(self, k: float, albedo: FloatArray, lamp: float) -> FloatArray:
@@ -165,7 +209,10 @@ class _Patches:
         low = min(int(place), len(EXPONENTS) - 2)
         shares = (low, 1 - place + low), (low + 1, place - low)
         direct = sum(share * self.direct[i] for i, share in shares)
-        bounced = sum(share * bounced_light_and_slope(self.orders[i], albedo)[0] for i, share in shares)
+        bounced = sum(
+            share * bounced_light_and_slope(self.orders[i], albedo)[0]
+            for i, share in shares
+        )
         whole = np.log(np.exp(direct)[:, None] + bounced)
         return np.asarray(whole + ((1 - lamp) * k * self.aside)[:, None])
 
@@ -177,18 +224,25 @@ def _residuals(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[Flo
     """
     levels = x[5:].reshape(len(seen), 3)
     made = [
-        patches.light(x[0], np.exp(x[2:5]), lamp) + level for patches, level in zip(seen, levels, strict=True)
+        patches.light(x[0], np.exp(x[2:5]), lamp) + level
+        for patches, level in zip(seen, levels, strict=True)
     ]
-    return [255 * np.exp(light / x[1]) - patches.grey for light, patches in zip(made, seen, strict=True)]
+    return [
+        255 * np.exp(light / x[1]) - patches.grey
+        for light, patches in zip(made, seen, strict=True)
+    ]
 
 
-def _fit(seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1) -> FloatArray:
+def _fit(
+    seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1
+) -> FloatArray:
     """Fit the model to frames, `but` for one part of the scene."""
     if start is None:
         albedo = np.array(TISSUE)
         levels = [
             np.median(
-                GAMMA[0] * np.log(np.maximum(patches.grey, 1) / 255) - patches.light(1.5, albedo, lamp),
+                GAMMA[0] * np.log(np.maximum(patches.grey, 1) / 255)
+                - patches.light(1.5, albedo, lamp),
                 axis=0,
             )
             for patches in seen
@@ -197,12 +251,17 @@ def _fit(seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None,
 
     def residual(x: FloatArray) -> FloatArray:
         left = [
-            r[patches.part != but].ravel() for r, patches in zip(_residuals(x, seen, lamp), seen, strict=True)
+            r[patches.part != but].ravel()
+            for r, patches in zip(_residuals(x, seen, lamp), seen, strict=True)
         ]
         return np.concatenate(left) / USUAL
 
-    low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
-    low[:5], high[:5] = [0, GAMMAS[0], *np.log(3 * [ALBEDOS[0]])], [4, GAMMAS[1], *np.log(3 * [ALBEDOS[1]])]
+    low = np.full(len(start), -np.inf)
+    high = np.full(len(start), np.inf)
+    low[:5] = [0, GAMMAS[0], *np.log(3 * [ALBEDOS[0]])]
+    high[:5] = [4, GAMMAS[1], *np.log(3 * [ALBEDOS[1]])]
     inside = np.clip(start, low + 1e-3, high - 1e-3)
-    fitted: FloatArray = scipy.optimize.least_squares(residual, inside, bounds=(low, high), loss="soft_l1").x
+    fitted: FloatArray = scipy.optimize.least_squares(
+        residual, inside, bounds=(low, high), loss="soft_l1"
+    ).x
     return fitted

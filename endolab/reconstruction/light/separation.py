@@ -72,7 +72,9 @@ from endolab.reconstruction.light.colours import (
 from endolab.reconstruction.light.walls import Walls
 
 BOUNCED = "bounced light"  # stage
-SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
+SAME = (
+    0.01  # median difference of stored values, as a share, up to which two colours are one
+)
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,9 @@ ROUNDS = Rounds()
 class Separation:
     """What was found of a picture's indirect light."""
 
-    indirect_ratio: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
+    indirect_ratio: (
+        FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
+    )
     light: Light
     surface: Iterate  # of the last problem that was solved, with the cuts that were chosen
     contours: ContourReport
@@ -140,7 +144,9 @@ def remove_indirect_light(
         clearest = max(
             (1, 2, 0), key=lambda index: _signal(channels.full[index].problem)
         )  # of equals, not red
-        return _task_of(channels, clearest, LightReport(LightOutcome.NO_COLOUR, reason=str(error)))
+        return _task_of(
+            channels, clearest, LightReport(LightOutcome.NO_COLOUR, reason=str(error))
+        )
     given = albedo is not None and albedo.ndim == 1
     return _in_full(channels, separation, given)
 
@@ -198,7 +204,9 @@ def _continue(
 
 
 def separate(
-    channels: Sequence[Channel], albedo: FloatArray | None = None, contours: bool | None = None
+    channels: Sequence[Channel],
+    albedo: FloatArray | None = None,
+    contours: bool | None = None,
 ) -> Generator[Iterate, None, Separation]:
     """Find the indirect light of a picture, its surface, and where it is cut, in rounds.
 
@@ -224,7 +232,9 @@ def separate(
         searched = SearchedPicture(ratio, light.albedo)
         trials = yield from _try_contours(colours, surface, prior)
         number += len(trials) - 1
-        chosen, outcome = CHOICE.choose([trial.facts for trial in trials], always=bool(contours))
+        chosen, outcome = CHOICE.choose(
+            [trial.facts for trial in trials], always=bool(contours)
+        )
         ratio = trials[chosen].indirect_ratio
         light = trials[chosen].light
         surface = trials[chosen].facts.surface
@@ -232,7 +242,9 @@ def separate(
         report = ContourReport(outcome, min_steepness=steepness, searched=searched)
     if light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, ratio, light)
-        surface = yield from solve_direct(colours, ratio, light, surface, number + 1, ROUNDS.refined)
+        surface = yield from solve_direct(
+            colours, ratio, light, surface, number + 1, ROUNDS.refined
+        )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     return Separation(ratio, light, surface, report)
 
@@ -294,7 +306,9 @@ def separate_from(
     colours = [channel.problem for channel in channels]
     prior = AlbedoPrior.of(albedo)
     if searched is None:
-        searched = SearchedPicture(_guess(colours, prior), prior.albedo, ROUNDS.guessed_steepness)
+        searched = SearchedPicture(
+            _guess(colours, prior), prior.albedo, ROUNDS.guessed_steepness
+        )
     cuts = None
     if min_steepness is not None:
         cuts = _find_cuts(colours, searched, min_steepness)
@@ -309,7 +323,10 @@ def separate_from(
 
 
 def estimate_indirect(
-    colours: Sequence[Problem], surface: Iterate, prior: AlbedoPrior, per_pixel: bool = False
+    colours: Sequence[Problem],
+    surface: Iterate,
+    prior: AlbedoPrior,
+    per_pixel: bool = False,
 ) -> tuple[FloatArray, Light]:
     """Return ι (H, W, 3) of a surface, refined if `per_pixel`, and what the colours tell of its light."""
     if not all_exact(colours).any():
@@ -339,7 +356,9 @@ def solve_direct(
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_d0)
     solver = gauss_newton(problem, start=start, max_iterations=count)
-    return (yield from name_stage(with_provenance(solver, surface.provenance), BOUNCED, number))
+    return (
+        yield from name_stage(with_provenance(solver, surface.provenance), BOUNCED, number)
+    )
 
 
 def _guess(colours: Sequence[Problem], prior: AlbedoPrior) -> FloatArray:
@@ -370,11 +389,17 @@ def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
     report = separation.contours
     cuts = separation.surface.problem.cuts
     if cuts is not None:
-        if report.outcome is ContourOutcome.BY_ENERGY or cuts.shape[1:] == shape:  # it chose these very lines
+        if (
+            report.outcome is ContourOutcome.BY_ENERGY or cuts.shape[1:] == shape
+        ):  # it chose these very lines
             cuts = enlarge_cuts(cuts, shape)
         else:  # the colours chose how steep they must be
-            searched = report.searched or SearchedPicture(separation.indirect_ratio, light.albedo)
-            cuts = _find_cuts(colours, searched, report.min_steepness or CHOICE.min_steepness[0])
+            searched = report.searched or SearchedPicture(
+                separation.indirect_ratio, light.albedo
+            )
+            cuts = _find_cuts(
+                colours, searched, report.min_steepness or CHOICE.min_steepness[0]
+            )
         problem = replace(problem, cuts=cuts)
     cuts = problem.cuts
     if cuts is not None and report.outcome is ContourOutcome.NOT_ASKED:
@@ -392,7 +417,9 @@ def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
 
 def _report_on(light: Light, indirect_ratio: FloatArray, given: bool) -> LightReport:
     """Sum up what was found of indirect light."""
-    percent = [100 * float(np.median(s[s > 0])) if (s > 0).any() else 0.0 for s in indirect_ratio.T]
+    percent = [
+        100 * float(np.median(s[s > 0])) if (s > 0).any() else 0.0 for s in indirect_ratio.T
+    ]
     return LightReport(
         outcome=light.outcome,
         reason=light.reason,
@@ -408,7 +435,9 @@ def _report_on(light: Light, indirect_ratio: FloatArray, given: bool) -> LightRe
 # Colours --------------------------------------------------------------------------------
 
 
-def merge(colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatArray) -> Problem:
+def merge(
+    colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatArray
+) -> Problem:
     """Merge red, green and blue of one picture into one problem of direct light, given ι (H, W, 3).
 
     It is green's, with the picture that direct light alone would have made. Each colour counts by its
@@ -431,10 +460,14 @@ def merge(colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatA
             by_noise = (gamma * noises[c] / shade) ** 2
             by_ratio = (ROUNDS.ratio_doubt * ratio / (1 + ratio)) ** 2
             weight = np.where(counts, 1 / (by_noise + by_ratio + FIT.texture[c] ** 2), 0.0)
-            log_direct = gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
+            log_direct = (
+                gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
+            )
             total += weight * log_direct
             weights += weight
-        light = np.where(mask[rows], np.exp(total / np.where(mask[rows], weights, 1.0)), 0.0)
+        light = np.where(
+            mask[rows], np.exp(total / np.where(mask[rows], weights, 1.0)), 0.0
+        )
         image[rows] = light ** (1 / gamma)
 
     by_rows(merge_rows, mask.shape)
@@ -442,7 +475,9 @@ def merge(colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatA
         colours[1],
         image=image,
         mask=mask,
-        evidence=np.where(mask, evidence, EXACT).astype(np.int8) if evidence[mask].any() else None,
+        evidence=np.where(mask, evidence, EXACT).astype(np.int8)
+        if evidence[mask].any()
+        else None,
     )
 
 

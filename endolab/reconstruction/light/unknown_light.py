@@ -54,15 +54,22 @@ WIDTH = 200  # px; it is the surface's large shape that tells
 SMOOTH = 1.0  # px, of that width; more blur, against noise, makes dark lumens brighter and k smaller
 USUAL = 2.5  # k of the paper's endoscope, taken if nothing is found
 CONTRAST = 0.5  # power of it by which the energy is divided
-TEMPERATURE = 0.03  # T, of c; like the widths it makes the true k of 31 path-traced frames likeliest
+TEMPERATURE = (
+    0.03  # T, of c; like the widths it makes the true k of 31 path-traced frames likeliest
+)
 # What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
 # share of the spread of that; and of k, for all frames of an endoscope together. In colour, and without.
-ASIDE, ALIKE = (0.08, 0.15), (0.3, 0.5)
-USUAL_ERROR = 1.0  # standard deviation of the usual k, which what is found roughly is averaged with
+ASIDE = (0.08, 0.15)
+ALIKE = (0.3, 0.5)
+USUAL_ERROR = (
+    1.0  # standard deviation of the usual k, which what is found roughly is averaged with
+)
 WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
 SAME = 8.0  # power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others
 FINE = 0.05  # step of the k whose likelihood is told
-FOUND, ROUGHLY = 0.5, 1.0  # standard errors up to which k is found, or found roughly; knowing nothing: 1.7
+# standard errors up to which k is found, or found roughly; knowing nothing: 1.7
+FOUND = 0.5
+ROUGHLY = 1.0
 EDGE = 0.5  # from the greatest k, within which the likeliest is at a bound
 
 
@@ -95,7 +102,9 @@ class LightEstimate:
         record: dict[str, Any] = {name: getattr(self, name) for name in plain}
         record |= {"interval": list(self.interval), "exponents": self.exponents.tolist()}
         costs = np.round(self.costs, 4).tolist()
-        return {"unknown_light": record | {"costs": dict(zip(self.names, costs, strict=True))}}
+        return {
+            "unknown_light": record | {"costs": dict(zip(self.names, costs, strict=True))}
+        }
 
 
 def estimate_light(
@@ -146,10 +155,15 @@ def estimate_light(
         raise ValueError(f"camera must be a Camera, got {excerpt(camera)}")
     if not isinstance(frames, Iterable):
         raise ValueError(f"frames must be several of Frame, got {excerpt(frames)}")
-    known = None if albedo is None else tuple(np.ravel(real_array("albedo", albedo)).tolist())
-    wall = Lambertian() if known is None else Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
-    usual = Photometry(number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall)
-    endoscope, watching = Calibration(camera, usual), check_observers(observers)
+    wall = Lambertian()
+    if albedo is not None:
+        known = tuple(np.ravel(real_array("albedo", albedo)).tolist())
+        wall = Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
+    usual = Photometry(
+        number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall
+    )
+    endoscope = Calibration(camera, usual)
+    watching = check_observers(observers)
     scans: list[_Scan] = []
     refused: dict[str, str] = {}
 
@@ -169,7 +183,9 @@ def estimate_light(
         status = drive(scan_all(), watching, lambda *_: None)
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"
-        raise ValueError(f"no frame tells of the light: {next(iter(refused.values()), why)}")
+        raise ValueError(
+            f"no frame tells of the light: {next(iter(refused.values()), why)}"
+        )
     return _estimate(scans, refused, usual, status)
 
 
@@ -198,7 +214,8 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
     if not coloured:
         surfaces = yield from _surfaces_of_grey(frame, calibration)
     costs = np.array([_cost(surface) for surface in surfaces])
-    mask, v = surfaces[FIRST].mask, surfaces[FIRST].log_distance
+    mask = surfaces[FIRST].mask
+    v = surfaces[FIRST].log_distance
     fall = np.log(surfaces[FIRST].problem.field.cos_alpha[mask])
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
         raise ValueError(f"{frame.name}: its surface has no contrast")
@@ -211,7 +228,9 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
 Chain = Generator[Iterate, None, Iterate]
 
 
-def _surfaces_of_colours(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
+def _surfaces_of_colours(
+    frame: Frame, calibration: Calibration
+) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, indirect light removed each time."""
     settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH, highlights="ignore")
     colours = make_channels(frame, calibration, settings, CHANNELS)
@@ -228,7 +247,9 @@ def _surfaces_of_colours(frame: Frame, calibration: Calibration) -> Generator[It
     return (yield from _solve_for_all_k(solve))
 
 
-def _surfaces_of_grey(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
+def _surfaces_of_grey(
+    frame: Frame, calibration: Calibration
+) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
     settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH)
     (channel,) = make_channels(frame, calibration, settings, [None])
@@ -248,7 +269,8 @@ def _solve_for_all_k(
 ) -> Generator[Iterate, None, list[Iterate]]:
     """Solve for every k, from FIRST outwards, each from its neighbour's surface."""
     first = yield from solve(float(EXPONENTS[FIRST]), None)
-    up, down = [first], [first]
+    up = [first]
+    down = [first]
     for k in EXPONENTS[FIRST + 1 :]:
         up.append((yield from solve(float(k), up[-1])))
     for k in EXPONENTS[:FIRST][::-1]:
@@ -258,7 +280,9 @@ def _solve_for_all_k(
 
 def _under(channel: Channel, k: float) -> Channel:
     problem = channel.problem
-    return replace(channel, problem=replace(problem, photometry=replace(problem.photometry, k=k)))
+    return replace(
+        channel, problem=replace(problem, photometry=replace(problem.photometry, k=k))
+    )
 
 
 def _move_sides(surface: Iterate, k: float) -> FloatArray:
@@ -272,7 +296,9 @@ def _cost(surface: Iterate) -> float:
     """What a surface costs for its contrast, c."""
     nearness = 1 / surface.distance[surface.mask]
     with np.errstate(divide="ignore"):
-        return float(np.log(surface.energy) - CONTRAST * np.log(nearness.std() / nearness.mean()))
+        return float(
+            np.log(surface.energy) - CONTRAST * np.log(nearness.std() / nearness.mean())
+        )
 
 
 # All of them ----------------------------------------------------------------------------
@@ -284,7 +310,9 @@ def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
     for i, shape in enumerate(shapes):
         for j, other in enumerate(shapes[:i]):
             both = (
-                np.isfinite(shape) & np.isfinite(other) if shape.shape == other.shape else np.zeros(1, bool)
+                np.isfinite(shape) & np.isfinite(other)
+                if shape.shape == other.shape
+                else np.zeros(1, bool)
             )
             if both.sum() > 1 and min(shape[both].std(), other[both].std()) > 0:
                 correlation[i, j] = correlation[j, i] = (
@@ -295,7 +323,9 @@ def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
 
 def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> FloatArray:
     """How likely every k is, (N, 2): k, and per unit of k."""
-    k = np.linspace(EXPONENTS[0], EXPONENTS[-1], round((EXPONENTS[-1] - EXPONENTS[0]) / FINE) + 1)
+    k = np.linspace(
+        EXPONENTS[0], EXPONENTS[-1], round((EXPONENTS[-1] - EXPONENTS[0]) / FINE) + 1
+    )
 
     def blurred(density: FloatArray, width: float) -> FloatArray:
         smooth = np.asarray(gaussian_filter1d(density, width / FINE, mode="constant"))
@@ -304,7 +334,9 @@ def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> 
     total = np.zeros(len(k))
     for scan, weight in zip(scans, weights, strict=True):
         cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
-        says = blurred(np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE[not coloured] / scan.spread)
+        says = blurred(
+            np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE[not coloured] / scan.spread
+        )
         total += weight * np.log((1 - WRONG) * says + WRONG / (k[-1] - k[0]))
     return np.stack([k, blurred(np.exp(total - total.max()), ALIKE[not coloured])], axis=1)
 
@@ -313,28 +345,44 @@ def _estimate(
     scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry, status: Status
 ) -> LightEstimate:
     """What the frames tell together."""
-    coloured, weights = all(scan.coloured for scan in scans), _weights([scan.shape for scan in scans])
+    coloured = all(scan.coloured for scan in scans)
+    weights = _weights([scan.shape for scan in scans])
     likelihood = _likelihood(scans, weights, coloured)
-    k, share = likelihood[:, 0], np.cumsum(likelihood[:, 1]) * FINE
-    low, below, middle, above, high = np.interp([0.025, 0.16, 0.5, 0.84, 0.975], share, k).tolist()
-    error, at_bound = (above - below) / 2, k[np.argmax(likelihood[:, 1])] > k[-1] - EDGE
+    k = likelihood[:, 0]
+    share = np.cumsum(likelihood[:, 1]) * FINE
+    low, below, middle, above, high = np.interp(
+        [0.025, 0.16, 0.5, 0.84, 0.975], share, k
+    ).tolist()
+    error = (above - below) / 2
+    at_bound = k[np.argmax(likelihood[:, 1])] > k[-1] - EDGE
     frames = f"{len(scans)} frame{'' if len(scans) == 1 else 's'}"
     if at_bound or error > ROUGHLY:
         outcome = "not found"
-        why = f"it would be {k[-1]:g} or more" if at_bound else f"{low:.1f} to {high:.1f} are likely"
+        why = (
+            f"it would be {k[-1]:g} or more"
+            if at_bound
+            else f"{low:.1f} to {high:.1f} are likely"
+        )
         verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
     else:
         outcome = "found" if error <= FOUND else "roughly"
-        taken, roughly, instead = middle, "", ""
+        taken = middle
+        roughly = ""
+        instead = ""
         if outcome == "roughly":
-            taken = float(np.average([middle, usual.k], weights=[error**-2, USUAL_ERROR**-2]))
-            roughly, instead = "roughly ", f"; with {usual.k:g} in mind, {taken:.1f} is taken"
+            taken = float(
+                np.average([middle, usual.k], weights=[error**-2, USUAL_ERROR**-2])
+            )
+            roughly = "roughly "
+            instead = f"; with {usual.k:g} in mind, {taken:.1f} is taken"
         verdict = f"The light falls off with k = {roughly}{middle:.1f} ± {error:.1f}, by {frames}{instead}."
         usual = replace(usual, k=round(taken, 2))
     if weights.sum() < 0.75 * len(scans):
         verdict += f" They show much the same, and count as {weights.sum():.1f}."
     if not coloured:
-        verdict += " Not all show three colours, so that light that bounced counts as direct."
+        verdict += (
+            " Not all show three colours, so that light that bounced counts as direct."
+        )
     return LightEstimate(
         k=middle,
         standard_error=error,

@@ -41,7 +41,9 @@ STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather t
 SECTORS = 20  # of the rim
 BACK = 2.0  # how far behind the camera the wall goes on, in radii
 RINGS = 100  # of it at most, as many as a view of 5° to the side needs
-NEARER = 1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
+NEARER = (
+    1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
+)
 TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is, or in both
 HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
 BOUNCES = 16  # counted one by one; those after them fall by a constant share
@@ -73,38 +75,60 @@ def _fill_exchange(
     middle = 0.5 * (limit.shape[0] - 1), 0.5 * (limit.shape[1] - 1)
     facing = np.empty(count)
     for turn in range(rows[0], rows[1]):
-        i = count - 1 - turn // 2 if turn % 2 else turn // 2  # row i has i pairs: one from either end in turn
-        a0, a1, a2, m0, m1, m2 = x0[i], x1[i], x2[i], n0[i], n1[i], n2[i]
+        i = (
+            count - 1 - turn // 2 if turn % 2 else turn // 2
+        )  # row i has i pairs: one from either end in turn
+        a0 = x0[i]
+        a1 = x1[i]
+        a2 = x2[i]
+        m0 = n0[i]
+        m1 = n1[i]
+        m2 = n2[i]
         own = area[i]
         for j in range(i):
-            d0, d1, d2 = x0[j] - a0, x1[j] - a1, x2[j] - a2
+            d0 = x0[j] - a0
+            d1 = x1[j] - a1
+            d2 = x2[j] - a2
             square = d0 * d0 + d1 * d1 + d2 * d2
-            here, there = m0 * d0 + m1 * d1 + m2 * d2, -(n0[j] * d0 + n1[j] * d1 + n2[j] * d2)
+            here = m0 * d0 + m1 * d1 + m2 * d2
+            there = -(n0[j] * d0 + n1[j] * d1 + n2[j] * d2)
             # A patch is no point: half of each area bounds the share that its neighbour gets.
             both = here * there / (square * (np.pi * square + 0.5 * (own + area[j])))
             facing[j] = both if min(here, there) > 0.0 else 0.0
-        row, column, nearness = down_at[i], across_at[i], inverse[i]
+        row = down_at[i]
+        column = across_at[i]
+        nearness = inverse[i]
         for j in range(i):
             if facing[j] > 0.0:
-                down, across, change = down_at[j] - row, across_at[j] - column, inverse[j] - nearness
+                down = down_at[j] - row
+                across = across_at[j] - column
+                change = inverse[j] - nearness
                 steps = max(abs(down), abs(across))
                 k = 1
                 # In a picture 1/distance is nearly linear along a straight chord.
                 while k < steps:
                     share = k / steps
-                    i_at, j_at = row + share * down, column + share * across
-                    off, aside = middle[0] - i_at, middle[1] - j_at
-                    i_in, j_in = int(np.rint(i_at + TOWARDS * off)), int(np.rint(j_at + TOWARDS * aside))
+                    i_at = row + share * down
+                    j_at = column + share * across
+                    off = middle[0] - i_at
+                    aside = middle[1] - j_at
+                    i_in = int(np.rint(i_at + TOWARDS * off))
+                    j_in = int(np.rint(j_at + TOWARDS * aside))
                     blocks = limit[i_in, j_in]
-                    if min(abs(off), abs(aside)) < TOWARDS:  # between two cells that are as near the middle
+                    if (
+                        min(abs(off), abs(aside)) < TOWARDS
+                    ):  # between two cells that are as near the middle
                         i_on = len(limit) - 1 - i_in if abs(off) < TOWARDS else i_in
                         j_on = limit.shape[1] - 1 - j_in if abs(aside) < TOWARDS else j_in
-                        blocks = max(blocks, limit[i_on, j_in], limit[i_in, j_on], limit[i_on, j_on])
+                        blocks = max(
+                            blocks, limit[i_on, j_in], limit[i_in, j_on], limit[i_on, j_on]
+                        )
                     if nearness + share * change < blocks:
                         break
                     k += 1
                 if k >= steps:
-                    factors[i, j], factors[j, i] = facing[j] * area[j], facing[j] * own
+                    factors[i, j] = facing[j] * area[j]
+                    factors[j, i] = facing[j] * own
 
 
 def _exchange(
@@ -161,11 +185,15 @@ class Walls:
 
         step = max(1.0, np.sqrt(mask.sum() / PATCHES))
         cells = tuple(max(1, round(length / step)) for length in mask.shape)
-        weighted = np.concatenate([(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1)
+        weighted = np.concatenate(
+            [(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1
+        )
         sums = _cell_sums(np.dstack([mask, area, light * solid, weighted]), cells)
         seen = sums[..., 0] > 0.5 * mask.size / (cells[0] * cells[1])
-        covered, flux = sums[seen, 1], sums[seen, 2]
-        points, normals = sums[seen, 3:6] / covered[:, None], sums[seen, 6:]
+        covered = sums[seen, 1]
+        flux = sums[seen, 2]
+        points = sums[seen, 3:6] / covered[:, None]
+        normals = sums[seen, 6:]
         places = np.argwhere(seen)
         nearest = np.full(seen.shape, np.inf)
         nearest[seen] = np.linalg.norm(points, axis=-1)
@@ -173,23 +201,36 @@ class Walls:
 
         rim, ring_points, ring_normals, ring_area = _draw_back(points)
         points = np.concatenate([points, ring_points])
-        normals = np.concatenate([normals / np.linalg.norm(normals, axis=-1, keepdims=True), ring_normals])
+        normals = np.concatenate(
+            [normals / np.linalg.norm(normals, axis=-1, keepdims=True), ring_normals]
+        )
         lit = np.concatenate([lit, _lamp(ring_points, ring_normals, k)])
         areas = np.concatenate([covered, ring_area])
-        exchange = _exchange(points, normals, areas, np.concatenate([places, places[rim]]), nearest)
+        exchange = _exchange(
+            points, normals, areas, np.concatenate([places, places[rim]]), nearest
+        )
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         cosine = np.where(mask, cosine, 0.0)
-        return cls(points, normals, areas, lit, exchange, seen, direct, cos_alpha, cosine, k)
+        return cls(
+            points, normals, areas, lit, exchange, seen, direct, cos_alpha, cosine, k
+        )
 
     def under(self, k: float) -> Walls:
         """Return the same walls under a lamp of another spread."""
-        points, normals = self.points[self.count :], self.normals[self.count :]
+        points = self.points[self.count :]
+        normals = self.normals[self.count :]
         here = self.points[: self.count]
         cos_alpha = np.maximum(here[:, 2] / np.linalg.norm(here, axis=-1), GRAZING)
-        lit = [self.lit[: self.count] * cos_alpha ** (k - self.k), _lamp(points, normals, k)]
+        lit = [
+            self.lit[: self.count] * cos_alpha ** (k - self.k),
+            _lamp(points, normals, k),
+        ]
         return replace(
-            self, lit=np.concatenate(lit), direct=self.direct * self.cos_alpha ** (k - self.k), k=k
+            self,
+            lit=np.concatenate(lit),
+            direct=self.direct * self.cos_alpha ** (k - self.k),
+            k=k,
         )
 
     @property
@@ -218,13 +259,16 @@ class Walls:
     def bounced(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
         rho = np.asarray(albedo, dtype=np.float64)
-        return bounced_light_and_slope(self.orders, rho.ravel())[0].reshape(len(self.lit), *rho.shape)
+        return bounced_light_and_slope(self.orders, rho.ravel())[0].reshape(
+            len(self.lit), *rho.shape
+        )
 
     def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
         light = self.bounced(np.atleast_1d(albedo))
         shape = (*self.seen.shape, light.shape[1])
-        coarse, known = np.zeros(shape), self.seen.astype(np.float64)
+        coarse = np.zeros(shape)
+        known = self.seen.astype(np.float64)
         coarse[self.seen] = light[: self.count]
         # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
         # to the cells that are no patches.
@@ -232,21 +276,27 @@ class Walls:
             spread, share = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse, known))
             reached = share > 1e-6
             spread = spread.reshape(shape) / np.maximum(share, 1e-6)[..., None]
-            coarse, known = np.where(reached[..., None], spread, 0.0), reached.astype(np.float64)
+            coarse = np.where(reached[..., None], spread, 0.0)
+            known = reached.astype(np.float64)
         lit = self.direct > 0
-        share = resample(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
+        share = (
+            resample(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
+        )
         ratio = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
-def bounced_light_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bounced_light_and_slope(
+    orders: FloatArray, albedo: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,).
 
     And its derivative by the albedo's logarithm.
     """
     number = np.arange(1, len(orders) + 1)[:, None]
     powers = albedo**number
-    last, before = orders[-1], orders[-2]
+    last = orders[-1]
+    before = orders[-2]
     share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
     kept = 1 - np.minimum(share, LASTING)
     tail = last[:, None] * powers[-1] * share / kept
@@ -257,7 +307,10 @@ def bounced_light_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[Flo
 def _cell_sums(maps: FloatArray, cells: tuple[int, ...]) -> FloatArray:
     """Sum maps (H, W, C) over (rows, columns) cells of one size; a pixel may be shared by several."""
     rows, columns = cells
-    means = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA) for part in cv2.split(maps)]
+    means = [
+        cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
+        for part in cv2.split(maps)
+    ]
     return np.stack(means, axis=-1) * (maps.shape[0] / rows * maps.shape[1] / columns)
 
 
@@ -276,17 +329,29 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     area, (M,).
     """
     across = np.hypot(points[:, 0], points[:, 1])
-    sector = ((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0) * SECTORS).astype(int)
+    sector = (
+        (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0) * SECTORS
+    ).astype(int)
     alpha = np.arctan2(across, points[:, 2])
-    rim = np.array([max(np.flatnonzero(sector == s), key=alpha.__getitem__) for s in np.unique(sector)])
-    start, radius = points[rim], np.maximum(across[rim], 1e-9)
+    rim = np.array(
+        [max(np.flatnonzero(sector == s), key=alpha.__getitem__) for s in np.unique(sector)]
+    )
+    start = points[rim]
+    radius = np.maximum(across[rim], 1e-9)
     side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
     deep = (np.median(start[:, 2]) + BACK * np.median(radius)) / step if step > 0 else 0.0
     rings = int(np.ceil(min(deep, RINGS)))
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
-    back = (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
+    back = (
+        (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
+    )
     drawn = (start - back).reshape(-1, 3)
     times = drawn.shape[0] // len(rim)
-    return np.tile(rim, times), drawn, np.tile(normal, (times, 1)), np.tile(length * step, times)
+    return (
+        np.tile(rim, times),
+        drawn,
+        np.tile(normal, (times, 1)),
+        np.tile(length * step, times),
+    )

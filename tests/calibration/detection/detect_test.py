@@ -28,13 +28,19 @@ BOARD = Chessboard(12, 7, 7.0)  # its two ends differ, so that its order is uniq
 def posed(target, distance=45.0, tilt=0.0, turn=0.0):
     """Place a sheet with its middle on the axis; mm and degrees."""
     left, top, width, height = target.sheet
-    rotation = Rotation.from_euler("YXZ", [tilt, 0.4 * tilt, turn], degrees=True).as_matrix()
-    return Pose(rotation, [0, 0, distance] - rotation @ [left + width / 2, top + height / 2, 0])
+    rotation = Rotation.from_euler(
+        "YXZ", [tilt, 0.4 * tilt, turn], degrees=True
+    ).as_matrix()
+    return Pose(
+        rotation, [0, 0, distance] - rotation @ [left + width / 2, top + height / 2, 0]
+    )
 
 
 def picture(target, poses, gamma=2.2, **options):
     """Render a sheet, to uint8."""
-    image = render_sheet(target, poses, CAMERA, replace(LIGHT, gamma=gamma), Sensor(**options)).image
+    image = render_sheet(
+        target, poses, CAMERA, replace(LIGHT, gamma=gamma), Sensor(**options)
+    ).image
     return np.round(image * 255).astype(np.uint8)
 
 
@@ -50,7 +56,9 @@ def truth(target, poses):
 
 def seen(pixels, margin=15.0):
     """Ids of the features well within the picture."""
-    return np.flatnonzero(np.all((pixels > margin) & (pixels < np.array([639, 479]) - margin), axis=1))
+    return np.flatnonzero(
+        np.all((pixels > margin) & (pixels < np.array([639, 479]) - margin), axis=1)
+    )
 
 
 def errors(found, true):
@@ -60,7 +68,8 @@ def errors(found, true):
 
 def look(target, *poses, **options):
     """What is found in a picture of a sheet, where its features truly are, and how far off it is, px."""
-    true, found = truth(target, poses), detect(picture(target, poses, **options), target)
+    true = truth(target, poses)
+    found = detect(picture(target, poses, **options), target)
     return found, true, errors(found, true)
 
 
@@ -70,7 +79,9 @@ def look(target, *poses, **options):
 def test_dots_are_found_and_named(distance, tilt, turn):
     """Nearly all dots in view, none wrongly named, and their middles to a few hundredths of a pixel."""
     found, true, off = look(DOTS, posed(DOTS, distance, tilt, turn))
-    assert len(np.intersect1d(found.ids, seen(true))) >= (0.9 if tilt < 60 else 0.75) * len(seen(true))
+    assert len(np.intersect1d(found.ids, seen(true))) >= (0.9 if tilt < 60 else 0.75) * len(
+        seen(true)
+    )
     assert off.max() < 1.5
     assert np.median(off) < 0.06
     assert np.all(np.diff(found.ids) > 0)
@@ -89,7 +100,9 @@ def test_middles_are_those_of_the_discs_images():
 @pytest.mark.parametrize("name", ["vicalib_small", "circles", "charuco", "board"])
 def test_a_turned_picture_gives_the_same_ids(name):
     target = BOARD if name == "board" else TARGETS[name]
-    image = picture(target, [posed(target, 60 if name == "vicalib_small" else 75, 20)], noise=1)
+    image = picture(
+        target, [posed(target, 60 if name == "vicalib_small" else 75, 20)], noise=1
+    )
     height, width = image.shape
     straight = detect(image, target)
     assert len(straight.ids) >= (0.7 if name == "charuco" else 0.9) * len(target.points)
@@ -98,13 +111,19 @@ def test_a_turned_picture_gives_the_same_ids(name):
         common, a, b = np.intersect1d(straight.ids, turned.ids, return_indices=True)
         assert len(common) >= 0.85 * len(straight.ids)
         x, y = straight.pixels[a].T
-        back = {1: (y, width - 1 - x), 2: (width - 1 - x, height - 1 - y), 3: (height - 1 - y, x)}
+        back = {
+            1: (y, width - 1 - x),
+            2: (width - 1 - x, height - 1 - y),
+            3: (height - 1 - y, x),
+        }
         off = np.linalg.norm(turned.pixels[b] - np.column_stack(back[quarters]), axis=1)
         assert off.max() < 0.7
         assert np.median(off) < 0.05
 
 
-@pytest.mark.parametrize("window", [(0, 0, 400, 300), (200, 120, 640, 400), (150, 100, 460, 330)])
+@pytest.mark.parametrize(
+    "window", [(0, 0, 400, 300), (200, 120, 640, 400), (150, 100, 460, 330)]
+)
 def test_part_of_a_picture_gives_the_right_ids(window):
     """A part of the sheet is enough; dots that the border cuts are left out."""
     left, top, right, bottom = window
@@ -131,7 +150,10 @@ def test_nothing_is_found_where_nothing_is(name, rng):
     ramp = np.tile(np.linspace(0, 1, 320), (240, 1))
     other = TARGETS["charuco" if name == "circles" else "circles"]
     empty = [np.zeros((240, 320)), np.ones((240, 320)), ramp, np.zeros((8, 8))]
-    noise = [rng.random((240, 320)), np.clip(0.5 + 0.02 * rng.standard_normal((480, 640)), 0, 1)]
+    noise = [
+        rng.random((240, 320)),
+        np.clip(0.5 + 0.02 * rng.standard_normal((480, 640)), 0, 1),
+    ]
     for image in [*empty, *noise, picture(other, [posed(other, 60)])]:
         found = detect(image, TARGETS[name])
         assert len(found.ids) == 0
@@ -158,7 +180,9 @@ def test_both_panels_of_a_folded_sheet(fold):
         assert there[found.ids].sum() >= 0.85 * there[seen(true)].sum()
 
 
-@pytest.mark.parametrize("options", [{"blur": 1.5}, {"motion": 5.0}, {"noise": 8.0}, {"outliers": 0.01}])
+@pytest.mark.parametrize(
+    "options", [{"blur": 1.5}, {"motion": 5.0}, {"noise": 8.0}, {"outliers": 0.01}]
+)
 def test_blur_noise_and_glints(options):
     found, true, off = look(DOTS, posed(DOTS, 35, 30, 10), **options)
     assert len(found.ids) >= 0.7 * len(seen(true))
@@ -176,7 +200,10 @@ def test_a_highlight_across_the_sheet_and_overexposed_or_dark_pictures():
     pose = posed(DOTS, 45, 20)
     usual = render_sheet(DOTS, [pose], CAMERA, LIGHT).gain
     for factor in (2.5, 0.12):
-        found = detect(render_sheet(DOTS, [pose], CAMERA, replace(LIGHT, gain=factor * usual)).image, DOTS)
+        found = detect(
+            render_sheet(DOTS, [pose], CAMERA, replace(LIGHT, gain=factor * usual)).image,
+            DOTS,
+        )
         assert len(found.ids) > 120
         assert errors(found, truth(DOTS, [pose])).max() < 1.5
 
@@ -200,7 +227,9 @@ def test_corners_are_unbiased_through_blur_noise_and_enlarging(blur, enlarged, r
     for shot in shots:
         image = cv2.GaussianBlur(shot.image, (0, 0), blur) if blur else shot.image
         image = np.clip(image + rng.normal(0, 3 / 255, image.shape), 0, 1)
-        image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC)
+        image = cv2.resize(
+            image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC
+        )
         found = detect(np.clip(image, 0, 1), BOARD)
         true = camera.project(shot.poses[0].transform(BOARD.points))[found.ids]
         off.append((found.pixels + 0.5) / enlarged - 0.5 - true)
@@ -218,7 +247,9 @@ def test_corners_through_a_laparoscope_are_as_good_as_opencvs(data):
     points = [board.points[one.ids].astype(np.float32) for one in found]
     pixels = [one.pixels.astype(np.float32) for one in found]
     fixed = cv2.CALIB_ZERO_TANGENT_DIST
-    error, matrix, *_ = cv2.calibrateCamera(points, pixels, (1920, 1080), None, None, flags=fixed)
+    error, matrix, *_ = cv2.calibrateCamera(
+        points, pixels, (1920, 1080), None, None, flags=fixed
+    )
     assert len(found) == 6
     assert error < 0.25
     assert matrix[0, 0] == pytest.approx(1621.9, rel=0.01)
@@ -228,8 +259,12 @@ def test_corners_through_a_laparoscope_are_as_good_as_opencvs(data):
 def test_a_board_of_other_squares_is_not_found(columns, rows):
     """Neither one that holds the target's squares and more, nor a smaller one."""
     squares = np.indices((rows, columns)).sum(axis=0) % 2 * 200 + 30
-    image = np.pad(np.kron(squares, np.ones((40, 40))), 60, constant_values=230).astype(np.uint8)
-    assert len(detect(image, Chessboard(columns, rows, 7.0)).ids) == (columns - 1) * (rows - 1)
+    image = np.pad(np.kron(squares, np.ones((40, 40))), 60, constant_values=230).astype(
+        np.uint8
+    )
+    assert len(detect(image, Chessboard(columns, rows, 7.0)).ids) == (columns - 1) * (
+        rows - 1
+    )
     found = detect(image, Chessboard(5, 7, 7.0))
     assert len(found.ids) == 0
     assert found.reason
@@ -240,7 +275,11 @@ def test_a_picture_at_which_opencv_fails_shows_nothing(name, monkeypatch):
     def fail(*_, **__):
         raise cv2.error("too few corners")
 
-    for function in ("findChessboardCornersSB", "aruco.CharucoDetector", "connectedComponentsWithStats"):
+    for function in (
+        "findChessboardCornersSB",
+        "aruco.CharucoDetector",
+        "connectedComponentsWithStats",
+    ):
         monkeypatch.setattr(f"cv2.{function}", fail)
     found = detect(picture(BOARD, [posed(BOARD, 75)]), TARGETS[name])
     assert len(found.ids) == 0
@@ -260,7 +299,9 @@ def test_a_dark_picture_of_12_megapixels_takes_seconds(name, rng):
 def test_a_large_picture_is_measured_as_well_as_a_small_one(name):
     target = TARGETS[name]
     pose = posed(target, 75, 20)
-    image = cv2.resize(picture(target, [pose]), None, fx=5, fy=5, interpolation=cv2.INTER_CUBIC)
+    image = cv2.resize(
+        picture(target, [pose]), None, fx=5, fy=5, interpolation=cv2.INTER_CUBIC
+    )
     found = detect(image, target)
     assert len(found.ids) >= 0.9 * len(target.points)
     off = (found.pixels + 0.5) / 5 - 0.5 - truth(target, [pose])[found.ids]
@@ -268,17 +309,27 @@ def test_a_large_picture_is_measured_as_well_as_a_small_one(name):
 
 
 @pytest.mark.parametrize("focal", [0.35, 0.6, 1.2])
-@pytest.mark.parametrize(("width", "height"), [(320, 240), (485, 355), (640, 200), (200, 640)])
+@pytest.mark.parametrize(
+    ("width", "height"), [(320, 240), (485, 355), (640, 200), (200, 640)]
+)
 def test_a_charuco_board_in_small_and_narrow_pictures(width, height, focal):
     """Through wide lenses too; measured 86 to 100 % of the corners, 95 % of them within 0.45 px."""
-    target, size = TARGETS["charuco"], focal * max(width, height)
-    camera = el.KannalaBrandt(width, height, size, size, width / 2, height / 2, (-0.02, 0.004, 0, 0))
+    target = TARGETS["charuco"]
+    size = focal * max(width, height)
+    camera = el.KannalaBrandt(
+        width, height, size, size, width / 2, height / 2, (-0.02, 0.004, 0, 0)
+    )
     left, top, wide, high = target.sheet
-    middle, upright = np.array([left + wide / 2, top + high / 2, 0]), 90 if height > width else 0
+    middle = np.array([left + wide / 2, top + high / 2, 0])
+    upright = 90 if height > width else 0
     for tilt, reach in ((15, 0.4), (-25, 0.4)):
-        rotation = Rotation.from_euler("YXZ", [tilt, 10, upright + 5], degrees=True).as_matrix()
+        rotation = Rotation.from_euler(
+            "YXZ", [tilt, 10, upright + 5], degrees=True
+        ).as_matrix()
         half = np.array([high, wide] if upright else [wide, high]) / 2
-        near = np.max(half / np.tan(np.minimum(reach * np.array([width, height]) / size, 1.2)))
+        near = np.max(
+            half / np.tan(np.minimum(reach * np.array([width, height]) / size, 1.2))
+        )
         pose = Pose(rotation, [0, 0, near + 10] - rotation @ middle)
         image = render_sheet(target, [pose], camera, LIGHT, Sensor(noise=1.0)).image
         found = detect(image, target)
@@ -287,7 +338,9 @@ def test_a_charuco_board_in_small_and_narrow_pictures(width, height, focal):
         assert np.quantile(off, 0.95) < 0.7
 
 
-@pytest.mark.parametrize("image", [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)])
+@pytest.mark.parametrize(
+    "image", [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)]
+)
 def test_bad_pictures(image):
     with pytest.raises(ValueError, match="image must"):
         detect(image, DOTS)
@@ -306,7 +359,8 @@ def test_the_published_frame_of_the_sheet(data):
 
 
 def test_published_circles_and_chessboards(data):
-    grid, files = CircleGrid(3, 11, 1.0, radius=0.4), (data / "circles_fetoscope").rglob("*.jpg")
+    grid = CircleGrid(3, 11, 1.0, radius=0.4)
+    files = (data / "circles_fetoscope").rglob("*.jpg")
     counts = [len(detect(cv2.imread(str(file)), grid).ids) for file in files]
     assert len(counts) == 11
     assert min(counts) >= 30

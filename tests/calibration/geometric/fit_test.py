@@ -52,7 +52,9 @@ def test_the_papers_camera_is_found_without_a_guess(twenty, fitted):
 def test_standard_errors_are_honest():
     pulls = []
     for seed in range(8):
-        views, _ = make_views(PAPER, CORNERS, 8, np.random.default_rng(seed), noise=0.1, tilt=45)
+        views, _ = make_views(
+            PAPER, CORNERS, 8, np.random.default_rng(seed), noise=0.1, tilt=45
+        )
         found = calibrate_camera(views, CORNERS, *SIZE)
         off = camera_vector(found.camera) - camera_vector(PAPER)
         pulls.append(off @ np.linalg.solve(found.covariance, off) / 8)
@@ -73,30 +75,45 @@ def test_a_field_beyond_90_degrees_off_the_axis():
 @pytest.mark.parametrize(
     "camera",
     [
-        el.KannalaBrandt(1920, 1080, 1770.0, 1772.0, 915.0, 459.0, (1 / 3, 2 / 15, 17 / 315, 62 / 2835)),
-        el.KannalaBrandt(1000, 800, 400.0, 400.0, 495.0, 405.0, (1 / 3, 2 / 15, 17 / 315, 62 / 2835)),
+        el.KannalaBrandt(
+            1920, 1080, 1770.0, 1772.0, 915.0, 459.0, (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
+        ),
+        el.KannalaBrandt(
+            1000, 800, 400.0, 400.0, 495.0, 405.0, (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
+        ),
         el.KannalaBrandt(320, 320, 100.0, 99.0, 165.0, 150.0, (-0.1, 0.02, 0.0, 0.0)),
     ],
     ids=["laparoscope", "pinhole of 100 degrees", "capsule"],
 )
 def test_other_lenses_need_no_guess_either(camera):
     near = 80 if camera.width == 1920 else 25
-    views, _ = make_views(camera, CORNERS, 10, np.random.default_rng(2), near=near, far=3 * near)
+    views, _ = make_views(
+        camera, CORNERS, 10, np.random.default_rng(2), near=near, far=3 * near
+    )
     found = calibrate_camera(views, CORNERS, camera.width, camera.height)
     assert found.status is el.Status.CONVERGED
     off = camera_vector(found.camera) - camera_vector(camera)
     assert np.all(np.abs(off) < 4.5 * np.array(list(found.standard_errors.values())))
     seen = min(found.max_angle_seen, np.radians(70))
     # In a narrow field a shift of the centre and a turn of all poses are nearly the same.
-    assert map_error(found.camera, camera, 0.8 * seen).max() < (0.8 if camera.width == 1920 else 0.2)
+    assert map_error(found.camera, camera, 0.8 * seen).max() < (
+        0.8 if camera.width == 1920 else 0.2
+    )
 
 
 def test_clean_corners_give_what_opencv_gives():
-    views, _ = make_views(PAPER, CORNERS, 12, np.random.default_rng(3), noise=0.1, wrong=0, near=35, tilt=45)
-    seen = [CORNERS.points[view.ids][None] for view in views], [view.pixels[None] for view in views]
+    views, _ = make_views(
+        PAPER, CORNERS, 12, np.random.default_rng(3), noise=0.1, wrong=0, near=35, tilt=45
+    )
+    seen = (
+        [CORNERS.points[view.ids][None] for view in views],
+        [view.pixels[None] for view in views],
+    )
     how = {"flags": cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW}
     how["criteria"] = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-10)
-    rms, matrix, k, *_ = cv2.fisheye.calibrate(*seen, SIZE, np.eye(3), np.zeros((4, 1)), **how)
+    rms, matrix, k, *_ = cv2.fisheye.calibrate(
+        *seen, SIZE, np.eye(3), np.zeros((4, 1)), **how
+    )
     found = calibrate_camera(views, CORNERS, *SIZE)
     theirs = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k.ravel()])
     errors = np.array(list(found.standard_errors.values()))
@@ -108,18 +125,28 @@ def test_clean_corners_give_what_opencv_gives():
 def test_views_that_are_wrong_are_named_and_dropped(twenty):
     views = list(twenty[0][:12])
     random = np.random.default_rng(0)
-    ids, pixels = views[3].ids, views[3].pixels
+    ids = views[3].ids
+    pixels = views[3].pixels
     views[3] = View("scrambled", 0, random.permutation(ids), pixels)
-    ids, pixels = views[5].ids, views[5].pixels
+    ids = views[5].ids
+    pixels = views[5].pixels
     views[5] = View("mirrored", 0, ids // 19 * 19 + 18 - ids % 19, pixels)
     views[7] = replace(
-        views[7], name="shaken", pixels=views[7].pixels + random.normal(0, 3, views[7].pixels.shape)
+        views[7],
+        name="shaken",
+        pixels=views[7].pixels + random.normal(0, 3, views[7].pixels.shape),
     )
     views[9] = View("short", 0, views[9].ids[:7], views[9].pixels[:7])
     found = calibrate_camera(views, SHEET, *SIZE)
     assert set(found.dropped) == {"scrambled", "mirrored", "shaken", "short"}
     assert "mirrored" in found.dropped["mirrored"]
-    assert len(found.views) == len(found.poses) == len(found.residuals) == len(found.inliers) == 8
+    assert (
+        len(found.views)
+        == len(found.poses)
+        == len(found.residuals)
+        == len(found.inliers)
+        == 8
+    )
     assert abs(found.camera.fx - PAPER.fx) < 0.3
 
 
@@ -139,9 +166,13 @@ def test_a_third_of_wrong_points_is_survived_and_exact_ones_are_fitted_exactly()
 
 def test_views_that_are_too_few_or_the_same_or_mirrored_are_refused(twenty):
     views = twenty[0]
-    short = [View(f"f{i}", 0, view.ids[:6], view.pixels[:6]) for i, view in enumerate(views[:4])]
+    short = [
+        View(f"f{i}", 0, view.ids[:6], view.pixels[:6]) for i, view in enumerate(views[:4])
+    ]
     still = [replace(views[0], name=f"f{i}") for i in range(5)]
-    mirrored = [replace(view, ids=view.ids // 19 * 19 + 18 - view.ids % 19) for view in views[:4]]
+    mirrored = [
+        replace(view, ids=view.ids // 19 * 19 + 18 - view.ids % 19) for view in views[:4]
+    ]
     for wrong, message in (
         (views[:1], "3 views"),
         (short, "8 points"),
@@ -159,7 +190,14 @@ def test_frontal_views_and_those_that_do_not_tell_a_focal_length_are_refused():
     # A target far away and little tilted: almost no perspective.
     distant = el.KannalaBrandt(640, 480, 2000.0, 2000.0, 320.0, 240.0)
     views, _ = make_views(
-        distant, CORNERS, 4, np.random.default_rng(9), near=2000, far=2500, tilt=8, noise=0.5
+        distant,
+        CORNERS,
+        4,
+        np.random.default_rng(9),
+        near=2000,
+        far=2500,
+        tilt=8,
+        noise=0.5,
     )
     with pytest.raises(ValueError, match=r"do not tell f[xy]|square"):
         calibrate_camera(views, CORNERS, 640, 480)
@@ -182,7 +220,11 @@ def test_poses_are_found_and_wrong_points_with_them(camera):
         if len(view.ids) < 60:
             continue
         wrong = random.random(len(view.ids)) < 0.2
-        ids = np.where(wrong, (view.ids + 19 * random.choice([-2, -1, 1, 2], len(wrong))) % 190, view.ids)
+        ids = np.where(
+            wrong,
+            (view.ids + 19 * random.choice([-2, -1, 1, 2], len(wrong))) % 190,
+            view.ids,
+        )
         pose, inliers, residual = find_pose(replace(view, ids=ids), SHEET, camera)
         assert turn_between(pose, true) < np.radians(0.1)
         assert pose.translation == pytest.approx(true.translation, abs=0.1)
@@ -192,7 +234,11 @@ def test_poses_are_found_and_wrong_points_with_them(camera):
 
 
 def test_the_linear_pose_is_exact_for_exact_rays_in_any_direction(rng):
-    for vector in ([0.2, 0.3, 1, -30, -10, 40], [0.1, -1.5, 0.2, 40, -20, -15], [2.5, 1, 0, 10, -20, -60]):
+    for vector in (
+        [0.2, 0.3, 1, -30, -10, 40],
+        [0.1, -1.5, 0.2, 40, -20, -15],
+        [2.5, 1, 0, 10, -20, -60],
+    ):
         true = Pose.from_vector(vector)
         if true.rotation[:, 2] @ true.translation < 0:  # go to the other side of the paper
             true = Pose(true.rotation, -true.translation)
@@ -206,7 +252,9 @@ def test_the_linear_pose_is_exact_for_exact_rays_in_any_direction(rng):
 def test_a_detection_is_split_by_panel_and_panels_are_views_of_their_own(rng):
     folded = el.TARGETS["vicalib_folded"]
     ids = np.concatenate([np.arange(19), np.arange(19, 25)])  # a row, and six on the left
-    views = views_of("frame", Detection(ids, np.arange(2.0 * len(ids)).reshape(-1, 2)), folded)
+    views = views_of(
+        "frame", Detection(ids, np.arange(2.0 * len(ids)).reshape(-1, 2)), folded
+    )
     assert [(view.name, view.panel, len(view.ids)) for view in views] == [
         ("frame", 0, 14),
         ("frame", 1, 9),
@@ -232,4 +280,6 @@ def test_the_real_vicalib_frame(data):
     assert all(inliers.all() for inliers in refined.inliers)
     assert refined.rmse < 0.14
     _, inliers, residual = find_pose(view, target, PAPER)  # perhaps another endoscope's
-    assert np.sqrt(np.mean(np.sum(residual[inliers] ** 2, axis=1))) == pytest.approx(1.39, abs=0.02)
+    assert np.sqrt(np.mean(np.sum(residual[inliers] ** 2, axis=1))) == pytest.approx(
+        1.39, abs=0.02
+    )

@@ -3,7 +3,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import NAMES, camera_vector, predict, predict_view, project
+from endolab.calibration.geometric.projection import (
+    NAMES,
+    camera_vector,
+    predict,
+    predict_view,
+    project,
+)
 from endolab.calibration.targets import TARGETS
 from tests.tools.sheet_views import PAPER, WIDE, exact_centroids
 
@@ -14,12 +20,16 @@ POSES = {
     "frontal": Pose.from_vector([0, 0, 0, -38, -19, 90]),
     "to the side": Pose.from_vector([0.1, -1.2, 0.1, 30, -20, -5]),
 }
-CASES = {f"paper {name}": (PAPER, pose) for name, pose in POSES.items() if name != "to the side"}
+CASES = {
+    f"paper {name}": (PAPER, pose) for name, pose in POSES.items() if name != "to the side"
+}
 CASES |= {f"wide {name}": (WIDE, pose) for name, pose in POSES.items()}
 
 
 def spread(pose, count):
-    return np.broadcast_to(pose.rotation, (count, 3, 3)), np.broadcast_to(pose.translation, (count, 3))
+    return np.broadcast_to(pose.rotation, (count, 3, 3)), np.broadcast_to(
+        pose.translation, (count, 3)
+    )
 
 
 def moved(pose, step):
@@ -32,7 +42,9 @@ def at(camera, pose, points, radii):
     return camera_vector(camera), *spread(pose, len(points)), points, radii
 
 
-@pytest.mark.parametrize("vector", [[0.3, -0.5, 0.2, 1, 2, 30], [0, np.pi - 1e-3, 0, 5, -5, 20]])
+@pytest.mark.parametrize(
+    "vector", [[0.3, -0.5, 0.2, 1, 2, 30], [0, np.pi - 1e-3, 0, 5, -5, 20]]
+)
 def test_a_poses_vector_comes_back(vector):
     assert Pose.from_vector(vector).vector == pytest.approx(vector, abs=1e-12)
 
@@ -43,14 +55,17 @@ def test_corners_are_where_the_camera_projects_them(camera, pose):
     known = np.isfinite(seen[:, 0])
     none = np.zeros(len(SHEET.points))
     assert known.sum() > 20
-    assert predict(*at(camera, pose, SHEET.points, none))[known] == pytest.approx(seen[known], abs=1e-9)
+    assert predict(*at(camera, pose, SHEET.points, none))[known] == pytest.approx(
+        seen[known], abs=1e-9
+    )
     exact = project(*at(camera, pose, SHEET.points, none)).pixels
     assert exact[known] == pytest.approx(seen[known], abs=1e-9)
 
 
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
 def test_dots_are_seen_at_the_centroid_of_their_image(camera, pose):
-    points, radii = SHEET.points, SHEET.radii
+    points = SHEET.points
+    radii = SHEET.radii
     exact = exact_centroids(camera, pose, points, radii, rings=12, spokes=48)
     seen = predict(*at(camera, pose, points, radii))
     assert np.abs(seen - exact).max() < 2e-3
@@ -60,29 +75,44 @@ def test_dots_are_seen_at_the_centroid_of_their_image(camera, pose):
 @pytest.mark.parametrize("discs", [True, False], ids=["discs", "corners"])
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
 def test_derivatives_are_those_of_finite_differences(camera, pose, discs):
-    points, radii = SHEET.points, SHEET.radii * discs
-    vector, n = camera_vector(camera), len(points)
+    points = SHEET.points
+    radii = SHEET.radii * discs
+    vector = camera_vector(camera)
+    n = len(points)
     exact = project(vector, *spread(pose, n), points, radii)
     for j in range(8):
         h = 1e-3 if j < 4 else 1e-5
-        ahead, behind = (predict(vector + s * np.eye(8)[j], *spread(pose, n), points, radii) for s in (h, -h))
+        ahead, behind = (
+            predict(vector + s * np.eye(8)[j], *spread(pose, n), points, radii)
+            for s in (h, -h)
+        )
         slope = (ahead - behind) / (2 * h)
-        assert exact.by_camera[:, :, j] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max()), NAMES[j]
+        assert exact.by_camera[:, :, j] == pytest.approx(
+            slope, abs=1e-6 * np.abs(slope).max()
+        ), NAMES[j]
     for j, h in enumerate(1e-5 * np.eye(6)):
-        ahead, behind = (predict(vector, *spread(moved(pose, s), n), points, radii) for s in (h, -h))
+        ahead, behind = (
+            predict(vector, *spread(moved(pose, s), n), points, radii) for s in (h, -h)
+        )
         slope = (ahead - behind) / 2e-5
-        assert exact.by_pose[:, :, j] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max()), j
+        assert exact.by_pose[:, :, j] == pytest.approx(
+            slope, abs=1e-6 * np.abs(slope).max()
+        ), j
 
 
 @pytest.mark.parametrize("discs", [True, False], ids=["discs", "corners"])
 def test_derivatives_hold_on_the_axis(discs):
-    offsets = np.array([[0.0, 0, 0], [1e-12, 0, 0], [1e-8, -1e-8, 0], [1e-4, 1e-4, 0], [0.05, 0, 0]])
+    offsets = np.array(
+        [[0.0, 0, 0], [1e-12, 0, 0], [1e-8, -1e-8, 0], [1e-4, 1e-4, 0], [0.05, 0, 0]]
+    )
     radii = np.full(len(offsets), 1.2 * discs)
     pose = Pose.from_vector([0, 0, 0, 0, 0, 40.0])
     exact = project(*at(PAPER, pose, offsets, radii))
     assert np.all(np.isfinite(exact.by_camera))
     for j, h in enumerate(1e-5 * np.eye(6)):
-        ahead, behind = (predict(*at(PAPER, moved(pose, s), offsets, radii)) for s in (h, -h))
+        ahead, behind = (
+            predict(*at(PAPER, moved(pose, s), offsets, radii)) for s in (h, -h)
+        )
         assert exact.by_pose[:, :, j] == pytest.approx((ahead - behind) / 2e-5, abs=1e-5)
 
 

@@ -8,7 +8,12 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, place_nodes
+from endolab.calibration.photometric.model import (
+    GREY,
+    LightModel,
+    LightUnknowns,
+    place_nodes,
+)
 from endolab.calibration.photometric.samples import Samples, sample_depth
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.shooting import shooting
@@ -16,7 +21,11 @@ from tests.tools.shooting import shooting
 CAMERA = datasets.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
 
-WALL = {"gamma": "free", "brdf": "lambertian", "reflectance": (None, None)}  # in three colours
+WALL = {
+    "gamma": "free",
+    "brdf": "lambertian",
+    "reflectance": (None, None),
+}  # in three colours
 
 
 def video(target="vicalib_big", count=100, light=TRUTH, **how):
@@ -29,9 +38,17 @@ def everything_free(rng):
     samples, _ = video("vicalib_grey", 6, per_frame=40, noise=0.0)
     theta = np.arccos(samples.cos_theta)
     model = LightModel(
-        samples, samples.frame, place_nodes(theta, 5), 2, (2.0, 0.2), ((0.5, 0.1),), True, (0.05, 0.9)
+        samples,
+        samples.frame,
+        place_nodes(theta, 5),
+        2,
+        (2.0, 0.2),
+        ((0.5, 0.1),),
+        True,
+        (0.05, 0.9),
     )
-    brdf, gain = rng.normal(-1.0, 0.3, len(model.nodes)), rng.normal(8, 0.3, 6)
+    brdf = rng.normal(-1.0, 0.3, len(model.nodes))
+    gain = rng.normal(8, 0.3, 6)
     light = np.array([1.0, -2.0, 0.5, 0.1, -0.05])
     return model, LightUnknowns(2.1, 1.9, brdf, np.array([0.0, -0.6]), gain, light)
 
@@ -40,21 +57,27 @@ def test_every_derivative_agrees_with_finite_differences(rng):
     model, unknowns = everything_free(rng)
     lin = model.linearise(unknowns)
     assert lin.by_common.shape == (len(model.samples), 1, len(model.names))
-    common, own = np.zeros(len(model.names)), np.zeros((6, 1))
+    common = np.zeros(len(model.names))
+    own = np.zeros((6, 1))
     step = 1e-6
 
     def difference(name, index):
         ends = []
         for sign in (-1, 1):
-            a, b = common.copy(), own.copy()
+            a = common.copy()
+            b = own.copy()
             (a if name == "common" else b)[index] = sign * step
             ends.append(model.residual(model.moved(unknowns, a, b)))
         return [(after - before) / (2 * step) for before, after in zip(*ends, strict=True)]
 
     for i, name in enumerate(model.names):
         by_residual, by_prior = difference("common", i)
-        np.testing.assert_allclose(lin.by_common[..., i], by_residual, rtol=2e-5, atol=2e-5, err_msg=name)
-        np.testing.assert_allclose(lin.prior_by_common[:, i], by_prior, rtol=1e-6, atol=1e-8, err_msg=name)
+        np.testing.assert_allclose(
+            lin.by_common[..., i], by_residual, rtol=2e-5, atol=2e-5, err_msg=name
+        )
+        np.testing.assert_allclose(
+            lin.prior_by_common[:, i], by_prior, rtol=1e-6, atol=1e-8, err_msg=name
+        )
     for frame in range(6):
         by_residual, _ = difference("own", (frame, 0))
         expected = np.where(model.group[:, None] == frame, lin.by_own[..., 0], 0.0)
@@ -67,8 +90,12 @@ def test_the_model_is_that_of_photometry(rng):
     surface = el.TabulatedBRDF(tuple(model.nodes), tuple(np.exp(unknowns.log_brdf)))
     photometry = el.Photometry(0.0, unknowns.gamma, 1.0, surface, (light,))
     samples = model.samples
-    factor = np.exp(unknowns.log_gain[samples.frame] + unknowns.log_reflectance[samples.material])
-    level = photometry.intensity(samples.points, samples.normals) * factor ** (1 / unknowns.gamma)
+    factor = np.exp(
+        unknowns.log_gain[samples.frame] + unknowns.log_reflectance[samples.material]
+    )
+    level = photometry.intensity(samples.points, samples.normals) * factor ** (
+        1 / unknowns.gamma
+    )
     np.testing.assert_allclose(model.predict(unknowns), GREY * level, rtol=1e-12)
 
 
@@ -81,7 +108,9 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     assert abs(fit.sigma - np.hypot(3, 12**-0.5)) < 0.05
     assert abs(fit.mean) < 0.03
     theta = np.linspace(0.1, 1.2, 50)
-    ratio = fit.photometry.brdf.value(np.cos(theta), 1.0) / PAPER_SHEET.value(np.cos(theta), np.cos(theta))
+    ratio = fit.photometry.brdf.value(np.cos(theta), 1.0) / PAPER_SHEET.value(
+        np.cos(theta), np.cos(theta)
+    )
     assert np.std(ratio / ratio.mean()) < 0.006
     scale = fit.gains / gains
     assert np.std(scale / scale.mean()) < 0.008
@@ -93,7 +122,11 @@ def test_standard_errors_are_honest():
     for seed in range(30):
         samples, _ = video("vicalib_folded", 30, fold=np.deg2rad(40), seed=seed)
         fit = calibrate_light(samples, gamma="free", nodes=8)
-        off = {"k": fit.k - 2.5, "gamma": fit.photometry.gamma - 2.2, "k/gamma": fit.ratio - 2.5 / 2.2}
+        off = {
+            "k": fit.k - 2.5,
+            "gamma": fit.photometry.gamma - 2.2,
+            "k/gamma": fit.ratio - 2.5 / 2.2,
+        }
         draws.append([value / fit.standard_errors[name] for name, value in off.items()])
     pulls = np.sqrt(np.mean(np.square(draws), axis=0))
     assert np.all((pulls > 0.65) & (pulls < 1.4)), pulls  # 30 draws: ± 13 %
@@ -101,9 +134,13 @@ def test_standard_errors_are_honest():
 
 def moved_planes(samples, size, rng):
     """Samples on planes that are a little wrong, of each panel in each frame, with how wrong they may be."""
-    points, normals, slack = samples.points.copy(), samples.normals.copy(), np.zeros((len(samples), 6))
+    points = samples.points.copy()
+    normals = samples.normals.copy()
+    slack = np.zeros((len(samples), 6))
     for frame in np.unique(samples.frame):
-        for panel, normal in enumerate(np.unique(samples.normals[samples.frame == frame], axis=0)):
+        for panel, normal in enumerate(
+            np.unique(samples.normals[samples.frame == frame], axis=0)
+        ):
             on = (samples.frame == frame) & np.all(samples.normals == normal, axis=1)
             plane = normal / np.mean(samples.points[on] @ normal)
             errors = size * np.linalg.norm(plane) * np.eye(3)
@@ -116,14 +153,25 @@ def moved_planes(samples, size, rng):
 
 
 def test_errors_of_the_poses_count_in_the_standard_errors():
-    draws, blind = [], []
+    draws = []
+    blind = []
     for seed in range(12):
-        samples, _ = video("vicalib_folded", 60, fold=np.deg2rad(30), seed=seed, outliers=0.0)
+        samples, _ = video(
+            "vicalib_folded", 60, fold=np.deg2rad(30), seed=seed, outliers=0.0
+        )
         wrong = moved_planes(samples, 0.004, np.random.default_rng(seed))
-        for pulls, known in ((draws, wrong), (blind, replace(wrong, slack=np.zeros((0, 0))))):
+        for pulls, known in (
+            (draws, wrong),
+            (blind, replace(wrong, slack=np.zeros((0, 0)))),
+        ):
             fit = calibrate_light(known, gamma="free", nodes=8)
             errors = fit.standard_errors
-            pulls.append([(fit.k - 2.5) / errors["k"], (fit.photometry.gamma - 2.2) / errors["gamma"]])
+            pulls.append(
+                [
+                    (fit.k - 2.5) / errors["k"],
+                    (fit.photometry.gamma - 2.2) / errors["gamma"],
+                ]
+            )
     honest, proud = (np.sqrt(np.mean(np.square(pulls), axis=0)) for pulls in (draws, blind))
     assert np.all((honest > 0.5) & (honest < 1.5)), honest  # 12 draws: ± 20 %
     assert np.all(proud > 1.4 * honest), (honest, proud)
@@ -140,12 +188,15 @@ def test_outliers_change_next_to_nothing():
 
 
 def test_saturation_is_told_by_the_predicted_level():
-    errors, levels = [], (24 / 255, 225 / 255)
+    errors = []
+    levels = (24 / 255, 225 / 255)
     for seed in range(4):
         samples, _ = video("vicalib_folded", fold=0.7, outliers=0.0, noise=6.0, seed=seed)
         measured = samples[(samples.level > levels[0]) & (samples.level < levels[1])]
         ways = (samples, levels), (measured, (1e-3, 2.0)), (samples, (1e-3, 2.0))
-        errors.append([calibrate_light(chosen, levels=ends).k - 2.5 for chosen, ends in ways])
+        errors.append(
+            [calibrate_light(chosen, levels=ends).k - 2.5 for chosen, ends in ways]
+        )
     by_predicted, by_measured, by_none = np.mean(errors, axis=0)
     assert abs(by_predicted) < 0.006
     assert by_measured < -0.009
@@ -162,11 +213,15 @@ def flat_fit(flat):
     return calibrate_light(flat)
 
 
-def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_part(flat, flat_fit):
+def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_part(
+    flat, flat_fit
+):
     fit = calibrate_light(replace(flat, points=flat.points / 1000))
     np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
-    others = (getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material"))
+    others = (
+        getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material")
+    )
     fit = calibrate_light(Samples((1000 - 7 * flat.frame)[::-1], *others))
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
     np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
@@ -177,8 +232,12 @@ def test_prediction_and_residuals_belong_together(flat, flat_fit):
     residuals = GREY * (flat.level - flat_fit.predict(flat))
     np.testing.assert_allclose(residuals, flat_fit.residuals, rtol=0, atol=1e-9)
     assert np.all(np.isnan(flat_fit.predict(replace(flat, frame=flat.frame + 10_000))))
-    np.testing.assert_allclose(flat_fit.standard_errors["k"] ** 2, flat_fit.covariance[0, 0])
-    np.testing.assert_allclose(flat_fit.standard_errors["k/gamma"], flat_fit.standard_errors["k"] / 2.2)
+    np.testing.assert_allclose(
+        flat_fit.standard_errors["k"] ** 2, flat_fit.covariance[0, 0]
+    )
+    np.testing.assert_allclose(
+        flat_fit.standard_errors["k/gamma"], flat_fit.standard_errors["k"] / 2.2
+    )
 
 
 @pytest.mark.parametrize(
@@ -204,7 +263,9 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
     assert abs(fit.photometry.gamma - 2.2) < 0.01
     assert abs(fit.k - 2.5) < 0.02
     np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
-    np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
+    np.testing.assert_allclose(
+        GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9
+    )
     assert "One gain was fitted for all frames." in fit.verdict
 
 
@@ -212,19 +273,26 @@ def test_grey_patches_of_known_ratio_give_gamma_and_a_given_gamma_measures_them(
     samples, _ = video("vicalib_grey", 150)
     fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert abs(fit.photometry.gamma - 2.2) < 0.015
-    np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
+    np.testing.assert_allclose(
+        GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9
+    )
     samples, _ = video("vicalib_grey", 60)
     for known in (None, (0.51, 0.01)):
         fit = calibrate_light(samples, reflectance=(known,))
-        assert abs(fit.reflectance[1] - 0.5) < min(0.003, 4 * fit.standard_errors["reflectance 1"])
+        assert abs(fit.reflectance[1] - 0.5) < min(
+            0.003, 4 * fit.standard_errors["reflectance 1"]
+        )
 
 
 def test_a_light_beside_the_camera_is_found():
     light = el.SpotLight((4.0, -2.0, -1.0), (0.08, 0.03, 1.0), 2.5)
-    theta = np.linspace(0, np.pi / 2, 500)  # of the incidence alone, which the half angle here is not
+    theta = np.linspace(
+        0, np.pi / 2, 500
+    )  # of the incidence alone, which the half angle here is not
     sheet = el.TabulatedBRDF(theta, PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
     samples, _ = video(count=150, light=el.Photometry(0.0, 2.2, 1.0, sheet, (light,)))
-    centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
+    centred = calibrate_light(samples)
+    free = calibrate_light(samples, light="free")
     assert free.sigma < 3.1 < centred.sigma
     (found,) = free.photometry.lights
     assert (free.photometry.k, free.k) == (0, found.exponent)
@@ -233,7 +301,9 @@ def test_a_light_beside_the_camera_is_found():
     np.testing.assert_allclose(found.direction, light.direction, atol=0.01)
     errors = np.array([free.standard_errors[f"light {axis}"] for axis in "xyz"])
     assert np.all(np.abs(np.array(found.position) - light.position) < 4 * errors)
-    np.testing.assert_allclose(GREY * (samples.level - free.predict(samples)), free.residuals, atol=1e-9)
+    np.testing.assert_allclose(
+        GREY * (samples.level - free.predict(samples)), free.residuals, atol=1e-9
+    )
 
 
 def test_held_out_frames_are_predicted(flat_fit):

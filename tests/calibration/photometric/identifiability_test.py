@@ -28,7 +28,9 @@ def disturbed(samples, seed, distance=0.003, degrees=0.1):
     """Samples whose places are wrong, each in its own way."""
     rng = np.random.default_rng(seed)
     points = samples.points * np.exp(distance * rng.normal(size=(len(samples), 1)))
-    normals = samples.normals + np.deg2rad(degrees) / np.sqrt(2) * rng.normal(size=samples.normals.shape)
+    normals = samples.normals + np.deg2rad(degrees) / np.sqrt(2) * rng.normal(
+        size=samples.normals.shape
+    )
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(samples, points=points, normals=normals)
 
@@ -91,7 +93,9 @@ def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
     assert abs(fit.photometry.gamma - 2.1) < 1e-3
     np.testing.assert_allclose(fit.standard_errors["gamma"], 0.1, rtol=1e-3)
     np.testing.assert_allclose(fit.standard_errors["k"], 0.1 * given.ratio, rtol=0.02)
-    np.testing.assert_allclose(fit.standard_errors["k/gamma"], given.standard_errors["k/gamma"], rtol=0.1)
+    np.testing.assert_allclose(
+        fit.standard_errors["k/gamma"], given.standard_errors["k/gamma"], rtol=0.1
+    )
     assert fit.correlation[fit.names.index("gamma"), 0] > 0.99
     assert "the samples add nothing to that" in fit.verdict[0]
 
@@ -102,7 +106,9 @@ def test_a_prior_on_gamma_joins_what_the_samples_know():
     own = free.standard_errors["gamma"]
     fit = calibrate_light(samples, gamma=(2.2, own))
     np.testing.assert_allclose(fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03)
-    np.testing.assert_allclose(fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own)
+    np.testing.assert_allclose(
+        fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own
+    )
 
 
 def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_does():
@@ -126,7 +132,9 @@ def test_one_incidence_angle_does_not_give_a_brdf(rng):
     rays = rng.normal(size=(300, 3)) * [0.4, 0.4, 0.0] + [0, 0, 1]
     points = 40 * rays / np.linalg.norm(rays, axis=1, keepdims=True)
     level = TRUTH.intensity(points, -points / 40) * 3000 ** (1 / 2.2)
-    samples = Samples(np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int))
+    samples = Samples(
+        np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int)
+    )
     refused("brdf", samples)
 
 
@@ -140,16 +148,28 @@ def test_unknowns_at_their_bounds_are_refused():
 
 def test_a_light_that_nothing_tells_is_refused():
     """Frontal at one distance: a shift of the light and a tilt of it do the same."""
-    samples = video(count=25, per_frame=20, noise=5.0, tilt=np.deg2rad(4), reach=0.2, distance=(95.0, 100.0))
+    samples = video(
+        count=25,
+        per_frame=20,
+        noise=5.0,
+        tilt=np.deg2rad(4),
+        reach=0.2,
+        distance=(95.0, 100.0),
+    )
     refused("light", samples, "centred", light="free", brdf="lambertian")
 
 
 def shine(samples, lamp, exposed="each"):
     """Samples lit otherwise: `lamp` gives the linear light of some; each frame, or all, well exposed."""
-    light, rng = lamp(samples), np.random.default_rng(0)
+    light = lamp(samples)
+    rng = np.random.default_rng(0)
     groups = samples.frame if exposed == "each" else np.zeros(len(samples), int)
-    bright = np.array([np.percentile(light[groups == group], 80) for group in range(groups.max() + 1)])
-    level = (0.5 * light / bright[groups]) ** (1 / 2.2) + rng.normal(0, 3 / 255, len(samples))
+    bright = np.array(
+        [np.percentile(light[groups == group], 80) for group in range(groups.max() + 1)]
+    )
+    level = (0.5 * light / bright[groups]) ** (1 / 2.2) + rng.normal(
+        0, 3 / 255, len(samples)
+    )
     return replace(samples, level=np.clip(level, 0.0, 1.0))
 
 
@@ -199,7 +219,9 @@ def test_light_of_a_room_under_a_locked_exposure_is_refused():
 
 @pytest.mark.parametrize("k", [0.1, 1.0, 4.0])
 def test_a_lamp_at_the_lens_is_accepted_whatever_its_beam(k):
-    fit = calibrate_light(shine(video(), lambda seen: torch(0, 0, 0)(seen) * seen.cos_alpha**k))
+    fit = calibrate_light(
+        shine(video(), lambda seen: torch(0, 0, 0)(seen) * seen.cos_alpha**k)
+    )
     assert abs(fit.k - k) < 4 * fit.standard_errors["k"]
 
 
@@ -210,7 +232,9 @@ def test_some_light_of_the_room_is_named():
 
     fit = calibrate_light(shine(video(count=40), lamp))
     assert any("another light" in sentence for sentence in fit.verdict)
-    assert not any("another light" in sentence for sentence in calibrate_light(video(count=40)).verdict)
+    assert not any(
+        "another light" in sentence for sentence in calibrate_light(video(count=40)).verdict
+    )
 
 
 def test_residuals_that_no_lamp_at_the_lens_leaves_are_refused():

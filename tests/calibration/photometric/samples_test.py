@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.calibration.photometric.samples import Samples, sample_depth, sample_sheet, sample_surface
+from endolab.calibration.photometric.samples import (
+    Samples,
+    sample_depth,
+    sample_sheet,
+    sample_surface,
+)
 from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET
@@ -28,9 +33,12 @@ def some(count, seed=0):
     )
 
 
-@pytest.mark.parametrize("name", ["vicalib_small", "vicalib_folded", "vicalib_grey", "charuco", "circles"])
+@pytest.mark.parametrize(
+    "name", ["vicalib_small", "vicalib_folded", "vicalib_grey", "charuco", "circles"]
+)
 def test_a_clean_frame_gives_the_models_levels(name):
-    target, fair_ones = el.TARGETS[name], 0
+    target = el.TARGETS[name]
+    fair_ones = 0
     movement = Movement(0.5 if target.fold else 0.0, distance=(25.0, 60.0), tilt=0.8)
     for number, poses in enumerate(trajectory(target, CAMERA, 6, movement)):
         frame = render_sheet(target, poses, CAMERA, PAPER, Sensor(noise=0.0, bits=16))
@@ -42,10 +50,14 @@ def test_a_clean_frame_gives_the_models_levels(name):
         fair_ones += fair.sum()
         np.testing.assert_allclose(255 * samples.level[fair], 255 * model[fair], atol=0.3)
         assert np.all(samples.frame == number)
-        panels = [np.all(np.abs(samples.normals - pose.normal) < 1e-12, axis=1) for pose in poses]
+        panels = [
+            np.all(np.abs(samples.normals - pose.normal) < 1e-12, axis=1) for pose in poses
+        ]
         assert np.all(np.sum(panels, axis=0) == 1)
         for pose, here in zip(poses, panels, strict=True):
-            np.testing.assert_allclose((samples.points[here] - pose.translation) @ pose.normal, 0, atol=1e-9)
+            np.testing.assert_allclose(
+                (samples.points[here] - pose.translation) @ pose.normal, 0, atol=1e-9
+            )
         pixels = CAMERA.project(samples.points)
         np.testing.assert_allclose(pixels, np.round(pixels), atol=1e-6)
         assert samples.cos_theta.min() > 0
@@ -54,7 +66,9 @@ def test_a_clean_frame_gives_the_models_levels(name):
 
 def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_folded"]
-    poses = trajectory(target, CAMERA, 1, Movement(0.4, (40.0, 40.0), tilt=0.0, reach=0.0))[0]
+    poses = trajectory(target, CAMERA, 1, Movement(0.4, (40.0, 40.0), tilt=0.0, reach=0.0))[
+        0
+    ]
     image = render_sheet(target, poses, CAMERA, PAPER, Sensor(noise=0.0)).image
     whole = sample_sheet(image, target, poses, CAMERA, most=999)
     right = sample_sheet(image, target, [None, poses[1]], CAMERA, most=999)
@@ -62,7 +76,9 @@ def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     assert np.all(right.normals == poses[1].normal)
     assert len(sample_sheet(image, target, [None, None], CAMERA)) == 0
     target = el.TARGETS["vicalib_small"]
-    pose = trajectory(target, CAMERA, 1, Movement(distance=(40.0, 40.0), tilt=0.0, reach=0.0))[0][0]
+    pose = trajectory(
+        target, CAMERA, 1, Movement(distance=(40.0, 40.0), tilt=0.0, reach=0.0)
+    )[0][0]
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
         moved = replace(pose, translation=pose.translation + shift)
         assert len(sample_sheet(np.zeros((540, 720)), target, [moved], CAMERA)) == 0
@@ -73,7 +89,9 @@ def test_a_rendered_scene_gives_the_models_levels(albedo):
     light = el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(albedo))
     frame = el.render(el.SCENES["curved"], CAMERA.resize(180, 135), light)
     points = frame.distance[..., None] * frame.camera.field.rays
-    samples = sample_surface(frame.image, points, frame.normals, frame.mask, frame=4, most=300)
+    samples = sample_surface(
+        frame.image, points, frame.normals, frame.mask, frame=4, most=300
+    )
     channels = 3 if isinstance(albedo, tuple) else 1
     assert len(samples) == 300 * channels
     assert np.all(samples.frame == 4)
@@ -89,7 +107,9 @@ def test_a_rendered_scene_gives_the_models_levels(albedo):
 
 def test_a_depth_map_gives_points_and_normals_away_from_its_edges():
     camera = CAMERA.resize(240, 180)
-    frame = el.render(el.SCENES["colon"], camera, el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(0.6)))
+    frame = el.render(
+        el.SCENES["colon"], camera, el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(0.6))
+    )
     stored = np.round(frame.distance / 0.002) * 0.002
     mask = frame.mask & (np.arange(240) > 60)
     samples = sample_depth(frame.image, stored, camera.field, mask, smooth=1.0, most=10**6)

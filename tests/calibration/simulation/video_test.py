@@ -8,17 +8,26 @@ import pytest
 
 import endolab as el
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.simulation.sheet_image import GAIN_RANGE, Sensor, automatic_gain, render_sheet
+from endolab.calibration.simulation.sheet_image import (
+    GAIN_RANGE,
+    Sensor,
+    automatic_gain,
+    render_sheet,
+)
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.sheet_views import reflectance
 
 FULL = el.load_calibration("paper").camera
-CAMERA, LARGE = FULL.resize(480, 360), FULL.resize(960, 720)
+CAMERA = FULL.resize(480, 360)
+LARGE = FULL.resize(960, 720)
 PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
-FLAT, FOLDED = el.TARGETS["vicalib_small"], el.TARGETS["vicalib_folded"]
+FLAT = el.TARGETS["vicalib_small"]
+FOLDED = el.TARGETS["vicalib_folded"]
 CLEAN = Sensor(noise=0.0, bits=16)
-AHEAD = Pose(np.eye(3), np.array([-38.0, -19.0, 45.0]))  # frontal, the sheet's middle on the axis
+AHEAD = Pose(
+    np.eye(3), np.array([-38.0, -19.0, 45.0])
+)  # frontal, the sheet's middle on the axis
 
 
 def meet(pose, rays):
@@ -37,9 +46,13 @@ def brute(target, poses, camera, photometry, rows, columns, sub=8):
         points = meet(pose, rays)
         xy = (points - pose.translation) @ pose.rotation[:, :2]
         value = reflectance(target, xy)
-        good = np.isfinite(value) & (target.panel_of(xy) == number) & (rays @ pose.normal < 0)
+        good = (
+            np.isfinite(value) & (target.panel_of(xy) == number) & (rays @ pose.normal < 0)
+        )
         normals = np.broadcast_to(pose.normal, points[good].shape)
-        light[good] = value[good] * photometry.intensity(points[good], normals) ** photometry.gamma
+        light[good] = (
+            value[good] * photometry.intensity(points[good], normals) ** photometry.gamma
+        )
     h, w = light.shape
     return light.reshape(h // sub, sub, w // sub, sub).mean(axis=(1, 3))
 
@@ -51,17 +64,31 @@ def brute(target, poses, camera, photometry, rows, columns, sub=8):
         (FOLDED, 0.6, PAPER),
         (el.TARGETS["vicalib_grey"], 0.0, PAPER),
         (el.TARGETS["charuco"], 0.0, PAPER),
-        (FLAT, 0.0, replace(PAPER, brdf=el.TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1)))),
-        (FLAT, 0.0, replace(PAPER, k=1.0, lights=(el.SpotLight((3.0, 0.0, 0.0), exponent=1.0),))),
+        (
+            FLAT,
+            0.0,
+            replace(PAPER, brdf=el.TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1))),
+        ),
+        (
+            FLAT,
+            0.0,
+            replace(PAPER, k=1.0, lights=(el.SpotLight((3.0, 0.0, 0.0), exponent=1.0),)),
+        ),
     ],
     ids=["flat", "folded", "grey", "charuco", "table", "off-centre light"],
 )
 def test_a_picture_is_the_brute_force_average(target, fold, photometry):
     poses = trajectory(target, CAMERA, 5, Movement(fold, (30.0, 60.0)), seed=2)[1]
     frame = render_sheet(target, poses, CAMERA, photometry, CLEAN)
-    middle = CAMERA.project(poses[0].transform([target.fold_x or target.points[:, 0].mean(), 19.0, 0.0]))
-    column, row = (int(np.clip(value, 35, side - 35)) for value, side in zip(middle, (480, 360), strict=True))
-    rows, columns = (row - 30, row + 30), (column - 30, column + 30)
+    middle = CAMERA.project(
+        poses[0].transform([target.fold_x or target.points[:, 0].mean(), 19.0, 0.0])
+    )
+    column, row = (
+        int(np.clip(value, 35, side - 35))
+        for value, side in zip(middle, (480, 360), strict=True)
+    )
+    rows = (row - 30, row + 30)
+    columns = (column - 30, column + 30)
     known = replace(photometry, gain=frame.gain)
     truth = np.clip(brute(target, poses, CAMERA, known, rows, columns), 0.0, 1.0)
     found = frame.image[slice(*rows), slice(*columns)] ** photometry.gamma
@@ -69,7 +96,10 @@ def test_a_picture_is_the_brute_force_average(target, fold, photometry):
     error = found - truth
     assert abs(error.mean()) < 2e-3 * truth.mean()
     assert np.sqrt(np.mean(error**2)) < 0.02
-    even = np.abs(truth ** (1 / photometry.gamma) - frame.image[slice(*rows), slice(*columns)]) < 0.1 / 255
+    even = (
+        np.abs(truth ** (1 / photometry.gamma) - frame.image[slice(*rows), slice(*columns)])
+        < 0.1 / 255
+    )
     assert even.mean() > 0.3  # where nothing printed passes through the pixel
 
 
@@ -78,7 +108,8 @@ def test_each_option_does_what_it_says():
     x, y, _ = FLAT.white_places()[0]
     column, row = np.round(CAMERA.project(AHEAD.transform([x, y, 0.0]))).astype(int)
     noisy, again = (
-        render_sheet(FLAT, [AHEAD], CAMERA, PAPER, Sensor(noise=3.0, bits=16), seed=n).image for n in (0, 1)
+        render_sheet(FLAT, [AHEAD], CAMERA, PAPER, Sensor(noise=3.0, bits=16), seed=n).image
+        for n in (0, 1)
     )
     grey = (clean > 0.2) & (clean < 0.8)
     assert np.std((noisy - clean)[grey]) * 255 == pytest.approx(3.0, rel=0.02)
@@ -88,11 +119,21 @@ def test_each_option_does_what_it_says():
     assert np.abs(coarse - clean).max() <= 0.5001 / 255
     linear = clean**2.2
     for options in ({"blur": 2.0}, {"motion": 9.0}):
-        soft = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, **options)).image ** 2.2
-        assert soft[40:-40, 40:-40].sum() == pytest.approx(linear[40:-40, 40:-40].sum(), rel=1e-3)
-        assert np.abs(np.diff(soft, axis=1)).sum() < 0.9 * np.abs(np.diff(linear, axis=1)).sum()
+        soft = (
+            render_sheet(FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, **options)).image
+            ** 2.2
+        )
+        assert soft[40:-40, 40:-40].sum() == pytest.approx(
+            linear[40:-40, 40:-40].sum(), rel=1e-3
+        )
+        assert (
+            np.abs(np.diff(soft, axis=1)).sum()
+            < 0.9 * np.abs(np.diff(linear, axis=1)).sum()
+        )
 
-    spotted = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, outliers=0.015)).image
+    spotted = render_sheet(
+        FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, outliers=0.015)
+    ).image
     paper = linear > 0.1
     assert 0.008 < np.mean(np.abs(spotted - clean)[paper] > 0.02) < 0.022
     over = render_sheet(FLAT, [AHEAD], CAMERA, replace(PAPER, gain=1e5), CLEAN).image
@@ -106,7 +147,9 @@ def test_panels_share_the_fold_and_turn_away(fold):
         np.testing.assert_allclose(left.transform(ridge), right.transform(ridge), atol=1e-9)
         assert left.normal @ right.normal == pytest.approx(np.cos(fold), abs=1e-12)
         for pose in (left, right):
-            np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
+            np.testing.assert_allclose(
+                pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12
+            )
             assert np.linalg.det(pose.rotation) == pytest.approx(1)
         # Convex: each panel lies behind the plane of the other, seen from where the sheet is read.
         tip = right.transform([[76.0, 19.0, 0.0]])
@@ -123,7 +166,10 @@ def test_a_hand_goes_everywhere_and_smoothly_and_can_be_held_back():
     assert np.deg2rad(45) < tilts.max() <= np.deg2rad(55) + 1e-9
     assert tilts.min() < np.deg2rad(10)
     assert np.linalg.norm(np.diff(centres, axis=0), axis=1).max() < 12
-    turns = [np.arccos((np.trace(a.rotation.T @ b.rotation) - 1) / 2) for a, b in itertools.pairwise(poses)]
+    turns = [
+        np.arccos((np.trace(a.rotation.T @ b.rotation) - 1) / 2)
+        for a, b in itertools.pairwise(poses)
+    ]
     assert max(turns) < 0.3
 
 
@@ -142,7 +188,10 @@ def test_the_gain_follows_the_distance_within_its_range():
 def test_samples_obey_the_model_and_lie_on_their_panels():
     target = el.TARGETS["vicalib_grey"]
     samples, gains = simulate_samples(target, FULL, PAPER, 40, sensor=CLEAN)
-    linear = replace(PAPER, gain=1.0).intensity(samples.points, samples.normals) ** 2.2 * gains[samples.frame]
+    linear = (
+        replace(PAPER, gain=1.0).intensity(samples.points, samples.normals) ** 2.2
+        * gains[samples.frame]
+    )
     linear = linear * np.where(samples.material == 1, 0.5, 1.0)
     np.testing.assert_allclose(samples.level, np.clip(linear ** (1 / 2.2), 0, 1), atol=1e-5)
     assert set(samples.material) == {0, 1}
@@ -152,10 +201,16 @@ def test_samples_obey_the_model_and_lie_on_their_panels():
     assert np.all((pixels >= 0) & (pixels <= [1439, 1079]))
     assert samples.cos_theta.min() > 0
     poses = trajectory(FOLDED, FULL, 20, Movement(fold=0.5), seed=4)
-    samples, _ = simulate_samples(FOLDED, FULL, PAPER, 20, movement=Movement(fold=0.5), seed=4)
+    samples, _ = simulate_samples(
+        FOLDED, FULL, PAPER, 20, movement=Movement(fold=0.5), seed=4
+    )
     for number, frame in enumerate(poses):
         here = samples[samples.frame == number]
-        heights = np.stack([(here.points - pose.translation) @ pose.normal for pose in frame])
-        agree = np.stack([np.all(np.abs(here.normals - pose.normal) < 1e-12, axis=1) for pose in frame])
+        heights = np.stack(
+            [(here.points - pose.translation) @ pose.normal for pose in frame]
+        )
+        agree = np.stack(
+            [np.all(np.abs(here.normals - pose.normal) < 1e-12, axis=1) for pose in frame]
+        )
         assert np.all(agree.sum(axis=0) == 1)
         np.testing.assert_allclose(heights[agree], 0, atol=1e-9)

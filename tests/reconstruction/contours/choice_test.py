@@ -26,7 +26,9 @@ def direct(name, width=160):
     sample = el.load_traced(name)
     image = np.clip(sample.direct, 0, 1) ** (1 / sample.calibration.photometry.gamma)
     frame = el.Frame(image, sample.frame.mask, name)
-    problem = make_problem(frame, sample.calibration, channel="green", width=width, smooth=0.0)
+    problem = make_problem(
+        frame, sample.calibration, channel="green", width=width, smooth=0.0
+    )
     return problem, sample.scene.distance(problem.field.rays)
 
 
@@ -34,7 +36,9 @@ def error(surface, truth):
     return 100 * np.nanmean(np.abs(surface.distance / truth - 1))
 
 
-@pytest.mark.parametrize(("name", "most"), [("matt", 6.0), ("diffuse-1", 8.0), ("diffuse-3", 11.5)])
+@pytest.mark.parametrize(
+    ("name", "most"), [("matt", 6.0), ("diffuse-1", 8.0), ("diffuse-3", 11.5)]
+)
 def test_what_is_torn_is_nearer_the_truth(name, most):
     """Measured in %, smooth and torn: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
     problem, truth = direct(name)
@@ -79,7 +83,9 @@ def test_with_a_channel_of_its_own_and_without_contours():
     """`contours=True` tears a single channel, too, and says so; a plane has no contours."""
     calibration = el.load_calibration("simple", 160)
     for scene, expected in (("colon", True), ("plane", False)):
-        seen = el.render(el.SCENES[scene], calibration.camera, calibration.photometry, bits=8)
+        seen = el.render(
+            el.SCENES[scene], calibration.camera, calibration.photometry, bits=8
+        )
         known = el.Calibration(seen.camera, seen.photometry)
         result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
         assert (result.provenance.contours.steps > 0) is expected

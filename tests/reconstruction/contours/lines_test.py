@@ -20,7 +20,9 @@ from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
 def seen(scene, width=320, **options):
     """A rendered frame, and the problem it poses."""
     known = datasets.load_calibration("simple", width)
-    rendered = el.render(el.SCENES[scene], known.camera, known.photometry, bits=8, **options)
+    rendered = el.render(
+        el.SCENES[scene], known.camera, known.photometry, bits=8, **options
+    )
     known = el.Calibration(rendered.camera, rendered.photometry)
     frame = el.Frame(rendered.image, rendered.mask)
     return rendered, make_problem(frame, known, channel="green")
@@ -29,15 +31,20 @@ def seen(scene, width=320, **options):
 def within(lines, others, pixels):
     """Share of the pixels of one drawing that have one of the other's nearby."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * pixels + 1, 2 * pixels + 1))
-    return float((lines & (cv2.dilate(others.astype(np.uint8), disc) > 0)).sum() / lines.sum())
+    return float(
+        (lines & (cv2.dilate(others.astype(np.uint8), disc) > 0)).sum() / lines.sum()
+    )
 
 
 @pytest.mark.parametrize("width", [240, 480])
 def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
-    edges = (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any(axis=0)
-    true, near = depth_cuts(rendered.distance).any(axis=0), round(2 * width / 320)
+    edges = (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any(
+        axis=0
+    )
+    true = depth_cuts(rendered.distance).any(axis=0)
+    near = round(2 * width / 320)
     assert within(edges, true, near) > 0.6
     assert within(true, edges, near) > 0.55
 
@@ -52,7 +59,9 @@ def test_a_tube_is_not_torn_along_its_wall():
     """Lines that ran up the dark wall before its end cut pieces off it, 87 % too far."""
     known = datasets.load_calibration("simple", 160)
     seen = el.render(el.SCENES["tube"], known.camera, known.photometry, noise=1, bits=8)
-    result = el.reconstruct(el.Frame(seen.image, seen.mask), el.Calibration(seen.camera, seen.photometry))
+    result = el.reconstruct(
+        el.Frame(seen.image, seen.mask), el.Calibration(seen.camera, seen.photometry)
+    )
     assert np.abs(result.distance / seen.distance - 1)[result.mask].max() < 0.3
 
 
@@ -60,7 +69,9 @@ def test_a_step_is_one_closed_line_one_step_thin():
     """A disc that is farther: its rim is torn, all around, and nothing else."""
     rows, columns = np.indices((120, 160))
     inside = np.hypot(rows - 60, columns - 75) < 30
-    steepness = find_contours(np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool))
+    steepness = find_contours(
+        np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool)
+    )
     cuts = steepness > CHOICE.min_steepness[0]
     apart = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
@@ -68,7 +79,8 @@ def test_a_step_is_one_closed_line_one_step_thin():
     # Grown to a grid of twice the size, with a wall at each cut: the disc is closed off from all else.
     fine = np.ones((240, 320), bool)
     fine[1::2, 1::2] = False
-    fine[::2, 1::2], fine[1::2, ::2] = ~cuts[0], ~cuts[1]
+    fine[::2, 1::2] = ~cuts[0]
+    fine[1::2, ::2] = ~cuts[1]
     region = ndimage.label(fine)[0][::2, ::2]
     assert np.abs((region == region[60, 75]) ^ inside).sum() < 30
     assert region[60, 75] == region[60, 60] != region[0, 0]
@@ -112,7 +124,9 @@ def test_what_is_outside_the_mask_does_not_matter():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 3)])
 def test_tiny_pictures_and_empty_masks(shape):
     for mask in (np.ones(shape, bool), np.zeros(shape, bool)):
-        assert find_contours(np.arange(mask.size, dtype=float).reshape(shape), mask).shape == (2, *shape)
+        assert find_contours(
+            np.arange(mask.size, dtype=float).reshape(shape), mask
+        ).shape == (2, *shape)
 
 
 def test_a_mirrored_picture_has_the_same_lines():

@@ -31,7 +31,10 @@ def light_of(albedo, factor, lamp, film):
 def known():
     """The surface of a path-traced colon, and its problems, of 80 x 60 px."""
     sample = el.load_traced("diffuse-1")
-    problems = [make_problem(sample.frame, sample.calibration, channel=name, width=80) for name in CHANNELS]
+    problems = [
+        make_problem(sample.frame, sample.calibration, channel=name, width=80)
+        for name in CHANNELS
+    ]
     green = problems[1]
     v = np.log(sample.scene.distance(green.field.rays))
     return problems, Walls.of(v, green.mask, green.field, green.photometry.k)
@@ -41,17 +44,23 @@ def pictures(known, light, indirect_ratio, texture=0.0):
     """Three pictures of a wall that bounces so much, its green and blue mottled together."""
     problems, walls = known
     gamma = problems[1].photometry.gamma
-    mottle = np.random.default_rng(5).normal(scale=texture, size=walls.direct.shape)[..., None]
+    mottle = np.random.default_rng(5).normal(scale=texture, size=walls.direct.shape)[
+        ..., None
+    ]
     stored = walls.direct[..., None] * light.albedo * (1 + indirect_ratio)
     stored = stored * np.exp(mottle * [0.2, 1.0, 1.0])
     stored = (stored / stored.max()) ** (1 / gamma)
-    return [replace(one, image=stored[..., i], evidence=None) for i, one in enumerate(problems)]
+    return [
+        replace(one, image=stored[..., i], evidence=None) for i, one in enumerate(problems)
+    ]
 
 
 def shown(known, light, texture=0.0):
     """Patches of the picture that a wall in this light would make."""
     problems, walls = known
-    made = pictures(known, light, light.indirect_ratio(walls, problems[1].photometry.k), texture)
+    made = pictures(
+        known, light, light.indirect_ratio(walls, problems[1].photometry.k), texture
+    )
     return Patches.of(made, walls)
 
 
@@ -88,7 +97,11 @@ def test_what_ends_at_a_bound_is_refused_and_the_fallback_named(known):
     assert found.outcome is LightOutcome.COMPUTED
     assert "more light than can have bounced" in found.reason
     before = AlbedoPrior.of(ALBEDO).light
-    assert (found.factor, found.lamp, found.film) == (before.factor, before.lamp, before.film)
+    assert (found.factor, found.lamp, found.film) == (
+        before.factor,
+        before.lamp,
+        before.film,
+    )
 
 
 @pytest.mark.parametrize("wrong", [0.7, 1.0, 1.4])
@@ -99,13 +112,20 @@ def test_tint_tells_where_more_or_less_bounced(known, wrong):
     true = light.indirect_ratio(walls, problems[1].photometry.k)
     green = true[problems[1].mask, 1]
     deep = problems[1].mask & (true[..., 1] > np.quantile(green, 0.8))
-    made = pictures(known, light, np.where(deep[..., None], true / wrong, true), texture=0.02)
+    made = pictures(
+        known, light, np.where(deep[..., None], true / wrong, true), texture=0.02
+    )
     corrected = refine_per_pixel(made, true, light)
-    mended, kept = (np.median((corrected / true)[where][:, 0]) for where in (deep, problems[1].mask & ~deep))
+    mended, kept = (
+        np.median((corrected / true)[where][:, 0])
+        for where in (deep, problems[1].mask & ~deep)
+    )
     least, most = sorted(((1 / wrong) ** 0.35, 1 / wrong))
     assert least - 0.02 < mended < most + 0.02
     assert kept == pytest.approx(1, abs=0.02)
-    np.testing.assert_array_equal(refine_per_pixel(made, true, replace(light, reason="why")), true)
+    np.testing.assert_array_equal(
+        refine_per_pixel(made, true, replace(light, reason="why")), true
+    )
 
 
 def test_white_walls_have_no_colour(known):
@@ -120,7 +140,8 @@ def test_derivatives_are_those_of_differences(known, x, albedo):
     """Of a disagreement that has small and large parts, in places of which S/E is at its most."""
     patches = shown(known, light_of(ALBEDO, 1.1, 0.6, 0.2), texture=0.3)
     patches = replace(
-        patches, direct=patches.direct * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3)
+        patches,
+        direct=patches.direct * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3),
     )
     apart = ColourResiduals(patches, AlbedoPrior.of(0.3), 0.4)
     x = np.array([*x, *np.log(albedo)])

@@ -21,7 +21,9 @@ WIDTH = 240  # for speed
 
 
 def solved(frame, calibration, **options):
-    return el.reconstruct(frame, calibration, **{"channel": "separated", "width": WIDTH} | options)
+    return el.reconstruct(
+        frame, calibration, **{"channel": "separated", "width": WIDTH} | options
+    )
 
 
 def note(result):
@@ -58,7 +60,9 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert error(plain, dry) > 14
     provenance = separated.provenance
     assert provenance.channel == "separated"
-    np.testing.assert_allclose(provenance.albedo, ALBEDO, rtol=0.1)  # given ones are believed nearly
+    np.testing.assert_allclose(
+        provenance.albedo, ALBEDO, rtol=0.1
+    )  # given ones are believed nearly
     assert provenance.contours.steps > 0
     assert "Indirect light removed" in note(separated)
     assert separated.metric
@@ -69,23 +73,34 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     result = solved(dry.frame, dry.calibration, contours=True, observers=[seen.append])
     named = list(dict.fromkeys((step.stage, step.round) for step in seen))
     count = len(named) - 1
-    assert 5 <= count <= 8  # one to four bars are tried after three rounds, and the tint is asked last
+    assert (
+        5 <= count <= 8
+    )  # one to four bars are tried after three rounds, and the tint is asked last
     stages = ["bounced light"] * 3 + ["contours"] * (count - 4) + ["bounced light"]
     rounds = list(zip(stages, range(1, count + 1), strict=True))
     assert named == [*rounds, ("solution", 0)]
     assert [(stage.name, stage.round) for stage in result.stages] == named
-    assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
+    assert [step.k for step in seen if step.stage == "solution"] == [
+        row["k"] for row in result.history
+    ]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
-    assert seen[0].problem.mask.shape == (180, 240)  # bounced light is sought on fewer pixels
+    assert seen[0].problem.mask.shape == (
+        180,
+        240,
+    )  # bounced light is sought on fewer pixels
     # Each is of this frame; only the last stage's settings are those that were asked for.
     assert {step.provenance.preparation.frame for step in seen} == {dry.frame.name}
-    assert all(("solver" in step.provenance.asked) == (step.stage == "solution") for step in seen)
+    assert all(
+        ("solver" in step.provenance.asked) == (step.stage == "solution") for step in seen
+    )
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
     """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm."""
     relative = without(dry.calibration, gain=None)
-    large = el.Frame(*(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (dry.frame.image, dry.frame.mask)))
+    large = el.Frame(
+        *(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (dry.frame.image, dry.frame.mask))
+    )
     known = el.Calibration(dry.calibration.camera.resize(640, 480), relative.photometry)
     stop = [lambda step: (step.stage, step.round, step.k) == ("contours", 4, 2)]
     how = {"contours": True, "observers": stop, "median_distance": 50.0}
@@ -101,7 +116,9 @@ def test_the_computed_share_is_the_renderers(dry):
     true = np.log1p(dry.indirect / dry.direct)
     made = np.log1p(found.indirect_ratio)
     for index, tolerance in enumerate((0.2, 0.08, 0.06)):
-        assert np.median(made[..., index]) == pytest.approx(np.median(true[..., index]), abs=tolerance)
+        assert np.median(made[..., index]) == pytest.approx(
+            np.median(true[..., index]), abs=tolerance
+        )
 
 
 def test_albedos_are_found_in_the_colours(dry, separated):
@@ -129,7 +146,8 @@ def test_what_is_asked_again_is_answered_again(dry, contours):
     """Bounced light and lines found anew, on the answer's own surface, moved it by up to 14 %."""
     first = solved(dry.frame, dry.calibration, contours=contours)
     again, smoother = (
-        solved(dry.frame, dry.calibration, start=first, contours=contours, lam=lam) for lam in (1.0, 2.0)
+        solved(dry.frame, dry.calibration, start=first, contours=contours, lam=lam)
+        for lam in (1.0, 2.0)
     )
     np.testing.assert_allclose(again.distance, first.distance, rtol=5e-3)
     assert notes(again) == notes(first)
@@ -142,7 +160,8 @@ def test_what_is_asked_again_is_answered_again(dry, contours):
 def test_highlights_are_no_evidence():
     wet = el.load_traced("wet-1")
     ignored, kept = (
-        solved(wet.frame, wet.calibration, width=160, highlights=how) for how in ("ignore", "keep")
+        solved(wet.frame, wet.calibration, width=160, highlights=how)
+        for how in ("ignore", "keep")
     )
     assert error(ignored, wet) < min(12, error(kept, wet))
     assert np.any(ignored.problem.evidence == NONE)
@@ -151,7 +170,8 @@ def test_highlights_are_no_evidence():
 
 def shown(colours, light):
     """The problems of three colours with other pictures: of this light, everywhere."""
-    everywhere, pairs = np.ones_like(colours[0].mask), zip(colours, light, strict=True)
+    everywhere = np.ones_like(colours[0].mask)
+    pairs = zip(colours, light, strict=True)
     return [replace(one, image=seen ** (1 / 2.2), mask=everywhere) for one, seen in pairs]
 
 
@@ -160,7 +180,9 @@ def test_merging_undoes_what_bounced(dry):
     indirect_ratio = np.full((*three[1].mask.shape, 3), 0.5)
     direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
     lit = shown(three, [direct * (1 + 0.5) * rho / ALBEDO[1] for rho in ALBEDO])
-    np.testing.assert_allclose(merge(lit, indirect_ratio, ALBEDO).image ** 2.2, direct, rtol=1e-9)
+    np.testing.assert_allclose(
+        merge(lit, indirect_ratio, ALBEDO).image ** 2.2, direct, rtol=1e-9
+    )
 
 
 def test_where_nothing_bounces_nothing_is_taken_out():
@@ -168,13 +190,16 @@ def test_where_nothing_bounces_nothing_is_taken_out():
     known = el.load_calibration("simple", width=160)
     tissue = without(known, brdf=el.Lambertian(tuple(ALBEDO)))
     scene = el.render(el.SCENES["colon"], tissue.camera, tissue.photometry, noise=1, bits=8)
-    frame, made_with = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+    frame = el.Frame(scene.image, scene.mask)
+    made_with = el.Calibration(scene.camera, scene.photometry)
     green, result = (
         el.reconstruct(frame, made_with, channel=channel, contours=False)
         for channel in ("green", "separated")
     )
     errors = [
-        compare(one.distance, scene.distance, one.problem.field.cos_alpha, scale="none").mean_percent
+        compare(
+            one.distance, scene.distance, one.problem.field.cos_alpha, scale="none"
+        ).mean_percent
         for one in (green, result)
     ]
     assert errors[1] < errors[0] + 0.5
@@ -185,9 +210,12 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     """Red and blue of other pictures: no one light explains the three, and what is done instead is named."""
     image = dry.frame.image.copy()
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
-    result = solved(el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False)
-    assert "The colours do not tell how much there is (the channels disagree on the direct light)" in note(
-        result
+    result = solved(
+        el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False
+    )
+    assert (
+        "The colours do not tell how much there is (the channels disagree on the direct light)"
+        in note(result)
     )
     assert result.provenance.albedo == tuple(ALBEDO)
 
@@ -195,7 +223,11 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
 def test_colours_of_one_ratio_tell_nothing(dry):
     """A white wall: noise differs, albedos do not."""
     rng = np.random.default_rng(3)
-    white = np.clip(dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1)
+    white = np.clip(
+        dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1
+    )
     plain = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(el.Frame(white, dry.frame.mask, "w"), plain, width=160, smooth=0.0)
-    assert "colours tell nothing of bounced light (they are as good as equal)" in note(result)
+    assert "colours tell nothing of bounced light (they are as good as equal)" in note(
+        result
+    )

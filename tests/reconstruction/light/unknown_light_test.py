@@ -17,7 +17,14 @@ SCENES = ("curved", "tube", "colon")
 
 
 def frame_of(scene, k, camera=FISHEYE, **how):
-    seen = el.render(el.SCENES[scene], camera, el.Photometry(k, 2.2, None, TISSUE), noise=1, bits=8, **how)
+    seen = el.render(
+        el.SCENES[scene],
+        camera,
+        el.Photometry(k, 2.2, None, TISSUE),
+        noise=1,
+        bits=8,
+        **how,
+    )
     return el.Frame(seen.image, seen.mask, scene)
 
 
@@ -81,7 +88,9 @@ def estimate(*scans, otherwise=2.5):
 
 
 def test_what_is_found_roughly_is_averaged_with_what_is_usual():
-    sure, rough, none = (estimate(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04))
+    sure, rough, none = (
+        estimate(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04)
+    )
     assert [one.outcome for one in (sure, rough, none)] == ["found", "roughly", "not found"]
     assert sure.photometry.k == round(sure.k, 2)
     share = rough.standard_error**2 / (1 + rough.standard_error**2)
@@ -100,7 +109,9 @@ def test_what_ends_at_the_bound_is_not_found():
 def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
     found = estimate_light([tube] * 2, FISHEYE)
     assert found.places == pytest.approx(1)
-    assert (found.k, found.standard_error) == pytest.approx((of_tube.k, of_tube.standard_error))
+    assert (found.k, found.standard_error) == pytest.approx(
+        (of_tube.k, of_tube.standard_error)
+    )
     assert "count as 1.0" in found.verdict
     assert of_tube.places == 1
     assert "count as" not in of_tube.verdict
@@ -128,19 +139,26 @@ def test_frames_that_cannot_be_used_are_named(tube, of_tube):
     assert found.names == ("tube",)
     assert found.k == of_tube.k
     assert seen == [(1, "small"), (2, "tube"), (3, "dark")]
-    with pytest.raises(ValueError, match=r"^no frame tells of the light: small is 120x50 px"):
+    with pytest.raises(
+        ValueError, match=r"^no frame tells of the light: small is 120x50 px"
+    ):
         estimate_light([small], FISHEYE)
 
 
 def test_observers_see_every_solve_and_may_stop_it(tube):
-    other, steps, done = grey(tube), [], []
+    other = grey(tube)
+    steps = []
+    done = []
 
     def stop_in_the_second(step):
         steps.append(step)
         return len(done) == 1
 
     found = estimate_light(
-        [other, tube], FISHEYE, observers=[stop_in_the_second], progress=lambda *state: done.append(state)
+        [other, tube],
+        FISHEYE,
+        observers=[stop_in_the_second],
+        progress=lambda *state: done.append(state),
     )
     assert found.status is Status.STOPPED
     assert found.names == ("tube",)

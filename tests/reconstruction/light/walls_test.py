@@ -17,7 +17,9 @@ def ball(count=600, radius=20.0):
     """Patches of the inside of a ball around the origin, all of one area."""
     z = 1 - (2 * np.arange(count) + 1) / count
     around = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    out = np.column_stack([np.sqrt(1 - z**2) * np.cos(around), np.sqrt(1 - z**2) * np.sin(around), z])
+    out = np.column_stack(
+        [np.sqrt(1 - z**2) * np.cos(around), np.sqrt(1 - z**2) * np.sin(around), z]
+    )
     return radius * out, -out, np.full(count, 4 * np.pi * radius**2 / count)
 
 
@@ -46,7 +48,9 @@ def test_the_exchange_is_that_of_its_plain_twin(rng):
     turned = n + 0.5 * rng.normal(size=n.shape)
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
     area = area * rng.uniform(0.5, 2, len(area))
-    assert_allclose(_exchange(x, turned, area, *open_cells(120)), plainly(x, turned, area), atol=1e-15)
+    assert_allclose(
+        _exchange(x, turned, area, *open_cells(120)), plainly(x, turned, area), atol=1e-15
+    )
 
 
 def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
@@ -73,7 +77,9 @@ def test_light_is_exchanged_both_ways_and_none_is_made(colon):
     assert_allclose(given, given.T, rtol=1e-9)
     for albedo in (0.3, 0.75):
         # Of the lamp's light, bounces can give back ρ/(1 - ρ) at most.
-        assert walls.area @ walls.bounced(albedo) < walls.area @ walls.lit * albedo / (1 - albedo)
+        assert walls.area @ walls.bounced(albedo) < walls.area @ walls.lit * albedo / (
+            1 - albedo
+        )
         assert walls.bounced(albedo).min() >= 0
 
 
@@ -85,13 +91,17 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
     x, n, area = (a[: walls.count] for a in (walls.points, walls.normals, walls.area))
     nearest = np.full(walls.seen.shape, np.inf)
     nearest[walls.seen] = reach = np.linalg.norm(x, axis=-1)
-    open_, nearest = plainly(x, n, area), nearest * np.where(np.indices(nearest.shape)[0] == 9, 0.8, 1.0)
+    open_ = plainly(x, n, area)
+    nearest = nearest * np.where(np.indices(nearest.shape)[0] == 9, 0.8, 1.0)
     expected = open_.copy()
     for i, j in np.argwhere(np.triu(open_) > 0):
         steps = int(np.abs(cells[i] - cells[j]).max())
         share = np.arange(1, steps) / max(steps, 1)
-        place, middle = cells[j] + share[:, None] * (cells[i] - cells[j]), (np.array(nearest.shape) - 1) / 2
-        row, column = np.rint(place + 1e-9 * (middle - place)).astype(int).T  # halves, towards the middle
+        place = cells[j] + share[:, None] * (cells[i] - cells[j])
+        middle = (np.array(nearest.shape) - 1) / 2
+        row, column = (
+            np.rint(place + 1e-9 * (middle - place)).astype(int).T
+        )  # halves, towards the middle
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
         if (chord > walls_module.NEARER * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
@@ -106,7 +116,9 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
 def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
     """Patches divide a picture into equal cells, whichever side one counts from."""
     v, field = colon
-    camera = datasets.load_calibration("simple", 160).camera  # its axis is in the picture's middle
+    camera = datasets.load_calibration(
+        "simple", 160
+    ).camera  # its axis is in the picture's middle
     upright = replace(camera, width=120, height=160, cx=camera.cy, cy=camera.cx)
     field_there = upright.field if turn is np.transpose else field
     before = Walls.of(v, np.isfinite(v), field, 2.5).indirect_ratio(0.6)
@@ -117,8 +129,10 @@ def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
 def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon):
     v, field = colon
     mask = np.isfinite(v)
-    walls, larger = Walls.of(v, mask, field, 2.5), Walls.of(v + np.log(7.0), mask, field, 2.5)
-    green, red = walls.indirect_ratio(0.38), walls.indirect_ratio(0.75)
+    walls = Walls.of(v, mask, field, 2.5)
+    larger = Walls.of(v + np.log(7.0), mask, field, 2.5)
+    green = walls.indirect_ratio(0.38)
+    red = walls.indirect_ratio(0.75)
     assert_allclose(larger.indirect_ratio(0.38), green, rtol=1e-9)
     assert np.all(red[mask] > green[mask])
     assert np.all(green[mask] > 0)
@@ -151,7 +165,8 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
 @pytest.mark.parametrize("albedo", [0.05, 0.4, 0.93])
 def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
     v, field = colon
-    walls, step = Walls.of(v, np.isfinite(v), field, 2.5), 1e-5
+    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+    step = 1e-5
     more, less = (walls.bounced([albedo * np.exp(one)]) for one in (step, -step))
     slope = bounced_light_and_slope(walls.orders, np.array([albedo]))[1]
     assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
@@ -160,10 +175,15 @@ def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
 def test_another_lamps_spread_is_as_if_made_with_it(colon):
     v, field = colon
     mask = np.isfinite(v)
-    spot, even = Walls.of(v, mask, field, 2.5), Walls.of(v, mask, field, 0.0)
+    spot = Walls.of(v, mask, field, 2.5)
+    even = Walls.of(v, mask, field, 0.0)
     turned = spot.under(0.0)
     assert_allclose(turned.direct, even.direct, rtol=1e-9)
     assert_allclose(turned.lit, even.lit, rtol=0.05)  # by the patches' centres
-    assert_allclose(turned.indirect_ratio(0.38)[mask], even.indirect_ratio(0.38)[mask], rtol=0.02)
+    assert_allclose(
+        turned.indirect_ratio(0.38)[mask], even.indirect_ratio(0.38)[mask], rtol=0.02
+    )
     # A lamp that shines evenly lights the walls beside the camera, too.
-    assert np.median(even.indirect_ratio(0.38)[mask] / spot.indirect_ratio(0.38)[mask]) > 1.3
+    assert (
+        np.median(even.indirect_ratio(0.38)[mask] / spot.indirect_ratio(0.38)[mask]) > 1.3
+    )
