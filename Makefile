@@ -71,7 +71,7 @@ unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them
 
 traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'
-	$(BIN)/python -m tests.tools.make_traced_frames endolab/datasets/frames
+	$(BIN)/python -m tests.tools.make_traced_frames endolab/io/datasets/frames
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

@@ -1,19 +1,17 @@
 """What a notebook uses; all else is reached through the folders (CONTRIBUTING, "The house")."""
 
-from . import datasets as datasets
 from . import metrics as metrics
-from . import plots as plots
 from .batch.live import reconstruct_live as reconstruct_live
 from .batch.sweep import sweep as sweep
 from .batch.video import reconstruct_video as reconstruct_video
 from .calibration.session import calibrate as calibrate
 from .calibration.targets import TARGETS as TARGETS
-from .datasets.folders import open_dataset as open_dataset
-from .datasets.known_endoscopes import load_calibration as load_calibration
-from .datasets.traced import load_traced as load_traced
-from .depth.result import Iterate as Iterate
-from .depth.result import Result as Result
-from .depth.result import run as run
+from .frames.frame import Frame as Frame
+from .frames.prepare import prepare as prepare
+from .io import datasets as datasets
+from .io.datasets.folders import open_dataset as open_dataset
+from .io.datasets.known_endoscopes import load_calibration as load_calibration
+from .io.datasets.traced import load_traced as load_traced
 from .io.descriptions import write_calibration as write_calibration
 from .io.images import read_frame as read_frame
 from .io.surfaces import write_mesh as write_mesh
@@ -28,22 +26,24 @@ from .model.endoscope import Calibration as Calibration
 from .model.lights import SpotLight as SpotLight
 from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
-from .preprocessing.frame import Frame as Frame
-from .preprocessing.prepare import prepare as prepare
 from .reconstruction.light.known_surface import measure_light as measure_light
 from .reconstruction.light.unknown_light import estimate_light as estimate_light
 from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.reconstruct import iterate as iterate
 from .reconstruction.reconstruct import reconstruct as reconstruct
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
-from .recording.reader import read_recording as read_recording
-from .recording.recorder import record as record
-from .recording.show import show as show
-from .reports.result import save_result as save_result
+from .reconstruction.uncertainty.estimate import uncertainty_of as uncertainty_of
+from .solvers.result import Iterate as Iterate
+from .solvers.result import Result as Result
+from .solvers.result import run as run
 from .synthetic.rendering import render as render
 from .synthetic.scenes import SCENES as SCENES
-from .tuning.surface_view import show_surface as show_surface
-from .tuning.widget import tune as tune
-from .uncertainty.estimate import uncertainty_of as uncertainty_of
+from .workbench import plots as plots
+from .workbench.recording.reader import read_recording as read_recording
+from .workbench.recording.recorder import record as record
+from .workbench.recording.show import show as show
+from .workbench.reports.result import save_result as save_result
+from .workbench.tuning.surface_view import show_surface as show_surface
+from .workbench.tuning.widget import tune as tune
 
 __version__: str

@@ -16,10 +16,10 @@ from scipy.optimize import brentq
 
 import endolab as el
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.depth.energy import energy_terms, model_image
 from endolab.model.surface import XI, to_xi
 from endolab.numerics.derivatives import hessian
 from endolab.reconstruction.channels import make_problem
+from endolab.solvers.energy import energy_terms, model_image
 from endolab.synthetic.scenes import Plane
 
 NOT_YET = (

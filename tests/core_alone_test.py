@@ -85,7 +85,7 @@ def without_lab(monkeypatch):
     for name in [
         name
         for name in sys.modules
-        if name.startswith(("endolab.recording", "endolab.tuning"))
+        if name.startswith(("endolab.workbench.recording", "endolab.workbench.tuning"))
     ]:
         monkeypatch.delitem(sys.modules, name)
     kept = {
@@ -109,7 +109,7 @@ def without_lab(monkeypatch):
         (lambda: el.record("run.rrd"), "rerun"),
         (lambda: el.show("run.rrd"), "rerun"),
         (lambda: el.read_recording("run.rrd"), "rerun"),
-        (lambda: import_module("endolab.recording"), "rerun"),
+        (lambda: import_module("endolab.workbench.recording"), "rerun"),
         (lambda: el.tune, "ipywidgets"),
         (load_open3d, "open3d"),
     ],

@@ -15,9 +15,9 @@ PACKAGE = ROOT / "endolab"
 
 # From the bottom up: a folder imports only folders that stand before it. CONTRIBUTING.md shows the same list.
 ORDER = [
-    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics"),
-    *("reconstruction", "uncertainty"),
-    *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "cli"),
+    *("numerics", "model", "frames", "synthetic", "solvers", "calibration", "metrics"),
+    "reconstruction",
+    *("io", "workbench", "batch", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_extras", "__main__"}  # files at the top

@@ -20,7 +20,7 @@ from endolab.io.atomic import (
 from endolab.io.descriptions import make_calibration, write_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
-from endolab.reports.calibration_page import write_report
+from endolab.workbench.reports.calibration_page import write_report
 
 
 def report_folder(out: PathLike) -> Path:
@@ -88,7 +88,7 @@ def calibrate_to_files(
         session = calibrate(frames, target, progress=progress, **options)
         write_report(session, frames, staging, channel)
         if record:
-            from endolab.recording.calibration import record_calibration
+            from endolab.workbench.recording.calibration import record_calibration
 
             record_calibration(
                 session, frames, staging / "recording.rrd", light_steps=steps

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from endolab.batch.table import STEP, Row, step_row
+from endolab.frames.frame import Frame, check_size, shrunk_bytes
 from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
 from endolab.io.video import Stream, as_image, open_stream
@@ -23,12 +24,11 @@ from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
-from endolab.preprocessing.frame import Frame, check_size, shrunk_bytes
 from endolab.reconstruction.scale import check_scale
 from endolab.reconstruction.sequence import SCALES, Step, framed, reconstruct_sequence
 
 if TYPE_CHECKING:
-    from endolab.recording.stream import Sink
+    from endolab.workbench.recording.stream import Sink
 
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
 ENDING = 2.0  # s that a reader gets to end
@@ -229,7 +229,7 @@ def live_summary(rows: list[Row], seconds: float) -> str:
 
 def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
     """Give the steps on, each when its surface was logged where the `sinks` lead."""
-    from endolab.recording.sequence import SequenceRecorder
+    from endolab.workbench.recording.sequence import SequenceRecorder
 
     recorders: list[SequenceRecorder] = []
     for step in steps:

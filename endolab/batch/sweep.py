@@ -17,9 +17,7 @@ from typing import Any
 from endolab._extras import MissingPackage
 from endolab.batch.table import MEASURED, Row, measure_result, read_rows, write_rows
 from endolab.batch.workers import end_with
-from endolab.depth.problem import REGULARISERS
-from endolab.depth.result import Result
-from endolab.depth.solvers import DEFAULT_SOLVER, check_solver_options
+from endolab.frames.frame import Frame
 from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
@@ -30,8 +28,10 @@ from endolab.model.surface import check_xi
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import number
 from endolab.numerics.iteration import Status
-from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
+from endolab.solvers.problem import REGULARISERS
+from endolab.solvers.result import Result
+from endolab.solvers.solvers import DEFAULT_SOLVER, check_solver_options
 
 KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
 from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.sequence import Step
+from endolab.solvers.result import Result
 
 Row = dict[str, Any]
 WORDS = ("frame", "status", "unit", "error")

@@ -14,6 +14,7 @@ import numpy as np
 
 from endolab._extras import lacking
 from endolab.batch.table import STEP, WORDS, Row, read_rows, step_row, write_rows
+from endolab.frames.frame import Frame
 from endolab.io.atomic import (
     REPORT,
     PathLike,
@@ -30,7 +31,6 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
-from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.sequence import (
     Carried,
@@ -41,7 +41,7 @@ from endolab.reconstruction.sequence import (
 )
 
 if TYPE_CHECKING:
-    from endolab.recording.sequence import SequenceRecorder
+    from endolab.workbench.recording.sequence import SequenceRecorder
 
 PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
 TABLE = "frames.csv"
@@ -313,7 +313,7 @@ class _Folder:
     ) -> None:
         if lacking("rerun"):
             return
-        from endolab.recording.sequence import SequenceRecorder
+        from endolab.workbench.recording.sequence import SequenceRecorder
 
         row = self.rows[name]
         if self._recorder is None:

@@ -18,12 +18,12 @@ from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Target
+from endolab.frames.frame import check_size
 from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
-from endolab.preprocessing.frame import check_size
 
 Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]

@@ -60,7 +60,7 @@ def _target(arguments: argparse.Namespace) -> None:
     from endolab.calibration.session import describe_target
     from endolab.io.atomic import check_file
     from endolab.io.descriptions import read_target
-    from endolab.reports.target_sheet import write_sheet
+    from endolab.workbench.reports.target_sheet import write_sheet
 
     target = read_target(arguments.name)
     check_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name])
@@ -172,8 +172,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 def _calibrate_light(arguments: argparse.Namespace) -> None:
     import numpy as np
 
-    from endolab.datasets.known_endoscopes import CALIBRATIONS, load_calibration
     from endolab.io.atomic import stage_file
+    from endolab.io.datasets.known_endoscopes import CALIBRATIONS, load_calibration
     from endolab.io.descriptions import read_camera, write_calibration
     from endolab.io.video import open_frames
     from endolab.model.endoscope import Calibration
@@ -220,8 +220,12 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
 
 
 def _convert(arguments: argparse.Namespace) -> None:
-    from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
     from endolab.io.atomic import stage_file
+    from endolab.io.datasets.endomapper import (
+        find_calibrations,
+        read_endomapper,
+        read_vicalib,
+    )
     from endolab.io.descriptions import write_calibration, write_camera
 
     geometry = arguments.geometry

@@ -52,8 +52,8 @@ def _check_scenes_options(arguments: argparse.Namespace) -> None:
 def _simulate(arguments: argparse.Namespace) -> None:
     import numpy as np
 
-    from endolab.datasets.known_endoscopes import load_calibration
     from endolab.io.atomic import as_json, stage_folder, write_atomically
+    from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.descriptions import write_calibration
     from endolab.io.images import write_image
     from endolab.io.surfaces import save_depth
@@ -98,7 +98,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
 def _evaluate(arguments: argparse.Namespace) -> None:
     import numpy as np
 
-    from endolab.datasets.folders import true_z
+    from endolab.io.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
     from endolab.metrics.coverage import coverage_of
     from endolab.metrics.depth_errors import compare, resample_truth

@@ -220,7 +220,7 @@ def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     It is the calibration, with the light and the wall that they believe in, and keywords of
     `endolab.reconstruct`.
     """
-    from endolab.datasets.known_endoscopes import load_calibration
+    from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.settings import SolvingSettings, read_settings
 
     calibration = load_calibration(arguments.calibration)

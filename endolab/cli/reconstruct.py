@@ -74,13 +74,13 @@ def _where(arguments: argparse.Namespace) -> dict[str, Any]:
 
 # One frame ------------------------------------------------------------------------------
 def _reconstruct_frame(arguments: argparse.Namespace) -> None:
-    from endolab.datasets.folders import depth_layout
-    from endolab.depth.solvers import DEFAULT_SOLVER
+    from endolab.frames.frame import looks_like_depth
+    from endolab.frames.prepare import prepare
     from endolab.io.atomic import stage_folder
+    from endolab.io.datasets.folders import depth_layout
     from endolab.io.images import read_frame
-    from endolab.preprocessing.frame import looks_like_depth
-    from endolab.preprocessing.prepare import prepare
     from endolab.reconstruction.reconstruct import reconstruct
+    from endolab.solvers.solvers import DEFAULT_SOLVER
 
     calibration, keywords = solving(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
@@ -91,7 +91,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
         )
     solver = keywords.setdefault("solver", DEFAULT_SOLVER)
     if arguments.uncertainty:
-        from endolab.uncertainty.estimate import check_solver
+        from endolab.reconstruction.uncertainty.estimate import check_solver
 
         check_solver(solver)
     if solver == "fast_marching" or arguments.snapshots is not None:
@@ -100,7 +100,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
         )
     unrecorded = lacking("rerun")
     if not unrecorded:
-        from endolab.recording.recorder import record
+        from endolab.workbench.recording.recorder import record
     with announce_compiling(), stage_folder(arguments.out, **_where(arguments)) as folder:
         prepared = (
             prepare(frame, calibration, highlights="keep") if arguments.prepare else None
@@ -129,7 +129,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
             if recorder is not None and uncertainty is not None:
                 recorder.add_uncertainty(uncertainty, result)
 
-        from endolab.reports.result import (
+        from endolab.workbench.reports.result import (
             write_files,
         )  # now, as drawing takes half a second to load
 
@@ -145,7 +145,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
 
 def _uncertainty(result: Any, calibration: Any) -> Any:
     """How far a result can be trusted; None if the user had no patience for it."""
-    from endolab.uncertainty.estimate import uncertainty_of
+    from endolab.reconstruction.uncertainty.estimate import uncertainty_of
 
     with progress_bar("draw", "uncertainty") as bar:
 
@@ -166,7 +166,7 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
 
     from endolab.reconstruction.assumptions import notes, of_evidence
     from endolab.reconstruction.plausible import warnings
-    from endolab.reports.result import summarise_uncertainty
+    from endolab.workbench.reports.result import summarise_uncertainty
 
     nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])
     steps = f"{result.iterations} iteration" + "s" * (result.iterations != 1)
@@ -210,7 +210,7 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
 # Many frames ----------------------------------------------------------------------------
 def _reconstruct_video(arguments: argparse.Namespace) -> None:
     from endolab.batch.video import reconstruct_video
-    from endolab.datasets.folders import depth_layout
+    from endolab.io.datasets.folders import depth_layout
 
     calibration, keywords = solving(arguments)
     _say_if_large(arguments, calibration)
@@ -290,7 +290,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         if arguments.out is not None:
             folder = ending.enter_context(stage_folder(arguments.out, **_where(arguments)))
         if not lacking("rerun"):
-            from endolab.recording.stream import Sink
+            from endolab.workbench.recording.stream import Sink
 
             if arguments.out is not None:
                 sinks.append(ending.enter_context(Sink(folder / "recording.rrd")))

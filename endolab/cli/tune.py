@@ -25,12 +25,12 @@ PORT = 8877  # the first that is tried, apart from JupyterLab's
 def _tune(arguments: argparse.Namespace) -> None:
     need("ipywidgets", "anywidget", "tornado")
     from endolab.cli.lab import free_port
-    from endolab.datasets.known_endoscopes import load_calibration
+    from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.images import read_frame
 
     port = free_port(arguments.port)
 
-    from endolab.tuning.server import Page
+    from endolab.workbench.tuning.server import Page
 
     calibration = load_calibration(arguments.calibration)
     pictures = find_pictures(arguments.frame)
@@ -40,7 +40,7 @@ def _tune(arguments: argparse.Namespace) -> None:
     truth = None if arguments.truth is None else read_truth(arguments.truth, calibration)
 
     def make() -> Any:
-        from endolab.tuning.widget import TunerBox
+        from endolab.workbench.tuning.widget import TunerBox
 
         return TunerBox(first, calibration, truth, width=arguments.width, pictures=pictures)
 
@@ -65,7 +65,7 @@ def find_pictures(source: str | Path) -> list[Path]:
 
     OSError or ValueError in one sentence, if there is none.
     """
-    from endolab.datasets.folders import depth_layout
+    from endolab.io.datasets.folders import depth_layout
     from endolab.io.video import is_sequence, open_frames
 
     path = Path(source)
@@ -85,9 +85,9 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
     """Read the true distance, (H, W), mm, of a frame of this size: truth.npz, or a data set's depth map."""
     import numpy as np
 
-    from endolab.datasets.folders import true_z
+    from endolab.frames.frame import check_size
+    from endolab.io.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
-    from endolab.preprocessing.frame import check_size
 
     if str(path).endswith(".npz"):
         truth: FloatArray = read_depth(path, ("distance",))["distance"]

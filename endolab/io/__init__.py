@@ -1,1 +1,3 @@
-"""Files in and out: whole or not there, and every complaint one sentence."""
+"""Files in and out, and published frames."""
+
+from endolab.io import datasets as datasets

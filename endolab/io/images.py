@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from PIL.ImageFile import ImageFile
 
+    from endolab.frames.frame import Frame
     from endolab.model.endoscope import Calibration
-    from endolab.preprocessing.frame import Frame
 
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
@@ -261,7 +261,7 @@ def read_frame(
     ((240, 320, 3), dtype('bool'))
     """
     # Here, for who only writes pictures needs no compiled loops.
-    from endolab.preprocessing.frame import Frame, check_size
+    from endolab.frames.frame import Frame, check_size
 
     stored, alpha = decode(read_bytes(path), path)
     image = _in_unit(stored, path)

@@ -17,9 +17,9 @@ from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from endolab.depth.result import Result
+    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.solvers.result import Result
     from endolab.synthetic.rendering import Rendered
-    from endolab.uncertainty.estimate import Uncertainty
 
 FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]

@@ -4,17 +4,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from endolab.depth.problem import LOWER_BOUND, NONE
-from endolab.depth.provenance import (
+from endolab.reconstruction.light.colours import FIT
+from endolab.reconstruction.scale import pixel_name, scale_of
+from endolab.solvers.problem import LOWER_BOUND, NONE
+from endolab.solvers.provenance import (
     ContourOutcome,
     ContourReport,
     LightOutcome,
     LightReport,
     Provenance,
 )
-from endolab.depth.result import Iterate, Result
-from endolab.reconstruction.light.colours import FIT
-from endolab.reconstruction.scale import pixel_name, scale_of
+from endolab.solvers.result import Iterate, Result
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
 

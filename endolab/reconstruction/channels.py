@@ -11,21 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from endolab.depth.problem import EXACT, LOWER_BOUND, NONE, Problem
-from endolab.depth.provenance import (
-    LightOutcome,
-    LightReport,
-    PreparationReport,
-    Provenance,
-)
-from endolab.depth.result import Iterate
-from endolab.model.endoscope import Calibration
-from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import FloatArray
-from endolab.numerics.memory import check_memory
-from endolab.numerics.resampling import resample
-from endolab.numerics.side_by_side import side_by_side
-from endolab.preprocessing.frame import (
+from endolab.frames.frame import (
     BRIGHT,
     Frame,
     check_size,
@@ -33,8 +19,22 @@ from endolab.preprocessing.frame import (
     smooth_light,
     usable,
 )
-from endolab.preprocessing.highlights import find_highlights, inpaint
+from endolab.frames.highlights import find_highlights, inpaint
+from endolab.model.endoscope import Calibration
+from endolab.model.photometry import CHANNELS
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.memory import check_memory
+from endolab.numerics.resampling import resample
+from endolab.numerics.side_by_side import side_by_side
 from endolab.reconstruction.settings import AUTO, SEPARATED, Settings
+from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
+from endolab.solvers.provenance import (
+    LightOutcome,
+    LightReport,
+    PreparationReport,
+    Provenance,
+)
+from endolab.solvers.result import Iterate
 
 # px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
 SMALL = 240

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.depth.result import Iterate, Result
 from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.derivatives import links
+from endolab.solvers.result import Iterate, Result
 
 JUMP = 1.08  # corners whose distances differ by more may lie on two surfaces …
 GRAZING = 85.0  # … and do if what would join them is seen at more than this angle, degrees

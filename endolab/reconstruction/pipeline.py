@@ -29,7 +29,17 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.result import (
+from endolab.frames.frame import Frame
+from endolab.model.endoscope import Calibration
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import excerpt
+from endolab.numerics.iteration import Status
+from endolab.reconstruction.channels import Channels, Task, prepare_channels, start_from
+from endolab.reconstruction.contours.choice import choose_contours
+from endolab.reconstruction.light.separation import remove_indirect_light
+from endolab.reconstruction.scale import scale_by_length
+from endolab.reconstruction.settings import AUTO, Settings
+from endolab.solvers.result import (
     SOLUTION,
     Iterate,
     Result,
@@ -37,17 +47,7 @@ from endolab.depth.result import (
     limit_steps,
     with_provenance,
 )
-from endolab.depth.solvers import check_solver_options, knows_curvature, options_of, solve
-from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import excerpt
-from endolab.numerics.iteration import Status
-from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.channels import Channels, Task, prepare_channels, start_from
-from endolab.reconstruction.contours.choice import choose_contours
-from endolab.reconstruction.light.separation import remove_indirect_light
-from endolab.reconstruction.scale import scale_by_length
-from endolab.reconstruction.settings import AUTO, Settings
+from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
 
 SETTLED = (
     5e-3  # of distances: a cut surface hangs together by little, and creeps long after that

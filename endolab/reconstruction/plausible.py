@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from endolab.depth.energy import contradicts, model_image
-from endolab.depth.result import Result
-from endolab.preprocessing.frame import noise_level
-from endolab.preprocessing.surround import unclear_surround
+from endolab.frames.frame import noise_level
+from endolab.frames.surround import unclear_surround
+from endolab.solvers.energy import contradicts, model_image
+from endolab.solvers.result import Result
 
 NARROW = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
 DISTANCES = 2.0, 300.0  # mm, of the median

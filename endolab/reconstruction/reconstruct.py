@@ -3,13 +3,13 @@
 from collections.abc import Iterable
 from typing import Any
 
-from endolab.depth.result import Observer, Result, Solver, run
+from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.threads import limit_threads
-from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.light.colours import known_albedo
 from endolab.reconstruction.pipeline import prepare, solve_in_stages, to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
+from endolab.solvers.result import Observer, Result, Solver, run
 
 
 @takes_settings

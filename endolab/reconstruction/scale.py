@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from endolab.depth.provenance import Scale
-from endolab.depth.result import SCALED, Iterate, Result
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.checks import number
+from endolab.solvers.provenance import Scale
+from endolab.solvers.result import SCALED, Iterate, Result
 
 Pixel = tuple[float, float]
 KnownDistance = tuple[float, float, float]  # mm, column, row

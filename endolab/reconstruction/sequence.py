@@ -14,17 +14,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from endolab.depth.problem import Problem
-from endolab.depth.provenance import ContourOutcome, ContourReport, Provenance, Scale
-from endolab.depth.result import Iterate, Result
-from endolab.depth.solvers import DEFAULT_SOLVER, options_of
+from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.model.thinned import thin_normals
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.iteration import Status
-from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
+from endolab.solvers.problem import Problem
+from endolab.solvers.provenance import ContourOutcome, ContourReport, Provenance, Scale
+from endolab.solvers.result import Iterate, Result
+from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
 WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
 REFRESH = 25  # frames after which a cold start is tried anyway

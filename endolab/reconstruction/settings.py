@@ -194,8 +194,8 @@ class Settings:
     )  # the solver's own, such as `inflow`
 
     def __post_init__(self) -> None:
-        from endolab.depth.solvers import check_solver_options
         from endolab.reconstruction.scale import check_scale
+        from endolab.solvers.solvers import check_solver_options
 
         for part in option_fields():
             value = getattr(self, part.name)

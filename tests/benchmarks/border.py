@@ -12,10 +12,10 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.energy import energy_terms
-from endolab.depth.solvers import solve
 from endolab.metrics.depth_errors import angle_between
 from endolab.reconstruction.channels import make_problem
+from endolab.solvers.energy import energy_terms
+from endolab.solvers.solvers import solve
 from endolab.synthetic.scenes import Colon, Tube
 from tests.benchmarks.report import table
 from tests.tools.problems import Shot

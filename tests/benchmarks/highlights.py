@@ -11,7 +11,7 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.preprocessing.highlights import dilate, find_highlights, inpaint
+from endolab.frames.highlights import dilate, find_highlights, inpaint
 from tests.benchmarks.report import table
 
 LIMITS = (0.1, 0.2, 0.5)  # mirrored light over the tissue's, in green

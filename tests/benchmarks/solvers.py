@@ -12,9 +12,9 @@ from statistics import median
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.problem import Problem
-from endolab.depth.solvers import solve
 from endolab.reconstruction.channels import make_problem
+from endolab.solvers.problem import Problem
+from endolab.solvers.solvers import solve
 from tests.benchmarks.report import both, ended, table
 from tests.tools.problems import Shot
 

@@ -17,7 +17,7 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.metrics.coverage import Coverage, coverage_of
-from endolab.uncertainty.shares import BORDER, DATA, PRIOR
+from endolab.reconstruction.uncertainty.shares import BORDER, DATA, PRIOR
 from tests.benchmarks.colon import at_width, with_light
 from tests.benchmarks.report import table
 from tests.benchmarks.unseen import FOLDER

@@ -13,7 +13,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.solvers import SOLVERS
+from endolab.solvers.solvers import SOLVERS
 from tests.conftest import missing_system
 from tests.tools.foreign_notebooks import foreign_notebooks
 

@@ -11,7 +11,7 @@ MAKE = """
 import time
 import numpy as np
 import endolab as el
-from endolab.tuning.surface_view import SurfaceView
+from endolab.workbench.tuning.surface_view import SurfaceView
 
 calibration = el.load_calibration("paper", width=320)
 scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)

@@ -19,7 +19,7 @@ import endolab as el
 from endolab.cli import lab
 from endolab.cli import main as cli
 from endolab.cli.tune import find_pictures, read_truth
-from endolab.datasets import load_calibration
+from endolab.io.datasets import load_calibration
 from endolab.io.surfaces import read_depth
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -155,8 +155,8 @@ def test_a_frame_of_twelve_megapixels_opens_without_gigabytes(tmp_path):
 import re
 from pathlib import Path
 from endolab.io.images import read_frame
-from endolab.datasets import load_calibration
-from endolab.tuning.widget import TunerBox
+from endolab.io.datasets import load_calibration
+from endolab.workbench.tuning.widget import TunerBox
 known = load_calibration({str(tmp_path / "large.json")!r})
 first = read_frame({str(tmp_path / "large.png")!r}, known)
 app = TunerBox(first, known, width=160)

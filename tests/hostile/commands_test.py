@@ -13,7 +13,7 @@ import psutil
 import pytest
 import rerun as rr
 
-from endolab.recording.stream import Sink
+from endolab.workbench.recording.stream import Sink
 from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -14,7 +14,7 @@ import pytest
 import endolab as el
 from endolab.calibration.targets import TARGETS
 from endolab.cli.main import main
-from endolab.datasets import traced
+from endolab.io.datasets import traced
 from endolab.io.descriptions import write_target
 from endolab.io.detection_cache import detect_cached
 from endolab.io.settings import SolvingSettings, write_settings

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 import endolab as el
 from endolab.batch.sweep import read_table
-from endolab.datasets import traced
-from endolab.datasets.endomapper import read_vicalib
-from endolab.datasets.folders import true_z
+from endolab.io.datasets import traced
+from endolab.io.datasets.endomapper import read_vicalib
+from endolab.io.datasets.folders import true_z
 from endolab.io.descriptions import read_target
 from endolab.io.detection_cache import read_detections
 from endolab.io.images import read_image, read_mask

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from endolab.datasets import load_calibration
+from endolab.io.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 
 ENDOSCOPE = load_calibration("paper").camera

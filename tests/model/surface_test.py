@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from endolab.datasets import load_calibration
+from endolab.io.datasets import load_calibration
 from endolab.metrics import angle_between
 from endolab.model import surface
 from endolab.model.cameras import KannalaBrandt, Pinhole

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
-from endolab.datasets import load_calibration
-from endolab.depth.result import Iterate
+from endolab.io.datasets import load_calibration
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.metrics.mesh_distance import distance_to, to_open3d
 from endolab.reconstruction.mesh import make_mesh
+from endolab.solvers.result import Iterate
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
 from tests.tools.problems import coloured_colon
 

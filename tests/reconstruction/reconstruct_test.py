@@ -8,10 +8,10 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.energy import energy_terms
-from endolab.depth.solvers import SOLVERS, solve
 from endolab.reconstruction.assumptions import notes
 from endolab.reconstruction.channels import make_problem
+from endolab.solvers.energy import energy_terms
+from endolab.solvers.solvers import SOLVERS, solve
 from tests.tools.problems import Shot
 
 CALIBRATION = datasets.load_calibration("simple")

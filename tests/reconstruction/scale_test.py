@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.energy import energy_terms
-from endolab.depth.problem import LOWER_BOUND, NONE
-from endolab.depth.provenance import LightOutcome, LightReport, Provenance
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.scale import (
     check_scale,
@@ -17,6 +14,9 @@ from endolab.reconstruction.scale import (
     factor_of_distance,
     scale_of,
 )
+from endolab.solvers.energy import energy_terms
+from endolab.solvers.problem import LOWER_BOUND, NONE
+from endolab.solvers.provenance import LightOutcome, LightReport, Provenance
 from tests.tools.problems import Shot
 
 CAMERA = el.Pinhole(200, 150, 110.0, 110.0, 99.5, 74.5)

@@ -1,7 +1,7 @@
 """Path-trace the frames that come with endolab anew, with Mitsuba.
 
-`python -m tests.tools.make_traced_frames FOLDER [NAMES]` makes them; `endolab.datasets.traced` reads them and
-says what a file holds.
+`python -m tests.tools.make_traced_frames FOLDER [NAMES]` makes them; `endolab.io.datasets.traced` reads
+them and says what a file holds.
 """
 
 import json
@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from endolab.datasets.known_endoscopes import load_calibration
-from endolab.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
 from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.datasets.known_endoscopes import load_calibration
+from endolab.io.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
 from endolab.model.brdf import Lambertian
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight

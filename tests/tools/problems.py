@@ -7,8 +7,8 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import compare
+from endolab.solvers.problem import Problem
 from endolab.synthetic.scenes import Colon
 
 PAPERS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]

@@ -18,9 +18,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from endolab.datasets.sample import Sample
-from endolab.datasets.traced import LAYERS
+from endolab.frames.frame import Frame
 from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.datasets.sample import Sample
+from endolab.io.datasets.traced import LAYERS
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
@@ -28,7 +29,6 @@ from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.preprocessing.frame import Frame
 from tests.tools.cavities import Cavity, Fold, Polyp
 from tests.tools.path_tracing import Traced, stored, trace
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid
-from endolab.datasets import load_calibration
+from endolab.io.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt
 
 PAPER = load_calibration("paper").camera

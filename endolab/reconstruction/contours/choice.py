@@ -21,13 +21,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.problem import Problem
-from endolab.depth.provenance import ContourOutcome, ContourReport, LightOutcome, Provenance
-from endolab.depth.result import Iterate, Result, name_stage, with_provenance
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.channels import Task, start_from
 from endolab.reconstruction.contours.lines import find_contours
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.problem import Problem
+from endolab.solvers.provenance import (
+    ContourOutcome,
+    ContourReport,
+    LightOutcome,
+    Provenance,
+)
+from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
 
 SMOOTH = "smooth"  # stage: before anything is cut
 CONTOURS = "contours"  # stage: cut

@@ -27,12 +27,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from endolab.depth.problem import EXACT, Problem
-from endolab.depth.provenance import LightOutcome
+from endolab.frames.frame import QUIET
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import QUIET
 from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_light_and_slope
+from endolab.solvers.problem import EXACT, Problem
+from endolab.solvers.provenance import LightOutcome
 
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue albedo of mucosa, before anything is known
 ALBEDOS = (0.02, 0.95)  # least and greatest

@@ -23,13 +23,13 @@ import cv2
 import numpy as np
 import scipy
 
+from endolab.frames.frame import BRIGHT, Frame, check_size
+from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.preprocessing.frame import BRIGHT, Frame, check_size
-from endolab.preprocessing.highlights import find_highlights
 from endolab.reconstruction.light.colours import ALBEDOS, LEAST_PATCHES, TISSUE
 from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
 

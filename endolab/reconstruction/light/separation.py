@@ -26,21 +26,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.problem import EXACT, NONE, Problem
-from endolab.depth.provenance import (
-    ContourOutcome,
-    ContourReport,
-    LightOutcome,
-    LightReport,
-    Provenance,
-    SearchedPicture,
-)
-from endolab.depth.result import Iterate, Result, name_stage, with_provenance
+from endolab.frames.frame import BRIGHT, QUIET, noise_level
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.side_by_side import by_rows
-from endolab.preprocessing.frame import BRIGHT, QUIET, noise_level
 from endolab.reconstruction.channels import (
     Channel,
     Channels,
@@ -70,6 +59,17 @@ from endolab.reconstruction.light.colours import (
     refine_per_pixel,
 )
 from endolab.reconstruction.light.walls import Walls
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.problem import EXACT, NONE, Problem
+from endolab.solvers.provenance import (
+    ContourOutcome,
+    ContourReport,
+    LightOutcome,
+    LightReport,
+    Provenance,
+    SearchedPicture,
+)
+from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
 
 BOUNCED = "bounced light"  # stage
 SAME = (

@@ -31,9 +31,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.provenance import Provenance
-from endolab.depth.result import Iterate, Observer, name_stage, with_provenance
+from endolab.frames.frame import Frame
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
@@ -41,11 +39,13 @@ from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, check_observers, closing, drive
-from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.channels import Channel, make_channels
 from endolab.reconstruction.light.colours import NoColour, known_albedo
 from endolab.reconstruction.light.separation import separate, separate_from
 from endolab.reconstruction.settings import Settings
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.provenance import Provenance
+from endolab.solvers.result import Iterate, Observer, name_stage, with_provenance
 
 LIGHT = "light"  # stage
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5

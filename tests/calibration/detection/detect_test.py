@@ -16,7 +16,7 @@ from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
 from endolab.calibration.simulation.trajectory import Movement, folded
 from endolab.calibration.simulation.video import simulate_video
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
-from endolab.datasets import load_calibration
+from endolab.io.datasets import load_calibration
 from tests.tools.sheet_views import exact_centroids
 
 CAMERA = datasets.load_calibration("paper", width=640).camera

@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.provenance import ContourOutcome, Provenance
-from endolab.depth.result import name_stage
 from endolab.reconstruction.channels import Task, make_problem
 from endolab.reconstruction.contours.choice import (
     ContourChoice,
@@ -14,6 +11,9 @@ from endolab.reconstruction.contours.choice import (
     cut_at_contours,
     solve_cut,
 )
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.provenance import ContourOutcome, Provenance
+from endolab.solvers.result import name_stage
 from tests.tools.problems import finish, percent_off, problem_of
 
 

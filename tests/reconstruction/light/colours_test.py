@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.provenance import LightOutcome
 from endolab.model.photometry import CHANNELS
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.light.colours import (
@@ -19,6 +18,7 @@ from endolab.reconstruction.light.colours import (
     refine_per_pixel,
 )
 from endolab.reconstruction.light.walls import Walls
+from endolab.solvers.provenance import LightOutcome
 
 ALBEDO = np.array([0.62, 0.30, 0.22])
 

@@ -5,7 +5,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.datasets import load_calibration
+from endolab.io.datasets import load_calibration
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "diffuse-3"])

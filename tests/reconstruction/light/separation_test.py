@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.problem import NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
@@ -14,6 +13,7 @@ from endolab.reconstruction.assumptions import notes
 from endolab.reconstruction.channels import make_channels
 from endolab.reconstruction.light.separation import merge, separate
 from endolab.reconstruction.settings import Settings
+from endolab.solvers.problem import NONE
 from tests.tools.problems import finish
 
 ALBEDO = np.array([0.75, 0.38, 0.30])

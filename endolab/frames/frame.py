@@ -1,0 +1,336 @@
+"""What is done to a frame before it is solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.frames.surround import SURE, field_of_view
+from endolab.model.cameras import Camera
+from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
+from endolab.model.schema import unknown_name
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
+from endolab.numerics.checks import mask_array, readonly_copy, real_array
+from endolab.numerics.side_by_side import by_rows
+
+DARK = 4 / 255  # below this rounding and noise say more than the surface does
+MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
+MISPLACED = 0.05  # of a mask that lies beyond what the endoscope shows, from which on it is no rounded edge
+EDGE = (
+    0.03  # of the shorter side, within which a mask may lie beyond the field all the same
+)
+BRIGHT = 254.5 / 255  # from here on it is saturated
+LEVELS = 64  # of a mask, or of some other drawing, there are fewer
+REMEMBERED = 3  # sizes of a frame
+CONSTANT = 1e-6  # range of stored values
+QUIET = 0.3 / 255  # the noise of rounding to 8 bits
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture and the pixels of it that are to be used.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values over their maximum, in [0, 1], gamma-coded as read; channels R, G, B.
+    mask : (H, W) bool array
+        Pixels that take part.
+    name : str
+        What to call it in messages.
+    silent : (H, W) bool array, optional
+        Pixels of the mask that say nothing of the wall, such as ignored highlights: the surface goes
+        on beneath them, without their evidence.
+
+    Raises
+    ------
+    ValueError
+        If the image has a value that is not finite or outside [0, 1], if its shape is not that of a
+        picture, if the mask has another size or is empty.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> frame = el.load_traced("matt").frame
+    >>> frame.resize(160, 120, 2.2).image.shape
+    (120, 160, 3)
+    """
+
+    image: FloatArray
+    mask: BoolArray
+    name: str = "frame"
+    silent: BoolArray | None = None
+    _resized: dict[tuple[int, int, float], Frame] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        image = real_array(f"{self.name}: the image", self.image)
+        if (
+            image.ndim not in (2, 3)
+            or image.shape[2:] not in ((), (3,))
+            or 0 in image.shape
+        ):
+            raise ValueError(
+                f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
+            )
+        for what in ("mask", "silent") if self.silent is not None else ("mask",):
+            mask = mask_array(f"{self.name}: the {what}", getattr(self, what))
+            if mask.shape != image.shape[:2]:
+                sizes = (
+                    "x".join(map(str, shape[::-1]))
+                    for shape in (mask.shape, image.shape[:2])
+                )
+                raise ValueError(
+                    "{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes)
+                )
+            object.__setattr__(
+                self, what, readonly_copy(mask)
+            )  # the caller's buffer may be the next frame's soon
+        if not self.mask.any():
+            raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
+        used = image if self.mask.all() else image[self.mask]
+        low = used.min()
+        high = used.max()
+        if not (low >= 0 and high <= 1):  # either is nan where any value is
+            span = f"found {low:.4g} to {high:.4g}"
+            remedy = (
+                "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
+            )
+            raise ValueError(
+                f"{self.name}: values must be finite and lie in [0, 1], {span}{remedy}"
+            )
+        object.__setattr__(self, "image", readonly_copy(image))
+
+    @property
+    def width(self) -> int:
+        """Columns, px."""
+        return self.image.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Rows, px."""
+        return self.image.shape[0]
+
+    def seen(self) -> BoolArray:
+        """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only."""
+        return self._seen
+
+    @property
+    def misplaced(self) -> float:
+        """Share of a mask that `seen` leaves out, as it surely lies beyond what the endoscope shows."""
+        return 0.0 if self.mask.all() else 1 - float(self._seen.sum() / self.mask.sum())
+
+    @cached_property
+    def _seen(self) -> BoolArray:
+        if self.mask.all():
+            return frozen(field_of_view(self.image))
+        field = field_of_view(self.image, SURE)
+        # A mask that follows the field's very edge, which is soft, is none that is misplaced.
+        reach = 2 * round(EDGE * min(field.shape)) + 1
+        around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+        beyond = (self.mask & ~around).sum() / self.mask.sum()
+        seen = self.mask & field
+        return frozen(seen) if beyond > MISPLACED and seen.any() else self.mask
+
+    def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
+        """One channel of the picture, and its name: "red", "green", "blue" or "grey".
+
+        Green by default, which neither saturates like red nor is as dark as blue; a grey picture has grey
+        alone.
+        """
+        if self.image.ndim == 2:
+            if name not in (None, "grey"):
+                raise ValueError(
+                    f"{self.name}: the picture is grey and has no {name} channel; choose grey"
+                )
+            return "grey", self.image
+        name = name or "green"
+        if name == "grey":
+            return name, self.image @ GREY_WEIGHTS
+        if not isinstance(name, str) or name not in CHANNELS:
+            raise unknown_name("channel", name, (*CHANNELS, "grey"))
+        return name, self.image[..., CHANNELS.index(name)]
+
+    def resize(self, width: int, height: int, gamma: float) -> Frame:
+        """Shrink the picture to a size, px, by averaging light, I^γ, which is not averaging stored values.
+
+        Pixels of which less than half was in the mask are out of it; masked pixels do not enter the averages.
+        A frame remembers the last few, for who solves it again and again.
+        """
+        key = (width, height, gamma)
+        resized = self._resized  # never changed: other threads read it
+        if key not in resized:
+            resized = dict([*resized.items()][1 - REMEMBERED :]) | {
+                key: self._shrunk(width, height, gamma)
+            }
+            object.__setattr__(self, "_resized", resized)
+        return resized[key]
+
+    def _shrunk(self, width: int, height: int, gamma: float) -> Frame:
+        if not (1 <= width <= self.width and 1 <= height <= self.height):
+            raise ValueError(
+                f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
+            )
+
+        def shrunk(a: FloatArray | BoolArray) -> FloatArray:
+            whole = a.astype(np.float64, copy=False)  # of twelve million pixels, 0.3 GB
+            resized = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+            return np.asarray(resized, dtype=np.float64)
+
+        share = shrunk(self.mask)
+        kept = share >= 0.5
+        whole = self.mask.all()
+        if not kept.any():
+            raise ValueError(
+                f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left"
+            )
+        part = np.where(kept, share, 1.0)
+
+        def average_light(channel: FloatArray) -> FloatArray:
+            light = shrunk(
+                power(channel if whole else np.where(self.mask, channel, 0.0), gamma)
+            )
+            plain = (
+                light
+                if kept.all()
+                else shrunk(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
+            )
+            return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
+
+        # One by one: of twelve million pixels, 0.1 GB each.
+        channels = [
+            average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)
+        ]
+        silent = None if self.silent is None else shrunk(self.silent) > 0
+        image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
+        return Frame(image, kept, self.name, silent)
+
+
+def shrunk_bytes(
+    stored: NDArray[np.uint8], width: int, height: int, gamma: float
+) -> FloatArray:
+    """What `Frame.resize` makes of a picture of bytes without a mask, in the time between a camera's frames.
+
+    In single precision, to 1e-6: light is looked up in a table of 256.
+    """
+    light = (np.arange(256) / 255).astype(np.float32) ** np.float32(gamma)
+    mean = cv2.resize(cv2.LUT(stored, light), (width, height), interpolation=cv2.INTER_AREA)
+    return np.clip(mean.astype(np.float64), 0.0, 1.0) ** (1 / gamma)
+
+
+def check_size(
+    name: str, size: tuple[int, int], camera: Camera, what: str = "calibration"
+) -> None:
+    """Raise a ValueError if a picture, (columns, rows), has not the size of the camera."""
+    if size != (camera.width, camera.height):
+        expected = f"the {what} is for {camera.width}x{camera.height} px"
+        raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {expected}")
+
+
+def usable(
+    image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame"
+) -> BoolArray:
+    """Pixels of a channel (stored values) from which a distance can be had.
+
+    The mask without pixels that are outside the camera's field (cos α is nan there), more than 80° off its
+    axis or as good as black (below 4 of 255). ValueError that names the frame, if none is left, or if what
+    is left is constant or all saturated.
+    """
+    field = mask & (cos_alpha > np.cos(np.deg2rad(MAX_ALPHA)))
+    if not field.any():
+        raise ValueError(
+            f"{name}: the mask and the camera's field of view have no pixel in common"
+        )
+    bright = field & (image > DARK)
+    if not bright.any():
+        raise ValueError(
+            f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "
+            "it may use fewer bits than the file, such as 10 of 16"
+        )
+    if np.all(image[bright] >= BRIGHT):
+        raise ValueError(f"{name}: the picture is fully saturated")
+    if np.ptp(image[bright]) < CONSTANT:  # shrinking rounds
+        raise ValueError(
+            f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere"
+        )
+    return bright
+
+
+def large_parts(region: BoolArray, least: float) -> BoolArray:
+    """Return the connected parts of a region that have at least so many pixels."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
+        region.astype(np.uint8), connectivity=4
+    )
+    large = stats[:, cv2.CC_STAT_AREA] >= least
+    large[0] = False
+    return large[labels]
+
+
+def noise_level(image: FloatArray, mask: BoolArray) -> float:
+    """Estimate the standard deviation of a picture's noise, in stored values.
+
+    The difference of two Laplacians, to which surfaces and shading give almost nothing (Immerkær, "Fast
+    noise variance estimation", 1996). The mean is over the lower four fifths of its sizes, so that edges
+    do not count; 0.5586 is that mean for a normal distribution. 0 if no pixel has all its neighbours in
+    the mask.
+    """
+    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
+    if not inside.any():
+        return 0.0
+    size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
+    nth = int(0.8 * (size.size - 1))  # of stored bytes many are equal, but for rounding
+    return float(np.partition(size, nth)[: nth + 1].mean() / 0.5586)
+
+
+def looks_like_depth(image: FloatArray) -> bool:
+    """Whether a picture is so like a depth map that it may be one: grey, of many values, without noise.
+
+    A camera's picture of 8 bits has the noise of their rounding at least, 0.3 grey levels; the depth maps
+    of C3VD and SimCol3D have 0.001 and 0.03.
+    """
+    if image.ndim == 3:
+        return False
+    noise = noise_level(image, image > 0)
+    return 0 < noise < QUIET / 3 and len(np.unique(image)) > LEVELS
+
+
+def smooth_light(
+    image: FloatArray, mask: BoolArray, gamma: float, sigma: float
+) -> FloatArray:
+    """Blur the light I^γ of a picture within a mask by a Gaussian of `sigma` px; not its stored values.
+
+    The picture is as it was outside the mask.
+    """
+    if sigma <= 0:
+        return image
+    light = cv2.GaussianBlur(
+        power(np.where(mask, image, 0.0), gamma),
+        (0, 0),
+        sigma,
+        borderType=cv2.BORDER_CONSTANT,
+    )
+    share = cv2.GaussianBlur(
+        mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+    )
+    out = np.empty(image.shape)
+
+    def stored(rows: slice) -> None:
+        inside = mask[rows]
+        mean = np.maximum(light[rows] / np.where(inside, share[rows], 1.0), 0.0)
+        out[rows] = np.where(inside, mean ** (1 / gamma), image[rows])
+
+    by_rows(stored, mask.shape)
+    return out
+
+
+def power(a: FloatArray, exponent: float) -> FloatArray:
+    """Return a picture's values (H, W) or (H, W, 3) to a power."""
+    out = np.empty(a.shape)
+    by_rows(lambda rows: np.power(a[rows], exponent, out=out[rows]), a.shape)
+    return out

@@ -1,0 +1,285 @@
+"""Highlights: light that a wet film mirrors, found and filled in.
+
+Mirrored light has the colour of the lamp, white, and lies in small patches on top of the tissue's
+own colour. So a highlight is where two things are true at once, both told in linear light: the
+pixel is whiter than the palest tissue around it, and brighter than its neighbourhood and than
+what the slopes around it lead to. A near wall is bright but large, a fold's crest is narrow but
+lies at the end of a slope or has the tissue's colour, and what lies between vessels is pale but
+no paler than the tissue elsewhere.
+"""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import scipy
+
+from endolab.frames.frame import QUIET, noise_level, power
+from endolab.model.schema import unknown_name
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+# Sizes are shares of the longer side of what is shown, amounts are mirrored light over the tissue's.
+# half the width of highlights: most, and the largest
+SMALL = 1 / 100
+LARGE = 1 / 30
+AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
+COARSE = 80  # pixels across what the endoscope shows, at which that colour is sought
+COLOUR_STEPS = 200  # of a colour over red, in one
+SKIRT_WIDTH = 1 / 320  # a highlight's faint rim
+# where a small highlight begins and ends
+SEED = 0.3
+SKIRT = 0.12
+# the same of large ones, as folds bulge at that scale
+LARGE_SEED = 1.5
+LARGE_SKIRT = 0.75
+GREY = 2.5  # without colour there is but half the evidence, so seeds must be brighter by this factor
+# of seeds and skirts, in standard deviations of the noise
+SURE = 4.0
+LIKELY = 2.0
+STEEPEST = (
+    0.7  # change of log light over twice a highlight's width that still counts as a slope
+)
+COLOURLESS = 0.8  # green or blue over red, from which on tissue can't be told from lamps
+STRAY = 0.02  # linear light that scatters into every pixel: in the dark, ratios say little
+ROUNDING = 0.5 / 255
+HIGHLIGHTS = (
+    "keep",
+    "ignore",
+    "inpaint",
+)  # as they are, as no evidence, filled in from around
+
+
+def _odd(size: float) -> int:
+    """Return the width of a window that reaches as far as this to either side, at least 1 px."""
+    return 2 * max(1, round(size)) + 1
+
+
+def _check_picture(image: FloatArray, mask: BoolArray, what: str) -> None:
+    if (
+        image.ndim not in (2, 3)
+        or (image.ndim == 3 and image.shape[2] != 3)
+        or 0 in image.shape
+    ):
+        raise ValueError(
+            f"expected a grey or RGB picture, found an array of shape {image.shape}"
+        )
+    if mask.shape != image.shape[:2]:
+        raise ValueError(
+            f"expected {what} of the picture's shape {image.shape[:2]}, found {mask.shape}"
+        )
+
+
+def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
+    """Give every pixel outside the mask, which must not be empty, the value of the nearest one inside."""
+    if mask.all():
+        return image
+    away = (~mask).astype(np.uint8)
+    labels = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )[1]
+    index = np.zeros(labels.max() + 1, np.intp)
+    index[labels[mask]] = np.flatnonzero(mask)
+    out = image.copy()
+    out[~mask] = image.reshape(mask.size, *image.shape[2:])[index[labels[~mask]]]
+    return out
+
+
+def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
+    """Colour of the palest quarter of the tissue around each pixel, over its red, (H, W, 3)."""
+    from skimage.filters import rank
+
+    high, across = light.shape[:2]
+    step = max(1.0, wide / COARSE)
+    size = (max(1, round(across / step)), max(1, round(high / step)))
+    small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
+    ratio = small / np.maximum(small[..., :1], 1e-4)
+    width = _odd(AROUND * wide / step)
+    window = np.ones((width, width), np.uint8)
+    reach = width // 2
+    levels = np.clip(COLOUR_STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
+    framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    pale = np.stack(
+        [rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)], axis=-1
+    )
+    pale = pale[reach:-reach, reach:-reach] / COLOUR_STEPS
+    return np.asarray(
+        cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64
+    )
+
+
+def _white_part(
+    light: FloatArray, colour: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Split light into tissue's and white by least squares; the white part and its standard deviation."""
+    weight = 1 / spread**2
+    aa, ab, bb = (
+        np.sum(weight * power, axis=-1) for power in (colour**2, colour, np.ones(3))
+    )
+    a = np.sum(weight * colour * light, axis=-1)
+    b = np.sum(weight * light, axis=-1)
+    aa += 1e-12 * bb  # a picture may be all black
+    determinant = np.maximum(
+        aa * bb - ab**2, 1e-9 * aa * bb
+    )  # 0 where the tissue itself is white
+    return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
+
+
+def _led_to(tissue: FloatArray, step: int) -> FloatArray:
+    """Brightest value to which the tissue's slopes lead from eight sides."""
+    log_tissue = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
+    edge, (rows, columns) = 2 * step, log_tissue.shape
+    padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
+
+    def moved(reach: int, turn: float) -> Any:
+        down = edge + round(reach * np.sin(turn))
+        across = edge + round(reach * np.cos(turn))
+        return padded[down : down + rows, across : across + columns]
+
+    for turn in np.arange(8) * np.pi / 4:
+        ahead = moved(step, turn)
+        beside = moved(edge, turn)
+        np.maximum(
+            log_tissue, ahead + np.clip(ahead - beside, -STEEPEST, STEEPEST), out=log_tissue
+        )
+    return np.exp(log_tissue.astype(np.float64))
+
+
+def dilate(region: BoolArray, reach: float) -> BoolArray:
+    """Grow a region by a square, to every side by `reach` px, at least 1."""
+    return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
+
+
+def _holding(seed: BoolArray, skirt: BoolArray) -> BoolArray:
+    """Return the connected parts of the skirt that hold a seed."""
+    return scipy.ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
+
+
+def check_highlights(treatment: str | None) -> str:
+    """Return what is to be done with highlights, "keep" by default, if it is one of `HIGHLIGHTS`."""
+    treatment = HIGHLIGHTS[0] if treatment is None else treatment
+    if not isinstance(treatment, str) or treatment not in HIGHLIGHTS:
+        raise unknown_name("way with highlights", treatment, HIGHLIGHTS)
+    return treatment
+
+
+def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> BoolArray:
+    """Find mirrored light, by colour, local contrast and noise; with its skirts, and none outside the mask.
+
+    The picture holds stored values in [0, 1] of R, G, B, white-balanced, so that the lamp is white. A grey
+    one has contrast alone, and less is found in it. The mask is what the endoscope shows.
+
+    Light is split into the palest tissue colour around and a white part; small highlights stand
+    out from an opening of the light (Vincent's top-hat), from the values to which the slopes
+    around lead, and from the noise. What is large, overexposed and smooth is a near wall, not a
+    highlight: whoever solves the frame has to treat saturation by itself.
+    """
+    image = np.asarray(image, dtype=np.float64)
+    mask = np.asarray(mask, dtype=bool)
+    _check_picture(image, mask, "a mask")
+    if not gamma > 0:
+        raise ValueError(f"gamma must be positive, got {gamma}")
+    if not mask.any():
+        return np.zeros(mask.shape, dtype=bool)
+    wide = float(np.ptp(np.nonzero(mask), axis=1).max() + 1)
+    filled = extend(np.clip(np.nan_to_num(image), 0, 1), mask)
+    light = power(filled, gamma)
+    calm = cv2.medianBlur(light.astype(np.float32), 3)
+    noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
+    spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
+    white = np.full(mask.shape, np.inf)
+    doubt = np.ones(mask.shape)
+    coloured = False
+    if image.ndim == 3:
+        colour = _palest_colour(calm.astype(np.float64), wide)
+        coloured = np.median(colour.min(axis=-1)[mask]) < COLOURLESS
+        if coloured:
+            white, doubt = _white_part(light, colour, spread)
+        # Blue and green differ most between lamp and tissue; red may be saturated.
+        light, calm = ((a[..., 1] + a[..., 2]) / 2 for a in (light, calm))
+        spread = np.sqrt((spread[..., 1] ** 2 + spread[..., 2] ** 2) / 2 / 2)
+
+    def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
+        excess = light - base
+        much = np.minimum(excess, white) > over * (base + STRAY)
+        return mask & much & (np.minimum(excess / spread, white / doubt) > sigmas)
+
+    mirrored = np.zeros(mask.shape, dtype=bool)
+    demand = 1.0 if coloured else GREY
+    for reach, seed, skirt in ((SMALL, SEED, SKIRT), (LARGE, LARGE_SEED, LARGE_SKIRT)):
+        lowest = cv2.morphologyEx(
+            calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8)
+        )
+        lowest = cv2.GaussianBlur(lowest, (0, 0), max(0.25 * reach * wide, 0.5))
+        opened = np.asarray(lowest, dtype=np.float64)
+        base = _led_to(opened, 2 * max(1, round(reach * wide)))
+        certain = evidence(base, demand * seed, SURE)
+        mirrored |= _holding(certain, evidence(base, demand * skirt, LIKELY))
+        if reach == SMALL:
+            around = dilate(certain, SKIRT_WIDTH * wide)
+            mirrored |= _holding(certain, around & evidence(opened, demand * skirt, LIKELY))
+    # Small holes are the highlights' own tops, where even white is clipped.
+    closed = (
+        cv2.morphologyEx(
+            mirrored.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+        )
+        > 0
+    )
+    return closed & mask
+
+
+def inpaint(
+    image: FloatArray, holes: BoolArray, mask: BoolArray | None = None
+) -> FloatArray:
+    """Fill holes in stored values smoothly from what surrounds them.
+
+    Only pixels of the mask, all by default, are used or filled: black around the endoscope's picture must
+    not leak in. Within the holes the logarithm of light is harmonic: it has no peak or pit of its own, so
+    nothing rings, and no response exponent is needed, as log I^γ = γ log I.
+    """
+    image = np.asarray(image, dtype=np.float64)
+    holes = np.asarray(holes, dtype=bool)
+    _check_picture(image, holes, "holes")
+    shown = (
+        np.ones(holes.shape, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    )
+    _check_picture(image, shown, "a mask")
+    holes = holes & shown
+    if not holes.any():
+        return image.copy()
+    known = shown & ~holes
+    if not known.any():
+        raise ValueError("the whole picture is a hole, there is nothing to fill it from")
+    log = np.log(
+        np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), ROUNDING)
+    )
+    number = np.arange(holes.size).reshape(holes.shape)
+    shown = shown.ravel()
+    wanted = holes.ravel()
+    sides = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
+    here, there = np.concatenate(
+        [np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1
+    )
+    pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
+    here = here[pairs]
+    there = there[pairs]
+    step = np.arange(here.size)
+    differences = scipy.sparse.coo_array(
+        (
+            np.repeat([1.0, -1.0], here.size),
+            (np.tile(step, 2), np.concatenate([here, there])),
+        ),
+        shape=(here.size, holes.size),
+    ).tocsc()
+    # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
+    hint = 1e-9
+    inner = differences[:, wanted]
+    log = log.reshape(holes.size, -1)
+    matrix = inner.T @ inner + hint * scipy.sparse.eye_array(inner.shape[1], format="csc")
+    right = hint * log[wanted] - inner.T @ (
+        differences @ np.where(wanted[:, None], 0.0, log)
+    )
+    # The matrix is symmetric: ordered for that, its factors stay thin.
+    factors = scipy.sparse.linalg.splu(matrix.tocsc(), "MMD_AT_PLUS_A")
+    filled = image.copy().reshape(holes.size, -1)
+    filled[wanted] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
+    return filled.reshape(image.shape)

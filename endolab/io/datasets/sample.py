@@ -1,0 +1,99 @@
+"""A published frame with truth, and what the loaders of all data sets check.
+
+Every sample comes out the same way: a `Frame`, a `Calibration` of its size, and Euclidean
+distances in mm, nan where the truth is unknown. Nothing is downloaded. `folders.open_dataset`
+opens any layout; EndoMapper's calibrations are in `endomapper`.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from endolab.frames.frame import Frame, check_size
+from endolab.io.atomic import PathLike
+from endolab.io.images import read_image, read_stored
+from endolab.model.endoscope import Calibration
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+NEAREST = 2.0  # no endoscope has all it sees nearer, mm
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A published frame."""
+
+    frame: Frame
+    calibration: Calibration  # of the frame's size; its gain is unknown
+    distance: FloatArray  # (H, W), true, Euclidean, mm; nan where unknown
+
+
+def data_folder() -> Path | None:
+    """Folder of published frames: $ENDOLAB_DATA, else ../shared/data beside the checkout; or None."""
+    named = os.environ.get("ENDOLAB_DATA")
+    folder = (
+        Path(named) if named else Path(__file__).resolve().parents[4] / "shared" / "data"
+    )
+    return folder if folder.is_dir() else None
+
+
+# Layouts -------------------------------------------------------------------------------------
+def read_stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
+    """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
+
+    That is one of another bit depth or of several channels, a black one, or one that shows nothing beyond
+    2 mm, as a map in another unit does.
+    """
+    stored = read_stored(path)
+    if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
+        raise ValueError(
+            f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
+        )
+    deepest = float(stored.max()) * step
+    if deepest < NEAREST:
+        raise ValueError(
+            f"{path}: expected depths in steps of {step:.4g} mm, found none beyond {deepest:.2g} mm; "
+            "they may be in another unit"
+        )
+    return stored
+
+
+def load_sample(
+    folder: PathLike,
+    colour_name: str,
+    depth_name: str,
+    read_depth: Callable[
+        [PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]
+    ],
+    calibration: Calibration,
+    shrinkable: bool = False,
+) -> Sample:
+    """Load a frame and its truth from two files of a folder.
+
+    `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
+    shows. A `shrinkable` calibration follows pictures that were shrunk in proportion.
+    """
+    colour = Path(folder) / colour_name
+    depth = Path(folder) / depth_name
+    image = read_image(colour)
+    z, known, *shown = read_depth(depth)
+    camera = calibration.camera
+    if shrinkable and z.shape[1] < camera.width:
+        shrunk = calibration.resize(
+            z.shape[1], round(camera.height * z.shape[1] / camera.width)
+        )
+        calibration = shrunk if shrunk.camera.height == z.shape[0] else calibration
+        camera = calibration.camera
+    check_size(str(depth), z.shape[::-1], camera)
+    if image.shape != (*z.shape, 3):
+        raise ValueError(
+            f"{colour}: expected colours of {z.shape[1]}x{z.shape[0]} px as its depth map, "
+            f"found the shape {image.shape}"
+        )
+    forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
+    mask = shown[0] if shown else np.ones(z.shape, dtype=bool)
+    return Sample(
+        Frame(image, mask, colour.name), calibration, np.where(known, z, np.nan) / forward
+    )

@@ -1,0 +1,337 @@
+"""How wrong a result may be, pixel by pixel: σ of the distance, and who decided it.
+
+Every uncertain cause is a change of the picture's light that the surface answers to linearly (`linearised`):
+one solve for a cause with a name, some dozen for random fields, whose mean square is taken. λ and contours,
+which are choices, are made otherwise, and the frame solved anew (`anew`). Variances add up. What all pixels
+share is a scale, and told apart from the shape.
+
+Which causes there are, the length of the texture and what `PriorSigma` takes by default were chosen with
+path-traced and real frames and their truth in view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.ndimage
+
+from endolab.frames.frame import QUIET, noise_level
+from endolab.model.endoscope import Calibration
+from endolab.model.ranges import RANGES
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
+from endolab.numerics.checks import check_int, excerpt
+from endolab.numerics.derivatives import links, px_per_reference, shift
+from endolab.numerics.iteration import Status, Stopped, check_observers, closing, drive
+from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.scale import Pixel, own_pixel
+from endolab.reconstruction.uncertainty.anew import LARGEST_CHANGE, re_solve
+from endolab.reconstruction.uncertainty.causes import (
+    Texture,
+    correlated_field,
+    light_changes,
+    possible_cuts,
+)
+from endolab.reconstruction.uncertainty.fewer_pixels import enlarged, thinned
+from endolab.reconstruction.uncertainty.linearised import Linearised
+from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
+from endolab.reconstruction.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
+from endolab.solvers.problem import NONE, Problem
+from endolab.solvers.result import Iterate, Result
+
+# of each random field: by default, below which nothing is told
+DRAWS = 24
+LEAST_DRAWS = 4
+ALONG = 40.0  # of what enters along a rim, per 320 px of the longer side: values of one wall go together
+FEW_DRAWS = 8  # of those that are smooth, or matter little
+TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
+LARGEST_SIGMA = 1.0  # σ of log d at most: what is worse is not known at all
+SHARP = 0.5  # px, blur that is none
+WITHOUT = ("facing", "fast_marching")  # solvers that do not minimise the energy
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How far a result can be trusted; maps are (H, W), nan outside the mask."""
+
+    sigma: FloatArray  # standard deviation of `distance`, in its unit, of all that is uncertain
+    sigma_shape: FloatArray  # the same without what all pixels share
+    sigma_scale: float  # what they share, as a share of the distance
+    shares: FloatArray  # (3, H, W): of data, border or contour, and prior; they sum to 1
+    dominant_source: (
+        np.ndarray
+    )  # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask
+    causes: dict[
+        str, FloatArray
+    ]  # what each cause adds to `sigma_shape`, as a share of the distance
+    scales: dict[str, float]  # what each adds to `sigma_scale`
+    draws: int  # of each random field
+    status: Status  # STOPPED if fewer than were asked for
+    notes: tuple[str, ...]  # sentences: what was taken
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far the computation is, after every solve."""
+
+    done: int  # draws; 0 while what needs none is found
+    of: int
+
+
+def check_solver(solver: object) -> None:
+    """Raise a ValueError if nothing can be told of what this solver finds."""
+    if solver in WITHOUT:
+        raise ValueError(
+            f"solver {solver!r} minimises no energy, whose shape tells how far a result can be trusted: "
+            "use 'gauss_newton'"
+        )
+
+
+def uncertainty_of(
+    result: Result | Iterate,
+    calibration: Calibration | None = None,
+    *,
+    prior_sigma: PriorSigma | None = None,
+    draws: int = DRAWS,
+    observers: Iterable[Callable[[Progress], bool | None]] = (),
+    threads: int | None = None,
+) -> Uncertainty:
+    """Find how far each pixel of a result can be trusted.
+
+    Parameters
+    ----------
+    result : Result or Iterate
+        Of a solver that minimises the energy.
+    calibration : Calibration, optional
+        Its evidence tells how well k and γ are known.
+    prior_sigma : PriorSigma, optional
+        What is uncertain and how much, in place of that.
+    draws : int
+        Of each random field. Their σ is off by a share of 1/√(2 draws), at random, the same in every run.
+    observers : iterable of callables
+        Each is shown the `Progress`; one that returns True stops, as an interrupt does, with what there is.
+    threads : int, optional
+        The most cores to use, as of `reconstruct`.
+
+    Returns
+    -------
+    Uncertainty
+        Standard deviations of each pixel's distance, by cause too, and what decided it.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if the result is of a solver that has no energy, or an option cannot be used.
+    Stopped
+        If an observer stops it before the fourth draw: σ without the random fields, the most of it, would be
+        too small, and nothing is told. An interrupt before that is passed on.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> result = el.reconstruct(sample.frame, sample.calibration, width=96, channel="green")
+    >>> uncertainty = el.uncertainty_of(result, sample.calibration)
+    >>> uncertainty.sigma.shape, sorted(uncertainty.causes)[:3]
+    ((72, 96), ['albedo', 'border', 'bounced light'])
+    """
+    if not isinstance(result, Result | Iterate):
+        raise ValueError(f"result must be a Result, got {excerpt(result)}")
+    if not isinstance(prior_sigma, PriorSigma | None):
+        raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
+    draws = check_int("draws", draws, LEAST_DRAWS)
+    check_solver(result.provenance.asked.get("solver"))
+    iterate = result.iterate if isinstance(result, Result) else result
+    prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
+    watching = check_observers(observers)
+    with limit_threads(threads), closing(watching):
+        estimate = _Estimate(thinned(iterate), prior_sigma, draws)
+        status = drive(
+            estimate.steps(),
+            watching,
+            lambda step, seconds: None,
+            lambda step: step.done >= LEAST_DRAWS,
+        )
+    if estimate.done < LEAST_DRAWS:
+        raise Stopped(
+            "how far the result can be trusted: stopped before there was anything to tell"
+        )
+    return estimate.uncertainty(status, iterate)
+
+
+class _Estimate:
+    """What is known so far."""
+
+    def __init__(self, iterate: Iterate, prior_sigma: PriorSigma, draws: int) -> None:
+        self._iterate = iterate
+        self._prior_sigma = prior_sigma
+        self._asked = draws
+        self.done = 0
+        self._answers: dict[
+            str, list[FloatArray]
+        ] = {}  # of log d, to each cause or draw of it
+        self._shares: FloatArray = np.zeros((3, *iterate.mask.shape))
+
+    def steps(self) -> Generator[Progress, None, Status]:
+        """Solve for every cause, a step each."""
+        for step in self._answer_each():
+            if step is not None:
+                self._answers.setdefault(step[0], []).append(step[1])
+            yield Progress(self.done, self._asked)
+        return Status.CONVERGED
+
+    def _answer_each(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
+        """What each cause does, or a draw of it; None while what that takes is made ready."""
+        problem = self._iterate.problem
+        prior_sigma = self._prior_sigma
+        mask = self._iterate.mask
+        v = np.where(mask, self._iterate.log_distance, 0.0)
+        surface = Linearised.at(problem, v)
+        rng = np.random.default_rng(0)
+        yield None
+        bumps = Bumps(surface, rng)
+        for _ in range(TRIES):
+            yield "bumps", prior_sigma.bumps * bumps.try_one()
+        self._shares = bumps.shares(v)
+        yield None
+        for cause, light in light_changes(self._iterate, prior_sigma):
+            yield cause, surface.to_light(light)
+        for cause in ("gain", "albedo"):  # they move all pixels alike
+            yield cause, 0.5 * getattr(prior_sigma, cause) * mask
+        choices: dict[str, tuple[float, Problem]] = {}
+        loose = surface
+        if prior_sigma.lam:
+            lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
+            choices["lambda"] = 1.0, replace(problem, lam=lam)
+        cuts = possible_cuts(problem)
+        if cuts is not None and cuts is not problem.cuts:
+            choices["contours"] = prior_sigma.contours, replace(problem, cuts=cuts)
+            loose = Linearised.at(choices["contours"][1], v)
+            yield None
+        still = (yield from re_solve(problem, v)) if choices else v
+        for cause, (share, other) in choices.items():
+            moved = (yield from re_solve(other, v)) - still
+            yield cause, share * np.clip(moved, -LARGEST_CHANGE, LARGEST_CHANGE)
+        entering = Rim(loose, v)
+        doubt = np.where(
+            _at_contours(loose.problem), prior_sigma.behind, prior_sigma.border
+        )
+        texture = Texture(surface, rng, prior_sigma.texture)
+        for _ in range(TRIES):
+            texture.try_one()
+            yield None
+        noise, blur = noise_left(self._iterate)
+        strength = texture.strength(noise)
+        for draw in range(self._asked):
+            yield "texture", surface.to_light(strength * texture.field())
+            if draw < FEW_DRAWS:
+                along = correlated_field(
+                    rng, mask.shape, ALONG * px_per_reference(mask.shape)
+                )
+                yield "border", entering.moved(doubt * along)
+                white = correlated_field(rng, mask.shape, blur)
+                yield "noise", surface.to_picture(noise * white)
+            self.done = draw + 1
+            yield None
+
+    def uncertainty(self, status: Status, whole: Iterate) -> Uncertainty:
+        """Sum up, on the pixels of the whole frame."""
+        mask = self._iterate.mask
+        lost = _without_evidence(self._iterate.problem)
+        parts = enlarged(self._shares, mask, whole.mask)
+        squares = {
+            cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()
+        }
+
+        def sigma(squares: Iterable[FloatArray]) -> FloatArray:
+            capped = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
+            return enlarged(np.where(lost, LARGEST_SIGMA, capped), mask, whole.mask)
+
+        decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
+        scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
+        return Uncertainty(
+            sigma=frozen(
+                whole.distance * sigma(together for together, _, _ in squares.values())
+            ),
+            sigma_shape=frozen(
+                whole.distance * sigma(shape for _, shape, _ in squares.values())
+            ),
+            sigma_scale=float(np.linalg.norm([*scales.values()])),
+            shares=frozen(parts),
+            dominant_source=frozen(decided.astype(np.uint8)),
+            causes={
+                cause: frozen(sigma([shape])) for cause, (_, shape, _) in squares.items()
+            },
+            scales=scales,
+            draws=self.done,
+            status=status,
+            notes=self._prior_sigma.notes,
+        )
+
+    def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Mean squares of some answers, (n, H, W): in all, of the shape, and of what all pixels share."""
+        common = maps[:, self._iterate.mask].mean(axis=1)
+        held = _pixels_of_scale(self._iterate)
+        kept = common
+        if held is None:
+            kept = 0 * common
+        elif held:
+            kept = np.mean([maps[:, row, column] for row, column in held], axis=0)
+        together, shape = (
+            np.mean((maps - level[:, None, None]) ** 2, axis=0) for level in (kept, common)
+        )
+        return together, shape, float(np.mean((common - kept) ** 2))
+
+
+def _pixels_of_scale(iterate: Iterate) -> list[tuple[int, int]] | None:
+    """Pixels (row, column) whose distance fixes the unit; [] if all do together, None if the gain does."""
+    scale = iterate.provenance.scale
+    if scale is None:
+        return None if iterate.problem.metric else []
+    pixels: list[Pixel] = []
+    if scale.by == "known distance":
+        pixels = [scale.length[1:]]
+    elif scale.by == "known diameter":
+        pixels = list(scale.length[1:])
+    most = np.array(iterate.mask.shape) - 1
+    places = [
+        np.clip(np.round(own_pixel(iterate, pixel)[::-1]), 0, most) for pixel in pixels
+    ]
+    return [(int(row), int(column)) for row, column in places]
+
+
+def noise_left(result: Result | Iterate) -> tuple[float, float]:
+    """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
+    shown = result.problem.shown
+    prepared = result.provenance.preparation
+    blur = 0.0 if prepared is None else prepared.smooth
+    level = max(
+        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET
+    )
+    # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
+    return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
+
+
+def _at_contours(problem: Problem) -> BoolArray:
+    """Pixels on either side of a contour, (H, W)."""
+    if problem.cuts is None:
+        return np.zeros(problem.mask.shape, dtype=bool)
+    right, below = problem.cuts
+    return right | below | shift(right, -1, 1, False) | shift(below, -1, 0, False)
+
+
+def _without_evidence(problem: Problem) -> BoolArray:
+    """Pixels of islands of which the picture says nothing at all."""
+    mask = problem.mask
+    if problem.evidence is None:
+        return np.zeros_like(mask)
+    across, down = links(mask, problem.cuts)
+    steps = np.zeros(
+        (2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool
+    )  # pixels, and what is between them
+    steps[::2, ::2] = mask
+    steps[::2, 1::2] = across
+    steps[1::2, ::2] = down
+    island = scipy.ndimage.label(steps)[0][::2, ::2]
+    return mask & ~np.isin(island, island[mask & (problem.evidence != NONE)])

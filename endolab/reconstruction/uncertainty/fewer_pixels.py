@@ -1,0 +1,77 @@
+"""A solved frame on fewer pixels, and maps back: σ is as smooth as textures, which go with the width."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.compiled import half_size, inner, leads, pad_maps
+from endolab.numerics.resampling import resample
+from endolab.solvers.grid import Grid
+from endolab.solvers.result import Iterate
+
+ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
+
+
+def thinned(iterate: Iterate) -> Iterate:
+    """The same on half the pixels along both sides, as often as it takes to have `ENOUGH` columns at most."""
+    while max(iterate.mask.shape) > ENOUGH:
+        iterate = _halve(iterate)
+    return iterate
+
+
+def _halve(iterate: Iterate) -> Iterate:
+    problem = iterate.problem
+    grid = Grid.of(problem)
+    coarse = grid.coarser()
+    height, width = coarse.mask.shape
+    down, across = leads(pad_maps(problem.mask))
+    camera: Any = problem.camera
+    covered = {
+        "width": 2 * width,
+        "height": 2 * height,
+        "cx": camera.cx + across,
+        "cy": camera.cy + down,
+    }
+    camera = replace(camera, **covered).resize(
+        width, height
+    )  # blocks may reach beyond the frame
+    smaller = replace(
+        problem,
+        image=inner(coarse.image),
+        mask=coarse.mask & camera.field.valid,
+        camera=camera,
+        cuts=coarse.cuts,
+        evidence=inner(coarse.evidence) if coarse.evidence.size else None,
+        picture=np.asarray(
+            cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float
+        ),
+    )
+    provenance = iterate.provenance
+    if provenance.preparation is not None:
+        prepared = replace(provenance.preparation, smooth=provenance.preparation.smooth / 2)
+        provenance = replace(provenance, preparation=prepared)
+    v = inner(grid.restrict(pad_maps(np.where(iterate.mask, iterate.log_distance, 0.0))))
+    return Iterate.of(smaller, np.where(smaller.mask, v, 0.0), provenance=provenance)
+
+
+def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
+    """Maps (..., h, w), known in a mask, on the pixels that were `thinned`, (..., H, W); nan outside them."""
+    if known.shape == mask.shape:
+        return np.where(mask, a, np.nan)
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    large = np.moveaxis(a[(..., *nearest)].reshape(-1, *known.shape), 0, -1)
+    sizes = [mask.shape]
+    while sizes[-1] != known.shape:
+        sizes.append((half_size(sizes[-1][0]), half_size(sizes[-1][1])))
+    for height, width in sizes[-2::-1]:
+        large = resample(large, (2 * large.shape[0], 2 * large.shape[1]))
+        down = (large.shape[0] - height) // 2
+        across = (large.shape[1] - width) // 2
+        large = large[down : down + height, across : across + width]
+    return np.where(
+        mask, np.moveaxis(large, -1, 0).reshape(*a.shape[:-2], *mask.shape), np.nan
+    )

@@ -1,0 +1,94 @@
+"""The one energy: how well a depth map explains a frame, and how smooth it is.
+
+    E(v) = mean ρ(I_model(v) - I) + λ mean w ‖D ξ(v)/ξ̃‖_ε,        v = log d
+
+ρ is Huber's penalty, D the gradient or the Hessian, ξ̃ the median of ξ at the start d₀, and
+derivatives are per 1/320 of the longer side, so that one λ serves all ξ, units and sizes
+(paper, Section V; symbols in `notebooks/guides/symbols.md`).
+
+Where the picture leaves a surface free, as at the border of a tube, the regulariser chooses it, and a
+norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. With
+`regulariser` "curvature" it is therefore how the surface of 1/d bends,
+
+    λ mean w (‖κ‖_ε + η ‖κ₁κ₂/(κ² + s²)^½‖_ε),       κ = (κ₁² + κ₂²)^½,
+
+0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
+solvers minimise, recordings show and tests check is this function.
+
+A picture is not always evidence: a saturated pixel says that the surface is at least this bright,
+so that its residual counts only where the model is darker, and a highlight or an overlay says
+nothing. There the surface is what its neighbours and the regulariser make of it; the mean is
+still over all pixels of the mask.
+
+Normals in the model are from central differences of v, and from two pixels where a neighbour
+is missing: then the normal equations couple no pixels further apart than the Hessian's do.
+"""
+
+import numpy as np
+
+from endolab.model.surface import slant, to_xi
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian
+from endolab.numerics.penalties import huber
+from endolab.solvers.curvature import (
+    CREASE,
+    TWOFOLD,
+    second_form,
+    size_and_twofold,
+    valid_stencil,
+)
+from endolab.solvers.problem import EXACT, LOWER_BOUND, Problem
+
+
+def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """The frame (H, W) that a map of v = log d predicts, normals from its gradient; nan outside the mask."""
+    tan2 = slant(
+        *gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field
+    )
+    predicted = problem.photometry.shade(log_distance, tan2, problem.field.cos_alpha)[0]
+    return np.where(problem.mask, predicted, np.nan)
+
+
+def contradicts(problem: Problem, residual: FloatArray) -> BoolArray:
+    """Where the picture is evidence against a model that is brighter by this residual, (H, W)."""
+    if problem.evidence is None:
+        return problem.mask
+    one_sided = (problem.evidence == LOWER_BOUND) & (
+        np.where(problem.mask, residual, 0.0) < 0
+    )
+    return problem.mask & ((problem.evidence == EXACT) | one_sided)
+
+
+def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """What the regulariser charges, without λ and g, (H, W): ‖D ξ/ξ̃‖_ε, or how the surface bends."""
+    mask = problem.mask
+    cuts = problem.cuts
+    epsilon = problem.epsilon
+    xi = (
+        to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha)
+        / problem.xi_median
+    )
+    xi = np.where(mask, xi, 0.0)
+    if problem.regulariser == "curvature":
+        form = second_form(xi, problem.field, mask, cuts)
+        size, twofold = size_and_twofold(
+            form, problem.field.inverse_metric, valid_stencil(mask, cuts)
+        )
+        epsilon *= CREASE
+        return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
+    operator = forward_gradient if problem.regulariser == "first" else hessian
+    size = np.linalg.norm(operator(xi, mask, cuts) * problem.derivative_scale, axis=0)
+    return huber(size, epsilon) / epsilon
+
+
+def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]:
+    """The terms "data" and "regulariser" (λ included), whose sum is the energy, of a map of v = log d."""
+    mask = problem.mask
+    count = int(problem.mask.sum())
+    residual = model_image(problem, log_distance) - problem.image
+    residual = residual[contradicts(problem, residual)]
+    roughness = problem.edge_weight * _roughness(problem, log_distance)
+    return {
+        "data": float(huber(residual, problem.threshold).sum() / count),
+        "regulariser": float(problem.lam * roughness[mask].sum() / count),
+    }

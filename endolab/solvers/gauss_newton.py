@@ -1,0 +1,344 @@
+"""Gauss-Newton on the energy: the default solver.
+
+Each step replaces both Huber penalties by the parabolas that touch them and the model by its
+linearisation, normals included, and solves the quadratic that results (readably in
+tests/solvers/gauss_newton_model.py) by conjugate gradients with a multigrid preconditioner. A step
+is halved until the energy falls no further, so the energies of the iterates fall, always.
+
+Where a wall faces the camera, a linearised model says nothing of its slope: a step may tilt it as it
+likes, and is good only for a small share of its length. So what a slope like that of the last steps would
+darken there is charged for, beforehand (`Grid.equations_at`); as steps become short, this vanishes.
+
+A fast march explains the frame, but takes the surface to face the camera where it enters the
+picture, at the border and behind contours. The true values there are whatever makes the surface
+smoothest, and what is smooth is seen on a coarse grid as well as on a fine one. So the frame is
+solved on ever finer grids: on the coarsest λ falls to its value from ten times that; every finer
+one marches from the values that the coarser one found where the march enters (or takes over the
+coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's
+own pixels is to be done in two or three.
+
+A start is taken as it is if it is near, as after a small change of λ. If it is not, as in a video
+whose camera moves, a grid of fewer pixels tells at little cost, and the finer ones take up what it
+finds: the whole map, or its change alone, whichever has the lower energy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import check_int, number
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.iteration import Status
+from endolab.solvers.energy_kernels import advance
+from endolab.solvers.grid import Grid
+from endolab.solvers.multigrid import Multigrid, dot
+from endolab.solvers.normal_equations import Coefficients
+from endolab.solvers.problem import Problem, check_maps
+from endolab.solvers.result import Iterate, Solver
+
+LONGEST_STEP = 0.5  # of a step, in log d: a factor of 1.65 in distance
+RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was taken whole
+SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
+ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
+# Added to the diagonal, as a share of what the data put there without slant: at least; once less than half
+# of a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a
+# whole one. Torn surfaces need it: what hangs together by little is to move far otherwise.
+DAMPING = 1e-3
+HELD = 1.0
+MOST_DAMPING = 1e3
+CHANGE = 4.0
+# of the inner solver: residual left, steps
+PRECISION = 0.1
+MOST_INNER_STEPS = 20
+# of a fall, how much is taken to follow: at first, at most
+RATE = 0.65
+SLOWEST = 0.95
+COARSEST = 24  # rows and columns of the coarsest grid, at least
+CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
+COARSE_STEPS = 4  # on each of the coarser grids
+LOOK = 2  # times the grid is halved to see whether a start is near
+NEARLY_BEST = 1.2  # it is if its energy there is at most this many times what a step leaves
+SAME_ENERGY = (
+    1e-9  # share by which energies of one map differ, once distances were in another unit
+)
+
+
+@dataclass(frozen=True)
+class _State:
+    """A map on a grid, its energy, and how the last step came there."""
+
+    grid: Grid
+    v: FloatArray
+    lam: float
+    terms: dict[str, float]
+    share: float = 1.0  # of the last step that was taken; 0 if no share lowered the energy
+    left: float = np.inf  # how much the energy may still fall, as the last step tells
+    fall: float = np.nan  # of the energy, by the last step
+    rate: float = RATE  # of a fall to the one before, lately
+    steps: int = 0  # of the inner solver
+    damping: float = DAMPING
+    slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
+    coefficients: Coefficients | None = None  # of the last step, as is the multigrid
+    multigrid: Multigrid | None = None
+
+    @classmethod
+    def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
+        v = np.minimum(v, grid.ceiling) if grid.is_cut else v
+        return cls(grid, v, lam, grid.terms(v, lam))
+
+    @property
+    def energy(self) -> float:
+        return sum(self.terms.values())
+
+    @property
+    def scalars(self) -> dict[str, float]:
+        return {"step": self.share, "damping": self.damping, "inner": float(self.steps)}
+
+    @property
+    def next_damping(self) -> float:
+        if self.share < 0.5:
+            return min(max(CHANGE * self.damping, HELD), MOST_DAMPING)
+        return max(self.damping / CHANGE, DAMPING) if self.share == 1 else self.damping
+
+    def has_converged(self, tolerance: float) -> bool:
+        return self.left <= tolerance * self.energy + ROUNDING
+
+    def take_step(self) -> _State:
+        """Take one Gauss-Newton step, halved until the energy falls no further.
+
+        What is left is what the quadratic promised, with what its solver left of that; or what further falls
+        will sum to, if they go on at the rate of the last ones. A whole step that fell by 1 + q promises
+        tells of that rate too: the quadratic bends more than the energy then, as Huber's parabolas do, so
+        that a share q of the error remains, and q² of the fall.
+        """
+        coefficients, descent = self.grid.equations_at(
+            self.v, self.lam, self.slants, self.coefficients
+        )
+        multigrid = self.multigrid
+        for damping in (self.next_damping, max(10 * self.next_damping, HELD)):
+            multigrid = Multigrid(coefficients, damping, multigrid)
+            delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST_INNER_STEPS)
+            promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
+            slants = self.grid.slants(delta)
+            lowest = self._along(delta, promise)
+            longest = float(np.abs(delta).max())
+            if (
+                lowest is self and longest > LONGEST_STEP
+            ):  # cut off at its longest, it was another step
+                lowest = self._along(delta * (LONGEST_STEP / longest), promise)
+            if lowest is not self:
+                break
+        room: dict[str, Any] = {"coefficients": coefficients, "multigrid": multigrid}
+        room |= {"steps": steps, "damping": damping}
+        left = promise * (1 + unsolved)
+        if lowest is self:
+            return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, **room)
+        if self.slants is not None:
+            slants = np.sqrt(slants * self.slants)
+        if lowest.share == 1:
+            slants *= RELIEF
+        fall = self.energy - lowest.energy
+        before = self.rate if np.isnan(self.fall) else min(fall / self.fall, SLOWEST)
+        slow = rate = (self.rate + before) / 2
+        if lowest.share == 1 and fall > promise > 0:
+            slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
+        left = max(left, fall * slow / (1 - slow))
+        return replace(lowest, left=left, fall=fall, rate=rate, slants=slants, **room)
+
+    def _along(self, delta: FloatArray, promise: float) -> _State:
+        """Go the share of a step that lowers the energy most, of 1, 1/2, 1/4, ...; nowhere if none does.
+
+        Half a step is promised 3/4 of what the whole is: no need to try it where the whole kept more.
+        """
+        lowest = self
+        share = 1.0
+        there = np.empty_like(self.v)
+        while share >= SHORTEST:
+            advance(self.v, delta, share, LONGEST_STEP, self.grid.ceiling, there)
+            tried = replace(
+                self, v=there, terms=self.grid.terms(there, self.lam), share=share
+            )
+            if tried.energy < lowest.energy:
+                lowest = tried
+                there = np.empty_like(self.v)
+            elif lowest is not self:
+                break
+            if self.energy - lowest.energy > 0.75 * promise:
+                break
+            share /= 2
+        return lowest
+
+    def descend(self, tolerance: float) -> _State:
+        """Take up to `COARSE_STEPS` steps."""
+        state = self
+        for _ in range(COARSE_STEPS):
+            state = state.take_step()
+            if state.share == 0 or state.has_converged(tolerance):
+                break
+        return state
+
+
+def _begin_march(
+    grid: Grid, guess: FloatArray | None, lam: float, march: bool
+) -> tuple[_State, bool]:
+    """March with the guess's values where it enters, or the guess itself if its energy is less.
+
+    The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
+    so it is in noise, the more so the finer the grid: once it has lost there is no need to `march`
+    on finer ones. The first march crosses cuts: what lies behind them then comes loose only as far as the
+    energy wants, while regions that are held by little would stay where a torn march puts them.
+    """
+    if guess is None:
+        return _State.at(grid, replace(grid, link=grid.uncut_links).march(), lam), True
+    given = _State.at(grid, guess, lam)
+    if march:
+        marched = _State.at(grid, grid.march(guess), lam)
+        if marched.energy <= given.energy:
+            return marched, True
+    return given, False
+
+
+def _guesses(
+    grids: list[Grid], tolerance: float
+) -> Generator[tuple[FloatArray, bool], None, None]:
+    """Maps at full size, as found on ever finer grids but the finest, and whether to march there."""
+    lam = grids[0].problem.lam
+    guess = None
+    march = True
+    for level in range(len(grids) - 1, 0, -1):
+        state, march = _begin_march(grids[level], guess, lam, march)
+        v = state.v
+        for factor in CONTINUATION if guess is None else (1.0,):
+            v = _State.at(grids[level], v, factor * lam).descend(tolerance).v
+        shown = guess = grids[level].finer(v, grids[level - 1])
+        for coarse in range(level - 1, 0, -1):
+            shown = grids[coarse].finer(shown, grids[coarse - 1])
+        yield shown, march
+
+
+def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
+    """Return the grid and those of fewer pixels, at most so many."""
+    grids = [grid]
+    while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * COARSEST:
+        grids.append(grids[-1].coarser())
+    return grids
+
+
+def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
+    """Return the start if it is near, or what ever finer grids make of it."""
+    lam = finest.problem.lam
+    grids = _coarsen(finest, LOOK)
+    starts = [start]
+    if len(grids) == 1:
+        return start
+    for grid in grids[:-1]:
+        starts.append(grid.restrict(starts[-1]))
+    begun = _State.at(grids[-1], starts[-1], lam)
+    state = begun.take_step()
+    if begun.energy <= NEARLY_BEST * state.energy:
+        return start
+    state = state.descend(tolerance)
+    for level in range(len(grids) - 2, -1, -1):
+        coarse = grids[level + 1]
+        fine = grids[level]
+        change = coarse.finer(state.v - starts[level + 1], fine)
+        maps = coarse.finer(state.v, fine), starts[level] + change
+        state = min((_State.at(fine, v, lam) for v in maps), key=lambda state: state.energy)
+        if level > 0:
+            state = state.descend(tolerance)
+    given = pad_maps(np.nan_to_num(finest.inflow))
+    return np.where(pad_maps(np.isnan(finest.inflow)), state.v, given)
+
+
+def gauss_newton(
+    problem: Problem,
+    start: FloatArray | None = None,
+    inflow: FloatArray | None = None,
+    tolerance: float = 1e-2,
+    max_iterations: int = 30,
+    settled: float = 0.0,
+    converged_at: float = np.nan,
+) -> Solver:
+    """Minimise the energy by Gauss-Newton steps; see the head of this file.
+
+    `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
+    grids are used only if it is far from the frame's surface. `inflow` is
+    log d where it is known, nan elsewhere, and is kept. The run has converged when by the last steps no
+    more than the share `tolerance` of the energy is left to fall: their quadratics promise no more, the
+    inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an
+    estimate: where an energy creeps, hundreds of further steps find up to 10 % more, rarely a quarter. It
+    has converged, too, when of two steps neither changed distances by more than the share `settled`, root
+    mean square. A start whose energy is `converged_at` is where an earlier run converged: it stays, unless
+    one step tells that it has not. The run ends as STALLED when no share of a step lowers the energy although
+    more is left. A step costs O(pixels).
+
+    First come the start, and what coarser grids make of it if it is far; or d₀, what each coarse grid
+    makes of the frame, as long as its energy is lower, and the march at full size, likewise. Then one
+    iterate for each step, `max_iterations` in all at most after the first, with the scalars "step" (share
+    of the Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps). The energy
+    falls from each to the next. ValueError if `start` or `inflow` cannot be used or the BRDF not inverted.
+    """
+    mask = problem.mask
+    check_maps(mask, start, inflow)
+    number("tolerance", tolerance, 0)
+    number("settled", settled, 0)
+    check_int("max_iterations", max_iterations)
+    finest = Grid.of(problem, inflow)
+    if start is not None:
+        v = pad_maps(
+            np.where(
+                mask,
+                start if inflow is None else np.where(np.isnan(inflow), start, inflow),
+                0.0,
+            )
+        )
+        state = _State.at(finest, v, problem.lam)
+        iterate = Iterate.of(problem, inner(v), terms=state.terms)
+        yield iterate
+        again = abs(state.energy - converged_at) <= SAME_ENERGY * state.energy
+        if max_iterations > 0 and again:
+            tried = state.take_step()
+            moved = Iterate.of(problem, inner(tried.v), iterate, terms=tried.terms).change
+            if tried.has_converged(tolerance) or moved < settled:
+                return Status.CONVERGED
+        if max_iterations > 0:
+            adapted = _State.at(finest, _adapt_start(finest, v, tolerance), problem.lam)
+            if adapted.energy < state.energy:
+                state = adapted
+                iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
+                yield iterate
+    else:
+        v = pad_maps(np.where(mask, problem.log_d0, 0.0))
+        iterate = Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
+        yield iterate
+        guess = None
+        march = True
+        for guess, again in _guesses(_coarsen(finest), tolerance):
+            march = again
+            terms = finest.terms(guess, problem.lam)
+            if iterate.k < max_iterations and sum(terms.values()) < iterate.energy:
+                iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
+                yield iterate
+        state, _ = _begin_march(finest, guess, problem.lam, march)
+        if iterate.k < max_iterations and state.energy < iterate.energy:
+            iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
+            yield iterate
+    moved = np.inf
+    while iterate.k < max_iterations:
+        state = state.take_step()
+        if state.share == 0:
+            return Status.CONVERGED if state.has_converged(tolerance) else Status.STALLED
+        if state.energy < iterate.energy:
+            iterate = Iterate.of(
+                problem, inner(state.v), iterate, terms=state.terms, scalars=state.scalars
+            )
+            yield iterate
+        if state.has_converged(tolerance) or max(moved, iterate.change) < settled:
+            return Status.CONVERGED
+        moved = iterate.change
+    return Status.MAX_ITERATIONS

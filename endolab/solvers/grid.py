@@ -1,0 +1,387 @@
+"""A problem on a grid of its own or fewer pixels, and the way from one grid to the next.
+
+A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see
+`numerics.compiled`), such that a grid of half the rows and columns has the same form: block means,
+and a metric in its own pixels. Maps of log-distance go down as means too; up by their own
+gradient, which is right to the second order to the very rim and never reaches over a cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
+from endolab.numerics.compiled import (
+    PAD,
+    block_sums,
+    halved,
+    inner,
+    kernel,
+    leads,
+    pad_maps,
+)
+from endolab.numerics.derivatives import links
+from endolab.solvers.energy_kernels import (
+    Penalties,
+    Picture,
+    Wall,
+    be_cautious,
+    fill_slants,
+    fill_xi,
+    finish,
+    linearise,
+    shading_table,
+    slopes_row,
+    sums,
+)
+from endolab.solvers.fast_marching import March
+from endolab.solvers.interpolation import Interpolation
+from endolab.solvers.normal_equations import (
+    CAUTION_U,
+    CAUTION_W,
+    SMOOTHNESS,
+    Coefficients,
+    Structure,
+    shares_of,
+)
+from endolab.solvers.problem import (
+    CURVATURE,
+    EXACT,
+    LOWER_BOUND,
+    NONE,
+    REGULARISERS,
+    Problem,
+)
+from endolab.solvers.tears import Cells, coarser_links, largest_fragments
+
+ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
+NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is drawn to it
+
+
+@kernel
+def _enters(
+    v: FloatArray,
+    metric: FloatArray,
+    active: ByteArray,
+    link: ByteArray,
+    uncut_links: ByteArray,
+    out: BoolArray,
+) -> None:
+    """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
+    count = out.shape[1]
+    raised_u = np.empty(count)
+    raised_w = np.empty(count)
+    slant = np.empty(count)
+    for row in range(out.shape[0]):
+        slopes_row(v, metric, link, PAD + row, raised_u, raised_w, slant)
+        for column in range(out.shape[1]):
+            i = PAD + row
+            j = PAD + column
+            up = raised_u[column]
+            wp = raised_w[column]
+            right = not active[i, j + 1] or link[0, i, j] < uncut_links[0, i, j]
+            left = not active[i, j - 1] or link[0, i, j - 1] < uncut_links[0, i, j - 1]
+            below = not active[i + 1, j] or link[1, i, j] < uncut_links[1, i, j]
+            above = not active[i - 1, j] or link[1, i - 1, j] < uncut_links[1, i - 1, j]
+            from_sides = (up < 0 and right) or (up > 0 and left)
+            from_ends = (wp < 0 and below) or (wp > 0 and above)
+            out[row, column] = active[i, j] and (from_sides or from_ends)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A problem on a grid; arrays are padded unless said otherwise."""
+
+    problem: Problem
+    image: FloatArray  # stored values
+    log_scale: (
+        FloatArray  # logarithm of the image of a facing surface at one unit of distance
+    )
+    metric: FloatArray  # (3, ...): uu, uv, vv of G⁻¹, in this grid's pixels squared
+    factor: FloatArray  # ξ/ξ̃ is this times e^±v
+    edge: FloatArray  # edge weight g
+    active: ByteArray  # the mask
+    link: (
+        ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
+    )
+    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is torn
+    evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
+    rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
+    inflow: (
+        FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
+    )
+    scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
+    table: FloatArray  # of `energy_kernels.shading_table`, as is the step
+    step: float
+
+    @classmethod
+    def of(cls, problem: Problem, inflow: FloatArray | None = None) -> Grid:
+        """Grid of a problem's own pixels."""
+        mask = problem.mask
+        field = problem.field
+        cos_alpha = np.where(mask, field.cos_alpha, 1.0)
+        uncut_links = pad_maps(links(mask).astype(np.int8))
+        torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
+        return cls(
+            problem,
+            pad_maps(np.where(mask, problem.image, 0.0)),
+            pad_maps(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
+            pad_maps(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
+            pad_maps(
+                (1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape))
+                / problem.xi_median
+            ),
+            pad_maps(problem.edge_weight),
+            pad_maps(mask.astype(np.int8)),
+            pad_maps(links(mask, problem.cuts).astype(np.int8)) if torn else uncut_links,
+            uncut_links,
+            np.empty((0, 0), np.int8)
+            if problem.evidence is None
+            else pad_maps(problem.evidence),
+            pad_maps(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
+            if problem.regulariser == "curvature"
+            else np.empty((3, 0, 0)),
+            np.full(mask.shape, np.nan)
+            if inflow is None
+            else np.where(mask, inflow, np.nan),
+            problem.derivative_scale,
+            *shading_table(problem.photometry),
+        )
+
+    def coarser(self) -> Grid:
+        """Grid of half the rows and columns."""
+        given = pad_maps(np.isfinite(self.inflow).astype(np.int8))
+        inflow = inner(_block_means(pad_maps(np.nan_to_num(self.inflow)), given))
+        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
+        image, evidence = self._coarser_evidence()
+        return replace(
+            self,
+            image=image,
+            log_scale=self.restrict(self.log_scale),
+            metric=np.stack([self.restrict(component) for component in self.metric]) / 4,
+            factor=self.restrict(self.factor),
+            edge=self.restrict(self.edge),
+            active=halved(self.active),
+            link=link,
+            uncut_links=uncut_links,
+            evidence=evidence,
+            # A plane's 1/d is linear in the ray, so that block means of both stay a plane.
+            rays=np.stack([self.restrict(component) for component in self.rays])
+            if self.rays.size
+            else self.rays,
+            inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
+            scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
+        )
+
+    def _coarser_evidence(self) -> tuple[FloatArray, ByteArray]:
+        """Image and evidence on half the pixels.
+
+        A block has the mean of its pixels that say something and says nothing only if they all do;
+        it is a lower bound if more than half of those that speak are.
+        """
+        image = self.restrict(self.image)
+        if self.evidence.size == 0:
+            return image, self.evidence
+        speaks = self.main * (self.evidence != NONE)
+        count = block_sums(speaks)
+        bounds = block_sums(speaks * (self.evidence == LOWER_BOUND))
+        evidence = np.where(
+            count == 0, NONE, np.where(2 * bounds > count, LOWER_BOUND, EXACT)
+        )
+        return np.where(
+            count > 0, _block_means(self.image, speaks), image
+        ), evidence.astype(np.int8)
+
+    def restrict(self, a: FloatArray) -> FloatArray:
+        """Mean of a map over the active pixels for which each 2×2 block stands."""
+        return _block_means(a, self.main)
+
+    def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
+        """A map of this grid on the finer one that it came from."""
+        blocks = Cells(self.active, self.link, self.uncut_links)
+        way = Interpolation.to(
+            Cells(fine.active, fine.link, fine.uncut_links), fine.main, blocks
+        )
+        out = np.zeros(fine.active.shape)
+        way.add(v, out)
+        if self.is_cut:
+            missed = (fine.active > 0) & (way.share == 0) & ~way.at_rims
+            i, j = np.nonzero(missed)
+            down, across = leads(out)
+            out[i, j] = v[PAD + (i - PAD + down) // 2, PAD + (j - PAD + across) // 2]
+            left_out = (fine.active > 0) & (fine.main == 0)
+            out[left_out] = np.minimum(out, pad_maps(fine.log_d0))[left_out]
+        return np.where(
+            pad_maps(np.isfinite(fine.inflow)), pad_maps(np.nan_to_num(fine.inflow)), out
+        )
+
+    @property
+    def mask(self) -> BoolArray:
+        """Pixels that take part, (H, W)."""
+        return inner(self.active) > 0
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether any step is cut."""
+        return self.link is not self.uncut_links
+
+    @property
+    def cuts(self) -> BoolArray | None:
+        """Steps that are cut, (2, H, W), see `Problem`."""
+        return inner(self.link) < inner(self.uncut_links) if self.is_cut else None
+
+    @cached_property
+    def main(self) -> ByteArray:
+        """Pixels for which the coarser grid's blocks stand, see `tears`; the mask, where nothing is torn."""
+        return largest_fragments(self.active, self.link, self.uncut_links)
+
+    @property
+    def _kind(self) -> int:
+        return REGULARISERS.index(self.problem.regulariser)
+
+    @cached_property
+    def log_d0(self) -> FloatArray:
+        """log d₀, (H, W), see `Problem`; 0 outside the mask."""
+        dark = np.log(np.where(self.mask, inner(self.image), 1.0))
+        gamma = self.problem.photometry.gamma
+        return np.where(self.mask, 0.5 * gamma * (inner(self.log_scale) - dark), 0.0)
+
+    @cached_property
+    def ceiling(self) -> FloatArray:
+        """What a map may not exceed, padded: d₀ and a little where cuts leave islands; (0, 0) if none are."""
+        if not self.is_cut:
+            return np.empty((0, 0))
+        silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
+        return pad_maps(np.where(silent, np.inf, self.log_d0 + ABOVE))
+
+    def inflow_pixels(self, v: FloatArray) -> BoolArray:
+        """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
+        out = np.empty(self.mask.shape, dtype=np.bool_)
+        _enters(v, self.metric, self.active, self.link, self.uncut_links, out)
+        return out
+
+    def march(self, guess: FloatArray | None = None) -> FloatArray:
+        """Fast march on this grid.
+
+        Values are taken from the guess where the march enters the picture and where the picture is
+        not exact, and from `inflow` where that is given.
+        """
+        mask = self.mask
+        log_d0 = self.log_d0
+        inflow = self.inflow
+        if guess is not None:
+            enters = self.inflow_pixels(guess)
+            # The facing distance is an upper bound; a guess beyond it would explain nothing.
+            bounded = np.minimum(inner(guess), log_d0)
+            if self.evidence.size:
+                evidence = inner(self.evidence)
+                enters |= mask & (evidence != EXACT)
+                bounded = np.where(evidence == NONE, inner(guess), bounded)
+            inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
+        metric = np.moveaxis(inner(self.metric), 0, -1)
+        table = self.problem.photometry.slant_table()
+        march = March.seeded(log_d0, mask, metric, table, inflow, self.cuts)
+        march.advance(mask.size)
+        return pad_maps(np.where(mask, march.log_distance, 0.0))
+
+    @cached_property
+    def _room(self) -> FloatArray:
+        """Memory for ξ and two maps of `equations_at`: fresh pages take longer than what is written there."""
+        return np.empty((3, *self.image.shape))
+
+    def _xi(self, v: FloatArray) -> FloatArray:
+        """ξ/ξ̃, until the next call."""
+        xi = self._room[0]
+        fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
+        return xi
+
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Those of `curvature_kernels.fill_shares`."""
+        return shares_of(self.rays, self.link)
+
+    def _energy(self, lam: float) -> tuple[Picture, Wall, Penalties]:
+        """What the compiled energy takes beside the map."""
+        p = self.problem
+        arrays = (
+            self.image,
+            self.log_scale,
+            self.metric,
+            self.edge,
+            self.active,
+            self.link,
+            self.evidence,
+        )
+        wall = Wall(p.photometry.gamma, self.table, self.step)
+        return (
+            Picture(*arrays, self.shares),
+            wall,
+            Penalties(lam, p.threshold, p.epsilon, self.scale, self._kind),
+        )
+
+    def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
+        """The energy's terms, as `energy_terms` gives them, of the map v."""
+        data, rough = sums(v, self._xi(v), *self._energy(lam))
+        return {"data": data / self.count, "regulariser": lam * rough / self.count}
+
+    @cached_property
+    def count(self) -> int:
+        """How many pixels take part."""
+        return int(self.active.sum())
+
+    def slants(self, v: FloatArray) -> FloatArray:
+        """tan² of a map's slope, padded."""
+        out = np.zeros_like(v)
+        fill_slants(v, self.metric, self.link, out)
+        return out
+
+    def structure(self, free: ByteArray, old: Structure | None = None) -> Structure:
+        """That of equations for pixels that are free: the old one, if it is of the same."""
+        if old is not None and old.link is self.link and np.array_equal(old.active, free):
+            return old
+        return Structure(free, self.link, self.uncut_links, self.rays, self._kind)
+
+    def equations_at(
+        self,
+        v: FloatArray,
+        lam: float,
+        slants: FloatArray | None = None,
+        old: Coefficients | None = None,
+    ) -> tuple[Coefficients, FloatArray]:
+        """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side.
+
+        The model is far from linear in the slope of v where the wall faces the camera. A step whose own slope
+        has tan² = S darkens it by ½ |∂²M| S beside what is linear; half the square of that, as it would be
+        for `slants`, those of a likely step, is added: see `gauss_newton`. Pixels near the ceiling that
+        are drawn beyond it are held. The memory of `old` is used; it is spoilt, as is the right-hand side by
+        the next call.
+        """
+        count = SMOOTHNESS + (6 if self._kind == CURVATURE else 1)
+        parts = np.zeros((count, *v.shape)) if old is None else old.parts
+        xi, (_, descent, smooth) = self._xi(v), self._room
+        sign = 1.0 if self.problem.xi == "d" else -1.0
+        linearise(v, xi, *self._energy(lam), (parts, descent, smooth))
+        free = self.free
+        if self.is_cut:
+            slope = sign * xi
+            free = free * ~((v > self.ceiling - NEARLY) & (descent > slope * smooth))
+        finish(descent, smooth, xi, sign, free, parts)
+        if slants is None:
+            parts[CAUTION_U : CAUTION_W + 1] = 0.0
+        else:
+            be_cautious(parts, v, self.metric, self.link, slants)
+        return Coefficients(
+            parts, self.structure(free, None if old is None else old.structure)
+        ), descent
+
+    @cached_property
+    def free(self) -> ByteArray:
+        """Pixels that are unknown, int8."""
+        return self.active * pad_maps(np.isnan(self.inflow).astype(np.int8))
+
+
+def _block_means(a: FloatArray, inside: ByteArray) -> FloatArray:
+    return block_sums(a * inside) / np.maximum(block_sums(inside), 1)

@@ -1,0 +1,205 @@
+"""The way between a grid and that of half its pixels: linear interpolation, and its adjoint.
+
+A pixel amid four blocks of its own side has their mean by distance, 9 : 3 : 3 : 1 (twice over, that makes
+quadratic splines: what is smooth on a coarse grid is smooth on a fine one). At a rim of the mask, and
+beside a cut (see `tears`), it has the value of the block next to it and that block's differences
+with others of its side, so that no straight map is bent there: second differences would find that dear.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.compiled import PAD, kernel, lead
+from endolab.numerics.threads import on_cores, rows_within
+from endolab.solvers.tears import Cells, nearest, same_side
+
+Strands = tuple[
+    IntArray, IntArray, FloatArray
+]  # those of `Interpolation`: pixel, block, weight
+
+
+@on_cores(cost=0.4)
+def _prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
+    """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
+    first, last = rows_within(rows, PAD, x.shape[0] - PAD)
+    down = lead(x, step, 0)
+    at = PAD - lead(x, step, 1)
+    for i in range(first, last):
+        ci = PAD + (i - PAD + down) // 2
+        ni = 1 if (i - PAD + down) % 2 else -1
+        for cj in range(step.shape[1] - 2 * PAD):
+            nearest = 9 * step[ci, cj + 2]
+            beneath = step[ci + ni, cj + 2]
+            left = nearest + 3 * (beneath + step[ci, cj + 1]) + step[ci + ni, cj + 1]
+            right = nearest + 3 * (beneath + step[ci, cj + 3]) + step[ci + ni, cj + 3]
+            x[i, 2 * cj + at] += share[i, 2 * cj + at] * left
+            x[i, 2 * cj + at + 1] += share[i, 2 * cj + at + 1] * right
+
+
+@on_cores(cost=2)
+def _restrict(
+    rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray
+) -> None:
+    """Adjoint of `_prolong_add`."""
+    first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    taken = np.empty((4, r.shape[1]))
+    down = lead(r, out, 0)
+    at = PAD - lead(r, out, 1)
+    for ci in range(first, last):
+        i = 2 * ci - PAD - down
+        for k in range(4):
+            for j in range(r.shape[1]):
+                taken[k, j] = share[i + k - 1, j] * r[i + k - 1, j]
+        a, b, c, d = taken
+        for cj in range(out.shape[1] - 2 * PAD):
+            j = (
+                2 * cj + at
+            )  # of the block's first pixel; what changes places in a turned picture comes first
+            amid = 9 * ((b[j] + c[j + 1]) + (b[j + 1] + c[j]))
+            beside = (b[j - 1] + c[j + 2]) + (b[j + 2] + c[j - 1])
+            beside += (a[j] + d[j + 1]) + (a[j + 1] + d[j])
+            corners = (a[j - 1] + d[j + 2]) + (a[j + 2] + d[j - 1])
+            out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + 3 * beside + corners)
+
+
+@kernel
+def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
+    """Row and column of the k-th block around a pixel; where the pixel is from its centre, in blocks.
+
+    i and j count from the first block's first pixel.
+    """
+    row = i // 2 + (2 * (i % 2) - 1 if k > 1 else 0)
+    column = j // 2 + (2 * (j % 2) - 1 if k % 2 else 0)
+    return PAD + row, PAD + column, i / 2 - 0.25 - row, j / 2 - 0.25 - column
+
+
+@kernel
+def _add_from(
+    source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray
+) -> None:
+    """Add weighted elements of one array to those of another, rounding but once."""
+    values = a.ravel()
+    sums = out.reshape(-1)
+    more = np.zeros(out.size)
+    for k in range(weight.size):
+        more[target[k]] += weight[k] * values[source[k]]
+    for k in range(weight.size):
+        sums[target[k]] += more[target[k]]
+        more[target[k]] = 0.0
+
+
+@kernel
+def _fill_shares(
+    active: ByteArray, main: ByteArray, blocks: Cells, share: FloatArray
+) -> int:
+    """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
+    known, across, uncut = blocks
+    others = 0
+    top = PAD - 1 + lead(active, known, 0)
+    first = PAD - 1 + lead(active, known, 1)
+    for i in range(PAD - 1, known.shape[0] - PAD):
+        for j in range(PAD - 1, known.shape[1] - PAD):
+            together = (
+                known[i, j] and known[i, j + 1] and known[i + 1, j] and known[i + 1, j + 1]
+            )
+            together = (
+                together
+                and across[0, i, j] == uncut[0, i, j]
+                and across[1, i, j] == uncut[1, i, j]
+            )
+            together = together and across[0, i + 1, j] == uncut[0, i + 1, j]
+            together = together and across[1, i, j + 1] == uncut[1, i, j + 1]
+            for row in range(2 * i - top, min(2 * i - top + 2, active.shape[0])):
+                for column in range(2 * j - first, min(2 * j - first + 2, active.shape[1])):
+                    if active[row, column]:
+                        if together and main[row, column]:
+                            share[row, column] = 1 / 16
+                        else:
+                            others += 1
+    return others
+
+
+@kernel
+def _fill_strands(
+    pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArray, strands: Strands
+) -> int:
+    """Write the strands to active pixels that have no share, or their shares; return how many strands."""
+    active, link, uncut_links = pixels
+    known, across, _ = blocks
+    pixel, block, weight = strands
+    count = 0
+    wide = known.shape[1]
+    top = PAD - lead(active, known, 0)
+    first = PAD - lead(active, known, 1)
+    for i in range(PAD, active.shape[0] - PAD):
+        for j in range(PAD, active.shape[1] - PAD):
+            if not active[i, j] or share[i, j] > 0:
+                continue
+            of_side = same_side(main, link, uncut_links, blocks, i, j)
+            if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
+                share[i, j] = 1 / 16
+                continue
+            one, other = nearest(of_side)
+            if one == 4:
+                continue
+            share_of_each = 1.0 if one == other else 0.5
+            for k in range(one, other + 1):
+                row, column, down, right = _place(i - top, j - first, k)
+                own = 1.0
+                here = row * wide + column
+                for axis, aside, step in ((0, right, 1), (1, down, wide)):
+                    ahead = 1 if aside > 0 else -1
+                    for way in (ahead, -ahead):
+                        r = row + way * axis
+                        c = column + way * (1 - axis)
+                        if across[axis, min(r, row), min(c, column)] and known[r, c]:
+                            pixel[count] = i * active.shape[1] + j
+                            block[count] = here + way * step
+                            weight[count] = share_of_each * aside * way
+                            own = own - aside * way
+                            count = count + 1
+                            break
+                pixel[count] = i * active.shape[1] + j
+                block[count] = here
+                weight[count] = share_of_each * own
+                count += 1
+    return count
+
+
+class Interpolation(NamedTuple):
+    """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
+
+    share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
+    pixel: IntArray  # of each pair of another pixel and a block of its side
+    block: IntArray
+    weight: FloatArray
+
+    @classmethod
+    def to(cls, pixels: Cells, main: ByteArray, blocks: Cells) -> Interpolation:
+        """Find the way to the active pixels of a grid with these main parts."""
+        share = np.zeros(pixels.active.shape)
+        most = 6 * _fill_shares(pixels.active, main, blocks, share)
+        strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
+        count = _fill_strands(pixels, main, blocks, share, strands)
+        return cls(share, *(strand[:count] for strand in strands))
+
+    def add(self, step: FloatArray, x: FloatArray) -> None:
+        """x += the blocks' step, interpolated."""
+        _prolong_add(x, self.share, step)
+        _add_from(self.block, self.pixel, self.weight, step, x)
+
+    def adjoint(self, r: FloatArray, active: ByteArray, out: FloatArray) -> None:
+        """Write the adjoint of `add` to out, for blocks that are active."""
+        _restrict(out, r, self.share, active)
+        _add_from(self.pixel, self.block, self.weight, r, out)
+
+    @property
+    def at_rims(self) -> BoolArray:
+        """Whether a pixel has its value from fewer than four blocks, padded."""
+        out = np.zeros(self.share.shape, np.bool_)
+        out.flat[self.pixel] = True
+        return out

@@ -1,0 +1,394 @@
+"""Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
+
+Conjugate gradients solve them, preconditioned by one V-cycle: smoothing steps, a coarse correction,
+smoothing steps. Coarse levels are the same equations written down on a grid of half the pixels, from
+averaged coefficients (Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10).
+
+A smoothing step changes all pixels at once, so that none comes first: a mirrored picture has the mirrored
+solution. Chebyshev's polynomials of the fourth kind make most of such steps (Lottes, "Optimal polynomial
+smoothers for multigrid V-cycles", 2023); a row's sum of sizes bounds what they must hold.
+
+Behind cuts little holds a surface: there rounding grew a million times within one solve, and mirrored
+frames differed by per cents. So all is in double precision, and each residual is made orthogonal to earlier
+ones once more, as it would be without rounding (Saad, "Iterative methods for sparse linear systems", 2003).
+
+Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
+from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.threads import on_cores, rows_within
+from endolab.solvers.normal_equations import (
+    CENTRE,
+    EE,
+    REACH,
+    SE,
+    SE2,
+    SEE,
+    SS,
+    SSE,
+    SSW,
+    SW,
+    SW2,
+    SWW,
+    Coefficients,
+    E,
+    S,
+    Structure,
+)
+
+COARSEST = 96  # pixels; there the equations are solved
+RIDGE = 1e-4  # of the diagonal, added to it there, where islands that nothing holds would let rounding grow
+DEGREE = 4  # smoothing steps before and after a coarser grid
+KEPT = 8_000_000  # numbers of earlier residuals that are kept, at most
+
+
+@kernel
+def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) -> None:
+    """Row i of the matrix times the k-th of the maps x; out[j] is of column PAD + j.
+
+    Pixels that change places in a mirrored or transposed picture are added first, so that the sum is the
+    same to the last digit. In this and the following loops, j begins at 0 and what is added to it is not
+    negative: so they compile to instructions that take many pixels at once. Views of rows would do as well,
+    but counting who holds a view takes longer than a row, and the cores wait for one another to count.
+    """
+    count = x.shape[2] - 2 * PAD
+    for j in range(count):
+        beside = m[E, i, j + 2] * x[k, i, j + 3] + m[E, i, j + 1] * x[k, i, j + 1]
+        around = beside + (
+            m[S, i, j + 2] * x[k, i + 1, j + 2] + m[S, i - 1, j + 2] * x[k, i - 1, j + 2]
+        )
+        falling = (
+            m[SE, i, j + 2] * x[k, i + 1, j + 3] + m[SE, i - 1, j + 1] * x[k, i - 1, j + 1]
+        )
+        rising = (
+            m[SW, i, j + 2] * x[k, i + 1, j + 1] + m[SW, i - 1, j + 3] * x[k, i - 1, j + 3]
+        )
+        out[j] = (m[CENTRE, i, j + 2] * x[k, i, j + 2] + around) + (falling + rising)
+    for j in range(count):
+        beside = m[EE, i, j + 2] * x[k, i, j + 4] + m[EE, i, j] * x[k, i, j]
+        out[j] += beside + (
+            m[SS, i, j + 2] * x[k, i + 2, j + 2] + m[SS, i - 2, j + 2] * x[k, i - 2, j + 2]
+        )
+    if len(m) <= SEE:
+        return
+    for j in range(count):
+        falling = m[SEE, i, j + 2] * x[k, i + 1, j + 4] + m[SEE, i - 1, j] * x[k, i - 1, j]
+        wide = falling + (
+            m[SWW, i, j + 2] * x[k, i + 1, j] + m[SWW, i - 1, j + 4] * x[k, i - 1, j + 4]
+        )
+        falling = (
+            m[SSE, i, j + 2] * x[k, i + 2, j + 3]
+            + m[SSE, i - 2, j + 1] * x[k, i - 2, j + 1]
+        )
+        rising = (
+            m[SSW, i, j + 2] * x[k, i + 2, j + 1]
+            + m[SSW, i - 2, j + 3] * x[k, i - 2, j + 3]
+        )
+        out[j] += wide + (falling + rising)
+    for j in range(count):
+        falling = m[SE2, i, j + 2] * x[k, i + 2, j + 4] + m[SE2, i - 2, j] * x[k, i - 2, j]
+        out[j] += falling + (
+            m[SW2, i, j + 2] * x[k, i + 2, j] + m[SW2, i - 2, j + 4] * x[k, i - 2, j + 4]
+        )
+
+
+@on_cores(cost=0.3)
+def _dots(rows: Span, a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
+    width = a.shape[1]
+    whole = width - width % 4
+    for i in range(rows[0], rows[1]):
+        one = two = three = four = 0.0
+        for j in range(0, whole, 4):
+            one += a[i, j] * b[i, j]
+            two += a[i, j + 1] * b[i, j + 1]
+            three += a[i, j + 2] * b[i, j + 2]
+            four += a[i, j + 3] * b[i, j + 3]
+        for j in range(whole, width):
+            one += a[i, j] * b[i, j]
+        out[i] = (one + two) + (three + four)
+
+
+def dot(a: FloatArray, b: FloatArray) -> float:
+    """Scalar product of two vectors, the same on any number of threads."""
+    products = np.empty(len(a))
+    _dots(a, b, products)
+    return float(products.sum())
+
+
+@on_cores(cost=2)
+def _multiply(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None:
+    first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    row = np.empty(out.shape[1] - 2 * PAD)
+    for i in range(first, last):
+        _row_times(m, x, 0, i, row)
+        for j in range(row.size):
+            out[i, j + 2] = row[j]
+
+
+def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
+    """out = M x."""
+    _multiply(out, m, x[None])
+
+
+@kernel
+def _smooth_row(
+    m: FloatArray,
+    inverse: FloatArray,
+    steps: FloatArray,
+    x: FloatArray,
+    r: FloatArray,
+    first: int,
+    k: int,
+    i: int,
+    row: FloatArray,
+) -> None:
+    """Go the k-th step in row i, x += step and r -= M step, and write the one that follows."""
+    _row_times(m, steps, k, i, row)
+    n = first + k
+    kept = max(2 * n - 1, 0) / (2 * n + 3)
+    added = (8 * n + 4) / (2 * n + 3)
+    for j in range(row.size):
+        step = steps[k, i, j + 2]
+        x[i, j + 2] += step
+        r[i, j + 2] -= row[j]
+        steps[k + 1, i, j + 2] = kept * step + added * inverse[i, j + 2] * r[i, j + 2]
+
+
+@on_cores(cost=20, turns=2)
+def _smooth(
+    rows: Span,
+    turns: Span,
+    x: FloatArray,
+    r: FloatArray,
+    m: FloatArray,
+    inverse: FloatArray,
+    steps: FloatArray,
+    first: int,
+) -> None:
+    """Take smoothing steps, from `steps[0]`; `first` is the number of its polynomial.
+
+    A step needs two rows of the one before on either side. So steps follow one another at two rows'
+    distance, while what they read is still near; and where rows are another's to do, each of its steps
+    ends two rows earlier than the one before. What is left there is the second turn's.
+    """
+    top = PAD
+    end = x.shape[0] - PAD
+    degree = len(steps) - 1
+    row = np.empty(x.shape[1] - 2 * PAD)
+    if turns[0] == 0:
+        for leading in range(rows[0], rows[1] + PAD * degree):
+            for k in range(degree):
+                i = leading - PAD * k
+                above = top if rows[0] == 0 else max(top, rows[0] + PAD * k)
+                below = end if rows[1] == x.shape[0] else min(end, rows[1] - PAD * k)
+                if above <= i < below:
+                    _smooth_row(m, inverse, steps, x, r, first, k, i, row)
+    if turns[1] == 2 and rows[0] > 0:
+        for k in range(1, degree):
+            for i in range(max(top, rows[0] - PAD * k), min(end, rows[0] + PAD * k)):
+                _smooth_row(m, inverse, steps, x, r, first, k, i, row)
+
+
+@on_cores(cost=0.3)
+def _conjugate(rows: Span, z: FloatArray, share: float, direction: FloatArray) -> None:
+    """direction = z + share · direction."""
+    for i in range(rows[0], rows[1]):
+        for j in range(z.shape[1]):
+            direction[i, j] = z[i, j] + share * direction[i, j]
+
+
+@on_cores(cost=0.4)
+def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
+    """x += share · y."""
+    for i in range(rows[0], rows[1]):
+        for j in range(x.shape[1]):
+            x[i, j] += share * y[i, j]
+
+
+@on_cores(cost=1)
+def _begin(
+    rows: Span,
+    x: FloatArray,
+    r: FloatArray,
+    b: FloatArray,
+    inverse: FloatArray,
+    steps: FloatArray,
+) -> None:
+    """x = 0, r = b, and the first of the smoothing steps from there."""
+    for i in range(rows[0], rows[1]):
+        for j in range(x.shape[1]):
+            x[i, j] = 0.0
+            r[i, j] = b[i, j]
+            steps[0, i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
+
+
+@on_cores(cost=10)
+def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) -> None:
+    """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
+    first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    row = np.empty(out.shape[1] - 2 * PAD)
+    one = np.ones((1, 2 * PAD + 1, out.shape[1]))
+    sizes = np.empty((len(m), PAD + 1, out.shape[1]))  # of this row and those above
+    for i in range(first, last):
+        for k in range(len(m)):
+            for above in range(PAD + 1):
+                for j in range(out.shape[1]):
+                    sizes[k, PAD - above, j] = abs(m[k, i - above, j])
+        _row_times(sizes, one, 0, PAD, row)
+        for j in range(row.size):
+            out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
+
+
+def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
+    """Inverse of the matrix of a small grid's active pixels."""
+    i, j = np.nonzero(active)
+    number = np.full(active.shape, -1)
+    dense = np.zeros((i.size, i.size))
+    number[i, j] = np.arange(i.size)
+    for entry, (down, right) in enumerate(REACH[: len(m)]):
+        other = number[i + down, j + right]
+        known = other >= 0
+        here = number[i, j][known]
+        there = other[known]
+        dense[here, there] = dense[there, here] = m[entry, i, j][known]
+    diagonal = np.diag(dense)
+    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
+    return np.asarray(np.linalg.inv(dense), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One grid: its matrix, and room for a right-hand side, a solution and a residual."""
+
+    structure: Structure
+    matrix: FloatArray
+    inverse: FloatArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
+    x: FloatArray
+    b: FloatArray
+    r: FloatArray
+    steps: FloatArray  # (DEGREE + 1, ...), of smoothing
+
+    @classmethod
+    def on(cls, structure: Structure) -> _Level:
+        """Make room."""
+        shape = structure.active.shape
+        inverse, x, b, r = np.zeros((4, *shape))
+        steps = np.zeros((DEGREE + 1, *shape))
+        return cls(
+            structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps
+        )
+
+    def began(self) -> None:
+        """Smooth x, from nothing; leaves in r what is left of b."""
+        _begin(self.x, self.r, self.b, self.inverse, self.steps)
+        _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
+
+    def correct(self, coarse: FloatArray) -> None:
+        """Add a coarser grid's correction, and smooth x."""
+        self.steps[0] = 0.0
+        self.structure.way.add(coarse, self.steps[0])
+        _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 0)
+        _add(self.x, 1.0, self.steps[-1])
+
+
+class Multigrid:
+    """V-cycles for one set of normal equations, whose `damping` is that of `Coefficients.matrix`.
+
+    `old` is a multigrid of other coefficients on the same structure, whose memory is used; it is spoilt.
+    """
+
+    def __init__(
+        self,
+        coefficients: Coefficients,
+        damping: float = 1e-3,
+        old: Multigrid | None = None,
+    ) -> None:
+        if old is not None and old.levels[0].structure is not coefficients.structure:
+            old = None
+        self.room: FloatArray = (
+            np.empty((3, *coefficients.active.shape)) if old is None else old.room
+        )
+        self.levels: list[_Level] = (
+            [_Level.on(coefficients.structure)] if old is None else old.levels
+        )
+        self.coarse: list[FloatArray] = (
+            [] if old is None else old.coarse
+        )  # maps of `Coefficients`
+        depth = 0
+        while True:
+            level = self.levels[depth]
+            coefficients.matrix(damping, level.matrix)
+            if coefficients.structure.pixels <= COARSEST:
+                self.solution = _invert(level.matrix, coefficients.active)
+                break
+            _invert_sums(level.inverse, level.matrix, coefficients.active)
+            if depth == len(self.coarse):
+                below = coefficients.structure.coarser
+                self.levels.append(_Level.on(below))
+                parts = np.zeros((len(coefficients.parts), *below.active.shape))
+                self.coarse.append(parts)
+            coefficients = coefficients.coarser(self.coarse[depth])
+            depth = depth + 1
+
+    def _cycle(self, depth: int = 0) -> None:
+        """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
+        at = self.levels[depth]
+        if depth == len(self.levels) - 1:
+            known = at.structure.active > 0
+            at.x[known] = self.solution @ at.b[known]
+            return
+        at.began()
+        below = self.levels[depth + 1]
+        at.structure.way.adjoint(at.r, below.structure.active, below.b)
+        self._cycle(depth + 1)
+        at.correct(below.x)
+
+    def solve(
+        self, b: FloatArray, tolerance: float, most: int
+    ) -> tuple[FloatArray, int, float]:
+        """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
+
+        A residual may be that of a few pixels at first, beside which all others look solved. So what it
+        promises still, r·M⁻¹r, must also be no more than this share of what x has, b·x. Returns x, which
+        the next call overwrites (0 where a pixel is not active), the steps that were taken, `most` at most,
+        and that share.
+        """
+        top = self.levels[0]
+        x, direction, product = self.room
+        self.room[:] = 0.0
+        r = top.b
+        r[:] = b
+        start = 0.0
+        last = 1.0
+        done = 0.0
+        kept: list[tuple[FloatArray, FloatArray, float]] = []
+        for step in range(most + 1):
+            for past, answer, size in kept:
+                _add(r, -dot(r, answer) / size, past)
+            self._cycle()
+            now = max(dot(r, top.x), 0.0)
+            if now > 0 and (len(kept) + 1) * r.size <= KEPT:
+                kept.append((r.copy(), top.x.copy(), now))
+            start = now if step == 0 else start
+            left = now / done if done > 0 else np.inf if now > 0 else 0.0
+            if (now <= tolerance**2 * start and left <= tolerance) or step == most:
+                break
+            _conjugate(top.x, now / last if step else 0.0, direction)
+            last = now
+            multiply(top.matrix, direction, product)
+            curved = dot(direction, product)
+            if curved <= 0:  # nothing is left but rounding
+                break
+            length = now / curved
+            done += length * now
+            _add(x, length, direction)
+            _add(r, -length, product)
+        return x, step, left

@@ -1,0 +1,443 @@
+"""The matrix of a Gauss-Newton step, and the same on half the pixels.
+
+It couples a pixel to the twelve that the squared central differences and the squared Hessian
+reach, two steps along rows and columns, one along diagonals; where a form of all second differences is
+squared, to all that are two rows and two columns away at most. It is symmetric, so seven numbers a pixel
+hold it, or thirteen. The same matrix, readably: tests/solvers/gauss_newton_model.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
+from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.solvers.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
+from endolab.solvers.interpolation import Interpolation
+from endolab.solvers.problem import CURVATURE, FIRST
+from endolab.solvers.tears import Cells, coarser_links, held_pixels, largest_fragments
+
+# A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
+CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
+REACH = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+REACH += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
+# Of each pair of the nine pixels of `curvature_kernels`, the entry, and which of the two holds it, the first:
+# that above or, in a row, that on the left.
+PAIRS = [
+    (k, other, REACH.index((DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])))
+    for k in range(9)
+    for other in range(9)
+    if (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k]) in REACH
+]
+# Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
+# those of a row of J, which comes fourth, are the first five.
+TAKEN = [
+    [{0, 1}, set[int](), {0, 3}],
+    [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
+    [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5, 6, 7, 8}, {0, 1, 2, 3, 4}],
+]
+
+
+class Form(NamedTuple):
+    """A regulariser's kind, its entries of `TAKEN` as (term, pixel), and which products of them there are."""
+
+    kind: int
+    entries: IntArray
+    products: IntArray
+
+    @classmethod
+    def of(cls, kind: int) -> Form:
+        """List them; the form's Q mixes terms."""
+        taken = TAKEN[kind]
+        products = [
+            (k, other, entry, term)
+            for k, other, entry in PAIRS
+            for term, those in enumerate([*taken, {0, 1, 2, 3, 4}])
+            if k in those and (other in those or (kind == CURVATURE and term < 3))
+        ]
+        entries = [(term, k) for term in range(3) for k in sorted(taken[term])]
+        return cls(kind, np.array(entries), np.array(products))
+
+
+FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
+# The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
+BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
+
+
+@kernel
+def _add_products(
+    left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray
+) -> None:
+    """Add products of the nine pixels' numbers to their entries of m."""
+    for n in range(len(products)):
+        k, other, entry, term = products[n]
+        row = i + DOWN[k]
+        column = PAD + RIGHT[k]
+        for j in range(left.shape[2]):
+            m[entry, row, column + j] += left[term, k, j] * right[term, other, j]
+
+
+@kernel
+def _data_row(
+    parts: FloatArray,
+    link: ByteArray,
+    i: int,
+    damping: float,
+    t: FloatArray,
+    qt: FloatArray,
+    m: FloatArray,
+) -> None:
+    """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    by_v = parts[BY_V, i]
+    by_u = parts[BY_U, i]
+    by_w = parts[BY_W, i]
+    weight = parts[WEIGHT, i]
+    cautious_u = parts[CAUTION_U, i]
+    cautious_w = parts[CAUTION_W, i]
+    beneath_w = parts[CAUTION_W, i + 1]
+    count = t.shape[2]
+    for j in range(count):
+        right = float(across[j + 2])
+        left = float(across[j + 1])
+        u = by_u[j + 2] * (1 - 0.5 * right * left)
+        t[3, 1, j] = u * right
+        t[3, 2, j] = -u * left
+    for j in range(count):
+        south = float(below[j + 2])
+        north = float(above[j + 2])
+        w = by_w[j + 2] * (1 - 0.5 * south * north)
+        t[3, 3, j] = w * south
+        t[3, 4, j] = -w * north
+    for j in range(count):
+        t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
+    for k in range(5):
+        for j in range(count):
+            qt[3, k, j] = weight[j + 2] * t[3, k, j]
+    centre = m[CENTRE, i]
+    beneath = m[CENTRE, i + 1]
+    e = m[E, i]
+    s = m[S, i]
+    for j in range(count):
+        centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
+    for j in range(count):
+        u = 0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        centre[j + 2] += u
+        e[j + 2] -= u
+    for j in range(count):
+        centre[j + 3] += (
+            0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        )
+    for j in range(count):
+        w = 0.5 * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
+        centre[j + 2] += w
+        beneath[j + 2] += w
+        s[j + 2] -= w
+
+
+@kernel
+def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
+    """Weights of the nine pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
+    across = link[0, i]
+    below = link[1, i]
+    above = link[1, i - 1]
+    beneath = link[0, i + 1]
+    count = t.shape[2]
+    if kind == FIRST:
+        for j in range(count):
+            t[0, 1, j] = float(across[j + 2])
+            t[2, 3, j] = float(below[j + 2])
+            t[0, 0, j] = -float(across[j + 2])
+            t[2, 0, j] = -float(below[j + 2])
+        return
+    root2 = np.sqrt(2.0)
+    for j in range(count):
+        both = float(across[j + 2]) * float(across[j + 1])
+        t[0, 0, j] = -2 * both
+        t[0, 1, j] = both
+        t[0, 2, j] = both
+    for j in range(count):
+        both = float(below[j + 2]) * float(above[j + 2])
+        t[2, 0, j] = -2 * both
+        t[2, 3, j] = both
+        t[2, 4, j] = both
+    for j in range(count):
+        square = root2 * float(across[j + 2]) * float(below[j + 2])
+        square *= float(beneath[j + 2]) * float(below[j + 3])
+        t[1, 0, j] = square
+        t[1, 1, j] = -square
+        t[1, 3, j] = -square
+        t[1, 5, j] = square
+
+
+@kernel
+def _smooth_row(
+    parts: FloatArray,
+    link: ByteArray,
+    shares: FloatArray,
+    form: Form,
+    i: int,
+    t: FloatArray,
+    qt: FloatArray,
+) -> None:
+    """Write D X of a row and Q D X."""
+    kind, entries, _ = form
+    if kind == CURVATURE:
+        stencils_row(link, shares, i, t)
+    else:
+        _differences_row(link, kind, i, t)
+    count = t.shape[2]
+    for n in range(len(entries)):
+        term, k = entries[n]
+        row = i + DOWN[k]
+        column = PAD + RIGHT[k]
+        for j in range(count):
+            t[term, k, j] *= parts[SLOPE, row, column + j]
+    if kind != CURVATURE:
+        here = parts[SMOOTHNESS, i]
+        below = parts[SMOOTHNESS, i + 1]
+        for n in range(len(entries)):
+            term, k = entries[n]
+            for j in range(count):
+                weight = here[j + 2]
+                if (
+                    term == 1
+                ):  # of the squares around a pixel, each has a quarter of its weight
+                    weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
+                qt[term, k, j] = weight * t[term, k, j]
+        return
+    for k in range(9):
+        for term in range(3):  # the rows of Q
+            a = SMOOTHNESS + term
+            b = SMOOTHNESS + (1, 3, 4)[term]
+            c = SMOOTHNESS + (2, 4, 5)[term]
+            for j in range(count):
+                here = parts[a, i, PAD + j] * t[0, k, j] + parts[b, i, PAD + j] * t[1, k, j]
+                qt[term, k, j] = here + parts[c, i, PAD + j] * t[2, k, j]
+
+
+@on_cores(cost=10, turns=3)
+def _assemble(
+    rows: Span,
+    turns: Span,
+    m: FloatArray,
+    parts: FloatArray,
+    link: ByteArray,
+    shares: FloatArray,
+    form: Form,
+    damping: float,
+) -> None:
+    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
+
+    A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
+    forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
+    step itself come in with the weights of caution, a² W once more by `damping`.
+    """
+    products = form[2]
+    count = m.shape[2] - 2 * PAD
+    t = np.empty((4, 9, count))
+    qt = np.empty((4, 9, count))
+    for turn in range(turns[0], turns[1]):
+        if turn == 0:
+            for i in range(rows[0], rows[1]):
+                for k in range(len(m)):
+                    clear_row(m[k, i])
+            continue
+        odd = (
+            turn - 1
+        )  # every second band: what a row adds to its neighbours' must not meet
+        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
+            first, last = rows_within((start, start + ROWS), PAD, m.shape[1] - PAD)
+            for i in range(first, last):
+                _smooth_row(parts, link, shares, form, i, t, qt)
+                _data_row(parts, link, i, damping, t, qt, m)
+                _add_products(t, qt, products, i, m)
+
+
+@kernel
+def _halve_row(
+    above: FloatArray,
+    below: FloatArray,
+    kept: ByteArray,
+    kept_below: ByteArray,
+    out: FloatArray,
+) -> None:
+    """Sums over a row of 2×2 blocks, of the pixels that are kept; maps begin where the first block does."""
+    upper = np.empty(2 * out.size)
+    lower = np.empty(2 * out.size)
+    for j in range(upper.size):
+        upper[j] = kept[j] * above[j]
+        lower[j] = kept_below[j] * below[j]
+    for j in range(out.size):
+        out[j] = (upper[2 * j] + lower[2 * j + 1]) + (upper[2 * j + 1] + lower[2 * j])
+
+
+@on_cores(cost=25)
+def _coarsen(
+    rows: Span, out: FloatArray, parts: FloatArray, kept: ByteArray, kind: int
+) -> None:
+    """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
+    first, last = rows_within(rows, PAD, out.shape[1] - PAD)
+    count = out.shape[2] - 2 * PAD
+    kept_sum = np.empty(count)
+    known = np.empty(count)
+    flags = np.empty((4, parts.shape[2]))
+    down = lead(parts[0], out[0], 0)
+    at = PAD - lead(parts[0], out[0], 1)
+    for ci in range(first, last):
+        i = 2 * ci - PAD - down
+        for below in range(2):
+            for j in range(parts.shape[2]):
+                flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
+                flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
+        here = kept[i, at:]
+        beneath = kept[i + 1, at:]
+        _halve_row(flags[0, at:], flags[1, at:], here, beneath, kept_sum)
+        _halve_row(flags[2, at:], flags[3, at:], here, beneath, known)
+        for k in range(len(parts)):
+            row = out[k, ci, PAD:-PAD]
+            _halve_row(parts[k, i, at:], parts[k, i + 1, at:], here, beneath, row)
+            if k <= BY_W:  # of the pixels that data speak for
+                halves = 1.0 if k == BY_V else 0.5
+                for j in range(count):
+                    row[j] *= halves / max(kept_sum[j], 1.0)
+            elif k == SLOPE:
+                for j in range(count):
+                    row[j] /= max(known[j], 1.0)
+            elif k != WEIGHT:
+                share = 1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4
+                for j in range(count):
+                    row[j] *= share
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What of normal equations depends on mask and cuts alone, here and on coarser grids; padded arrays."""
+
+    active: ByteArray
+    link: ByteArray
+    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is torn
+    rays: FloatArray  # see `grid.Grid`
+    kind: int  # which of `problem.REGULARISERS`
+
+    @property
+    def pixels(self) -> int:
+        """Rows times columns, without the padding."""
+        return (self.active.shape[0] - 2 * PAD) * (self.active.shape[1] - 2 * PAD)
+
+    @property
+    def entries(self) -> int:
+        """How many numbers a pixel hold the matrix."""
+        return len(REACH) if self.kind == CURVATURE else SEE
+
+    @cached_property
+    def main(self) -> ByteArray:
+        """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
+        return largest_fragments(self.active, self.link, self.uncut_links)
+
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Those of `curvature_kernels.fill_shares`."""
+        return shares_of(self.rays, self.link)
+
+    @cached_property
+    def coarser(self) -> Structure:
+        """The same on half the pixels."""
+        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
+        active = halved(self.main)
+        if link is not uncut_links:
+            active = active & held_pixels(link, self.kind != FIRST)
+        rays = self.rays
+        if rays.size:
+            # Blocks of pixels that are given have rays, too: their neighbours' second differences need them.
+            inside = block_sums(self.main)
+            known = block_sums(rays.any(axis=0).astype(np.int8))
+            count = np.maximum(np.where(inside > 0, inside, known), 1)
+            sums = (
+                np.where(inside > 0, block_sums(ray * self.main), block_sums(ray))
+                for ray in rays
+            )
+            rays = np.stack([ray / count for ray in sums])
+        return Structure(active, link, uncut_links, rays, self.kind)
+
+    @cached_property
+    def way(self) -> Interpolation:
+        """Linear interpolation from the coarser grid."""
+        below = self.coarser
+        blocks = Cells(below.active, below.link, below.uncut_links)
+        return Interpolation.to(
+            Cells(self.active, self.link, self.uncut_links), self.main, blocks
+        )
+
+
+def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:
+    """What `fill_shares` writes; nothing where there are no rays."""
+    if rays.size == 0:
+        return np.empty((3, 3, 0, 0))
+    out = np.zeros((3, 3, *rays.shape[1:]))
+    fill_shares(rays, link, out)
+    return out
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """What the normal equations are made of: padded maps, (8 or 13, ...), and what they are on."""
+
+    parts: FloatArray
+    structure: Structure
+
+    @property
+    def active(self) -> ByteArray:
+        """Pixels that the equations are of."""
+        return self.structure.active
+
+    @property
+    def by_v(self) -> FloatArray:
+        """a of J's rows a + b·∇."""
+        return self.parts[BY_V]
+
+    @property
+    def by_v_u(self) -> FloatArray:
+        """b of J, along rows."""
+        return self.parts[BY_U]
+
+    @property
+    def by_v_v(self) -> FloatArray:
+        """b of J, along columns."""
+        return self.parts[BY_W]
+
+    @property
+    def weight(self) -> FloatArray:
+        """W."""
+        return self.parts[WEIGHT]
+
+    @property
+    def slope(self) -> FloatArray:
+        """X."""
+        return self.parts[SLOPE]
+
+    @property
+    def smoothness(self) -> FloatArray:
+        """Q, (1 or 6, ...)."""
+        return self.parts[SMOOTHNESS:]
+
+    def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
+        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+        on = self.structure
+        m = np.empty((on.entries, *self.active.shape)) if out is None else out
+        _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
+        return m
+
+    def coarser(self, out: FloatArray | None = None) -> Coefficients:
+        """The same on half the pixels."""
+        below = self.structure.coarser
+        parts = np.zeros((len(self.parts), *below.active.shape)) if out is None else out
+        _coarsen(parts, self.parts, self.structure.main, self.structure.kind)
+        return Coefficients(parts, below)

@@ -1,0 +1,771 @@
+"""The paper's path: a primal-dual solver after DTAM, with the normals lagged by one step.
+
+Newcombe, Lovegrove and Davison (DTAM, ICCV 2011) split the energy by an auxiliary map ζ, on a spring 1/χ,
+
+    Σ ρ(I_model(ζ, n) - I) + (ξ - ζ)²/2χ + λ w ‖D ξ‖_ε,
+
+and take in turn (ξ in units of its median ξ̃, K the energy's derivative of it, n from the last ξ)
+
+    p ← Π[(p + τ_d K ξ̄) / (1 + τ_d ε/λw)],  |p| ≤ λ w       dual ascent, Huber
+    ζ ← ξ - χ ρ′ I′ / (1 + χ c),        c = ρ″ I′²           data, one Gauss-Newton step per pixel
+    ξ ← (ξ - τ_p Kᵀp + τ_p ζ/χ) / (1 + τ_p/χ)               primal descent
+    ξ̄ ← 2 ξ_new - ξ_old
+
+**Why it is slow, and stable.** With the normals given, a pixel's data wants v = v₀ + ½ log C(P),
+P = ∇vᵀ G⁻¹ ∇v of the last map, C = cos θ f_r(θ)/f_r(0) (Lambertian: C² = 1/(1 + P)). A ripple δ of
+v comes back as i A δ: its slope is out of phase, and central differences pass at most one per pixel,
+so that for a Lambertian surface
+
+    A = ½ Σ_j |(G⁻¹∇v)_j| / (1 + P),
+
+tens at 320 columns and growing with them. The data update goes the part τ = χc/(1 + χc) of the way
+and makes δ (1 - τ + i τ A) δ, which shrinks only for τ < 2/(1 + A²). The same bound is Condat's and
+Vũ's for a primal-dual step, 1/τ_p + 1/χ - τ_d‖K‖² ≥ ½ (1 + A²) c/(1 + χc), with τ_p τ_d ‖K‖² = 1. So
+every pixel's χ is limited to a share of it. News then travels 2/A pixels a step: hence the paper's
+thousands of iterations. Normals of a patch (Hinterstoisser et al., ICCV 2011) make A smaller: the
+mean of n slopes in a row, taken twice so that it hides no ripple, passes 1.5/n of one at most.
+
+**Precision.** Memory is what a step waits for, so that maps are of single precision: results differ from
+double's by some 1e-6. Only ξ, a sum of steps that may each be too small for its last digit, keeps a rest of
+what is lost, or it would stand still before it has converged; and sums down a column, which run, are double.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from endolab.model.photometry import Photometry
+from endolab.model.surface import from_xi, to_xi
+from endolab.numerics.arrays import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    SingleArray,
+    Span,
+)
+from endolab.numerics.checks import check_int, number
+from endolab.numerics.compiled import framed, kernel, pad_maps
+from endolab.numerics.derivatives import gradient, hessian_stencils, links, px_per_reference
+from endolab.numerics.iteration import Status
+from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.solvers.grid import Grid
+from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem, check_maps
+from endolab.solvers.result import Iterate, Solver
+
+BALANCE = 0.1  # τ_p in units of 1/c at the start; χ is 1
+SAFETY = 0.7  # share of the bound on τ that is taken
+NORMS = {"first": 8, "second": 64}  # ‖K‖² of differences per pixel, at most
+
+
+# Numbers of single precision keep a loop's so.
+SINGLE = np.float32
+INDEX = np.uint64
+HALF = SINGLE(0.5)
+ONE = SINGLE(1)
+TWO = SINGLE(2)
+THREE = SINGLE(3)
+ROOT_HALF = SINGLE(np.sqrt(0.5))
+ODD = tuple(
+    SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13)
+)  # artanh z = z (1 + z²/3 + z⁴/5 ...)
+PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
+# 1/χc of pixels that nothing limits; a size above 0
+FREE = SINGLE(1 / 999)
+TINY = SINGLE(1e-30)
+STRIP = 128  # columns that are averaged together, at least
+PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
+TABLE_SIZE = 4096  # of a BRDF
+Rows = tuple[SingleArray, SingleArray, SingleArray]
+
+
+class Patches(NamedTuple):
+    """Over which pixels slopes are averaged along rows, or columns; see `_windows`."""
+
+    radius: int
+    share: SingleArray  # (2, ...) one over their number, along rows and along columns
+    odd: IntArray
+    ends: IntArray
+
+
+class Slopes(NamedTuple):
+    """How slopes of v follow from ξ, and slants from slopes."""
+
+    sign: np.float32
+    steps: ByteArray
+    offsets: SingleArray
+    metric: SingleArray
+
+
+class Rule(NamedTuple):
+    """The dual's steps; `valid_stencil` is where a difference has all its steps."""
+
+    sigma: SingleArray
+    valid_stencil: ByteArray
+    shrink: SingleArray
+    bound: SingleArray
+    scale: np.float32
+    first: bool
+
+
+class Data(NamedTuple):
+    """The picture, and how brightness falls; `away` is whether ξ grows with d."""
+
+    image: SingleArray
+    unit: SingleArray
+    pace: SingleArray
+    evidence: ByteArray
+    away: bool
+    gamma: np.float32
+    threshold: np.float32
+    safety: np.float32
+
+
+class Room(NamedTuple):
+    """What is written anew on every row."""
+
+    works: SingleArray
+    lines: SingleArray
+    line_sums: FloatArray
+    running: FloatArray
+    sums: FloatArray
+
+
+class State(NamedTuple):
+    """ξ and what is too small for it, ξ̄, the dual, the least 1/χc, slopes and their averages."""
+
+    x: SingleArray
+    rest: SingleArray
+    ahead: SingleArray
+    q: SingleArray
+    limit: SingleArray
+    p: SingleArray
+    other: SingleArray
+
+
+class Given(NamedTuple):
+    """What steps need and do not change, and room to work in."""
+
+    slopes: Slopes
+    along: Patches
+    down: Patches
+    rule: Rule
+    data: Data
+    table: SingleArray
+    room: Room
+
+
+# Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1. Compilers use
+# vectors where no index of a column may be negative, some are unsigned therefore, and nothing is branched on.
+@kernel
+def _artanh(z: np.float32) -> np.float32:
+    """Artanh of a number between -½ and ½."""
+    s = z * z
+    return z * (
+        ONE
+        + s
+        * (ODD[0] + s * (ODD[1] + s * (ODD[2] + s * (ODD[3] + s * (ODD[4] + s * ODD[5])))))
+    )
+
+
+@kernel
+def _slopes(
+    p: SingleArray,
+    x: SingleArray,
+    steps: ByteArray,
+    offsets: SingleArray,
+    sign: float,
+    i: int,
+) -> None:
+    """Gradient of v = ± log ξ on a row, into p (2, ...), by central differences."""
+    for j in range(
+        x.shape[1] - 2
+    ):  # log b/a = 2 artanh((b - a)/(b + a)), over the number of steps
+        here = x[i, j + 1]
+        back = SINGLE(steps[0, i, j])
+        on = SINGLE(steps[0, i, j + 1])
+        a = here + back * (x[i, j] - here)
+        b = here + on * (x[i, j + 2] - here)
+        p[0, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
+        back = SINGLE(steps[1, i - 1, j + 1])
+        on = SINGLE(steps[1, i, j + 1])
+        a = here + back * (x[i - 1, j + 1] - here)
+        b = here + on * (x[i + 1, j + 1] - here)
+        p[1, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
+    if offsets.size > 0:
+        for j in range(x.shape[1]):
+            p[0, i, j] += offsets[0, i, j]
+            p[1, i, j] += offsets[1, i, j]
+
+
+@kernel
+def _along_rows(
+    p: SingleArray, i: int, patches: Patches, lines: SingleArray, sums: FloatArray
+) -> None:
+    """Means of both slopes along a row, in place."""
+    for k in range(2):
+        _along_row(p, k, i, patches, lines, sums)
+
+
+@kernel
+def _along_row(
+    p: SingleArray, k: int, i: int, patches: Patches, lines: SingleArray, sums: FloatArray
+) -> None:
+    """Means of a slope along a row, in place: a window's sum is that of some of 2, 4, 8... pixels."""
+    radius, share, odd, ends = patches
+    width = INDEX(p.shape[2])
+    reach = INDEX(radius)
+    at = 0
+    span = INDEX(1)
+    done = INDEX(1)
+    length = width + reach + reach
+    for j in range(width):
+        lines[0, j + reach] = p[k, i, j]
+    for j in range(width):
+        lines[3, j] = lines[0, j]
+    while span <= reach:
+        to = 2 if at == 1 else 1
+        length -= span
+        for j in range(length):
+            lines[to, j] = lines[at, j] + lines[at, j + span]
+        span = span + span
+        at = to
+        if (reach + reach) & span:
+            for j in range(width):
+                lines[3, j] += lines[at, j + done]
+            done += span
+    for j in range(width):
+        p[k, i, j] = share[0, i, j] * lines[3, j]
+    if ends[i + 1] > ends[i]:
+        for j in range(width):
+            sums[j + INDEX(1)] = sums[j] + lines[0, j + reach]
+        for n in range(ends[i], ends[i + 1]):
+            j = odd[n, 0]
+            p[k, i, j] = share[0, i, j] * (sums[odd[n, 2]] - sums[odd[n, 1]])
+
+
+@kernel
+def _along_columns(
+    out: SingleArray,
+    p: SingleArray,
+    k: int,
+    columns: Span,
+    patches: Patches,
+    running: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Means of a slope along some columns."""
+    radius, share, odd, ends = patches
+    begin = INDEX(columns[0])
+    end = INDEX(columns[1])
+    height = p.shape[1]
+    for j in range(begin, end):
+        running[k, j] = 0.0
+    for i in range(radius + 1):
+        for j in range(begin, end):
+            running[k, j] += p[k, min(i, height - 1), j]
+    for i in range(1, height - 1):
+        # both ends are 0
+        above = max(i - radius - 1, 0)
+        below = min(i + radius, height - 1)
+        for j in range(begin, end):
+            total = running[k, j] + (p[k, below, j] - p[k, above, j])
+            running[k, j] = total
+            out[k, i, j] = share[1, i, j] * SINGLE(total)
+    if odd.size > 0:
+        for i in range(height):
+            for j in range(begin, end):
+                sums[k, i + 1, j] = sums[k, i, j] + p[k, i, j]
+        for j in range(columns[0], columns[1]):
+            for n in range(ends[j], ends[j + 1]):
+                i = odd[n, 0]
+                above = odd[n, 1]
+                below = odd[n, 2]
+                out[k, i, j] = share[1, i, j] * (sums[k, below, j] - sums[k, above, j])
+
+
+@kernel
+def _down_columns(
+    rows: Span,
+    out: SingleArray,
+    p: SingleArray,
+    patches: Patches,
+    running: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
+    height, width = p.shape[1:]
+    several = max(width // STRIP, 1)
+    for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
+        first = strip // 2 * width // several
+        last = (strip // 2 + 1) * width // several
+        _along_columns(out, p, strip % 2, (first, last), patches, running, sums)
+
+
+@kernel
+def _dual_first(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
+    """Dual ascent on a row, of the differences to the right and the lower neighbour."""
+    sigma, valid_stencil, shrink, bound, _, _ = rule
+    for j in range(x.shape[1] - 2):
+        here = x[i, j + 1]
+        rate = sigma[i, j + 1]
+        less = shrink[i, j + 1]
+        q0 = less * (
+            q[0, i, j + 1]
+            + rate * SINGLE(valid_stencil[0, i, j + 1]) * (x[i, j + 2] - here)
+        )
+        q1 = less * (
+            q[1, i, j + 1]
+            + rate * SINGLE(valid_stencil[1, i, j + 1]) * (x[i + 1, j + 1] - here)
+        )
+        factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1), TINY))
+        q[0, i, j + 1] = factor * q0
+        q[1, i, j + 1] = factor * q1
+
+
+@kernel
+def _mixed_differences(
+    x: SingleArray, valid_stencil: ByteArray, i: int, out: SingleArray
+) -> None:
+    """f_uv/√2 of the squares to the lower right of a row's pixels."""
+    for j in range(x.shape[1] - 1):
+        part = (x[i + 1, j + 1] - x[i + 1, j]) - (x[i, j + 1] - x[i, j])
+        out[j] = ROOT_HALF * SINGLE(valid_stencil[1, i, j]) * part
+
+
+@kernel
+def _dual_second(
+    q: SingleArray,
+    x: SingleArray,
+    rule: Rule,
+    i: int,
+    above: SingleArray,
+    below: SingleArray,
+) -> None:
+    """Dual ascent on a row, of the second differences as `hessian` gives them."""
+    sigma, valid_stencil, shrink, bound, _, _ = rule
+    _mixed_differences(x, valid_stencil, i - 1, above)
+    _mixed_differences(x, valid_stencil, i, below)
+    for j in range(x.shape[1] - 2):
+        here = x[i, j + 1]
+        rate = sigma[i, j + 1]
+        less = shrink[i, j + 1]
+        uu = (x[i, j + 2] - here) - (here - x[i, j])
+        vv = (x[i + 1, j + 1] - here) - (here - x[i - 1, j + 1])
+        q0 = less * (q[0, i, j + 1] + rate * SINGLE(valid_stencil[0, i, j + 1]) * uu)
+        q1 = less * (q[1, i, j + 1] + rate * SINGLE(valid_stencil[2, i, j + 1]) * vv)
+        q2 = less * (q[2, i, j + 1] + rate * below[j + 1])
+        q3 = less * (q[3, i, j + 1] + rate * below[j])
+        q4 = less * (q[4, i, j + 1] + rate * above[j + 1])
+        q5 = less * (q[5, i, j + 1] + rate * above[j])
+        size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3) + (q4 * q4 + q5 * q5))
+        factor = min(ONE, bound[i, j + 1] / max(size, TINY))
+        q[0, i, j + 1] = factor * q0
+        q[1, i, j + 1] = factor * q1
+        q[2, i, j + 1] = factor * q2
+        q[3, i, j + 1] = factor * q3
+        q[4, i, j + 1] = factor * q4
+        q[5, i, j + 1] = factor * q5
+
+
+@kernel
+def _pull_first(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
+    """Kᵀq on a row; q is 0 where a step is missing."""
+    scale = rule[4]
+    for j in range(pull.size - 2):
+        along = q[0, i, j] - q[0, i, j + 1]
+        pull[j + 1] = scale * (along + q[1, i - 1, j + 1] - q[1, i, j + 1])
+
+
+@kernel
+def _pull_squares(q: SingleArray, i: int, out: SingleArray) -> None:
+    """What the four pixels of each square to the lower right of a row's make of it."""
+    for j in range(out.size - 1):
+        out[j] = ROOT_HALF * (
+            (q[2, i, j] + q[3, i, j + 1]) + (q[4, i + 1, j] + q[5, i + 1, j + 1])
+        )
+
+
+@kernel
+def _pull_second(
+    pull: SingleArray,
+    q: SingleArray,
+    rule: Rule,
+    i: int,
+    above: SingleArray,
+    below: SingleArray,
+) -> None:
+    """Kᵀq on a row; q is 0 where a difference has not all its steps."""
+    scale = rule[4]
+    _pull_squares(q, i - 1, above)
+    _pull_squares(q, i, below)
+    for j in range(pull.size - 2):
+        along = q[0, i, j] - TWO * q[0, i, j + 1] + q[0, i, j + 2]
+        down = q[1, i - 1, j + 1] - TWO * q[1, i, j + 1] + q[1, i + 1, j + 1]
+        mixed = (below[j + 1] - below[j]) - (above[j + 1] - above[j])
+        pull[j + 1] = scale * (along + down + mixed)
+
+
+@kernel
+def _tilt(
+    dark: SingleArray,
+    turn: SingleArray,
+    p: SingleArray,
+    metric: SingleArray,
+    table: SingleArray,
+    i: int,
+) -> None:
+    """C² and -∂(log C)/∂P on a row: for a Lambertian surface 1/(1 + P) and half of it."""
+    for j in range(dark.size):
+        p_u = p[0, i, j]
+        p_v = p[1, i, j]
+        slant = (
+            metric[0, i, j] * p_u * p_u
+            + TWO * metric[1, i, j] * p_u * p_v
+            + metric[2, i, j] * p_v * p_v
+        )
+        dark[j] = ONE / (ONE + slant)
+        turn[j] = HALF * dark[j]
+    if table.size > 0:
+        for j in range(dark.size):
+            place = SINGLE(TABLE_SIZE - 1) * np.sqrt(max(ONE - np.sqrt(dark[j]), TINY))
+            k = min(int(place), TABLE_SIZE - 2)
+            part = place - SINGLE(k)
+            dark[j] *= table[0, k] + part * (table[0, k + 1] - table[0, k])
+            turn[j] *= table[1, k] + part * (table[1, k + 1] - table[1, k])
+
+
+@kernel
+def _primal(
+    i: int,
+    theta: float,
+    state: State,
+    rows: Rows,
+    metric: SingleArray,
+    share: SingleArray,
+    data: Data,
+) -> None:
+    """Data update and primal descent on a row."""
+    x, rest, ahead, _, limit, p, _ = state
+    pull, dark, turn = rows
+    image, unit, pace, evidence, away, gamma, threshold, safety = data
+    per_gamma = ONE / gamma
+    per_theta = ONE / theta
+    lift = HALF / safety
+    sign = -TWO / gamma if away else TWO / gamma
+    for j in range(pull.size):
+        # 1/χc = 1/τ - 1 at least, of τ = `safety` times 2/(1 + A²), less than 1
+        p_u = p[0, i, j]
+        p_v = p[1, i, j]
+        along_u = abs(metric[0, i, j] * p_u + metric[1, i, j] * p_v) * min(
+            ONE, PASSES * share[0, i, j]
+        )
+        along_v = abs(metric[1, i, j] * p_u + metric[2, i, j] * p_v) * min(
+            ONE, PASSES * share[1, i, j]
+        )
+        s = turn[j] * (along_u + along_v)
+        least = max((ONE + s * s) * lift - ONE, FREE)
+        # I_model/I = w^(1/γ), w = (d₀/d)² C = u², log u = 2 artanh z, exp(4 y) = exp(y)⁴
+        here = x[i, j]
+        wanted = image[i, j]
+        ratio = here * unit[i, j]
+        fourth = np.sqrt(np.sqrt(dark[j]))
+        over, under = (fourth, ratio) if away else (fourth * ratio, ONE)
+        y = _artanh((over - under) / (over + under)) * per_gamma
+        even = SINGLE(120) + SINGLE(12) * y * y
+        odd = y * (SINGLE(60) + y * y)
+        e = (even + odd) / (even - odd)
+        model = wanted * (e * e) * (e * e)
+        # What the picture wants is the model's own value where no residual counts.
+        silent = (evidence[i, j] == NONE) | (
+            (evidence[i, j] == LOWER_BOUND) & (model > wanted)
+        )
+        wanted = model if silent else wanted
+        least = FREE if silent else least
+        limit[i, j] = least
+        # The slope is that by log ξ, and what is per ξ² is times ξ²: c, 1/τ_p and 1/χ.
+        residual = model - wanted
+        slope = sign * model
+        own = pace[i, j] * here * here
+        weight = threshold / max(threshold, abs(residual))
+        c = weight * slope * slope
+        stiff = max(own * per_theta, least * c)
+        force = weight * residual * slope * stiff  # (ξ - ζ)/χ, times 1/χ + c
+        step = here * (pull[j] * here * (stiff + c) + force) / ((stiff + c) * (own + stiff))
+        step = max(min(step, HALF * here), -here)
+        # ξ is x and a rest too small for it.
+        less = rest[i, j] - step
+        new = here + less
+        x[i, j] = new
+        rest[i, j] = less - (new - here)
+        ahead[i, j] = new - step
+
+
+@on_cores(cost=3)
+def _advance(
+    rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, given: Given
+) -> None:
+    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `given` is that of `_Path`."""
+    x, _, ahead, q, _, p, other = state
+    slopes, along, down, rule, data, table, room = given
+    sign, steps, offsets, metric = slopes
+    works, lines, line_sums, running, sums = room
+    band = rows[0] // ROWS
+    pull = works[band, 0]
+    dark = works[band, 1]
+    turn_by = works[band, 2]
+    first, last = rows_within(rows, 1, xi.shape[0] - 1)
+    current = SINGLE(theta)
+    for turn in range(turns[0], turns[1]):
+        phase = turn % PHASES
+        if phase == 0:
+            for i in range(first, last):
+                _slopes(p, x, steps, offsets, sign, i)
+                if rule.first:
+                    _dual_first(q, ahead, rule, i)
+                else:
+                    _dual_second(q, ahead, rule, i, dark, turn_by)
+                if along.radius > 0:
+                    _along_rows(p, i, along, lines[band], line_sums[band])
+        elif phase == 4:
+            for i in range(first, last):
+                if rule.first:
+                    _pull_first(pull, q, rule, i)
+                else:
+                    _pull_second(pull, q, rule, i, dark, turn_by)
+                _tilt(dark, turn_by, p, metric, table, i)
+                _primal(i, current, state, (pull, dark, turn_by), metric, along.share, data)
+        elif along.radius > 0 and phase == 2:
+            for i in range(first, last):
+                _along_rows(other, i, along, lines[band], line_sums[band])
+        elif along.radius > 0:
+            before, after = (p, other) if phase == 1 else (other, p)
+            _down_columns(rows, after, before, down, running, sums)
+
+
+def _windows(
+    joined: BoolArray, mask: BoolArray, radius: int
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Patches along rows: as far as steps lead, at most `radius` pixels.
+
+    Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask
+    within the radius beyond it, as place, first and one after the last; and how many of them come before
+    each row.
+    """
+    place = np.arange(mask.shape[1])
+    size = mask.shape[1]
+    starts = np.where(np.roll(joined, 1, axis=1), 0, place)
+    stops = np.where(joined, size - 1, place)[:, ::-1]
+    first = np.maximum(np.maximum.accumulate(starts, axis=1), place - radius)
+    after = np.minimum(np.minimum.accumulate(stops, axis=1)[:, ::-1], place + radius) + 1
+    before = np.pad(np.cumsum(mask, axis=1), ((0, 0), (1, 0)))
+    around: IntArray = (
+        before[:, np.minimum(place + radius + 1, size)]
+        - before[:, np.maximum(place - radius, 0)]
+    )
+    row, column = np.nonzero(mask & (around > after - first))
+    odd = np.stack([column, first[row, column], after[row, column]], axis=-1)
+    return mask / (after - first), odd, np.searchsorted(row, np.arange(mask.shape[0] + 1))
+
+
+def _brdf_table(photometry: Photometry) -> SingleArray:
+    """Factors of C² and -∂(log C)/∂P, (2, n) at equal steps of √(1 - cos θ); (2, 0) if Lambertian."""
+    if photometry.slant_table() is None:
+        return np.empty((2, 0), SINGLE)
+    cosine = np.maximum(1 - np.linspace(0, 1, TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9)))
+    f = photometry.brdf.value(cosine, cosine)
+    slope = sum(photometry.brdf.derivative(cosine, cosine))
+    return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
+
+
+def _single(*arrays: FloatArray) -> tuple[SingleArray, ...]:
+    """Copies in single precision."""
+    return tuple(array.astype(SINGLE) for array in arrays)
+
+
+@dataclass
+class _Path:
+    """The state of the scheme and what its steps need, framed by one pixel."""
+
+    problem: Problem
+    state: State
+    given: Given
+
+    @classmethod
+    def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
+        """Begin at a depth map, the dual at rest."""
+        mask = problem.mask
+        cosine = problem.field.cos_alpha
+        scale = problem.derivative_scale
+        first = problem.regulariser == "first"
+        away = problem.xi == "d"
+
+        def frame_xi(v: FloatArray) -> FloatArray:
+            xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
+            return framed(np.where(mask, xi, 1.0), 1.0)
+
+        joined = links(mask, problem.cuts)
+        steps = np.pad(joined, ((0, 0), (1, 1), (1, 1)))
+        inside = np.pad(mask, 1)
+        along, (share, *down) = (
+            _windows(steps[0], inside, radius),
+            _windows(steps[1].T, inside.T, radius),
+        )
+        (shares,) = _single(np.stack([along[0], share.T]))
+        offsets = np.empty((2, 0, 0))
+        if problem.xi == "1/z":
+            beside = -np.log(np.where(mask, cosine, 1.0))
+            offsets = np.nan_to_num(
+                framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1)))
+            )
+        metric = framed(
+            np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0)
+        )
+
+        x = frame_xi(start)
+        image = framed(np.where(mask, problem.image, 1.0), 1.0)
+        tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
+        # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
+        widest = framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
+        for axis in (0, 1):
+            widest = np.max([np.roll(widest, k, axis) for k in (-1, 0, 1)], axis=0)
+        sigma = 1 / (
+            NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0)
+        )
+        bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
+        shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
+        valid_stencil = joined if first else np.stack(hessian_stencils(joined))
+        evidence = (
+            np.full(mask.shape, EXACT, np.int8)
+            if problem.evidence is None
+            else problem.evidence
+        )
+
+        height, width = x.shape
+        several = -(-height // ROWS)
+        slopes = np.zeros((2, 2, height, width), SINGLE)
+        resting = np.zeros((2 if first else 6, height, width), SINGLE)
+        limit = np.zeros((height, width), SINGLE)
+        start_xi = x.astype(SINGLE)
+        lost = (x - x.astype(SINGLE)).astype(SINGLE)
+        rate, reluctance, most = _single(sigma * scale, shrink, bound)
+        picture, unit, pace = _single(image, 1 / frame_xi(problem.log_d0), 1 / tau_p)
+        given = Given(
+            Slopes(
+                SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)
+            ),
+            Patches(radius, shares, *along[1:]),
+            Patches(radius, shares, *down),
+            Rule(
+                rate,
+                np.pad(valid_stencil, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
+                reluctance,
+                most,
+                SINGLE(scale),
+                first,
+            ),
+            Data(
+                picture,
+                unit,
+                pace,
+                np.pad(evidence, 1),
+                away,
+                SINGLE(problem.photometry.gamma),
+                SINGLE(problem.threshold),
+                SINGLE(safety),
+            ),
+            _brdf_table(problem.photometry),
+            Room(
+                np.zeros((several, 3, width), SINGLE),
+                np.zeros((several, 4, width + 2 * radius), SINGLE),
+                np.zeros((several, width + 1)),
+                np.zeros((2, width)),
+                np.zeros((2, height + 1, width) if down[0].size else (2, 0, 0)),
+            ),
+        )
+        state = State(start_xi, lost, start_xi.copy(), resting, limit, slopes[0], slopes[1])
+        return cls(problem, state, given)
+
+    def advance(self, count: int, theta: float = 1.0) -> None:
+        """Take steps with χ, in units of 1/c at the start."""
+        _advance(
+            self.state.x, theta / BALANCE, self.state, self.given, turns=count * PHASES
+        )
+
+    @property
+    def x(self) -> FloatArray:
+        """ξ in units of its median, framed."""
+        return self.state.x.astype(np.float64) + self.state.rest
+
+    @property
+    def log_distance(self) -> FloatArray:
+        """v = log d, (H, W)."""
+        problem = self.problem
+        xi = np.where(problem.mask, self.x[1:-1, 1:-1] * problem.xi_median, 1.0)
+        return from_xi(xi, problem.xi, np.where(problem.mask, problem.field.cos_alpha, 1.0))
+
+    @property
+    def share(self) -> float:
+        """Part of the way to its data that a pixel went in the last step, on average, c as at first."""
+        limit = self.state.limit[1:-1, 1:-1][self.problem.mask].astype(np.float64)
+        t = np.minimum(1 / limit, 1.0)  # χc
+        return float(np.mean(t / (1 + t) * BALANCE / (BALANCE + t)))
+
+
+def primal_dual(
+    problem: Problem,
+    start: FloatArray | None = None,
+    *,
+    patch: float = 8.0,
+    tolerance: float = 2e-3,
+    every: int = 10,
+    max_iterations: int = 2000,
+) -> Solver:
+    """Minimise the energy by the paper's path; see the head of this file.
+
+    Islands of the mask are solved apart. The first order wants a small λ, 0.1 say. The energy may rise:
+    its normals are not of a patch. So where it converges is no minimum either, and Gauss-Newton finds lower
+    ones. Areas of no `evidence` fill slowly. ValueError if the start or an option cannot be used, the
+    regulariser is "curvature", or the BRDF has two slants for one brightness.
+
+    - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
+    - patch: radius of the box over which slopes are averaged, twice, for the normals; in 1/320 of the
+      longer side. 0 takes two neighbours, as the energy does, and thousands of steps.
+    - tolerance: the run has converged when v has less than this to go (root mean square): its change in
+      a step over the part of the way that a step takes.
+    - every, max_iterations: steps from one iterate to the next, and the most to take.
+
+    χ is 1/c at the start, or what is stable; in DTAM it falls with every step, here it stays. Iterates count
+    steps (`k`); their scalars are steps, and tau, the part of its way that a pixel goes in one.
+    """
+    if problem.regulariser == "curvature":
+        raise ValueError(
+            "primal_dual takes regulariser='first' or 'second', got 'curvature'"
+        )
+    number("patch", patch, 0, 32)
+    number("tolerance", tolerance, 0)
+    check_int("every", every, 1)
+    check_int("max_iterations", max_iterations)
+    check_maps(problem.mask, start)
+    v = problem.log_d0 if start is None else start
+    radius = round(patch * px_per_reference(problem.mask.shape))
+    path = _Path.at(problem, v, radius, SAFETY)
+    steps = 0
+    grid = Grid.of(problem)
+    iterate = Iterate.of(problem, v)
+    yield iterate
+    while steps < max_iterations:
+        count = int(min(every, max_iterations - steps))
+        path.advance(count)
+        steps += count
+        shown = {"steps": steps, "tau": path.share}
+        terms = grid.terms(pad_maps(path.log_distance), problem.lam)
+        after = Iterate.of(problem, path.log_distance, iterate, terms=terms, scalars=shown)
+        iterate = replace(after, k=steps)
+        yield iterate
+        if iterate.change <= tolerance * count * shown["tau"]:
+            return Status.CONVERGED
+    return Status.MAX_ITERATIONS

@@ -1,0 +1,350 @@
+"""Figures of a calibration: what was detected, how well the camera fits, and whole pages.
+
+As in `maps`, every function but the two pages draws into the axes ``ax`` it is given, or into
+new ones, under ``title``, and returns the axes. The figures of the light are in `light`.
+"""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from endolab.calibration.detection.detect import Detection
+from endolab.calibration.geometric.fit import GeometricFit
+from endolab.calibration.session import Session
+from endolab.calibration.summary import count_of, light_errors, mean_distances
+from endolab.calibration.targets import Target
+from endolab.model.cameras import KannalaBrandt
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.workbench.plots import light as plots_of_light
+from endolab.workbench.plots.maps import show_picture
+from endolab.workbench.plots.scales import round_length
+from endolab.workbench.plots.style import (
+    BLUE,
+    ORANGE,
+    OTHERS,
+    PAGE_SIZE,
+    SKY,
+    VERMILION,
+    decorate,
+    house,
+    new_axes,
+)
+from endolab.workbench.plots.uncertainty import ring
+
+ROWS = (SKY, VERMILION, *OTHERS)  # of the target, over and over
+MOST_ARROWS = 800  # more hide each other
+FEW_FRAMES = 40  # frames whose names fit below their bars
+LONGEST_ARROW = 4.0  # standard deviations that an arrow shows
+
+
+def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
+    """Axes of a picture that is not shown, pixels as in an array."""
+    ax = new_axes(ax)
+    ax.set(
+        xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal"
+    )
+    return decorate(ax, title, "column u [px]", "row v [px]", grid=False)
+
+
+def _arrows(
+    ax: Axes, at: FloatArray, off: FloatArray, magnify: float, most: float, **look: Any
+) -> None:
+    """Draw differences of pixels, longer than they are by a factor; they end at `most` px."""
+    length = np.linalg.norm(off, axis=1, keepdims=True)
+    shown = off * np.minimum(1, most / np.maximum(length, 1e-12))
+    style: dict[str, Any] = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": 1 / magnify,
+        "width": 0.0025,
+    }
+    ax.quiver(*at.T, *shown.T, **style, **look)
+
+
+@house()
+def show_detection(
+    image: FloatArray,
+    detection: Detection,
+    target: Target,
+    ax: Axes | None = None,
+    *,
+    title: str = "Detection",
+) -> Axes:
+    """Show the features that were found, joined along the target's rows: a wrong id makes a wild line.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    detection : Detection
+    target : Target
+    """
+    ids = detection.ids
+    pixels = detection.pixels
+    ax = show_picture(
+        image,
+        ax,
+        f"{title}: {len(ids)} of {len(target.points)} {detection.reason}".rstrip(),
+    )
+    column, row = np.round(target.points[ids, :2] / target.spacing).astype(int).T
+    for number in np.unique(row):
+        here = np.flatnonzero(row == number)
+        here = here[np.argsort(column[here])]
+        # Features that are farther apart than one that was missed are not joined.
+        for run in np.split(here, np.flatnonzero(np.diff(column[here]) > 2) + 1):
+            ax.plot(
+                *pixels[run].T, color=ROWS[number % len(ROWS)], lw=1.3, marker="o", ms=2.6
+            )
+    if len(ids):
+        ax.plot(
+            *pixels[0], "o", ms=13, mfc="none", mec=VERMILION, mew=2, label=f"id {ids[0]}"
+        )
+        ax.legend(frameon=True)
+    return ax
+
+
+def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Pixels (n, 2), residuals (n, 2) and inliers (n,) of all views."""
+    pixels = np.concatenate([view.pixels for view in geometry.views])
+    return pixels, np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
+
+
+@house()
+def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
+    """Show measured less predicted pixels of all views as arrows, where they are in the picture.
+
+    Arrows of one standard deviation are about 2 % of the picture's width. They end at 4 standard
+    deviations, or outliers would hide the rest; of more than 800 inliers or outliers some, chosen at
+    random, are left out.
+    """
+    pixels, residuals, inliers = _points_of(geometry)
+    camera = geometry.camera
+    sigma = max(geometry.sigma, 1e-6)
+    magnify = round_length(0.02 * camera.width / sigma)
+    ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
+    for which, colour, what, order in (
+        (inliers, BLUE, "inlier", 3),
+        (~inliers, VERMILION, "outlier", 2),
+    ):
+        drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
+        look = {"color": colour, "label": count_of(int(which.sum()), what), "zorder": order}
+        _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST_ARROW * sigma, **look)
+    ax.legend(loc="upper right", ncols=2, frameon=True)
+    return ax
+
+
+@house()
+def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
+    """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
+    ax = new_axes(ax)
+    _, residuals, inliers = _points_of(geometry)
+    values = residuals[inliers].ravel()
+    label = f"{count_of(int(inliers.sum()), 'point')}, u and v"
+    plots_of_light.histogram(ax, values, 0.0, float(np.std(values)), label)
+    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
+    return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
+
+
+@house()
+def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
+    """Show where in the picture features were seen, with circles of equal angle off the axis."""
+    pixels, _, inliers = _points_of(geometry)
+    camera = geometry.camera
+    seen = np.rad2deg(geometry.max_angle_seen)
+    ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
+    ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
+    box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
+    for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
+        around = ring(camera, np.deg2rad(angle))
+        ax.plot(*around.T, color="0.35", lw=0.8)
+        u, v = around[30]
+        ax.text(
+            u,
+            v,
+            f"{angle}°",
+            ha="center",
+            va="center",
+            size="small",
+            bbox=box,
+            clip_on=True,
+        )
+    label = "farthest feature"
+    ax.plot(
+        *ring(camera, geometry.max_angle_seen).T, "--", color=VERMILION, lw=2.2, label=label
+    )
+    ax.legend(loc="upper right", frameon=True)
+    return ax
+
+
+def best_frame(session: Session) -> str:
+    """Name the frame to show: of those that were located, the one with many features seen large."""
+    detections = session.detections
+
+    def worth(name: str) -> float:
+        pixels = detections[name].pixels
+        return (
+            float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0))))
+            if len(pixels)
+            else 0.0
+        )
+
+    return max(session.poses or detections, key=worth)
+
+
+def samples_of(session: Session, name: str) -> BoolArray:
+    """Tell which of a session's samples were read in a frame, (n,)."""
+    names = list(session.poses)
+    return session.samples.frame == (names.index(name) if name in session.poses else -1)
+
+
+def video_frames(session: Session) -> IntArray:
+    """Numbers, in the video, of the frames that were located: those that ``samples.frame`` counts."""
+    number = {name: index for index, name in enumerate(session.detections)}
+    return np.array([number[name] for name in session.poses], dtype=int)
+
+
+def worst_frames(session: Session, count: int = 4) -> list[str]:
+    """Name the frames whose features lie farthest from where they are expected, the worst first."""
+    return sorted(session.errors, key=lambda name: -session.errors[name])[:count]
+
+
+@house()
+def show_frame_errors(
+    errors: Mapping[str, float],
+    marked: Collection[str] = (),
+    ax: Axes | None = None,
+    *,
+    unit: str = "px",
+) -> Axes:
+    """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
+    ax = new_axes(ax)
+    names = list(errors)
+    place = np.arange(len(errors))
+    values = np.nan_to_num([errors[name] for name in names])
+    ax.bar(
+        place,
+        values,
+        width=0.8,
+        color=[VERMILION if name in marked else SKY for name in names],
+    )
+    labelled = [i for i in place if names[i] in marked or len(names) <= FEW_FRAMES]
+    ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
+    ax.set_xlim(-0.6, len(names) - 0.4)
+    return decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
+
+
+@house()
+def show_features(
+    image: FloatArray, session: Session, name: str, ax: Axes | None = None
+) -> Axes:
+    """Show the part of a located frame with its features: where they are expected and where they were found.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        The frame, stored values in [0, 1].
+    session : Session
+    name : str
+        Of the frame.
+    """
+    expected = session.expected(name)
+    detected = session.detections[name].pixels
+    error = max(session.errors[name], 1e-6)
+    low = detected.min(axis=0)
+    high = detected.max(axis=0)
+    room = 0.1 * float(np.max(high - low)) + 10
+    magnify = round_length(0.4 * room / error)
+    ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
+    ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
+    ax.plot(*detected.T, "o", ms=3, color=SKY, label="found")
+    _arrows(
+        ax, expected, detected - expected, magnify, LONGEST_ARROW * error, color=VERMILION
+    )
+    (left, top), (right, bottom) = low - room, high + room
+    ax.set(xlim=(left, right), ylim=(bottom, top))
+    ax.legend(loc="upper right", frameon=True)
+    return ax
+
+
+def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figure:
+    """Draw the errors of all located frames, and some frames with what was found over what was expected.
+
+    Parameters
+    ----------
+    session : Session
+    pictures : mapping of str to (H, W) or (H, W, 3) float array
+        Frames to show, as `worst_frames` names them; stored values in [0, 1].
+    """
+    rows = {"px": session.errors, "grey levels": light_errors(session)}
+    rows = {unit: errors for unit, errors in rows.items() if errors}
+    shown = [*pictures, ".", ".", "."]
+    mosaic: Any = [[unit, unit] for unit in rows] + [shown[:2], shown[2:4]]
+    heights = [4] * len(rows) + [5.5, 5.5]
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(16, sum(heights)), dpi=100, layout="constrained")
+        axes = figure.subplot_mosaic(mosaic, height_ratios=heights)
+        for unit, errors in rows.items():
+            show_frame_errors(errors, pictures, axes[unit], unit=unit)
+        for name, picture in pictures.items():
+            show_features(picture, session, name, axes[name])
+    return figure
+
+
+def geometry_figure(session: Session, image: FloatArray) -> Figure:
+    """Draw the evidence for a camera on one page, of 1600 x 1120 px when saved.
+
+    Parameters
+    ----------
+    session : Session
+    image : (H, W) or (H, W, 3) float array
+        The `best_frame`, stored values in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If the session's camera was given.
+    """
+    if session.geometry is None:
+        raise ValueError("session has no geometry to draw: its camera was given")
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
+        ((detected, arrows), (covered, spread)) = figure.subplots(2, 2)
+        show_detection(
+            image, session.detections[best_frame(session)], session.target, detected
+        )
+        show_reprojection(session.geometry, arrows)
+        show_coverage(session.geometry, covered)
+        show_reprojection_histogram(session.geometry, spread)
+    return figure
+
+
+def light_figure(session: Session, image: FloatArray) -> Figure:
+    """Draw the evidence for a light on one page: the paper's five panels, and the frames held out.
+
+    Parameters as of `geometry_figure`; 1800 x 1000 px when saved; ValueError if the light was refused.
+    """
+    light = session.light
+    samples = session.samples
+    if light is None:
+        raise ValueError(f"session has no light to draw: {session.refused}")
+    here = samples_of(session, best_frame(session))
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
+        ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
+        plots_of_light.show_sampling(
+            image, samples[here], session.camera, sampling, used=light.used[here]
+        )
+        plots_of_light.show_light_residuals(light, residuals)
+        plots_of_light.show_fall_off(light, fall_off)
+        frames = video_frames(session)[light.frames]
+        distance = mean_distances(samples, light.frames)
+        plots_of_light.show_gains(light, gains, frames=frames, distance=distance)
+        plots_of_light.show_brdf(light, brdf, samples=samples)
+        if session.scores is None:
+            scores.set_axis_off()
+        else:
+            plots_of_light.show_scores(session.scores, scores)
+    return figure

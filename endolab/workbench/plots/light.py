@@ -1,0 +1,264 @@
+"""Figures of an endoscope's light: where it was sampled, how it falls off, gains, BRDF, scores.
+
+As in `maps`, every function draws into the axes ``ax`` it is given, or into new ones, under
+``title``, and returns the axes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
+from endolab.model.cameras import Camera
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.workbench.plots.maps import show_picture
+from endolab.workbench.plots.style import BLUE, SKY, VERMILION, decorate, house, new_axes
+
+
+def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
+    """Draw a histogram as a density, and the normal distribution of `mean` and `sigma` over it."""
+    sigma = max(sigma, 1e-9)
+    bins = np.linspace(mean - 4 * sigma, mean + 4 * sigma, 61)
+    share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
+    ax.stairs(share, bins, fill=True, color=SKY, label=label)
+    x = np.linspace(bins[0], bins[-1], 301)
+    curve = np.exp(-0.5 * ((x - mean) / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
+    ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
+    ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
+    ax.locator_params(axis="x", nbins=5)
+    ax.legend(loc="upper right", ncols=2)
+
+
+def _shade_unseen(ax: Axes, low: float, high: float) -> None:
+    """Shade the angles of 0 to 90° that are not between two."""
+    for start, end in ((0, low), (high, 90)):
+        ax.axvspan(start, end, color="0.88", lw=0, zorder=0)
+    ax.set(xlim=(0, 90), xticks=range(0, 91, 15))
+
+
+@house()
+def show_sampling(
+    image: FloatArray,
+    samples: Samples,
+    camera: Camera,
+    ax: Axes | None = None,
+    *,
+    used: BoolArray | None = None,
+    title: str = "Samples",
+) -> Axes:
+    """Show where the brightness of a frame was read.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    samples : Samples
+        Of this frame.
+    camera : Camera
+    used : (n,) bool array, optional
+        Those that counted in the fit; all by default.
+    """
+    used = np.ones(len(samples), bool) if used is None else used
+    ax = show_picture(image, ax, f"{title}: {len(samples)} in this frame")
+    pixels = camera.project(samples.points)
+    paper = samples.material == 0
+    for which, look, label in (
+        (used & paper, {"mfc": VERMILION, "mec": "white"}, "bare paper"),
+        (used & ~paper, {"mfc": BLUE, "mec": "white"}, "grey patch"),
+        (~used, {"mfc": "none", "mec": "black"}, "left out"),
+    ):
+        if which.any():
+            ax.plot(*pixels[which].T, "o", ms=5, mew=0.8, label=label, **look)  # type: ignore[arg-type]
+    if len(samples):
+        ax.legend(frameon=True)
+    return ax
+
+
+@house()
+def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
+    """Show how the residuals of the samples that counted are spread, with a Gaussian."""
+    ax = new_axes(ax)
+    values = light.residuals[light.used]
+    left_out = np.count_nonzero(~light.used)
+    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
+    title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
+    return decorate(
+        ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]"
+    )
+
+
+@house()
+def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
+    """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
+
+    Angles at which there were no samples are shaded. If the light's place was fitted, α is the
+    angle off its direction.
+    """
+    ax = new_axes(ax)
+    k = light.k
+    error = light.standard_errors["k"]
+    alpha = np.linspace(0, 90, 361)
+    cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
+    _shade_unseen(ax, *np.rad2deg(light.alpha_range))
+    ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
+    ax.plot(alpha, cosine**k, color=VERMILION, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
+    ax.fill_between(
+        alpha,
+        cosine ** (k - error),
+        cosine ** (k + error),
+        color=VERMILION,
+        alpha=0.35,
+        lw=0,
+    )
+    ax.set_ylim(0, 1.05)
+    ax.legend(loc="upper right")
+    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
+    return decorate(
+        ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis"
+    )
+
+
+@house()
+def show_gains(
+    light: PhotometricFit,
+    ax: Axes | None = None,
+    *,
+    frames: IntArray | None = None,
+    distance: FloatArray | None = None,
+) -> Axes:
+    """Show the gains, and how far away the sheet was.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+    frames : (m,) int array, optional
+        Numbers of the frames in the video; ``light.frames`` by default.
+    distance : (m,) float array, optional
+        Mean distance of each frame's samples, mm.
+    """
+    ax = new_axes(ax)
+    frames = light.frames if frames is None else frames
+    known = np.isfinite(light.gain_errors)
+    gains = np.where(known, light.gains, np.nan)
+    errors = np.where(known, light.gain_errors, np.nan)
+    ax.fill_between(
+        frames, gains - errors, gains + errors, color=VERMILION, alpha=0.35, lw=0
+    )
+    handles = ax.plot(frames, gains, color=VERMILION, marker=".", label="gain ± 1 s.e.")
+    ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
+    if distance is not None:
+        other = ax.twinx()
+        other.set_ylabel("mean distance of the sheet [mm]")
+        for each, colour in ((ax, VERMILION), (other, BLUE)):
+            each.yaxis.label.set_color(colour)
+            each.tick_params(axis="y", colors=colour)
+        handles += other.plot(
+            frames, distance, color=BLUE, lw=1.5, ls="--", label="distance"
+        )
+        other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
+    ax.legend(handles=handles, loc="upper right", ncols=2)
+    return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
+
+
+@house()
+def show_brdf(
+    light: PhotometricFit,
+    ax: Axes | None = None,
+    *,
+    samples: Samples | None = None,
+    title: str = "BRDF of the paper",
+) -> Axes:
+    """Show the BRDF at its nodes with standard errors, beside a matt surface.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+    samples : Samples, optional
+        Those of the fit; how many lie at each angle is then drawn below.
+    """
+    ax = new_axes(ax)
+    theta, relative, errors = brdf_of(light)
+    degrees = np.rad2deg(theta)
+    _shade_unseen(ax, degrees[0], degrees[-1])
+    ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
+    ax.errorbar(
+        degrees,
+        relative,
+        errors,
+        color=VERMILION,
+        marker="o",
+        capsize=3,
+        label="fitted ± 1 s.e.",
+    )
+    bottom = (relative - errors).min()
+    top = (relative + errors).max()
+    room = max(top - bottom, 0.2)
+    ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
+    if samples is not None:
+        bins = np.arange(0, 91, 3)
+        count = np.histogram(
+            np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins
+        )[0]
+        heights = 0.2 * count / max(count.max(), 1)
+        below = ax.get_xaxis_transform()
+        ax.bar(
+            bins[:-1] + 1.5,
+            heights,
+            width=2.6,
+            transform=below,
+            color=SKY,
+            alpha=0.8,
+            label="samples",
+        )
+    ax.legend(loc="upper right")
+    return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
+
+
+@house()
+def show_scores(
+    scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out"
+) -> Axes:
+    """Show by how much the light of frames that the fit has not seen differs from the model's."""
+    ax = new_axes(ax)
+    edges = np.rad2deg(scores.edges)
+    middle = (edges[1:] + edges[:-1]) / 2
+    half = np.diff(edges) / 2
+    error = 100 * scores.error
+    spread = 100 * scores.standard_error
+    known = scores.count > 0
+    ax.axhline(0, color="black", lw=1.2)
+    x, y, dy, dx = (values[known] for values in (middle, error, spread, half))
+    ax.errorbar(x, y, dy, dx, color=VERMILION, ls="none", marker="o", capsize=3)
+    sure = (
+        scores.count >= LEAST_SCORED
+    )  # a bin of a few samples must not make the others small
+    reach = 1.25 * np.max(np.abs(error[sure]) + spread[sure], initial=0.1)
+    ax.set(
+        xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=range(0, int(edges[-1]) + 1, 15)
+    )
+    below = ax.get_xaxis_transform()
+    for at, count in zip(middle[known], scores.count[known], strict=True):
+        ax.text(
+            at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below
+        )
+    what = "measured/modelled light - 1 [%]"
+    return decorate(ax, f"{title}, with samples", "angle α off the axis [°]", what)
+
+
+@house()
+def show_ridge(
+    fits: Sequence[PhotometricFit], ax: Axes | None = None, *, title: str = ""
+) -> Axes:
+    """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
+    ax = new_axes(ax)
+    gammas = [fit.photometry.gamma for fit in fits]
+    sigmas = [fit.sigma for fit in fits]
+    ks = [fit.photometry.k for fit in fits]
+    ax.plot(gammas, sigmas, "o-", color=VERMILION, label="residuals [grey levels]")
+    ax.plot(gammas, ks, "--", color=BLUE, label="k")
+    ax.set_ylim(0, 1.2 * max(*sigmas, *ks))
+    ax.legend(loc="lower right")
+    return decorate(ax, title or "What the samples know of γ", "γ", "σ of residuals, and k")

@@ -1,0 +1,366 @@
+"""Figures: a frame, its depth, normals and surface, errors and energies.
+
+Every function but the page, `overview`, draws into the axes ``ax`` it
+is given, or into new ones, under ``title``, and returns the axes. Maps are nan where unknown,
+which is shown in neutral grey; ``unit`` is that of the distances. Colours are safe for
+colour-blind readers, and axes carry units (`style`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from endolab.model.cameras import RayField
+from endolab.numerics.arrays import FloatArray
+from endolab.reconstruction.assumptions import meaning
+from endolab.solvers.energy import model_image
+from endolab.solvers.result import Iterate, Result
+from endolab.workbench.plots import style
+from endolab.workbench.plots.scales import DECIDERS, common_limit, common_limits
+from endolab.workbench.plots.surface_view import show_cloud
+
+if TYPE_CHECKING:
+    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+
+
+START = "start"  # a curve that axes do not follow: it may have spikes many times as far as all else
+# Of what a section shows: room for the word to the camera's left, and above and below for the legend.
+SPARE = np.array([[-0.25, -0.15], [0.0, 0.15]])
+NEW_LINE = "\n"
+
+
+def _draw(
+    picture: FloatArray, ax: Axes | None, title: str, **options: object
+) -> tuple[Axes, ScalarMappable]:
+    """Show a map on pixel axes."""
+    ax = style.new_axes(ax)
+    shown = ax.imshow(picture, interpolation="nearest", **options)  # type: ignore[arg-type]
+    style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(
+        style.LEFT_OUT
+    )
+    ax.locator_params(nbins=3)
+    return ax, shown
+
+
+def _diverging(
+    values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None
+) -> Axes:
+    """Show signed values, white at 0, with a colour bar."""
+    limit = common_limit([values]) if limit is None else limit
+    if not limit > 0:
+        raise ValueError(f"limit must be positive, got {limit}")
+    ax, shown = _draw(values, ax, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    style.colour_bar(ax, shown, label, "both")
+    return ax
+
+
+@style.house()
+def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Frame") -> Axes:
+    """Show a frame.
+
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) float array of stored values, clipped to [0, 1]
+    """
+    return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)[0]
+
+
+@style.house()
+def show_depth(
+    distance: FloatArray,
+    ax: Axes | None = None,
+    *,
+    unit: str = "mm",
+    limits: tuple[float, float] | None = None,
+    label: str | None = None,
+    title: str = "Distance",
+) -> Axes:
+    """Show distances with a colour bar.
+
+    Parameters
+    ----------
+    distance : (H, W) float array, in `unit`; nan where unknown
+    limits : two floats, optional
+        Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
+        need the same: see `common_limits`.
+    label : str, optional
+        Of the colour bar; "distance" and the unit by default.
+    """
+    limits = common_limits([distance]) if limits is None else limits
+    ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
+    below = bool(np.any(distance < limits[0]))
+    above = bool(np.any(distance > limits[1]))
+    extend = (("neither", "max"), ("min", "both"))[below][above]
+    style.colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
+    return ax
+
+
+@style.house()
+def show_normals(
+    normals: FloatArray, ax: Axes | None = None, title: str = "Normals"
+) -> Axes:
+    """Show normals as colours, (n + 1)/2.
+
+    Parameters
+    ----------
+    normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
+    """
+    known = np.isfinite(normals).all(axis=-1, keepdims=True)
+    return _draw(
+        np.where(known, np.clip((normals + 1) / 2, 0, 1), style.LEFT_OUT), ax, title
+    )[0]
+
+
+@style.house()
+def show_error(
+    estimate: FloatArray,
+    truth: FloatArray,
+    ax: Axes | None = None,
+    *,
+    limit: float | None = None,
+    label: str = "error [%]",
+    title: str = "Error",
+) -> Axes:
+    """Show estimate - truth in per cent of the truth: red is too far, blue too near.
+
+    Parameters
+    ----------
+    estimate, truth : (H, W) float array, distances of one unit; nan where unknown
+    limit : float, optional
+        End of the colour bar; the 98th percentile of the absolute error by default.
+    label : str, optional
+        Of the colour bar.
+    """
+    return _diverging(100 * (estimate - truth) / truth, ax, title, label, limit)
+
+
+@style.house()
+def show_sigma(
+    percent: FloatArray,
+    ax: Axes | None = None,
+    *,
+    limit: float | None = None,
+    title: str = "Uncertainty: σ",
+) -> Axes:
+    """Show σ of the distance with a colour bar; dark is certain.
+
+    Parameters
+    ----------
+    percent : (H, W) float array, 100 σ/d; nan where unknown
+    limit : float, optional
+        Upper end of the colour bar, %; the 98th percentile by default.
+    """
+    known = percent[np.isfinite(percent)]
+    most = (
+        (float(np.percentile(known, 98)) if known.size else 0.0) if limit is None else limit
+    )
+    most = most if most > 0 else 1.0
+    ax, shown = _draw(percent, ax, title, cmap="magma", vmin=0.0, vmax=most)
+    style.colour_bar(
+        ax, shown, "σ of the distance [%]", "max" if np.any(known > most) else "neither"
+    )
+    return ax
+
+
+@style.house()
+def show_dominant_source(
+    dominant_source: np.ndarray, ax: Axes | None = None, *, title: str = "Who decided"
+) -> Axes:
+    """Show who decided each pixel, with how many of them each decided.
+
+    Parameters
+    ----------
+    dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
+    """
+    colours = np.array([(0, 0, 0), *DECIDERS.values()]) / 255
+    picture = np.where(
+        (dominant_source > 0)[..., None], colours[dominant_source], style.LEFT_OUT
+    )
+    ax = _draw(picture, ax, title)[0]
+    inside = max(int((dominant_source > 0).sum()), 1)
+    patches = []
+    for k, name in enumerate(DECIDERS, 1):
+        share = 100 * float((dominant_source == k).sum()) / inside
+        lines = f"{name.replace(' or ', NEW_LINE + 'or ')}{NEW_LINE}{share:.0f} %"
+        patches.append(Patch(color=colours[k], label=lines))
+    # Where colour bars are: on the map it would hide what it names.
+    ax.legend(
+        handles=patches,
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        handlelength=1.0,
+        labelspacing=1.0,
+    )
+    return ax
+
+
+@style.house()
+def show_section(
+    distances: Mapping[str, FloatArray],
+    field: RayField,
+    ax: Axes | None = None,
+    *,
+    row: int | None = None,
+    column: int | None = None,
+    unit: str = "mm",
+    title: str | None = None,
+) -> Axes:
+    """Show where a row or column of the picture cuts surfaces, seen from the side.
+
+    Parameters
+    ----------
+    distances : mapping of str to (H, W) float array, in `unit`
+        The surfaces by name; "truth", "start" and "estimate" have colours of their own.
+    field : RayField
+        Of the camera.
+    row, column : int, optional
+        Which; the middle column by default.
+    """
+    if row is not None and column is not None:
+        raise ValueError("choose a row or a column, not both")
+    if row is None and column is None:
+        column = field.shape[1] // 2
+    ax = style.new_axes(ax)
+    across, name = (1, f"column {column}") if row is None else (0, f"row {row}")
+    others = iter(style.OTHERS * len(distances))
+    followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
+    for label, distance in distances.items():
+        surface = distance[..., None] * field.rays
+        points = (surface[:, column] if row is None else surface[row])[:, [2, across]]
+        colour = style.LINES[label] if label in style.LINES else next(others)
+        ax.plot(*points.T, color=colour, lw=1.8, label=label)
+        if label != START or len(distances) == 1:
+            followed.append(points[np.isfinite(points).all(axis=1)])
+    ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
+    # To its left, where no wall is in view.
+    ax.annotate(
+        "camera",
+        (0, 0),
+        xytext=(-8, 0),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+    )
+    title = f"Section along {name}" if title is None else title
+    style.decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
+    low, high = (edge(np.concatenate(followed), axis=0) for edge in (np.min, np.max))
+    ax.dataLim.set_points(np.stack([low, high]) + SPARE * (high - low))
+    ax.autoscale_view()
+    ax.set_aspect("equal", adjustable="datalim")
+    if across == 1 and not ax.yaxis_inverted():
+        ax.invert_yaxis()  # as in the picture, y points down
+    ax.legend(loc="best")
+    return ax
+
+
+@style.house()
+def show_history(
+    history: Sequence[Mapping[str, float]], ax: Axes | None = None, title: str = "Energy"
+) -> Axes:
+    """Show energy and terms against the iteration, on a logarithmic axis.
+
+    Parameters
+    ----------
+    history : sequence of mappings: k, energy and its terms, as in `Result.history`
+    """
+    ax = style.new_axes(ax)
+    k = [entry["k"] for entry in history]
+    lines = (
+        ("energy", "black", "-"),
+        ("data", style.BLUE, "--"),
+        ("regulariser", style.VERMILION, ":"),
+    )
+    for name, colour, dashes in lines:
+        values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
+        # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
+        if np.any(values > 0):
+            ax.plot(
+                k,
+                np.where(values > 0, values, np.nan),
+                dashes,
+                color=colour,
+                lw=2,
+                label=name,
+            )
+    style.decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend()
+    return ax
+
+
+def overview(
+    shown: Result | Iterate,
+    picture: FloatArray | None = None,
+    truth: FloatArray | None = None,
+    uncertainty: Uncertainty | None = None,
+) -> Figure:
+    """Draw everything about a result on one page.
+
+    Parameters
+    ----------
+    shown : Result or Iterate
+    picture : (H, W) or (H, W, 3) float array, optional
+        The frame as it looked; the problem's own by default.
+    truth : (H, W) float array, optional
+        True distance, mm. Where the result has no unit, the truth takes the result's scale.
+    uncertainty : Uncertainty, optional
+        How far it can be trusted: two panels more.
+
+    Returns
+    -------
+    Figure
+        1600 x 900 px when saved, 2100 x 900 px with uncertainty. It is not one of pyplot's: nothing to close.
+    """
+    iterate = shown.iterate if isinstance(shown, Result) else shown
+    problem = iterate.problem
+    unit = iterate.problem.unit
+    picture = problem.shown if picture is None else picture
+    residual = model_image(problem, iterate.log_distance) - problem.image
+    middle = problem.mask.shape[1] // 2
+    curves = {"start": np.exp(np.where(problem.mask, problem.log_d0, np.nan))}
+    curves["estimate"] = iterate.distance
+    if truth is not None:
+        scale = (
+            1.0
+            if problem.metric
+            else np.nanmedian((iterate.distance / truth)[problem.mask])
+        )
+        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+    words = [
+        f"λ {problem.lam:g}, {problem.regulariser}",
+        f"iteration {iterate.k}",
+        f"energy {iterate.energy:.4g}",
+    ]
+    if channel := iterate.provenance.channel:
+        words.insert(0, f"channel {channel}")
+    if isinstance(shown, Result):
+        words.insert(0, shown.status.value.rstrip("."))
+    if not problem.metric:
+        words.append("relative units")
+    with style.house(style.PAGE_SIZE):
+        figure = Figure(
+            figsize=(16 if uncertainty is None else 21, 9), dpi=100, layout="constrained"
+        )
+        panels = figure.subplots(2, 3 if uncertainty is None else 4)
+        show_picture(picture, panels[0, 0])
+        show_depth(iterate.distance, panels[0, 1], unit=unit)
+        show_normals(iterate.normals, panels[0, 2])
+        show_cloud(iterate.points, picture, panels[1, 0], unit=unit)
+        show_section(curves, problem.field, panels[1, 1], column=middle, unit=unit)
+        _diverging(
+            255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None
+        )
+        if uncertainty is not None:
+            show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
+            show_dominant_source(uncertainty.dominant_source, panels[1, 3])
+        figure.suptitle("  ·  ".join(words), fontsize=15)
+        figure.supxlabel(meaning(shown)[0], fontsize=13)
+    return figure

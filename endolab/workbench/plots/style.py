@@ -1,0 +1,140 @@
+"""The house style of figures: colours, sizes, axes with units, colour bars, scale bars.
+
+Colours are safe for colour-blind readers (Okabe and Ito's), text is large enough to be read at
+half the figure's size, and paper is white and opaque, so that a figure looks the same on a dark
+page. Where a caller's axes lie on a dark figure, what is drawn inside them still lies on white
+paper, and what is written outside them keeps the caller's ink.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import matplotlib
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
+
+from endolab.workbench.plots.scales import round_length
+
+LEFT_OUT = (0.72, 0.72, 0.72)
+BACKDROP = (0.09, 0.10, 0.12)  # of a surface in space
+PAPER = "white"
+VERMILION = "#D55E00"
+SKY = "#56B4E9"
+BLUE = "#0072B2"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+ORANGE = "#E69F00"
+# The truth is black, as a reference should be.
+LINES = {"truth": "black", "start": SKY, "estimate": VERMILION}
+OTHERS = (GREEN, PURPLE, ORANGE, BLUE)
+SIZE = 12.0  # points; at 100 dots per inch 17 px, and 8 at half size
+PAGE_SIZE = 13.0  # of pages of many panels, which are shown smaller
+
+STYLE: Any = {
+    **dict.fromkeys(("figure.facecolor", "axes.facecolor"), PAPER),
+    **dict.fromkeys(
+        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"),
+        "black",
+    ),
+    **dict.fromkeys(
+        ("axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize"),
+        "medium",
+    ),
+    **dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), "inherit"),
+    "axes.titlesize": "large",
+    "axes.titleweight": "bold",
+    "axes.prop_cycle": cycler(color=(BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)),
+    "legend.frameon": False,
+    "savefig.facecolor": "auto",
+    "savefig.transparent": False,
+    "grid.alpha": 0.3,
+    "grid.color": "0.5",
+    "lines.linewidth": 1.8,
+}
+_SIZE: ContextVar[float | None] = ContextVar("size", default=None)
+
+
+@contextmanager
+def house(size: float = SIZE) -> Iterator[None]:
+    """Draw in the house style, with text of that many points; also a decorator, ``@house()``.
+
+    Within a page that has chosen its own size, that one stays.
+    """
+    if _SIZE.get() is not None:
+        yield
+        return
+    token = _SIZE.set(size)
+    try:
+        with matplotlib.rc_context(STYLE | {"font.size": size}):
+            yield
+    finally:
+        _SIZE.reset(token)
+
+
+def use(size: float = SIZE) -> None:
+    """Give the house style to all that pyplot draws from now on."""
+    matplotlib.rcParams.update(STYLE | {"font.size": size})
+
+
+def new_axes(ax: Axes | None) -> Axes:
+    """Return the axes, or those of a new figure."""
+    if ax is None:
+        from matplotlib import pyplot  # of which pages have no need
+
+        ax = pyplot.subplots(layout="constrained")[1]
+    return ax
+
+
+def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
+    """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit]."""
+    ax.set_facecolor(PAPER)
+    ax.set_title(title)
+    ax.set_xlabel(x, size=matplotlib.rcParams["axes.labelsize"])
+    ax.set_ylabel(y, size=matplotlib.rcParams["axes.labelsize"])
+    ax.tick_params(which="both", labelsize=matplotlib.rcParams["xtick.labelsize"])
+    if grid:
+        ax.grid(
+            True,
+            alpha=matplotlib.rcParams["grid.alpha"],
+            color=matplotlib.rcParams["grid.color"],
+        )
+    return ax
+
+
+def colour_bar(
+    ax: Axes, shown: ScalarMappable, label: str, extend: str = "neither"
+) -> Colorbar:
+    """Put a colour bar beside a picture, as high as the picture; `extend` says which ends are exceeded."""
+    # An inset is as high as the picture; a bar beside the axes is as high as their slot.
+    bar = ax.figure.colorbar(
+        shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend
+    )
+    bar.ax.locator_params(nbins=5)
+    ink = (
+        ax.yaxis.label.get_color()
+    )  # the bar lies outside the axes, on the figure's colour
+    bar.ax.yaxis.label.set_color(ink)
+    bar.ax.tick_params(colors=ink)
+    bar.outline.set_edgecolor(ink)
+    return bar
+
+
+def scale_bar(ax: Axes, width: float, unit: str) -> None:
+    """Draw a bar of a round length, about a quarter of the width, in the lower left corner."""
+    length = round_length(width / 4)
+    bar = AnchoredSizeBar(
+        ax.transData,
+        length,
+        f"{length:g} {unit}",
+        "lower left",
+        frameon=False,
+        color="white",
+        pad=0.8,
+        sep=4,
+    )
+    ax.add_artist(bar)

@@ -1,0 +1,129 @@
+"""Recordings on screen: the Rerun viewer below a notebook's cell, beside it, or else a picture.
+
+The viewer in the notebook is a web page that needs WebGL. Its program is served by this machine,
+so it needs no network.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from endolab.io.atomic import PathLike
+from endolab.workbench.recording.reader import Recording, read_recording
+from endolab.workbench.recording.viewer import (
+    HEIGHT,
+    front_end,
+    notebook_viewer,
+    start_viewer,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from endolab.workbench.recording.recorder import Comparison, Recorder
+
+
+def show(
+    recording: PathLike | Recorder | Comparison,
+    *,
+    native: bool = False,
+    height: int = HEIGHT,
+) -> None:
+    """Show a recording: below the cell, or in the native viewer.
+
+    Where neither works there is a picture of the run's end instead, and a sentence that says why.
+
+    Parameters
+    ----------
+    recording : path, or closed Recorder or Comparison
+        The ``.rrd`` file.
+    native : bool
+        Open the native viewer, beside the notebook.
+    height : int
+        Of the viewer below the cell, px.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        In one sentence, if there is no such recording or it cannot be read.
+    """
+    path = recording if isinstance(recording, str | os.PathLike) else recording.path
+    if path is None:
+        raise ValueError(
+            "that run went to a viewer, not to a file: there is nothing to show"
+        )
+    if height < 100:
+        raise ValueError(f"height must be at least 100 px, got {height}")
+    kept = read_recording(path)
+    if native:
+        try:
+            start_viewer(kept.path)
+            return
+        except OSError as error:
+            why = str(error)
+            why = (
+                "The native viewer needs a screen, and there is none"
+                if "screen" in why
+                else why
+            )
+    elif front_end():
+        _embed(kept.path, height)
+        return
+    else:
+        why = "Nobody is there to show the viewer to"
+    print(
+        f"{why}: here is how the run ended. Elsewhere, `rerun {kept.path.name}` opens the recording."
+    )
+    if kept.runs:
+        _display(picture_of(kept))
+
+
+def _display(figure: Figure) -> None:
+    from IPython.display import Image, display
+
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    if "ipykernel" in sys.modules:
+        display(Image(content.getvalue()))
+
+
+def _embed(path: Path, height: int) -> None:
+    from IPython.display import display
+    from ipywidgets import HTML, VBox
+
+    viewer = notebook_viewer().Viewer(width="auto", height=height)
+    viewer.send_rrd(path.read_bytes())  # waits until the page is ready
+    hint = HTML(
+        "<small>Empty? The viewer needs a browser with WebGL 2, and a kernel on this machine; "
+        f"<code>show(…, native=True)</code> or <code>rerun {path.name}</code> opens it outside.</small>"
+    )
+    display(VBox([viewer, hint]))
+
+
+def picture_of(recording: Recording) -> Figure:
+    """Draw how a recording's runs ended; a row for each: distance, normals, and the way of its energy."""
+    from matplotlib.figure import Figure
+
+    from endolab.workbench import plots
+
+    runs = recording.runs
+    if not runs:
+        raise ValueError(f"{recording.path} holds no reconstruction")
+    figure = Figure(figsize=(13, 3.6 * len(runs)), dpi=100, layout="constrained")
+    limits = plots.common_limits([run.depth() for run in runs.values()])
+    axes = figure.subplots(len(runs), 3, squeeze=False)
+    for (depth, facing, energy), (name, run) in zip(axes, runs.items(), strict=True):
+        title = f"{name.replace('_', ' ') or 'Distance'}, iteration {run.pictured[-1]}"
+        plots.show_depth(run.depth(), depth, unit=run.unit, limits=limits, title=title)
+        plots.show_normals(run.normals(), facing)
+        names = list(run.scalars)
+        history = [
+            {"k": row["iteration"], **{name: row[name] for name in names}}
+            for row in run.table()
+        ]
+        plots.show_history(history, energy)
+    return figure

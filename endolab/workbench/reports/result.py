@@ -1,0 +1,172 @@
+"""A result as a folder of files."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
+from endolab.io.images import write_figure
+from endolab.io.surfaces import save_depth, write_cloud, write_mesh
+from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.mesh import make_mesh
+from endolab.reconstruction.plausible import warnings
+from endolab.reconstruction.scale import scale_of
+from endolab.solvers.result import Result
+from endolab.workbench.plots.maps import overview
+from endolab.workbench.plots.preparation import prepare_figure
+from endolab.workbench.plots.scales import DECIDERS, in_colour
+
+if TYPE_CHECKING:
+    from endolab.frames.prepare import Prepared
+    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+
+
+def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, Any]:
+    """What `report.json` holds: status, energy, settings, the range of distances and what they mean.
+
+    `uncertainty` tells how far the distances can be trusted.
+    """
+    known = result.distance[result.mask]
+    photometry = result.problem.photometry
+    return {
+        "endolab": 1,
+        "status": result.status.name,
+        "ended": result.status.value,
+        "iterations": result.iterations,
+        "energy": result.energy,
+        "terms": dict(result.iterate.terms),
+        "seconds": result.seconds,
+        "stages": [asdict(stage) for stage in result.stages],
+        "unit": result.problem.unit,
+        "metric": result.metric,
+        "scale": scale_of(result),
+        "meaning": list(meaning(result)),
+        "warnings": list(warnings(result)),
+        "distance": {
+            "median": float(np.median(known)),
+            "least": float(known.min()),
+            "greatest": float(known.max()),
+        },
+        **(
+            {}
+            if uncertainty is None
+            else {"uncertainty": summarise_uncertainty(result, uncertainty)}
+        ),
+        "pixels": int(known.size),
+        "photometry": {
+            "k": photometry.k,
+            "gamma": photometry.gamma,
+            "gain": photometry.gain,
+        },
+        "settings": result.provenance.settings,
+    }
+
+
+def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
+    """Sum a `Uncertainty` up in numbers, in % of the distance; of pixels, percentiles and medians."""
+    inside = result.mask
+    low, middle, high = np.percentile(
+        100 * (uncertainty.sigma / result.distance)[inside], [10, 50, 90]
+    )
+    decided = uncertainty.dominant_source[inside]
+    return {
+        "sigma_percent": {"10th": float(low), "median": float(middle), "90th": float(high)},
+        "sigma_shape_percent": float(
+            np.median(100 * (uncertainty.sigma_shape / result.distance)[inside])
+        ),
+        "sigma_scale_percent": 100 * uncertainty.sigma_scale,
+        "dominant_source": {
+            name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)
+        },
+        "causes_percent": {
+            name: float(100 * np.median(a[inside]))
+            for name, a in uncertainty.causes.items()
+        },
+        "scale_causes_percent": {
+            name: 100 * value for name, value in uncertainty.scales.items()
+        },
+        "draws": uncertainty.draws,
+        "status": uncertainty.status.name,
+        "notes": list(uncertainty.notes),
+    }
+
+
+def save_result(
+    result: Result,
+    folder: PathLike,
+    *,
+    mesh: bool = False,
+    prepared: Prepared | None = None,
+    uncertainty: Uncertainty | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
+
+    Parameters
+    ----------
+    result : Result
+    folder : path
+        Made if need be. Either all files are written or none.
+    mesh : bool
+        Whether to write `mesh.ply`, torn at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
+        whose colours show σ.
+    prepared : Prepared, optional
+        What `endolab.prepare` came to, to be drawn in `preparation.png`.
+    uncertainty : Uncertainty, optional
+        What `endolab.uncertainty_of` has found, for `depth.npz`, `report.json` and `overview.png`.
+    overwrite : bool
+        Whether to write into a folder that holds files of others, and replace them.
+
+    Raises
+    ------
+    OSError
+        In one sentence, if they cannot be written or the folder holds files of others.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> el.save_result(el.reconstruct(sample.frame, sample.calibration, width=96, channel="green"), "out")
+    >>> from pathlib import Path
+    >>> sorted(path.name for path in Path("out").iterdir())
+    ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
+    """
+    with stage_folder(folder, overwrite=overwrite) as staging:
+        write_files(result, staging, mesh=mesh, prepared=prepared, uncertainty=uncertainty)
+
+
+def write_files(
+    result: Result,
+    folder: Path,
+    *,
+    mesh: bool = False,
+    prepared: Prepared | None = None,
+    uncertainty: Uncertainty | None = None,
+) -> None:
+    """Write the files of a result into a folder that is there; parameters as of `save_result`."""
+    inside = result.mask
+    colours = in_colour(result.problem.shown)[inside]
+    # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
+    with ThreadPoolExecutor(1) as pool:
+        depth = pool.submit(
+            save_depth, folder / "depth.npz", result, result.metric, uncertainty
+        )
+        write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
+        if prepared is not None:
+            write_figure(folder / "preparation.png", prepare_figure(prepared, result))
+        write_cloud(
+            folder / "cloud.ply", result.points[inside], result.normals[inside], colours
+        )
+        if mesh:
+            write_mesh(folder / "mesh.ply", make_mesh(result))
+        if mesh and uncertainty is not None:
+            write_mesh(
+                folder / "mesh_uncertainty.ply", make_mesh(result, sigma=uncertainty.sigma)
+            )
+        depth.result()
+    write_atomically(folder / "report.json", as_json(report(result, uncertainty)))

@@ -1,0 +1,58 @@
+"""What the tuner says of an answer: one line, and sentences that warn."""
+
+import numpy as np
+
+from endolab.workbench.tuning.engine import FINAL, Answer
+from endolab.workbench.tuning.panels import differs_by_lam
+
+APART = 1.0  # %; two surfaces that differ by more are not the same
+FLAT = 5.0  # %; a surface with less relief is nearly a sphere, or a plane
+TORN_ELSEWHERE = 0.1  # share of the torn steps by which contours may change without a word
+
+
+def summary(answer: Answer) -> str:
+    """Say in one line how an answer came about."""
+    settings = answer.settings
+    result = answer.result
+    auto = " (auto)" if settings.regulariser == "auto" else ""
+    ended = (
+        result.status.name.lower().replace("_", " ")
+        if answer.stage == FINAL
+        else answer.stage
+    )
+    parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
+    parts += [f"{answer.torn:,} px torn"] if answer.torn else []
+    parts += [ended, f"{answer.seconds:.1f} s"]
+    parts += (
+        [] if answer.median_error is None else [f"median error {answer.median_error:.2f} %"]
+    )
+    return " · ".join(parts)
+
+
+def warnings(answer: Answer, before: Answer | None) -> list[str]:
+    """Say in a sentence each what should be known before an answer is believed; `before` is the last one."""
+    if answer.stage != FINAL:
+        return []
+    sentences = []
+    sphere, plane = answer.relief
+    if min(sphere, plane) < FLAT:
+        shape = "a sphere around the camera" if sphere < plane else "a plane"
+        sentences.append(
+            f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %."
+        )
+    if before is not None and differs_by_lam(before.settings, answer.settings):
+        most = max(before.torn, answer.torn)
+        if abs(before.torn - answer.torn) > TORN_ELSEWHERE * most:
+            sentences.append(
+                f"Contours changed with λ: {before.torn:,} px were torn at λ {before.settings.lam:.2g}, "
+                f"and {answer.torn:,} are now."
+            )
+    if answer.change is not None:
+        size = np.abs(answer.change[np.isfinite(answer.change)])
+        if size.size and size.max() > APART:
+            share = 100 * float(np.mean(size > APART))
+            sentences.append(
+                f"A solve that starts from the last answer ends elsewhere: {share:.2g} % of the pixels "
+                f"differ by more than {APART:g} %, one by {size.max():.3g} %."
+            )
+    return sentences

@@ -1,0 +1,636 @@
+"""The tuner: knobs under a hand, the surface under its eyes.
+
+`tune` makes a widget for JupyterLab. Its `engine` solves in a thread of its own; pictures are drawn
+and sent from there, so that neither a slow solve nor a running cell freezes the page. There is one answer,
+`TunerBox.answer`, that all which is shown, written and exported is of.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import anywidget
+import ipywidgets as w
+import numpy as np
+import traitlets as t
+
+from endolab.frames.frame import Frame
+from endolab.io import datasets
+from endolab.io.atomic import stage_folder, write_atomically
+from endolab.io.images import read_frame
+from endolab.io.settings import write_settings
+from endolab.model.endoscope import Calibration
+from endolab.model.schema import unknown_name
+from endolab.numerics.arrays import FloatArray
+from endolab.synthetic.scenes import SCENES
+from endolab.workbench.reports.result import write_files
+from endolab.workbench.tuning.boards import Board, comparable, of_one, of_several, of_two
+from endolab.workbench.tuning.controls import knob_specs
+from endolab.workbench.tuning.engine import FINAL, Answer, Tuner, sentence_of
+from endolab.workbench.tuning.panels import NEED_UNCERTAINTY, PANELS, USUAL, Dot, View
+from endolab.workbench.tuning.pictures import jpeg, png
+from endolab.workbench.tuning.sentences import summary, warnings
+from endolab.workbench.tuning.source import Knobs
+from endolab.workbench.tuning.surface_view import SurfaceView, show_on
+
+HERE = Path(__file__).parent
+IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
+WIDTHS = (160, 320, 480, 640)  # px, to choose among
+VIEWS = {
+    "section": 50.0,
+    "across": False,
+    "texture": "frame",
+}  # change what is seen and not what is solved
+# what is shown, if A is kept
+A = "A"
+B = "B"
+BESIDE = "A beside B"
+LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
+REMEMBERED = 12  # final answers that come back without a solve
+MOST_DOTS = 200
+CLICK_RADIUS = 12  # px around a dot in which a click takes it
+ROOM = (1176.0, 620.0)  # px, before the page tells its own
+# px; height over width
+LEAST_ROOM = (420.0, 300.0)
+TALLEST = 0.75
+# px: of letters, and of a page that has larger ones
+TEXT = 12
+LARGE_TEXT = 14
+LARGE = 1500.0
+# What the page may ask for, each a method.
+ACTIONS = {
+    "undo",
+    "reset",
+    "keep",
+    "drop",
+    "show",
+    "blink",
+    "compare",
+    "find_uncertainty",
+    "export_aside",
+}
+ACTIONS |= {"step", "choose", "measure", "press"}
+
+
+def tune(
+    frame: Frame | None = None,
+    calibration: Calibration | None = None,
+    truth: FloatArray | None = None,
+    scene: str = "colon",
+    width: int = 320,
+) -> TunerBox:
+    """Make the tuner, a widget for the last line of a cell: sliders and choices, and linked panels.
+
+    Parameters
+    ----------
+    frame : Frame, optional
+        To look at; without one, a scene is rendered.
+    calibration : Calibration, optional
+        Of the frame; scenes are rendered by it. The paper's endoscope by default.
+    truth : (H, W) float array, optional
+        True distance of the frame, mm; nan where unknown.
+    scene : {"plane", "curved", "tube", "colon"}
+        To begin with if there is no frame.
+    width : int
+        Columns to begin with, px.
+
+    Returns
+    -------
+    TunerBox
+        The widget; `box.answer` is what is on the screen.
+
+    Raises
+    ------
+    ValueError
+        If frame, calibration and truth do not go together, or if there is no such scene.
+    """
+    for name, given, kind in (
+        ("frame", frame, Frame),
+        ("calibration", calibration, Calibration),
+    ):
+        if given is not None and not isinstance(given, kind):
+            raise ValueError(f"{name} must be an endolab {kind.__name__}, got {given!r}")
+    if not isinstance(scene, str) or scene not in SCENES:
+        raise unknown_name("scene", scene, SCENES)
+    if not isinstance(width, int) or width < 1:
+        raise ValueError(f"width must be a whole number of pixels, got {width!r}")
+    truth = None if truth is None else np.asarray(truth)
+    return TunerBox(
+        frame, calibration or datasets.load_calibration("paper"), truth, scene, width
+    )
+
+
+class TunerBox(anywidget.AnyWidget):
+    """The tuner's widget; `tune` makes it.
+
+    `engine` solves what `knobs` say, of which a dict can be set. `now` is the last answer, B if A was kept,
+    `kept` is A, and `answer` the one of them that is shown. `pictures` are frames to choose among, of which
+    `frame` is the first.
+    """
+
+    _esm = HERE / "tuner.js"
+    _css = HERE / "tuner.css"
+    specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
+    knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
+    line: t.Dict[str, Any] = t.Dict().tag(
+        sync=True
+    )  # "text", "warnings", and whether it is "wrong"
+    code = t.Unicode().tag(sync=True)
+    shows = t.Unicode().tag(sync=True)  # A, B or both, if A is kept
+    compared = t.Unicode().tag(sync=True)  # the knob whose values stand in columns
+    surface: t.Instance[SurfaceView] = t.Instance(SurfaceView).tag(
+        sync=True, **w.widget_serialization
+    )
+    # The board: a JPEG; its width and height in px of the screen, and how many of these a px of the page has;
+    # of each panel its "box", the "spot" of its map or None, both in shares of the board, and its "name".
+    picture = t.Bytes().tag(sync=True)
+    size: t.List[Any] = t.List([0, 0, 1]).tag(sync=True)
+    cells: t.List[Any] = t.List().tag(sync=True)
+    choices: t.List[str] = t.List().tag(sync=True)  # what panels can show
+    cursor_texts: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
+    # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
+    hover: t.List[float] = t.List().tag(sync=True)
+    drag: t.List[float] = t.List().tag(sync=True)
+
+    def __init__(
+        self,
+        frame: Frame | None,
+        calibration: Calibration,
+        truth: FloatArray | None = None,
+        scene: str = "colon",
+        width: int = 320,
+        pictures: Sequence[Path] = (),
+    ) -> None:
+        self.now: Answer | None = None
+        self.kept: Answer | None = None
+        self.columns: list[tuple[str, Answer | None]] = []  # answers that are compared
+        self.visited: list[Knobs] = []  # for undo
+        self.dots: list[Dot] = []
+        self.names = list(USUAL)  # of the panels
+        self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
+        self.frame = 0  # which of `pictures` is looked at
+        self._last: Answer | None = None  # the last final answer, ...
+        self._before: Answer | None = None  # ... and the one before it
+        self._wish: Knobs | None = None  # the last one
+        self._calibration = calibration
+        self._pictures = list(pictures)
+        # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
+        self._lock = threading.RLock()
+        self._word: dict[str, Any] = {}  # on what was done last, until something else is
+        self._room = ROOM
+        self._ratio = 1.0
+        self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
+        names = [path.name for path in self._pictures] or (
+            [frame.name] if frame is not None else []
+        )
+        scenes = [
+            *((name, i) for i, name in enumerate(names)),
+            *((name, name) for name in SCENES),
+        ]
+        start = Knobs(
+            scene=None if names else scene, width=width, channel="auto" if names else None
+        )
+        self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
+        light = calibration.photometry
+        known: dict[str, dict[str, Any]] = {
+            "scene": {"options": scenes},
+            "width": {"options": sorted({*WIDTHS, width})},
+        }
+        known |= {
+            "k": {"first": light.k},
+            "gamma": {"first": light.gamma},
+        }  # what None stands for
+        specs = [{**spec, **known.get(spec["name"], {})} for spec in knob_specs()]
+        super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
+        self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))
+        self.observe(self._guard(self._follow_knobs), "knobs")
+        self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
+        self.observe(self._guard(lambda change: self._cut(*change["new"])), "drag")
+        self.ask()
+
+    def set_state(self, sync_data: dict[str, Any]) -> None:
+        """Hear what the page says, not while several things are being sent: part of them would be lost."""
+        with self._lock:
+            super().set_state(sync_data)
+
+    def _guard(self, action: Callable[..., object]) -> Callable[..., None]:
+        """Say what goes wrong in the status line."""
+
+        def guarded(*given: Any) -> None:
+            try:
+                with self._lock:
+                    action(*given)
+            except Exception as error:
+                self._refuse(sentence_of(error))
+
+        return guarded
+
+    def _act(self, name: str, *given: Any) -> None:
+        if name not in ACTIONS:
+            raise ValueError(f"there is no action {name!r}")
+        getattr(self, name)(*given)
+
+    # What is solved ----------------------------------------------------------------------
+
+    @property
+    def answer(self) -> Answer | None:
+        """The one answer that is shown."""
+        return self.kept if self.shows == A else self.now
+
+    def settings(self) -> Knobs:
+        """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
+        values: dict[str, Any] = {
+            name: self.knobs[name] for name in self.knobs if name not in VIEWS
+        }
+        values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
+        if isinstance(values["albedo"], list):
+            values["albedo"] = tuple(values["albedo"])
+        return Knobs(**values)
+
+    def ask(self) -> None:
+        """Ask the engine for what the knobs say; returns at once."""
+        self._wish = self.settings()
+        self._leave_comparison()
+        self.engine.ask(self._wish)
+
+    def _follow_knobs(self, change: dict[str, Any]) -> None:
+        """Follow the knobs."""
+        old = change["old"]
+        scene = self.knobs["scene"]
+        if self._pictures and isinstance(scene, int) and scene != self.frame:
+            self._open(scene)
+        if self.settings() != self._wish:
+            self.ask()
+        elif self._word or any(self.knobs[name] != old[name] for name in VIEWS):
+            self._word = {}
+            self._show()
+
+    def _set_knobs(self, settings: Knobs) -> None:
+        """Have the knobs say what settings do, and ask for nothing; which frame is looked at stays."""
+        self._wish = settings
+        scene = self.frame if settings.scene is None else settings.scene
+        self.knobs = self.knobs | vars(settings) | {"scene": scene}
+
+    def _open(self, index: int) -> None:
+        """Look at another frame; one that cannot be used is passed by with a sentence, and the last stays."""
+        try:
+            frame = read_frame(self._pictures[index], self._calibration)
+        except (OSError, ValueError, MemoryError) as error:
+            self.knobs = self.knobs | {"scene": self.frame}
+            raise ValueError(
+                f"{sentence_of(error)}: the frame before is still shown"
+            ) from error
+        self.engine.use(self._calibration, frame)
+        self.frame = index
+        self.visited = []
+        self.dots = []
+        self._last = None
+        self._wish = None
+        self.drop()
+
+    def step(self, by: int) -> None:
+        """Look at the next frame, or the one before."""
+        index = min(max(self.frame + by, 0), len(self._pictures) - 1)
+        self.knobs = self.knobs | {"scene": max(index, 0)} if self._pictures else self.knobs
+
+    def _take(self, answer: Answer) -> None:
+        """Show an answer; in the engine's thread."""
+        self._guard(self._show_answer)(answer)
+
+    def _show_answer(self, answer: Answer) -> None:
+        self._word = {}
+        if (
+            answer.uncertainty is not None
+        ):  # in place of the one of the same settings, of which less was known
+            both = (self.kept, self.now)
+            is_it = [held is not None and held.result is answer.result for held in both]
+            self.kept, self.now = (
+                answer if it else held for it, held in zip(is_it, both, strict=True)
+            )
+        else:
+            self.now = answer
+            if answer.stage == FINAL:
+                self._before = self._last
+                self._last = answer
+                self._visit(answer.settings)
+                self._dot(answer, answer)
+        self._show()
+
+    def _visit(self, settings: Knobs) -> None:
+        if self.visited[-1:] != [settings]:
+            self.visited.append(settings)
+
+    def _dot(self, answer: Answer, kept: Answer | None) -> None:
+        """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
+        settings = answer.settings
+        others = [dot for dot in self.dots if dot.settings != settings][-MOST_DOTS:]
+        forgotten = [replace(dot, answer=None) for dot in others[:-REMEMBERED]]
+        new = Dot(kept, settings, answer.data, answer.roughness)
+        self.dots = [*forgotten, *others[-REMEMBERED:], new]
+
+    def bring_back(self, settings: Knobs) -> None:
+        """Show the answer of these settings, if it is remembered, or else ask for it."""
+        self._set_knobs(settings)
+        known = next((dot.answer for dot in self.dots if dot.settings == settings), None)
+        if known is None:
+            self.ask()
+            return
+        self.engine.recall(known)
+        self._before = None
+        self._last = known
+        self.now = known
+        self._word = {}
+        self._visit(settings)
+        self._leave_comparison()
+        self._show()
+
+    def undo(self) -> None:
+        """Go back to the answer before."""
+        if self.visited and self.settings() == self.visited[-1]:
+            self.visited.pop()
+        if self.visited:
+            self.bring_back(self.visited[-1])
+
+    def reset(self) -> None:
+        """All knobs as they were at first."""
+        self.knobs = self._first | ({"scene": self.frame} if self._pictures else {})
+
+    def find_uncertainty(self) -> None:
+        """Find how far the answer that is shown can be trusted."""
+        self.engine.find_uncertainty(self._final())
+        self._tell("finding σ ...")
+
+    def _final(self) -> Answer:
+        if self.answer is None or self.answer.stage != FINAL:
+            raise ValueError("the last answer is still to come")
+        return self.answer
+
+    # What is compared --------------------------------------------------------------------
+
+    def compare(self, what: str) -> None:
+        """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
+        self.columns = []
+        self.compared = ""
+        if not what:
+            self._show()
+            return
+        now = self._final()
+        values: list[Any] = [
+            "first",
+            "second",
+            *(["curvature"] if now.settings.xi == "1/d" else []),
+        ]
+        if what == "lam":
+            values = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
+        labels = [f"λ {value:g}" if what == "lam" else value for value in values]
+        several = [replace(now.settings, **{what: value}) for value in values]
+        given = [now if settings == now.settings else None for settings in several]
+        self.columns = list(zip(labels, given, strict=True))
+        self.compared = what
+        self.engine.compare(now, several, self._guard(self._take_compared))
+        self._show()
+
+    def _take_compared(self, number: int, answer: Answer) -> None:
+        if self.columns:
+            self.columns[number] = self.columns[number][0], answer
+            if all(dot.settings != answer.settings for dot in self.dots):
+                self._dot(answer, None)
+            self._show()
+
+    def keep(self) -> None:
+        """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
+        self.kept = self._final()
+        self.show(BESIDE)
+
+    def drop(self) -> None:
+        """Forget A."""
+        self.kept = None
+        self.shows = ""
+        self._show()
+
+    def show(self, which: str) -> None:
+        """Show A, B, or both; knobs, code and export are of the one that is shown, of both of B."""
+        if self.kept is None:
+            return
+        self._leave_comparison()
+        self._word = {}
+        self.shows = which
+        if self.answer is not None:
+            self._set_knobs(self.answer.settings)
+        self._show()
+
+    def blink(self) -> None:
+        """Show the other of A and B."""
+        self.show(A if self.shows == B else B)
+
+    def _leave_comparison(self) -> None:
+        """From columns, or from A, to the present answer."""
+        self.columns = []
+        self.compared = ""
+        if self.shows == A:
+            self.shows = B
+
+    # What is shown -----------------------------------------------------------------------
+
+    def _refuse(self, sentence: str) -> None:
+        self._tell(sentence, wrong=True)
+
+    def _tell(self, text: str, wrong: bool = False) -> None:
+        with self._lock:
+            self._word = self.line = {"text": text, "wrong": wrong}
+
+    def _view(self) -> View:
+        explained = None if self.answer is None else self.answer.settings.explained
+        dots = [dot for dot in self.dots if dot.settings.explained == explained]
+        return View((self.knobs["across"], self.knobs["section"] / 100), dots=dots)
+
+    def _of_one(self, answer: Answer) -> Board:
+        return of_one(answer, self.names, self._view(), *self._pixels())
+
+    def _pixels(self) -> tuple[tuple[int, int], int]:
+        wide, tall = (int(side * self._ratio) for side in self._room)
+        return (wide, tall), round(
+            self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT)
+        )
+
+    def _compose(self, answer: Answer) -> tuple[Board, bool]:
+        """What is on the board, and whether that is the one answer alone."""
+        if self.columns:
+            return of_several(self.columns, answer, self._view(), *self._pixels()), False
+        if self.kept is not None and self.shows == BESIDE and comparable(self.kept, answer):
+            return of_two(self.kept, answer, self._view(), *self._pixels()), False
+        return self._of_one(answer), True
+
+    def _show(self) -> None:
+        """Show the one answer: panels, surface, code and status line."""
+        answer = self.answer
+        if answer is None:
+            return
+        self.board, alone = self._compose(answer)
+        text = f"{self.shows}: " * bool(self.shows) + summary(answer)
+        height, width = self.board.picture.shape[:2]
+        known = answer.truth is not None
+        with self.hold_sync():
+            self.line = self._word or {
+                "text": text,
+                "warnings": warnings(answer, self._before),
+            }
+            self.code = self.python()
+            self.size, self.cells = (
+                [width, height, self._ratio],
+                self.board.cells(self.names if alone else []),
+            )
+            self.choices = (
+                [name for name in PANELS if known or name != "error"] if alone else []
+            )
+            self.picture = jpeg(self.board.picture)
+        self._say(self.hover)
+        if alone and "3D" in self.names:
+            name = self.knobs["texture"]
+            panel = None if name == "frame" else PANELS[name](answer, View())
+            lies = getattr(panel, "picture", None)
+            shown = answer.result.problem.shown if lies is None else lies
+            show_on(self.surface, answer.result, shown, lies is None)
+
+    # What the page says ------------------------------------------------------------------
+
+    def measure(self, width: float, height: float, ratio: float) -> None:
+        """Take the size of the page, px, and the screen's ratio to it; send it the board whatever it has."""
+        wide = max(width, LEAST_ROOM[0])
+        self._room = wide, min(max(height, LEAST_ROOM[1]), TALLEST * wide)
+        self._ratio = min(max(ratio, 1.0), 3.0)
+        self._show()
+        # It may have been made while a picture was on its way, and have missed that.
+        self.send_state(["picture", "size", "cells", "choices"])
+
+    def _say(self, where: Sequence[float]) -> None:
+        """Tell what all panels say of a point of their maps."""
+        if len(where) != 2:
+            self.cursor_texts = []
+            return
+        x, y = (min(max(float(share), 0.0), 1.0) for share in where)
+        self.cursor_texts = [place.says(x, y) for place in self.board.places]
+
+    def choose(self, index: int, name: str) -> None:
+        """Show something else in a panel."""
+        if name not in PANELS or not 0 <= index < len(self.names):
+            raise ValueError(f"there is no panel {name!r}")
+        self.names[index] = name
+        self._show()
+        if (
+            name in NEED_UNCERTAINTY
+            and self.answer is not None
+            and self.answer.uncertainty is None
+        ):
+            self.find_uncertainty()
+
+    def press(self, x: float, y: float) -> None:
+        """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
+        place = self.board.at(x, y)
+        dots = self._view().dots
+        if place is None:
+            return
+        if self.columns:
+            self.bring_back(place.answer.settings)
+        elif len(place.dots) and dots:
+            height, width = self.board.picture.shape[:2]
+            away = np.linalg.norm(
+                (place.dots[: len(dots)] - (x, y)) * (width, height), axis=1
+            )
+            if away.min() < CLICK_RADIUS * self._ratio:
+                self.bring_back(dots[int(away.argmin())].settings)
+        else:
+            self._cut(x, y)
+
+    def _cut(self, x: float, y: float) -> None:
+        """Lay the section through a point of a map."""
+        place = self.board.at(x, y)
+        if place is not None and place.spot is not None and not self.columns:
+            left, top, right, bottom = place.spot
+            share = (
+                (y - top) / (bottom - top)
+                if self.knobs["across"]
+                else (x - left) / (right - left)
+            )
+            self.knobs = self.knobs | {
+                "section": min(max(round(200 * share) / 2, 0.0), 100.0)
+            }
+
+    # What is written ---------------------------------------------------------------------
+
+    def python(self) -> str:
+        """Return the Python that makes the one answer, imports included."""
+        if self.answer is None:
+            raise ValueError("there is no answer to write yet")
+        source = 'calibration = el.load_calibration("endoscope.json")  # the one given to the tuner'
+        for name, known in datasets.CALIBRATIONS.items():
+            if known == self._calibration:
+                source = f"calibration = el.load_calibration({name!r})"
+        settings = self.answer.settings
+        frame = self.answer.subject.frame
+        lines = [IMPORTS, source]
+        if settings.scene is None:
+            lines.append(f"frame = el.read_frame({frame.name!r}, calibration)")
+        return "\n".join(
+            [*lines, settings.code(self._calibration, frame.image.ndim == 2), ""]
+        )
+
+    def export(
+        self, folder: str | Path, *, overwrite: bool = False, timeout: float = 600.0
+    ) -> Path:
+        """Write all there is about the one answer into a folder; one on its way is waited for.
+
+        That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, and what `save_result` writes;
+        all or none. It is solved once more, to be recorded. A folder that holds files of others is written
+        into only if `overwrite`.
+        """
+        from endolab.workbench.recording.recorder import record
+
+        if self.answer is None or self.answer.stage != FINAL:
+            self.engine.wait(timeout)
+        with self._lock:
+            answer = self._final()
+            code = self.python()
+            board = self._of_one(self._final())
+        calibration = (
+            self._calibration
+            if answer.settings.scene is None
+            else answer.subject.calibration
+        )
+        with stage_folder(folder, overwrite=overwrite) as staging:
+            with record(staging / "recording.rrd") as recorder:
+                self.engine.cold(answer.settings, [recorder])
+                if answer.uncertainty is not None:
+                    recorder.add_uncertainty(answer.uncertainty, answer.result)
+            write_files(answer.result, staging, uncertainty=answer.uncertainty)
+            write_atomically(staging / "board.png", png(board.picture))
+            write_atomically(staging / "result.py", code.encode())
+            write_settings(
+                answer.settings.saved(calibration, answer.subject.grey),
+                staging / "settings.json",
+            )
+        return Path(folder)
+
+    def export_aside(self, name: str) -> None:
+        """Export, in the engine's thread, whatever is asked for meanwhile."""
+        if not name.strip():
+            raise ValueError("name a folder to export into")
+        folder = Path(name.strip()).expanduser()
+        _ = self._final()
+        self._tell(f"exporting into {folder} ...")
+        name = f"the export into {folder}"
+        self.engine.do(
+            lambda _: self._tell(f"exported into {self.export(folder).resolve()}"), name
+        )
+
+    def close(self) -> None:
+        """Close the widget and end its thread."""
+        if hasattr(self, "engine"):  # not if it was refused
+            self.engine.close()
+            self.surface.close()
+            self.layout.close()
+        super().close()

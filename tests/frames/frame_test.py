@@ -1,0 +1,173 @@
+"""A frame before it is solved: what is refused, channels, shrinking, noise, blur."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import endolab as el
+from endolab import datasets
+from endolab.frames.frame import noise_level, smooth_light, usable
+from endolab.frames.surround import field_of_view
+
+GAMMA = 2.2
+ALL = np.ones((4, 6), dtype=bool)
+
+
+def grey(value=0.5):
+    return np.full((4, 6), value)
+
+
+def with_value(value, row=2, column=2):
+    image = grey()
+    image[row, column] = value
+    return image
+
+
+@pytest.fixture(scope="module")
+def ball():
+    calibration = datasets.load_calibration("simple")
+    return el.render(el.SCENES["curved"], calibration.camera, calibration.photometry)
+
+
+@pytest.mark.parametrize(
+    ("image", "mask", "message"),
+    [
+        (np.zeros((4, 6, 4)), ALL, "pig: .* RGB"),
+        (np.zeros((0, 6)), np.ones((0, 6), bool), "RGB"),
+        (grey(), np.ones((6, 4), bool), "pig: the mask is 4x6 px, the frame 6x4 px"),
+        (grey(), ~ALL, "pig: the mask is empty"),
+        (with_value(np.nan), ALL, "finite"),
+        (with_value(255.0), ALL, r"\[0, 1\]"),
+    ],
+)
+def test_a_frame_refuses(image, mask, message):
+    with pytest.raises(ValueError, match=message):
+        el.Frame(image, mask, "pig")
+
+
+def test_channels_of_a_colour_picture(rng):
+    image = rng.uniform(size=(4, 6, 3))
+    frame = el.Frame(image, ALL)
+    for index, name in enumerate(("red", "green", "blue")):
+        assert frame.channel(name)[0] == name
+        assert_array_equal(frame.channel(name)[1], image[..., index])
+    assert frame.channel()[0] == "green"
+    expected = 0.299 * image[..., 0] + 0.587 * image[..., 1] + 0.114 * image[..., 2]
+    assert_allclose(frame.channel("grey")[1], expected, rtol=1e-12)
+    with pytest.raises(ValueError, match="pink"):
+        frame.channel("pink")
+
+
+def test_a_grey_picture_has_one_channel():
+    frame = el.Frame(grey(), ALL, "pig")
+    for name in (None, "grey"):
+        assert frame.channel(name)[0] == "grey"
+        assert_array_equal(frame.channel(name)[1], grey())
+    with pytest.raises(ValueError, match="red"):
+        frame.channel("red")
+
+
+@pytest.mark.parametrize("size", [(32, 24), (27, 19), (64, 48), (1, 1)])
+def test_shrinking_keeps_the_light(rng, size):
+    image = rng.uniform(size=(48, 64, 3))
+    small = el.Frame(image, np.ones((48, 64), bool)).resize(*size, GAMMA)
+    assert small.image.shape == (size[1], size[0], 3)
+    assert small.mask.all()
+    light, expected = ((a**GAMMA).mean(axis=(0, 1)) for a in (small.image, image))
+    assert_allclose(light, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("colours", [(), (3,)])
+def test_shrinking_averages_the_pixels_of_the_mask_alone(rng, colours):
+    image = rng.uniform(size=(12, 16, *colours))
+    mask = rng.uniform(size=(12, 16)) < 0.6
+    spoilt = image.copy()
+    spoilt[~mask] = rng.choice([np.nan, 1.0, 0.0], size=((~mask).sum(), *colours))
+    small = el.Frame(spoilt, mask).resize(8, 6, GAMMA)
+    inside = mask.reshape(6, 2, 8, 2).sum(axis=(1, 3))
+    assert_array_equal(small.mask, inside >= 2)
+    light = np.where(mask.reshape(*mask.shape, *(1 for _ in colours)), image, 0.0) ** GAMMA
+    blocks = light.reshape(6, 2, 8, 2, *colours).sum(axis=(1, 3))
+    expected = (blocks[small.mask].T / inside[small.mask]).T ** (1 / GAMMA)
+    assert_allclose(small.image[small.mask], expected, rtol=1e-6)
+    assert np.all(np.isfinite(small.image))
+
+
+@pytest.mark.parametrize("size", [(7, 4), (6, 0)])
+def test_a_frame_is_not_enlarged_nor_shrunk_away(size):
+    with pytest.raises(ValueError, match="shrink"):
+        el.Frame(grey(), ALL, "pig").resize(*size, GAMMA)
+
+
+@pytest.mark.parametrize(
+    ("image", "cosine", "message"),
+    [
+        (grey(0.0), 1.0, "pig: .* dark"),
+        (grey(1.0), 1.0, "saturated"),
+        (grey(0.5), 1.0, "constant"),
+        (with_value(0.7), 0.0, "field of view"),
+    ],
+)
+def test_a_picture_of_no_use(image, cosine, message):
+    with pytest.raises(ValueError, match=message):
+        usable(image, ALL, np.full(ALL.shape, cosine), "pig")
+
+
+def disc(radius, rows=90, columns=120):
+    row, column = np.indices((rows, columns))
+    return np.hypot(row - (rows - 1) / 2, column - (columns - 1) / 2) < radius
+
+
+@pytest.mark.parametrize("radius", [40, 55])
+def test_the_black_frame_is_found(rng, radius):
+    """55 px reach beyond the picture's upper and lower border; there nothing is lost."""
+    image = np.where(disc(radius), 0.4, rng.uniform(0, 7 / 255, (90, 120)))
+    image[5:12, 3:9] = 0.9  # text in the frame
+    image[40:50, 55:65] = 0.0  # a dark lumen
+    found = field_of_view(image)
+    assert not np.any(found & ~disc(radius - 1))
+    assert np.all(found[disc(radius - 3)])
+
+
+def test_a_picture_without_a_black_frame_is_kept_whole():
+    assert all(field_of_view(np.full((30, 40), value)).all() for value in (0.4, 0.0))
+
+
+@pytest.mark.parametrize("sigma", [0.5, 1.0, 2.0, 5.0])
+def test_noise_is_estimated(ball, rng, sigma):
+    noisy = ball.image[..., 1] + rng.normal(scale=sigma / 255, size=ball.mask.shape)
+    assert 255 * noise_level(noisy, ball.mask) == pytest.approx(sigma, rel=0.1)
+
+
+def test_edges_are_not_noise_and_a_mask_two_pixels_wide_shows_none(rng):
+    image = np.where(np.indices((100, 100))[1] // 25 % 2, 0.8, 0.2)
+    assert noise_level(image, np.ones(image.shape, bool)) == 0
+    mask = np.zeros((20, 20), bool)
+    mask[4:6] = True
+    assert noise_level(rng.uniform(size=mask.shape), mask) == 0
+
+
+def test_blur_spreads_light_like_a_gaussian():
+    """One lit pixel: its light stays, with the variance of the Gaussian along both axes."""
+    image = np.zeros((81, 81))
+    image[40, 40] = 0.8
+    light = smooth_light(image, np.ones(image.shape, bool), GAMMA, 3.0) ** GAMMA
+    assert light.sum() == pytest.approx(0.8**GAMMA, rel=1e-9)
+    for axis in (0, 1):
+        spread = np.average((np.indices(image.shape)[axis] - 40) ** 2, weights=light)
+        assert spread == pytest.approx(9.0, rel=0.01)
+
+
+def test_a_turned_picture_has_the_turned_field_of_view_and_the_same_noise(rng):
+    """Once 30 px were seen in one of two that were turned, and equal bytes counted as noise or not."""
+    i, j = np.indices((90, 120))
+    image = np.where(
+        np.hypot(i - 43, j - 61) < 40, np.round(rng.uniform(60, 200, (90, 120))) / 255, 0.0
+    )
+    shown = field_of_view(image)
+    for turn in (np.fliplr, np.flipud, np.transpose):
+        there = np.ascontiguousarray(turn(image))
+        np.testing.assert_array_equal(field_of_view(there), turn(shown))
+        assert noise_level(there, turn(shown)) == pytest.approx(
+            noise_level(image, shown), rel=1e-12
+        )

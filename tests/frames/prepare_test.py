@@ -1,0 +1,198 @@
+"""A frame is prepared by what is in it: text, fields, the lumen, highlights; and drawn."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import endolab as el
+from endolab import datasets
+from endolab.frames.prepare import (
+    dark_lumen,
+    deinterlace,
+    interlaced,
+    overlay_text,
+    prepare,
+    undistorted,
+)
+from endolab.workbench.plots.preparation import prepare_figure
+
+
+@pytest.fixture(scope="module")
+def known():
+    return datasets.load_calibration("paper", width=480)
+
+
+@pytest.fixture(scope="module")
+def colon(known):
+    return el.render(
+        el.SCENES["colon"], known.camera, known.photometry, noise=2.0, bits=8, texture=0.1
+    )
+
+
+@pytest.fixture(scope="module")
+def wet(known):
+    scene = el.SCENES["curved"]
+    gain = el.render(scene, known.camera, known.photometry).photometry.gain
+    lit = replace(known.photometry, gain=gain)
+    return el.render(scene, known.camera, lit, noise=2.0, bits=8, highlights=0.02)
+
+
+def written(image, text="EXIT 12:34:56", at=(150, 180), size=0.8, thick=2):
+    """Text over a picture, and its pixels."""
+    ink = np.zeros(image.shape[:2], np.uint8)
+    cv2.putText(ink, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, 255, thick)
+    ink = ink / 255
+    share = ink if image.ndim == 2 else ink[..., None]
+    return image * (1 - share) + 0.95 * share, ink > 0.5
+
+
+def combed(image, shift=4):
+    mixed = image.copy()
+    mixed[1::2] = np.roll(image, shift, axis=1)[1::2]
+    return mixed
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_text_is_found_and_little_else(colon, grey):
+    image = colon.image[..., 1] if grey else colon.image
+    picture, ink = written(image)
+    found = overlay_text(picture, colon.mask)
+    assert (found & ink).sum() > 0.9 * ink.sum()
+    assert not (
+        found & ~cv2.dilate(ink.astype(np.uint8), np.ones((13, 13))).astype(bool)
+    ).any()
+    assert not overlay_text(image, colon.mask).any()
+
+
+def test_signs_in_the_black_are_found(colon):
+    picture, ink = written(colon.image, "A", (5, 25), 0.7)
+    assert not (ink & colon.mask).any()
+    found = overlay_text(picture, colon.mask)
+    assert (found & ink).sum() > 0.9 * ink.sum()
+    assert not (found & colon.mask).any()
+
+
+def test_fields_are_told_and_plain_frames_are_plain(colon, wet):
+    for seen in (colon, wet):
+        assert not interlaced(seen.image, seen.mask)
+        assert interlaced(combed(seen.image), seen.mask)
+        turned = combed(seen.image.swapaxes(0, 1)).swapaxes(0, 1)
+        assert not interlaced(turned, seen.mask)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 6, 7])
+def test_one_field_is_kept(rows):
+    image = np.arange(rows, dtype=float)[:, None] * np.ones((1, 3))
+    image[1::2] += 100
+    last = (
+        rows - 1 if rows % 2 == 0 else rows
+    )  # below it there is nothing to interpolate with
+    assert_array_equal(deinterlace(image)[:last, 0], np.arange(last))
+    assert deinterlace(image).max() < rows
+
+
+def test_the_lumen_is_where_noise_says_more_than_the_wall(known, colon):
+    rows, columns = np.indices(colon.mask.shape)
+    far = np.hypot(rows - 180, columns - 240) < 40
+    rng = np.random.default_rng(1)
+    image = np.where(far[..., None], 0.02, 0.5) + rng.normal(
+        scale=3 / 255, size=colon.image.shape
+    )
+    found = dark_lumen(np.clip(image, 0, 1), colon.mask)
+    inner = np.hypot(rows - 180, columns - 240) < 37
+    outer = np.hypot(rows - 180, columns - 240) < 43
+    assert found[inner].all()
+    assert not found[~outer].any()
+    assert not dark_lumen(np.full(far.shape, 0.5), colon.mask).any()
+
+
+def test_undistorted_pixels_are_where_the_cameras_say(known):
+    camera = known.camera
+    rows, columns = np.indices((camera.height, camera.width), dtype=float)
+    places = np.stack(
+        [columns / camera.width, rows / camera.height, np.zeros_like(rows)], axis=-1
+    )
+    frame = el.Frame(places, np.isfinite(camera.field.cos_alpha))
+    made, pinhole = undistorted(frame, camera)
+    assert np.isclose(np.rad2deg(2 * np.arctan(pinhole.width / 2 / pinhole.fx)), 90)
+    true = camera.project(pinhole.field.rays) / (camera.width, camera.height)
+    assert made.mask.mean() > 0.9
+    assert np.abs(made.image[..., :2] - true)[made.mask].max() * camera.width < 0.05
+    # As fine as the frame at the centre.
+    centre = pinhole.project([[0.0, 0, 1], [1e-3, 0, 1]]) - camera.project(
+        [[0.0, 0, 1], [1e-3, 0, 1]]
+    )
+    assert np.abs(np.diff(centre, axis=0)).max() < 0.01 * pinhole.fx * 1e-3
+
+
+@pytest.mark.parametrize("way", ["ignore", "inpaint", "keep"])
+def test_prepared_leaves_out_what_it_should(known, wet, way):
+    ready = prepare(el.Frame(wet.image, np.ones_like(wet.mask)), known, highlights=way)
+    assert ready.highlights.any()
+    assert not ready.frame.mask[~ready.field_of_view].any()
+    assert (ready.field_of_view & ~wet.mask).sum() == 0
+    assert ready.frame.mask[ready.highlights & ~ready.lumen].all()
+    silent = ready.highlights if way == "ignore" else None
+    assert_array_equal(ready.frame.silent, silent)
+    assert ready.inpainted == (way == "inpaint")
+    assert np.array_equal(ready.frame.image, wet.image) == (way != "inpaint")
+    assert any("Highlights" in note for note in ready.notes)
+
+
+def test_prepare_and_reconstruct_mean_the_same(wet, known):
+    """Where nothing is too dark, what is prepared solves as what is not, given the same words."""
+    camera = el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
+    lit = replace(known.photometry, gain=wet.photometry.gain)
+    seen = el.render(el.SCENES["curved"], camera, lit, noise=1.0, bits=8, highlights=0.02)
+    frame = el.Frame(seen.image, seen.mask)
+    mine = el.Calibration(camera, lit)
+    ready = prepare(frame, mine, highlights="ignore")
+    assert ready.highlights.any()
+    one = el.reconstruct(ready.frame, mine, channel="green")
+    other = el.reconstruct(frame, mine, channel="green", highlights="ignore")
+    assert_array_equal(one.distance, other.distance)
+    figure = prepare_figure(ready, one)
+    assert len([ax for ax in figure.axes if ax.get_title()]) == 7
+
+
+def test_fields_text_and_undistortion_are_noted(known, colon):
+    picture, ink = written(combed(colon.image))
+    ready = prepare(el.Frame(picture, colon.mask), known, undistort=True)
+    assert (ready.interlaced, ready.undistorted, ready.camera.model) == (
+        True,
+        True,
+        "pinhole",
+    )
+    assert ready.frame.mask.shape == (ready.camera.height, ready.camera.width)
+    assert (ready.text & ink).sum() > 0.8 * ink.sum()
+    assert len(ready.notes) >= 4
+
+
+def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(
+    known, colon, wet
+):
+    ready = prepare(el.Frame(wet.image[..., 1], wet.mask), known, highlights="inpaint")
+    assert (ready.canonical.ndim, ready.highlights.any()) == (2, True)
+    shape = colon.mask.shape
+    ready = prepare(el.Frame(np.ones((*shape, 3)), np.ones(shape, bool)), known)
+    for part in (ready.highlights, ready.text, ready.lumen):
+        assert not part.any()
+    assert not ready.interlaced
+    with pytest.raises(ValueError, match="mask"):
+        prepare(el.Frame(np.zeros((*shape, 3)), np.ones(shape, bool)), known)
+
+
+def test_what_does_not_fit_is_said(known, colon):
+    frame = el.Frame(colon.image, colon.mask)
+    other = known.resize(320, 240)
+    for call, message in (
+        (lambda: prepare(frame, known, highlights="paint"), "paint"),
+        (lambda: prepare(frame, other), "480x360"),
+        (lambda: undistorted(frame, known.camera, 180), "fov"),
+        (lambda: undistorted(frame, other.camera), "320x240"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()

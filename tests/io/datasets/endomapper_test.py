@@ -1,0 +1,224 @@
+"""EndoMapper's calibration files: what their numbers mean here, and which files are refused."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import endolab as el
+from endolab import datasets
+from endolab.cli import main as cli
+from endolab.io.datasets import endomapper
+from endolab.io.descriptions import read_camera
+
+# Written as Vicalib does; the numbers are of the data set's Endoscope_01.
+GEOMETRY = """<rig>
+    <camera>
+        <camera_model name="" index="0" serialno="0" type="calibu_fu_fv_u0_v0_kb4" version="8">
+            <width> 1440 </width>
+            <height> 1080 </height>
+            <!-- Use RDF matrix, [right down forward], to define the coordinate frame convention -->
+            <right> [ 1; 0; 0 ] </right>
+            <down> [ 0; 1; 0 ] </down>
+            <forward> [ 0; 0; 1 ] </forward>
+            <!-- Camera parameters ordered as per type name. -->
+            <params> [ 717.6911; 718.0214; 734.7278; 552.0724; -0.1396589; -0.0003139987; 0.001505504;
+                -0.0001316715 ] </params>
+        </camera_model>
+        <pose>
+            <T_wc> [ 1, 0, 0, 0; 0, 1, 0, 0; 0, 0, 1, 0 ] </T_wc>
+        </pose>
+    </camera>
+</rig>
+"""
+# The example in the tool's README.
+PHOTOMETRY = """<rig>
+    <camera>
+        <camera_model index="0" name="" serialno="0" type="gamma" version="1.0">
+            <!-- Camera response model -->
+            <gamma> [ 2.2 ] </gamma>
+        </camera_model>
+    </camera>
+    <light>
+        <light_model index="0" name="" serialno="0" type="sls" version="1.0">
+            <sigma> 1.000000 </sigma>
+            <mu> 2.767302 </mu>
+            <P> [ -6.1e-05; -0.001135; -0.003612 ] </P>
+            <D> [ 0.011092; 0.0; 0.999938 ] </D>
+        </light_model>
+    </light>
+</rig>
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write the two files, with a text in one of them replaced."""
+
+    def files(old="", new="", photometry=PHOTOMETRY, geometry=GEOMETRY):
+        assert old in geometry + photometry
+        folder = tmp_path / "Endoscope_01"
+        folder.mkdir(exist_ok=True)
+        paths = (
+            folder / "Endoscope_01_geometrical.xml",
+            folder / "Endoscope_01_photometrical.xml",
+        )
+        for path, text in zip(paths, (geometry, photometry), strict=True):
+            path.write_text(text.replace(old, new) if old else text, encoding="utf-8")
+        return paths
+
+    return files
+
+
+def test_the_camera(write):
+    camera = endomapper.read_vicalib(write()[0])
+    assert isinstance(camera, el.KannalaBrandt)
+    assert (camera.width, camera.height) == (1440, 1080)
+    assert endomapper.read_vicalib(write("734.7278", "0.51")[0]).cx == 0.51
+    theta = 0.7
+    k = (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
+    radius = theta + sum(c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True))
+    pixel = camera.project([0.0, np.sin(theta), np.cos(theta)])  # down in the picture
+    assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
+
+
+def test_a_pinhole(write):
+    text = re.sub(r"_kb4|; -0\.139[^]]*", "", GEOMETRY)
+    camera = endomapper.read_vicalib(write(geometry=text)[0])
+    assert camera == el.Pinhole(1440, 1080, 717.6911, 718.0214, 734.7278, 552.0724)
+
+
+def test_a_light_off_the_axis_is_in_mm(write):
+    calibration = endomapper.read_endomapper(*write())
+    light = calibration.photometry
+    (spot,) = light.lights
+    assert_allclose(spot.position, (-0.061, -1.135, -3.612))
+    assert_allclose(spot.direction, (0.011092, 0.0, 0.999938), atol=1e-6)
+    assert (light.gamma, light.k, light.gain) == (2.2, 0.0, None)
+    assert 0.7 * 2.767302 < spot.exponent < 2.767302
+    known = calibration.evidence["converted"]
+    assert known["geometry"] == "Endoscope_01_geometrical.xml"
+    assert known["lights"][0]["mu"] == 2.767302
+
+
+def test_the_light_falls_as_it_did_there(write):
+    """cosⁿψ stands for exp(-μ (1 - cos ψ)): nowhere within 60° is a distance off by more than 6 %."""
+    calibration = endomapper.read_endomapper(*write())
+    (spot,) = calibration.photometry.lights
+    angles = np.deg2rad(np.linspace(0, 60, 61))
+    direction = np.asarray(spot.direction)
+    side = np.cross(direction, (0, 1, 0))
+    side /= np.linalg.norm(side)
+    ways = np.cos(angles)[:, None] * direction + np.sin(angles)[:, None] * side
+    radiance, distance = spot.illuminate(np.asarray(spot.position) + 30 * ways)
+    ratio = radiance * distance**2 / np.exp(-2.767302 * (1 - np.cos(angles)))
+    error = np.abs(np.sqrt(ratio) - 1)
+    assert error.max() < 0.06
+    assert error[:46].max() < 0.05
+    stated = calibration.evidence["converted"]["lights"][0]["worst_distance_percent"]
+    assert stated == pytest.approx(100 * error.max(), abs=0.5)
+
+
+def test_a_light_at_the_centre_becomes_k(write):
+    text = PHOTOMETRY.replace("-6.1e-05; -0.001135; -0.003612", "0; 0; 0")
+    text = text.replace("0.011092; 0.0; 0.999938", "0; 0; 1")
+    plain = endomapper.read_endomapper(*write(photometry=text)).photometry
+    assert plain.lights == ()
+    assert 1.9 < plain.k < 2.767302
+    text = text.replace("</gamma>", "</gamma><vignetting> [ 0.500000 ] </vignetting>")
+    vignetted = endomapper.read_endomapper(*write(photometry=text)).photometry
+    assert vignetted.k == pytest.approx(plain.k + 0.5)
+
+
+def refused(read, path, message):
+    """In one sentence that names the file."""
+    with pytest.raises(ValueError, match=message) as caught:
+        read(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("kb4", "w", "camera_model"),
+        ("<width> 1440 </width>", "", "width"),
+        ("1440 <", "14.5 <", "width"),
+        ("1440 <", "wide <", "width"),
+        ("717.6911; ", "", "params"),
+        ("717.6911", "nan", "params"),
+        ("717.6911", "-717", "fx"),
+        ("</rig>", "<camera><camera_model/></camera></rig>", "rig/camera"),
+        ("rig>", "cameras>", "<cameras>"),
+        ("</rig>", "", "XML"),
+    ],
+)
+def test_a_camera_that_cannot_be_used(write, old, new, place):
+    refused(endomapper.read_vicalib, write(old, new, photometry="")[0], place)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ('"gamma"', '"lut"', "camera_model"),
+        ("[ 2.2 ]", "[ 2.2; 2.1 ]", "gamma"),
+        ("[ 2.2 ]", "[ 0 ]", "gamma"),
+        ('"sls"', '"point"', "light_model"),
+        ("2.767302", "-1", "exponent"),
+        ("1.000000", "0", "weight"),
+        ("<mu> 2.767302 </mu>", "", "light_model/mu"),
+        ("-0.003612", "-3.612", "P: .*metres"),
+        ("0.999938", "-0.999938", "D: "),
+    ],
+)
+def test_a_light_that_cannot_be_used(write, old, new, place):
+    camera = datasets.load_calibration("paper").camera
+    refused(
+        lambda path: endomapper.read_photometry(path, camera), write(old, new)[1], place
+    )
+
+
+BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</rig>'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        BOMB.encode(),
+        BOMB.encode("utf-16"),
+        BOMB.encode("utf-7"),
+        b'<?xml version="1.0"?><!doctype rig SYSTEM "file:///etc/passwd"><rig/>',
+        b"<rig>" + b" " * 1_000_000 + b"</rig>",
+        b"<rig>" * 100_000,
+    ],
+    ids=["bomb", "16", "7", "other files", "large", "deep"],
+)
+def test_files_that_are_not_read(tmp_path, content):
+    path = tmp_path / "a_geometrical.xml"
+    path.write_bytes(content)
+    refused(endomapper.read_vicalib, path, "XML|UTF-8")
+
+
+def test_files_that_are_not_there_and_several_of_a_kind(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.xml"):
+        endomapper.read_vicalib(tmp_path / "none.xml")
+    with pytest.raises(FileNotFoundError, match=r"_geometrical\.xml"):
+        endomapper.find_calibrations(tmp_path)
+    for name in ("Endoscope_01", "Endoscope_02"):
+        (tmp_path / f"{name}_geometrical.xml").touch()
+    with pytest.raises(ValueError, match=r"_geometrical\.xml"):
+        endomapper.find_calibrations(tmp_path)
+
+
+def test_convert(write, tmp_path):
+    geometry, photometry = write()
+    out = tmp_path / "a.json"
+    assert cli.main(["convert", str(geometry.parent), "--out", str(out)]) == 0
+    expected = endomapper.read_endomapper(geometry, photometry)
+    assert el.load_calibration(out).to_dict() == expected.to_dict()
+    photometry.unlink()
+    assert (
+        cli.main(["convert", str(geometry), "--out", str(out), "--overwrite"]) == 0
+    )  # the camera alone
+    assert read_camera(out) == expected.camera

@@ -1,0 +1,76 @@
+"""σ of a large frame is told on fewer pixels: what is kept, and what comes back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from endolab.reconstruction.uncertainty.estimate import uncertainty_of
+from endolab.reconstruction.uncertainty.fewer_pixels import ENOUGH, enlarged, thinned
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.problem import NONE
+from endolab.solvers.provenance import PreparationReport, Provenance
+from endolab.solvers.result import run
+from tests.tools.problems import problem_of
+
+
+@pytest.fixture(scope="module")
+def large():
+    problem, _ = problem_of("tube", 2 * ENOUGH + 2, noise=1.0)
+    mask = problem.mask.copy()
+    mask[:50, :90] = False
+    problem = replace(problem, mask=mask)
+    return run(gauss_newton(problem, max_iterations=10))
+
+
+def test_a_frame_is_halved_until_it_is_small(large):
+    small = thinned(large.iterate)
+    assert small.mask.shape[1] == 202
+    assert thinned(small) is small
+    back = enlarged(np.where(small.mask, small.distance, 0.0), small.mask, large.mask)
+    inside = large.mask
+    assert np.isnan(back[~inside]).all()
+    assert np.abs(back / large.distance - 1)[inside].max() < 0.05
+    assert np.abs(back / large.distance - 1)[inside].mean() < 5e-3  # measured 0.003
+
+
+def test_sigma_is_that_of_the_frame_taken_smaller(large):
+    uncertainty = uncertainty_of(large)
+    small = thinned(large.iterate)
+    other = uncertainty_of(small)
+    for share, shape in (
+        (uncertainty.sigma / large.distance, large.mask),
+        (uncertainty.shares[0], large.mask),
+    ):
+        assert np.isfinite(share[shape]).all()
+        assert np.isnan(share[~shape]).all()
+    np.testing.assert_allclose(uncertainty.shares.sum(axis=0)[large.mask], 1)
+    assert uncertainty.sigma_scale == other.sigma_scale
+    ratio = np.median((uncertainty.sigma / large.distance)[large.mask]) / np.median(
+        (other.sigma / small.distance)[small.mask]
+    )
+    assert ratio == pytest.approx(1, abs=0.02)
+    assert set(np.unique(uncertainty.dominant_source[large.mask])) <= {1, 2, 3}
+    assert not uncertainty.dominant_source[~large.mask].any()
+
+
+def test_cuts_evidence_and_blur_go_along(large):
+    problem = large.problem
+    evidence = np.zeros(problem.mask.shape, np.int8)
+    evidence[200:300, 300:500] = NONE
+    cuts = np.zeros((2, *problem.mask.shape), bool)
+    cuts[0, :, 399] = True
+    torn = replace(problem, evidence=evidence, cuts=cuts)
+    report = PreparationReport(
+        "frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep"
+    )
+    thin = thinned(
+        replace(large.iterate, problem=torn, provenance=Provenance(preparation=report))
+    )
+    assert thin.provenance.preparation.smooth == 0.5
+    small = thin.problem
+    assert small.evidence is not None
+    assert (small.evidence[52:73, 77:123] == NONE).all()
+    assert small.cuts is not None
+    assert small.cuts[0][small.mask[:, :]].any()
+    assert np.flatnonzero(small.cuts[0].any(axis=0)).size == 1

@@ -1,0 +1,381 @@
+"""The energy against sums written out by hand, and what must leave it unchanged."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.special import huber
+
+import endolab as el
+from endolab.numerics.derivatives import gradient
+from endolab.solvers.curvature import (
+    ANGLE,
+    CREASE,
+    SLIGHT,
+    TWOFOLD,
+    second_form,
+    size_and_twofold,
+    whole,
+)
+from endolab.solvers.energy import energy_terms, model_image
+from endolab.solvers.problem import Problem
+from tests.solvers.gauss_newton_model import GaussNewtonModel, derivative, slope_of_energy
+from tests.tools.problems import at_truth, every_variant, papers_variant
+
+CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
+PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
+
+
+@pytest.fixture
+def tiny(rng):
+    """A frame of 7×5 px and a depth map that does not explain it well, with a hole in the mask."""
+    mask = np.ones((5, 7), dtype=bool)
+    mask[2, 3] = mask[0, 0] = False
+    image = rng.uniform(0.1, 0.9, (5, 7))
+    v = np.log(20 + rng.uniform(-1, 1, (5, 7)))
+    return Problem(image, mask, CAMERA, PHOTOMETRY, epsilon=2e-5), v
+
+
+@pytest.fixture
+def holed(rng):
+    """A frame of 9×7 px that a rough surface nearly explains, with holes and cuts."""
+    shape = (7, 9)
+    mask = np.ones(shape, dtype=bool)
+    cuts = rng.random((2, *shape)) < 0.1
+    mask[2, 3] = mask[0, 0] = mask[5:, 6] = False
+    camera = el.Pinhole(9, 7, 5.0, 5.4, 3.8, 3.1)
+    v = np.log(20) + 0.1 * rng.normal(size=shape)
+    problem = Problem(np.full(shape, 0.5), mask, camera, PHOTOMETRY, cuts=cuts)
+    noise = rng.choice([0.01, 0.1], shape) * rng.normal(size=shape)
+    return replace(problem, image=np.clip(model_image(problem, v) + noise, 0.05, 0.95)), v
+
+
+def smoothed(problem, xi, regulariser):
+    """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
+    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 6e-5)}[
+        regulariser
+    ]
+    return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
+
+
+def straight(problem, xi, regulariser):
+    """A surface that costs nothing: of constant ξ, or a plane."""
+    cosine = problem.field.cos_alpha
+    if regulariser == "curvature":
+        return np.log(20.0) - np.log(problem.field.rays @ [0.2, -0.3, 0.9])
+    return np.log(20.0) - (xi == "1/z") * np.log(cosine)
+
+
+def test_data_term_is_the_sum_written_out(tiny):
+    """Tangents from finite differences of the rays, their cross product, eq. 9; no mask."""
+    problem, v = tiny
+    problem = replace(problem, mask=np.ones((5, 7), dtype=bool))
+    v_row, v_column = np.gradient(v, edge_order=1)
+    h = 1e-5
+    expected = 0.0
+    for row, column in np.ndindex(5, 7):
+        ray, right, left, lower, upper = (
+            CAMERA.unproject((column + a, row + b))
+            for a, b in ((0, 0), (h, 0), (-h, 0), (0, h), (0, -h))
+        )
+        along_u = (right - left) / (2 * h) + v_column[row, column] * ray
+        along_v = (lower - upper) / (2 * h) + v_row[row, column] * ray
+        normal = np.cross(along_u, along_v)
+        cos_theta = abs(normal @ ray) / np.linalg.norm(normal)
+        d2 = np.exp(2 * v[row, column])
+        predicted = (ray[2] ** 1.7 / d2 * 0.6 / np.pi * cos_theta * 900.0) ** (1 / 2.0)
+        assert model_image(problem, v)[row, column] == pytest.approx(predicted, rel=1e-7)
+        expected += huber(0.05, predicted - problem.image[row, column])
+    assert energy_terms(problem, v)["data"] == pytest.approx(expected / 35, rel=1e-7)
+
+
+@papers_variant
+def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
+    problem, v = tiny
+    problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
+    mask = problem.mask
+    cosine = CAMERA.unproject(np.moveaxis(np.indices((5, 7))[::-1], 0, -1))[..., 2]
+    maps = {"1/z": lambda v: np.exp(-v) / cosine, "d": np.exp, "1/d": lambda v: np.exp(-v)}
+    start = np.log(problem.image**-2.0 * cosine**1.7 * 0.6 / np.pi * 900.0) / 2
+    f = maps[xi](v) / np.median(maps[xi](start)[mask])
+
+    def at(pixel, *offsets):
+        """Values at offsets (row, column) from a pixel; None if one is not in the mask."""
+        places = [(pixel[0] + a, pixel[1] + b) for a, b in offsets]
+        inside = all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
+        return [f[place] for place in places] if inside else None
+
+    def image_step(pixel, a, b):
+        other = (pixel[0] + a, pixel[1] + b)
+        inside = 0 <= other[0] < 5 and 0 <= other[1] < 7 and mask[other]
+        return problem.image[other] - problem.image[pixel] if inside else 0.0
+
+    total = 0.0
+    beside = [(0, 1), (1, 0), (0, -1), (-1, 0)]
+    for pixel in map(tuple, np.argwhere(mask)):
+        if regulariser == "first":
+            steps = [at(pixel, (0, 0), (0, 1)), at(pixel, (0, 0), (1, 0))]
+            size = np.sqrt(sum((x[1] - x[0]) ** 2 for x in steps if x)) * 7 / 320
+        else:
+            lines = [at(pixel, (0, -1), (0, 0), (0, 1)), at(pixel, (-1, 0), (0, 0), (1, 0))]
+            squares = [
+                at(pixel, (0, 0), (0, b), (a, 0), (a, b)) for a in (-1, 1) for b in (-1, 1)
+            ]
+            second = [(x[0] - 2 * x[1] + x[2]) ** 2 for x in lines if x]
+            second += [(x[0] - x[1] - x[2] + x[3]) ** 2 / 2 for x in squares if x]
+            size = np.sqrt(sum(second)) * (7 / 320) ** 2
+        edge = np.sqrt(sum(image_step(pixel, *step) ** 2 for step in beside) / 2)
+        g = np.exp(-edge * 7 / 320 / 0.05)
+        total += 0.3 * g * huber(2e-5, size) / 2e-5
+    assert energy_terms(problem, v)["regulariser"] == pytest.approx(
+        total / mask.sum(), rel=1e-9
+    )
+
+
+def sizes_and_twofolds(problem, v):
+    """How the surface of a map of v bends, in the energy's unit, (2, H, W)."""
+    w = np.where(problem.mask, np.exp(-v), 0.0) / problem.xi_median
+    form = second_form(w, problem.field, problem.mask, problem.cuts)
+    return size_and_twofold(
+        form, problem.field.inverse_metric, whole(problem.mask, problem.cuts)
+    )
+
+
+def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
+    """Each second difference of 1/d less that of the plane p·r with its value and slopes; κ of AG⁻¹."""
+    problem, v = tiny
+    problem = replace(problem, regulariser="curvature", lam=0.3)
+    mask = problem.mask
+    rays = problem.field.rays
+    w = np.exp(-v) / problem.xi_median
+    total = 0.0
+    for row, column in np.argwhere(mask):
+
+        def known(*offsets, row=row, column=column):
+            places = [(row + a, column + b) for a, b in offsets]
+            return all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
+
+        def slope(f, a, b, row=row, column=column, known=known):
+            steps = [
+                f[row + s * a, column + s * b] - f[row, column]
+                for s in (1, -1)
+                if known((s * a, s * b))
+            ]
+            signs = [s for s in (1, -1) if known((s * a, s * b))]
+            return (
+                sum(s * step for s, step in zip(signs, steps, strict=True)) / len(steps)
+                if steps
+                else None
+            )
+
+        slopes = [(slope(rays, *axis), slope(w, *axis)) for axis in ((0, 1), (1, 0))]
+        form = [None, None, None]
+        if all(one[0] is not None for one in slopes):
+            system = [rays[row, column], slopes[0][0], slopes[1][0]]
+            plane = np.linalg.solve(system, [w[row, column], slopes[0][1], slopes[1][1]])
+            rest = w - rays @ plane
+            patch = np.pad(rest, 1)[row : row + 3, column : column + 3]
+            if known((0, 1), (0, -1)):
+                form[0] = patch[1, 2] + patch[1, 0]
+            squares = [
+                (a, b) for a in (1, -1) for b in (1, -1) if known((0, b), (a, 0), (a, b))
+            ]
+            if squares:  # the mean of theirs; the patch is 0 in its middle
+                corners = [
+                    a * b * (patch[1 + a, 1 + b] - patch[1 + a, 1] - patch[1, 1 + b])
+                    for a, b in squares
+                ]
+                form[1] = np.mean(corners)
+            if known((1, 0), (-1, 0)):
+                form[2] = patch[2, 1] + patch[0, 1]
+        uu, uv, vv = (0.0 if one is None else one for one in form)
+        guu, guv, gvv = problem.field.inverse_metric[row, column] / 160**2
+        kappa = np.linalg.eigvals(np.array([[uu, uv], [uv, vv]]) @ [[guu, guv], [guv, gvv]])
+        size = np.hypot(*kappa)
+        twofold = 0.0 if None in form else np.prod(kappa) / np.hypot(size, SLIGHT)
+        cost = huber(CREASE * 2e-5, size) + TWOFOLD * huber(CREASE * 2e-5, twofold)
+        total += 0.3 * problem.edge_weight[row, column] * cost / (CREASE * 2e-5)
+    assert ANGLE == 1 / 160
+    assert energy_terms(problem, v)["regulariser"] == pytest.approx(
+        total / mask.sum(), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("camera", ["simple", "paper"])
+def test_a_plane_does_not_bend_whatever_the_camera(camera):
+    problem, v = at_truth("plane", 80, camera=camera, regulariser="curvature")
+    assert energy_terms(problem, v)["regulariser"] < 1e-20
+    assert energy_terms(problem, 0.1 * v)["regulariser"] > 1e-7
+
+
+@pytest.mark.parametrize("scene", ["plane", "curved"])
+def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel_and_its_rim_to_the_third(
+    scene,
+):
+    """The data term is quadratic in the error of the normals: inside h², so a sixteenth at twice the width.
+
+    At the rim two pixels give h, so a quarter, from a share of the pixels that halves: an eighth.
+    """
+    data = []
+    inside = []
+    for width in (80, 160, 320):
+        problem, v = at_truth(scene, width)
+        residual = model_image(problem, v) - problem.image
+        data.append(energy_terms(problem, v)["data"])
+        inside.append(np.mean(residual[1:-1, 1:-1] ** 2) / 2)
+    assert data[0] < 5e-9
+    assert inside[0] < 1.8e-10
+    assert all(7.5 < coarse / fine < 9 for coarse, fine in pairwise(data))
+    assert all(15 < coarse / fine < 17 for coarse, fine in pairwise(inside))
+
+
+@every_variant
+@pytest.mark.parametrize("scale", [1e-3, 3.7])
+def test_the_unit_of_length_plays_no_part(tiny, xi, regulariser, scale):
+    problem, v = tiny
+    problem = replace(problem, xi=xi, regulariser=regulariser)
+    scaled = replace(problem, photometry=replace(PHOTOMETRY, gain=900.0 * scale**2))
+    expected = energy_terms(problem, v)
+    assert energy_terms(scaled, v + np.log(scale)) == pytest.approx(expected, rel=1e-10)
+    assert min(expected.values()) > 1e-6
+
+
+@every_variant
+def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
+    both = (
+        at_truth("curved", width, xi=xi, regulariser=regulariser) for width in (120, 240)
+    )
+    small, large = (energy_terms(*each)["regulariser"] for each in both)
+    assert small == pytest.approx(large, rel=0.02)
+
+
+@pytest.mark.parametrize("outside", [np.nan, np.inf, -np.inf, 0.0, 50.0])
+def test_what_lies_outside_the_mask_moves_no_step(holed, outside):
+    problem, v = holed
+    image = np.where(problem.mask, problem.image, outside)
+    spoilt = GaussNewtonModel.at(
+        replace(problem, image=image), np.where(problem.mask, v, outside)
+    )
+    clean = GaussNewtonModel.at(problem, v)
+    np.testing.assert_array_equal(spoilt.gradient, clean.gradient)
+    np.testing.assert_array_equal(spoilt.multiply(v), clean.multiply(v))
+    np.testing.assert_array_equal(
+        clean.multiply(np.where(problem.mask, v, np.nan)), clean.multiply(v)
+    )
+    assert np.all(clean.gradient[~problem.mask] == 0)
+    assert np.all(clean.multiply(v)[~problem.mask] == 0)
+
+
+def test_a_tear_in_the_surface_is_free_where_it_is_cut():
+    """A step of a third of the distance: dear, but not over a cut."""
+    problem, v = at_truth("curved", 80)
+    right = np.indices(v.shape)[1] >= 40
+    cuts = np.zeros((2, *v.shape), dtype=bool)
+    cuts[0, :, 39] = True
+    torn_v = v + 0.3 * right
+    canonical = np.exp(-2 * 0.3 * right) ** (1 / problem.photometry.gamma)
+    torn = replace(problem, image=problem.image * canonical)
+    dear = energy_terms(torn, torn_v)
+    free = energy_terms(replace(torn, cuts=cuts), torn_v)
+    assert free["data"] < 1e-3 * dear["data"]
+    assert free["data"] < 5 * energy_terms(problem, v)["data"]
+    assert free["regulariser"] < 0.5 * dear["regulariser"]
+
+
+def matrix_of(model, mask):
+    """The quadratic's matrix over the pixels of the mask, column by column."""
+    units = np.zeros((mask.sum(), *mask.shape))
+    units[:, mask] = np.eye(mask.sum())
+    return np.array([model.multiply(unit)[mask] for unit in units]).T
+
+
+@every_variant
+def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
+    """Pixel by pixel, with residuals and roughness on both sides of their Huber thresholds."""
+    problem, v = holed
+    problem = smoothed(problem, xi, regulariser)
+    model = GaussNewtonModel.at(problem, v)
+    assert 5 < np.sum(model.data_weight[problem.mask] < 1) < 50  # of 58 pixels
+    if regulariser == "curvature":
+        for size in sizes_and_twofolds(problem, v):
+            assert 5 < np.sum(np.abs(size) > CREASE * problem.epsilon) < 50
+            assert np.sum(np.abs(size[size != 0]) < CREASE * problem.epsilon) > 5
+    else:
+        flat = (
+            problem.lam
+            * problem.edge_weight
+            * problem.derivative_scale**2
+            / problem.epsilon
+        )
+        assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50
+    data = GaussNewtonModel.at(replace(problem, lam=0.0), v).gradient
+    assert 0.2 < np.linalg.norm(model.gradient - data) / np.linalg.norm(data) < 5
+    expected = slope_of_energy(problem, v)
+    np.testing.assert_allclose(
+        model.gradient, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max()
+    )
+
+
+@every_variant
+def test_the_matrix_is_symmetric_and_bends_upwards(holed, xi, regulariser):
+    problem, v = holed
+    problem = smoothed(problem, xi, regulariser)
+    matrix = matrix_of(GaussNewtonModel.at(problem, v), problem.mask)
+    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-14 * np.abs(matrix).max())
+    assert np.linalg.eigvalsh(matrix)[0] > -1e-13 * np.abs(matrix).max()
+
+
+def test_the_model_image_is_linear_along_its_derivatives(rng, holed):
+    """I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ."""
+    problem, v = holed
+    model = GaussNewtonModel.at(problem, v)
+    delta = rng.normal(size=v.shape)
+    delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
+    change = model.by_v * delta + model.by_v_u * delta_u + model.by_v_v * delta_v
+    expected = derivative(lambda x: model_image(problem, x), v, delta)
+    np.testing.assert_allclose(change, expected, rtol=1e-7, atol=1e-8)
+
+
+def check_the_matrix(problem, v, rng):
+    """It is the derivative of the slope along any direction."""
+    model = GaussNewtonModel.at(problem, v)
+    delta = rng.normal(size=v.shape)
+    expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta)
+    product = model.multiply(delta)
+    np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
+
+
+@every_variant
+def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
+    rng, holed, xi, regulariser
+):
+    """At no residual and straight ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
+    problem, _ = holed
+    v = straight(problem, xi, regulariser)
+    check_the_matrix(
+        smoothed(replace(problem, image=model_image(problem, v)), xi, regulariser), v, rng
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lam", np.nan),
+        ("lam", -1.0),
+        ("lam", "auto"),
+        ("epsilon", 0.0),
+        ("threshold", np.inf),
+        ("xi", "z"),
+        ("regulariser", "third"),
+        ("regulariser", "curvature"),  # of another ξ
+        ("image", np.zeros((7, 5))),
+        ("mask", np.ones((5, 6), bool)),
+        ("cuts", np.ones((5, 7), bool)),
+        ("evidence", np.zeros((5, 7))),
+        ("evidence", np.full((5, 7), 3, np.int8)),
+    ],
+)
+def test_a_problem_refuses(tiny, name, value):
+    with pytest.raises(ValueError, match=name):
+        replace(replace(tiny[0], xi="d"), **{name: value})

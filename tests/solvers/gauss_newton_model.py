@@ -1,0 +1,249 @@
+"""The compiled linearisation of the energy in plain NumPy, to read and to test against."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from endolab.model.surface import slant, to_xi
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian
+from endolab.solvers.curvature import (
+    ANGLE,
+    CREASE,
+    SLIGHT,
+    TWOFOLD,
+    plane_shares,
+    second_form,
+    size_and_twofold,
+    whole,
+)
+from endolab.solvers.energy import contradicts, energy_terms
+from endolab.solvers.grid import Grid
+from endolab.solvers.multigrid import multiply
+from endolab.solvers.problem import Problem
+from tests.tools.adjoints import (
+    forward_gradient_adjoint,
+    gradient_adjoint,
+    hessian_adjoint,
+    second_form_adjoint,
+)
+
+
+def _without_rays(operator):
+    return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
+
+
+def _second_form(xi, mask, cuts, field):
+    return second_form(xi, field, mask, cuts)
+
+
+def _second_form_adjoint(p, mask, cuts, field):
+    return second_form_adjoint(
+        p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts
+    )
+
+
+OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
+    "first": [_without_rays(forward_gradient), _without_rays(forward_gradient_adjoint)],
+    "second": [_without_rays(hessian), _without_rays(hessian_adjoint)],
+    "curvature": [_second_form, _second_form_adjoint],
+}
+SAME = {name: name for name in ("by_v", "by_v_u", "by_v_v", "smoothness")}
+TWINS = SAME | {
+    "weight": "data_weight",
+    "slope": "xi_slope",
+}  # of Coefficients and GaussNewtonModel
+
+
+@dataclass(frozen=True)
+class GaussNewtonModel:
+    """The energy around a depth map, as a quadratic: what one Gauss-Newton step minimises.
+
+    Both Huber penalties are replaced by the parabolas that touch them (iteratively reweighted
+    least squares), the model image by its linearisation
+
+        I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ,    a = ∂I/∂v = -2 I/γ,   b = 2 ∂I/∂P G⁻¹ ∇v.
+
+    All arrays are (H, W) and 0 outside the mask; the first five are 0, too, where the picture is no
+    evidence against the model.
+    """
+
+    problem: Problem
+    residual: np.ndarray  # I_model - I
+    by_v: np.ndarray  # a
+    by_v_u: np.ndarray  # b
+    by_v_v: np.ndarray
+    data_weight: np.ndarray  # IRLS weight of the residual
+    xi: np.ndarray  # ξ/ξ̃
+    xi_slope: np.ndarray  # its derivative by v
+    # Weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale; or, of the form A that tells
+    # how the surface bends, Q in AᵀQA: its entries 00, 01, 02, 11, 12, 22, (6, H, W).
+    smoothness: np.ndarray
+
+    @classmethod
+    def at(cls, problem, log_distance):
+        """Linearise around v = log d, (H, W)."""
+        mask = problem.mask
+        cuts = problem.cuts
+        field = problem.field
+        scale = problem.derivative_scale
+        guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
+        f_u, f_v = gradient(log_distance, mask, cuts, edge_order=1)
+        shade = problem.photometry.shade(
+            log_distance, slant(f_u, f_v, field), field.cos_alpha
+        )
+        intensity, by_v, by_slant = shade
+        residual = intensity - problem.image
+        xi = (
+            to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha)
+            / problem.xi_median
+        )
+        xi = np.where(mask, xi, 0.0)
+        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
+        by_gradient = (
+            2 * by_slant * (guu * f_u + guv * f_v),
+            2 * by_slant * (guv * f_u + gvv * f_v),
+        )
+        weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
+        if problem.regulariser == "curvature":
+            smoothness = cls._bending_weights(problem, derivative)
+        else:
+            size = np.linalg.norm(scale * derivative, axis=0)
+            smoothness = (
+                problem.lam
+                * problem.edge_weight
+                * scale**2
+                / np.maximum(size, problem.epsilon)
+            )
+        counts = contradicts(problem, residual)
+        slope = xi if problem.xi == "d" else -xi
+        data = (
+            np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight)
+        )
+        return cls(
+            problem,
+            *data,
+            *(np.where(mask, piece, 0.0) for piece in (xi, slope, smoothness)),
+        )
+
+    @property
+    def gradient(self):
+        """Derivative of the energy by v, (H, W)."""
+        smooth = self.xi_slope * self._smooth(self.xi)
+        return (
+            self._data_adjoint(self.data_weight * self.residual) + smooth
+        ) / self.problem.mask.sum()
+
+    def multiply(self, delta):
+        """Matrix of the quadratic times a change of v, (H, W) to (H, W)."""
+        mask = self.problem.mask
+        delta_u, delta_v = gradient(delta, mask, self.problem.cuts, edge_order=1)
+        change = self.by_v * delta + self.by_v_u * delta_u + self.by_v_v * delta_v
+        data = self._data_adjoint(self.data_weight * np.where(mask, change, 0.0))
+        return (data + self.xi_slope * self._smooth(self.xi_slope * delta)) / mask.sum()
+
+    def _data_adjoint(self, residual):
+        around = (self.by_v_u * residual, self.by_v_v * residual)
+        return self.by_v * residual + gradient_adjoint(
+            around, self.problem.mask, self.problem.cuts
+        )
+
+    @staticmethod
+    def _bending_weights(problem, form):
+        """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
+        known = whole(problem.mask, problem.cuts)
+        metric = problem.field.inverse_metric
+        size, twofold = size_and_twofold(form, metric, known)
+        inverse = metric[..., [[0, 1], [1, 2]]]
+        flat = np.moveaxis(form, 0, -1)
+        matrix = flat[..., [[0, 1], [1, 2]]]
+        adjugate = flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
+        # κ₁κ₂ = det A det G⁻¹ and κ² = tr(A G⁻¹)², so that their slopes by A are matrices, too.
+        by_product = ANGLE**4 * np.linalg.det(inverse)[..., None, None] * adjugate
+        by_half_square = ANGLE**4 * inverse @ matrix @ inverse
+        softened = np.hypot(size, SLIGHT)[..., None, None]
+        by_matrix = (
+            by_product / softened - twofold[..., None, None] * by_half_square / softened**2
+        )
+        by_form = np.stack(
+            [by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]]
+        )
+        p, q, r = np.moveaxis(metric, -1, 0)
+        squared = np.array(
+            [[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]]
+        )
+        squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
+        weights = problem.lam * problem.edge_weight
+        onefold = weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
+        # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
+        # slope is `degree` times what is charged.
+        degree = 2 - (size / softened[..., 0, 0]) ** 2
+        weights = (
+            weights
+            * TWOFOLD
+            / np.maximum(np.abs(twofold), CREASE * problem.epsilon)
+            / degree
+        )
+        twofold = weights * by_form[:, None] * by_form
+        return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
+
+    def _smooth(self, xi):
+        """Dᵀ (smoothness · D ξ)."""
+        operator, adjoint = OPERATORS[self.problem.regulariser]
+        where = (self.problem.mask, self.problem.cuts, self.problem.field)
+        derivative = operator(xi, *where)
+        if self.problem.regulariser != "curvature":
+            return adjoint(self.smoothness * derivative, *where)
+        q = np.zeros((3, *derivative.shape))
+        rows, columns = np.triu_indices(3)
+        q[rows, columns] = q[columns, rows] = self.smoothness
+        return adjoint(np.einsum("klij,lij->kij", q, derivative), *where)
+
+
+def energy(problem, v):
+    return sum(energy_terms(problem, v).values())
+
+
+def derivative(function, v, direction, h=1e-6):
+    """Central difference of a function of v along a direction."""
+    return (function(v + h * direction) - function(v - h * direction)) / (2 * h)
+
+
+def slope_of_energy(problem, v):
+    """Derivative of the energy by each pixel of the mask, from differences, (H, W)."""
+    slope = np.zeros(v.shape)
+    for pixel in map(tuple, np.argwhere(problem.mask)):
+        unit = np.zeros(v.shape)
+        unit[pixel] = 1.0
+        slope[pixel] = derivative(lambda x: energy(problem, x), v, unit)
+    return slope
+
+
+def relative(found, expected):
+    return np.abs(found - expected) / np.abs(expected).max()
+
+
+def inside(problem, v):
+    """A map as the compiled loops take it: 0 outside the mask, with a rim."""
+    return pad_maps(np.where(problem.mask, v, 0.0))
+
+
+def check_the_compiled(problem, v, rng):
+    """Energy, coefficients, slope and matrix of the compiled loops are the readable ones."""
+    grid = Grid.of(problem)
+    model = GaussNewtonModel.at(problem, v)
+    assert grid.terms(inside(problem, v), problem.lam) == pytest.approx(
+        energy_terms(problem, v), rel=1e-12
+    )
+    coefficients, descent = grid.equations_at(inside(problem, v), problem.lam)
+    for compiled, readable in TWINS.items():
+        found = inner(getattr(coefficients, compiled))
+        expected = getattr(model, readable)
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), compiled
+    count = problem.mask.sum()
+    assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
+    x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)
+    product = np.zeros_like(descent)
+    multiply(coefficients.matrix(0.0), pad_maps(x), product)
+    assert relative(inner(product), count * model.multiply(x)).max() < 1e-12

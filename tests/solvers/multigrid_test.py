@@ -1,0 +1,264 @@
+"""Compiled equations against their readable twins, and what solves them against a direct solver."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from scipy.sparse.linalg import spsolve
+
+import endolab as el
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.derivatives import links, shift
+from endolab.solvers.energy import energy_terms
+from endolab.solvers.grid import Grid
+from endolab.solvers.multigrid import Multigrid, multiply
+from endolab.solvers.normal_equations import WEIGHT
+from endolab.solvers.problem import Problem
+from tests.solvers.gauss_newton_model import (
+    TWINS,
+    GaussNewtonModel,
+    check_the_compiled,
+    inside,
+    relative,
+)
+from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
+
+# Where a pixel stands among its matrix's seven or thirteen numbers: (rows, columns) to the other of the pair.
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]
+
+
+def worn(rng, **options):
+    """A tube with holes and cuts all over, and a map that is rough around the truth."""
+    problem, truth = at_truth("tube", 40, lam=0.7, **options)
+    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
+    problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.95)
+    return problem, truth + 0.02 * rng.normal(size=mask.shape)
+
+
+def equations(problem, v, inflow=None):
+    """Coefficients and right-hand side of the step at v."""
+    return Grid.of(problem, inflow).equations_at(inside(problem, v), problem.lam)
+
+
+@pytest.fixture(params=["first", "second", "curvature"])
+def system(request, rng):
+    """Worn equations of which a few pixels are given: their solver, right-hand side and free pixels."""
+    problem, v = worn(rng, regulariser=request.param)
+    inflow = np.where(rng.random(v.shape) < 0.05, problem.log_d0, np.nan)
+    coefficients, b = equations(problem, v, inflow)
+    free = coefficients.active > 0
+    assert 0.85 * problem.mask.sum() < free.sum() < problem.mask.sum()
+    return Multigrid(coefficients), b, free
+
+
+@every_variant
+def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
+    problem, v = worn(rng, xi=xi, regulariser=regulariser)
+    check_the_compiled(problem, v, rng)
+
+
+@every_regulariser
+def test_where_whole_blocks_are_given_coarser_grids_know_their_rays(regulariser):
+    problem, truth = at_truth("plane", 64, regulariser=regulariser)
+    inflow = np.where(np.arange(truth.shape[0])[:, None] % 16 < 4, truth, np.nan)
+    for level in Multigrid(equations(problem, truth, inflow)[0]).levels:
+        assert np.isfinite(level.matrix).all()
+
+
+@every_regulariser
+def test_a_smooth_step_costs_what_it_should(regulariser):
+    """Its differences are small beside the matrix's entries."""
+    problem, truth = at_truth("plane", 320, regulariser=regulariser)
+    model, (coefficients, _) = (
+        GaussNewtonModel.at(problem, truth),
+        equations(problem, truth),
+    )
+    matrix = coefficients.matrix(0.0)
+    for data in (True, False):
+        if not data:
+            model = replace(model, data_weight=0 * model.data_weight)
+            parts = coefficients.parts.copy()
+            parts[WEIGHT] = 0.0
+            matrix = replace(coefficients, parts=parts).matrix(0.0)
+        rows, columns = np.indices(truth.shape)
+        x = np.where(problem.mask, np.cos(np.pi * columns / 320) + rows / 240, 0.0)
+        product = np.zeros(matrix.shape[1:])
+        multiply(matrix, pad_maps(x), product)
+        expected = problem.mask.sum() * np.vdot(x, model.multiply(x))
+        assert np.vdot(inner(product), x) == pytest.approx(expected, rel=1e-8)
+
+
+@every_regulariser
+def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
+    """Equal but where a pixel's slant is within a table's step of a kink of the BRDF: measured 1e-7, 1e-3."""
+    problem, v = worn(rng, regulariser=regulariser, brdf=SHEET)
+    terms = Grid.of(problem).terms(inside(problem, v), problem.lam)
+    assert terms == pytest.approx(energy_terms(problem, v), rel=1e-6)
+    model, (coefficients, _) = GaussNewtonModel.at(problem, v), equations(problem, v)
+    for compiled, readable in TWINS.items():
+        error = relative(inner(getattr(coefficients, compiled)), getattr(model, readable))
+        assert np.percentile(error, 90) < 2e-3, compiled
+
+
+@pytest.mark.parametrize(
+    ("step", "last", "off"), [(0.0, 31, 1e-13), (1.0, 31, 1e-13), (1.0, 30, 0.01)]
+)
+def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step, last, off):
+    """Block means lie in the blocks' centres, and gradients at the rim are as good as inside.
+
+    A block that a cut halves has the mean of one half, which lies half a pixel aside: measured 0.0075.
+    """
+    problem, _ = at_truth("plane", 64)
+    rows, columns = np.indices(problem.mask.shape)
+    cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
+    cuts[0, :, last] = step > 0
+    fine = Grid.of(replace(problem, cuts=cuts))
+    v = pad_maps(2.0 + step * (columns > last) + 0.02 * columns - 0.01 * rows)
+    back = inner(fine.coarser().finer(fine.restrict(v), fine) - v)
+    np.testing.assert_allclose(back, 0, atol=off)
+    np.testing.assert_allclose(back[:, np.abs(columns[0] - last) > 4], 0, atol=1e-13)
+
+
+def around(shape, rows, columns, radius):
+    """Cuts along a circle: who is inside, and the steps that lead out."""
+    i, j = np.indices(shape)
+    inside = np.hypot(i - rows, j - columns) < radius
+    return inside, np.stack(
+        [inside ^ shift(inside, 1, axis, False) for axis in (1, 0)]
+    ) & links(np.ones(shape, bool))
+
+
+@pytest.mark.parametrize("centre", [(30, 40), (31, 41), (30.5, 40.3)])
+def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
+    """A map of two levels has them on every grid, and a line of cuts is closed on all of them."""
+    problem, _ = at_truth("plane", 80)
+    inside, cuts = around(problem.mask.shape, *centre, 14.3)
+    grid = Grid.of(replace(problem, cuts=cuts))
+    v = pad_maps(np.where(inside, 1.0, 2.0))
+    for _ in range(3):
+        fine = grid
+        grid = grid.coarser()
+        v = fine.restrict(v)
+        levels = inner(v)
+        assert set(np.unique(levels)) == {1.0, 2.0}
+        for axis, link in ((1, inner(grid.link)[0]), (0, inner(grid.link)[1])):
+            np.testing.assert_array_equal(link > 0, levels == shift(levels, 1, axis, 0.0))
+        assert np.isin(np.round(inner(grid.finer(v, fine)), 12), (1.0, 2.0)).all()
+
+
+def random_maps(rng, free, count):
+    return [np.where(free, rng.normal(size=free.shape), 0.0) for _ in range(count)]
+
+
+def test_prolongation_is_the_adjoint_of_restriction(system, rng):
+    top, below = system[0].levels[:2]
+    top = top.structure
+    below = below.structure
+    (fine,), (coarse,) = (
+        random_maps(rng, top.active > 0, 1),
+        random_maps(rng, below.active > 0, 1),
+    )
+    down = np.zeros_like(coarse)
+    up = np.zeros_like(fine)
+    top.way.adjoint(fine, below.active, down)
+    top.way.add(coarse, up)
+    assert np.vdot(down, coarse) == pytest.approx(np.vdot(fine, up), rel=1e-11)
+    assert not down[below.active == 0].any()
+    assert not up[top.active == 0].any()
+
+
+def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
+    solver, _, free = system
+
+    def cycled(b):
+        solver.levels[0].b[:] = b
+        solver._cycle()
+        return solver.levels[0].x.copy()
+
+    vectors = random_maps(rng, free, 5)
+    products = np.array([[np.vdot(a, cycled(b)) for a in vectors] for b in vectors])
+    np.testing.assert_allclose(
+        products, products.T, rtol=0, atol=1e-12 * np.abs(products).max()
+    )
+    assert np.linalg.eigvalsh((products + products.T) / 2).min() > 0
+
+
+def as_sparse(matrix):
+    """The matrix that seven or thirteen numbers a pixel stand for."""
+    size = matrix[0].size
+    place = np.arange(size).reshape(matrix.shape[1:])
+    whole = sparse.csr_matrix((size, size))
+    for numbers, (down, right) in zip(matrix, OFFSETS[: len(matrix)], strict=True):
+        i, j = np.nonzero(numbers)
+        where = place[i, j], place[i + down, j + right]
+        half = sparse.csr_matrix((numbers[i, j], where), shape=(size, size))
+        whole = whole + (half if down == right == 0 else half + half.T)
+    return whole
+
+
+def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
+    solver, b, free = system
+    kept = np.flatnonzero(free)
+    matrix = as_sparse(solver.levels[0].matrix)[kept][:, kept].tocsc()
+    for right in (b, np.where(free, b, 7.0)):  # whatever is asked of pixels that are held
+        x, steps, remaining = solver.solve(right, 1e-12, 300)
+        assert steps < 200  # measured 42 and 127 for equations as rough as these
+        assert remaining <= 1e-12
+        assert relative(x.flat[kept], spsolve(matrix, b.flat[kept])).max() < 1e-10
+        assert not x[~free].any()
+    x, steps, remaining = solver.solve(np.zeros_like(b), 0.1, 20)
+    assert (steps, remaining, x.any()) == (0, 0.0, False)
+
+
+@pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 5, 38)])
+@every_regulariser
+def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, regulariser):
+    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 4 and up to 33."""
+    steps = []
+    for width in (80, 160, 320):
+        problem, truth = at_truth(scene, width, regulariser=regulariser)
+        coefficients, b = equations(problem, truth)
+        solver = Multigrid(coefficients)
+        steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
+    assert np.all(np.max(steps, axis=0) <= [few, many])
+    assert steps[2][1] <= 1.3 * steps[0][1] + 2
+
+
+PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
+TURNS = [lambda a: a[..., ::-1], lambda a: a[..., ::-1, :], lambda a: a.swapaxes(-1, -2)]
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("size", [(48, 64), (50, 62), (36, 36)])
+def test_a_cycle_of_a_turned_grid_is_the_turned_one(rng, size, turn):
+    """Torn or not: where nothing comes first, nothing prefers left to right."""
+
+    def turned_system(turn):
+        rows, columns = size
+        i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+        apart = np.hypot(i - 20.2, j - 24.3) < 11.4
+        mask = turn(np.hypot(i - rows / 2, j - columns / 2) < 0.6 * rows)
+        apart = turn(apart)
+        cuts = np.stack([apart ^ shift(apart, 1, axis, False) for axis in (1, 0)]) & links(
+            mask
+        )
+        image = np.ascontiguousarray(
+            turn(0.4 + 0.2 * np.cos(0.1 * i) * np.sin(0.13 * j + 0.05 * i))
+        )
+        camera = el.Pinhole(
+            *image.shape[::-1], 40.0, 40.0, *((np.array(image.shape[::-1]) - 1) / 2)
+        )
+        problem = Problem(image, np.ascontiguousarray(mask), camera, PHOTOMETRY, cuts=cuts)
+        coefficients, b = equations(problem, np.where(mask, problem.log_d0, 0.0))
+        return Multigrid(coefficients), b
+
+    (one, b), (other, _) = turned_system(lambda a: a), turned_system(turn)
+    one.levels[0].b[:] = b
+    inner(other.levels[0].b)[:] = turn(inner(one.levels[0].b))
+    one._cycle()
+    other._cycle()
+    found = inner(other.levels[0].x)
+    expected = turn(inner(one.levels[0].x))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())

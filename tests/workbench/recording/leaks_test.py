@@ -1,0 +1,84 @@
+"""Many recordings leave no thread, no file and little memory behind."""
+
+import gc
+import shutil
+
+import numpy as np
+import psutil
+import pytest
+
+import endolab as el
+from endolab.workbench.recording import show as embed
+
+RUNS = 25
+FEW = 3  # after which all is loaded that stays
+GROWTH = (
+    15e6  # bytes over all runs; half of what fifty streams kept before they were let go
+)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    calibration = el.load_calibration("paper", width=48)
+    scene = el.render(el.SCENES["tube"], calibration.camera, calibration.photometry)
+    known = el.Calibration(scene.camera, scene.photometry)
+    return el.reconstruct(el.Frame(scene.image, scene.mask), known, solver="facing"), known
+
+
+def run(result, known, folder):
+    recorder = el.record(folder / "run.rrd")
+    recorder(result.iterate)
+    recorder.close()
+
+
+def failed(result, known, folder):
+    """A run whose file cannot be written in the end."""
+    (folder / "gone").mkdir()
+    recorder = el.record(folder / "gone" / "run.rrd")
+    recorder(result.iterate)
+    shutil.rmtree(folder / "gone")
+    with pytest.raises(OSError, match=r"run\.rrd"):
+        recorder.close()
+
+
+def begun(result, known, folder):
+    """A run that never comes to its first iterate."""
+    el.record(folder / "run.rrd").close()
+
+
+def dilate(action, count):
+    """How many threads, files and bytes there are more, after that many more times."""
+    me = psutil.Process()
+
+    def state():
+        gc.collect()
+        return np.array(
+            [
+                me.num_threads(),
+                me.num_fds() if hasattr(me, "num_fds") else 0,
+                me.memory_info().rss,
+            ]
+        )
+
+    for _ in range(FEW):
+        action()
+    before = state()
+    for _ in range(count):
+        action()
+    return state() - before
+
+
+@pytest.mark.parametrize("action", [run, failed, begun], ids=lambda one: one.__name__)
+def test_recordings_leave_nothing(action, solved, tmp_path):
+    threads, files, memory = dilate(lambda: action(*solved, tmp_path), RUNS)
+    assert (threads, files) == (0, 0)
+    assert memory < GROWTH
+
+
+def test_reading_and_showing_leave_nothing(solved, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(embed, "front_end", lambda: False)
+    monkeypatch.setattr(embed, "_display", lambda figure: None)
+    run(*solved, tmp_path)
+    threads, files, memory = dilate(lambda: embed.show(tmp_path / "run.rrd"), 15)
+    assert (threads, files) == (0, 0)
+    assert memory < 2 * GROWTH  # with what Matplotlib keeps at first

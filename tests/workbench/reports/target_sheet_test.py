@@ -1,0 +1,127 @@
+"""Sheets: what is printed is where the target says, in millimetres."""
+
+import re
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from endolab.calibration.targets import TARGETS, DotGrid
+from endolab.workbench.reports.target_sheet import A4, draw_sheet, write_sheet
+from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
+from tests.tools.sheet_views import reflectance
+
+BIG = DotGrid(40, 30, 9.0, small=1.5, large=2.2)
+
+
+@pytest.fixture(params=[".pdf", ".svg"])
+def page(request, tmp_path):
+    """Write a page; its width and height, mm."""
+
+    def write(target):
+        path = tmp_path / f"sheet{request.param}"
+        number = rb"([\d.]+)"
+        write_sheet(target, path)
+        content = path.read_bytes()
+        assert not re.search(rb"/Subtype */Image|<image", content)  # no pixels
+        write_sheet(target, path)
+        assert path.read_bytes() == content  # which knows no date
+        size = (
+            rb"/MediaBox \[ *0 0 %b %b *\]"
+            if request.param == ".pdf"
+            else rb'width="%bpt" height="%bpt"'
+        )
+        found = re.search(size % (number, number), content)
+        return np.array([float(value) for value in found.groups()]) / 72 * 25.4
+
+    return write
+
+
+def test_the_page_is_a4_of_true_size_or_as_large_as_the_sheet_needs(page):
+    for name in ("vicalib_big", "vicalib_folded", "charuco"):
+        np.testing.assert_allclose(page(TARGETS[name]), A4, atol=0.01)
+    size, (_, _, width, height) = page(BIG), BIG.sheet
+    assert np.all(size >= [width, height])
+    assert np.all(size <= [width + 20, height + 45])
+
+
+def picture(target, dpi=300):
+    """The page as a printer of so many dots an inch prints it: values, and (x, y) in mm to pixel."""
+    figure = draw_sheet(target)
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = np.asarray(canvas.buffer_rgba())[..., 0] / 255
+
+    def pixel(xy):
+        found = figure.axes[0].transData.transform(xy)
+        return np.column_stack([found[:, 0] - 0.5, image.shape[0] - 0.5 - found[:, 1]])
+
+    return image, pixel
+
+
+@pytest.mark.parametrize("name", ["vicalib_big", "vicalib_grey", "circles"])
+def test_printed_discs_are_where_the_target_says(name):
+    target = TARGETS[name]
+    image, pixel = picture(target)
+    per_mm = 300 / 25.4
+    for (x, y), radius in zip(pixel(target.points[:, :2]), target.radii, strict=True):
+        half = int(np.ceil((radius + 0.3) * per_mm))
+        left = int(x) - half
+        top = int(y) - half
+        dark = 1 - image[top : top + 2 * half + 2, left : left + 2 * half + 2]
+        rows, columns = np.indices(dark.shape)
+        dark = np.where(
+            np.hypot(columns + left - x, rows + top - y) < (radius + 0.2) * per_mm, dark, 0
+        )
+        centre = np.array([(dark * columns).sum(), (dark * rows).sum()]) / dark.sum() + [
+            left,
+            top,
+        ]
+        assert np.hypot(*(centre - [x, y])) / per_mm < 0.02
+        assert np.sqrt(dark.sum() / np.pi) / per_mm == pytest.approx(radius, abs=0.02)
+
+
+@pytest.mark.parametrize("target", [TARGETS["vicalib_grey"], TARGETS["charuco"], *OTHERS])
+def test_the_page_shows_the_reflectance(target, rng):
+    image, pixel = picture(target)
+    left, top, width, height = target.sheet
+    places = rng.uniform(
+        [left + 0.5, top + 4], [left + width - 0.5, top + height - 4], (2000, 2)
+    )
+    around = places[:, None] + 0.2 * np.stack(
+        np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1
+    ).reshape(-1, 2)
+    value = reflectance(target, around, black=0.0)
+    clear = np.ptp(value, axis=1) == 0  # off the rims
+    column, row = np.round(pixel(places[clear])).astype(int).T
+    shown = image[row, column]
+    linear = np.where(
+        shown > 0.04045, ((shown + 0.055) / 1.055) ** 2.4, shown / 12.92
+    )  # sRGB
+    assert clear.mean() > 0.5
+    np.testing.assert_allclose(linear, value[clear, 4], atol=0.01)
+
+
+def test_the_page_says_how_to_fold_and_its_ruler_measures_what_it_says():
+    folded, plain = (
+        draw_sheet(TARGETS[name]).axes[0] for name in ("vicalib_folded", "vicalib_small")
+    )
+    assert [
+        "fold here" in " ".join(text.get_text() for text in page.texts)
+        for page in (folded, plain)
+    ] == [
+        1,
+        0,
+    ]
+    assert max(np.ptp(line.get_xdata()) for line in plain.lines) == pytest.approx(
+        50, abs=1e-9
+    )
+    assert "50 mm" in " ".join(text.get_text() for text in plain.texts)
+
+
+def test_other_kinds_of_file_are_refused(tmp_path):
+    for name in ("sheet.png", "sheet"):
+        with pytest.raises(ValueError, match=name):
+            write_sheet(BIG, tmp_path / name)
+    assert not list(tmp_path.iterdir())

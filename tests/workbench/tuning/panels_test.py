@@ -1,0 +1,170 @@
+"""The tuner's panels and boards: what is shown, where it lies, what is said of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.reconstruction.uncertainty.estimate import noise_left
+from endolab.solvers.problem import NONE
+from endolab.workbench.plots.scales import DECIDERS
+from endolab.workbench.tuning.boards import of_one, of_several, of_two
+from endolab.workbench.tuning.engine import Tuner
+from endolab.workbench.tuning.panels import (
+    BELOW_NOISE,
+    PANELS,
+    SILENT,
+    TORN,
+    USUAL,
+    Dot,
+    View,
+    ratio_of,
+)
+from endolab.workbench.tuning.pictures import Chart, Map, coloured, log_ticks, ticks
+from endolab.workbench.tuning.sentences import summary, warnings
+from endolab.workbench.tuning.source import Knobs
+
+ROOM = (1200, 640)
+
+
+@pytest.fixture(scope="module")
+def engine():
+    engine = Tuner(datasets.load_calibration("simple", 160))
+    yield engine
+    engine.close()
+
+
+@pytest.fixture(scope="module")
+def answer(engine):
+    return engine.cold(Knobs(scene="tube", width=160, noise=1.0))
+
+
+@pytest.fixture(scope="module")
+def smoother(engine, answer):
+    return engine.cold(replace(answer.settings, lam=100.0))
+
+
+def changed(answer, **problem):
+    """The answer with another problem."""
+    iterate = answer.result.iterate
+    iterate = replace(iterate, problem=replace(iterate.problem, **problem))
+    return replace(answer, result=replace(answer.result, iterate=iterate))
+
+
+def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
+    trusted = replace(answer, uncertainty=el.uncertainty_of(answer.result, draws=4))
+    for name, panel in PANELS.items():
+        drawn = panel(trusted, View())
+        drawn.draw(np.full((300, 400, 3), 255, np.uint8), 12)
+        if isinstance(drawn, Map) and name != "3D":
+            assert drawn.picture.shape[:2] == answer.result.mask.shape
+            assert isinstance(drawn.says(60, 80), str)
+    sigma = 100 * trusted.uncertainty.sigma / answer.result.distance
+    shown = PANELS["σ"](trusted, View())
+    assert np.array_equal(shown.picture, coloured(sigma, shown.limits, "magma"))
+    decided = PANELS["who decided"](trusted, View()).picture
+    for k, colour in enumerate(DECIDERS.values(), 1):
+        assert np.array_equal(
+            (decided == colour).all(axis=-1), trusted.uncertainty.dominant_source == k
+        )
+    assert "find σ" in PANELS["σ"](answer, View()).title
+
+
+def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
+    residual = PANELS["model - frame"](answer, View()).picture
+    quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result)[0]
+    assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
+    cuts = np.zeros((2, 120, 160), bool)
+    evidence = np.zeros((120, 160), np.int8)
+    cuts[0, 40:80, 80] = True
+    evidence[50:60, 20:30] = NONE
+    torn = changed(answer, cuts=cuts, evidence=evidence)
+    shown = PANELS["contours"](torn, View())
+    assert (shown.picture[40:80, 80] == TORN).all()
+    assert (shown.picture[50:60, 20:30] == SILENT).all()
+    assert "torn" in shown.says(50, 80)
+    assert "40 px torn" in summary(torn)
+
+
+def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
+    board = of_one(answer, USUAL, View(), ROOM)
+    assert board.picture.shape == (640, 1200, 3)
+    for name, place in zip(USUAL, board.places, strict=True):
+        wide = place.box[2] - place.box[0]
+        tall = place.box[3] - place.box[1]
+        assert (wide, tall) == pytest.approx((1 / 3, 1 / 2))
+        if name in ("frame", "distance", "model - frame"):
+            left, top, right, bottom = place.spot
+            assert right - left > 0.75 * wide or bottom - top > 0.85 * tall
+    left, top, right, bottom = np.round(
+        np.multiply(board.places[0].spot, [1200, 640] * 2)
+    ).astype(int)
+    seen = board.picture[top:bottom, left:right][
+        :: (bottom - top) // 8, :: (right - left) // 8
+    ]
+    assert seen.std() > 10
+    assert board.at((left + 5) / 1200, (top + 5) / 640) is board.places[0]
+    i = 30
+    j = 40
+    assert (
+        board.places[1]
+        .says((j + 0.5) / 160, (i + 0.5) / 120)
+        .startswith(f"{answer.result.distance[i, j]:.4g} ")
+    )
+
+
+def test_two_and_several_share_one_scale(answer, smoother):
+    board = of_two(answer, smoother, View(), ROOM)
+    a, b = (board.places[number].panel for number in (0, 1))
+    assert (a.limits, a.title[0], b.title[0]) == (b.limits, "A", "B")
+    ratio = ratio_of(answer, smoother)
+    expected = 100 * (smoother.result.distance[60, 80] / answer.result.distance[60, 80] - 1)
+    assert float(ratio.says(60, 80).split()[0]) == pytest.approx(expected, abs=0.06)
+    several = of_several(
+        [("λ 1", answer), ("λ 10", None), ("λ 100", smoother)], answer, View(), ROOM
+    )
+    assert several.picture.shape[:2] == (639, 1200)
+    assert [place.answer for place in several.places] == [answer, smoother] * 3
+    limits = PANELS["distance"](answer, View()).limits
+    for place in several.places[:2]:  # whose one bar is beside the row
+        assert place.panel.limits is None
+        expected = coloured(place.answer.result.distance, limits)
+        np.testing.assert_array_equal(place.panel.picture, expected)
+
+
+def test_the_lam_curve_has_a_dot_each_and_marks_this_one(answer, smoother):
+    dots = [Dot(one, one.settings, one.data, one.roughness) for one in (answer, smoother)]
+    chart = PANELS["λ curve"](answer, View(dots=dots))
+    _, places = chart.draw(np.full((300, 400, 3), 255, np.uint8), 12)
+    assert len(places) == 3
+    assert places[0] == places[2]  # the mark lies on its dot
+    assert places[1][0] > places[0][0]  # smoother: explains less, ...
+    assert places[1][1] > places[0][1]  # ... and is less rough
+    assert len(chart.curves[0][1]) == 2
+
+
+def test_what_should_be_known_is_a_sentence(engine, answer, smoother):
+    assert warnings(answer, None) == []
+    sphere = engine.cold(replace(answer.settings, regulariser="first", lam=1e4))
+    assert "sphere" in warnings(sphere, None)[0]
+    cuts = np.zeros((2, 120, 160), bool)
+    cuts[0, 40:80, 80] = True
+    assert "Contours changed with λ" in warnings(smoother, changed(answer, cuts=cuts))[0]
+    elsewhere = replace(answer, followed=smoother.result)
+    assert "ends elsewhere" in warnings(elsewhere, None)[0]
+    assert summary(answer).startswith("λ 1 · curvature (auto) · converged")
+
+
+def test_ticks_are_round_and_a_chart_of_nothing_is_drawn():
+    assert ticks(0, 10) == [0, 2, 4, 6, 8, 10]
+    assert 10 ** np.array(log_ticks(-2.1, -0.9)) == pytest.approx([0.01, 0.02, 0.05, 0.1])
+    assert 10 ** np.array(log_ticks(0.0, 0.01)) == pytest.approx(
+        [1.0, 1.005, 1.01, 1.015, 1.02]
+    )
+    nothing = np.full(3, np.nan)
+    for curves in ([], [("a", nothing, nothing, (0, 0, 0))]):
+        paper = np.full((150, 200, 3), 255, np.uint8)
+        Chart("", "x", "y", curves, log=(True, True)).draw(paper, 12)
+        assert paper.std() > 5

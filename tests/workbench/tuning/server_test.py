@@ -1,0 +1,306 @@
+"""A widget in a page of its own: who may look, what is told to whom, and the end."""
+
+import asyncio
+import http.client
+import json
+import re
+import shutil
+import subprocess
+import threading
+import time
+from contextlib import closing
+from urllib.parse import urlsplit
+
+import anywidget
+import comm
+import pytest
+import tornado.websocket
+import traitlets as t
+
+from endolab.workbench.tuning import server
+from endolab.workbench.tuning.server import Page
+from tests.conftest import missing_system
+
+
+class Slider(anywidget.AnyWidget):
+    """A widget with a number, bytes, and another in it."""
+
+    value = t.Int(3).tag(sync=True)
+    content = t.Bytes(b"abc").tag(sync=True)
+    other = t.Any()
+
+
+@pytest.fixture(autouse=True)
+def restored(monkeypatch):
+    """The comms of other tests' widgets stay theirs; all ends soon."""
+    monkeypatch.setattr(comm, "create_comm", comm.create_comm)
+    monkeypatch.setattr(server, "GRACE", 0.3)
+
+
+@pytest.fixture
+def serve():
+    """Function that runs a page in a thread; returns it, its thread, and a list for what it raises."""
+    threads = []
+
+    def serve(make, **how):
+        page = Page(make, "a <title>", **how)
+        up = threading.Event()
+        raised = []
+
+        def run():
+            try:
+                page.run(up.set)
+            except Exception as error:
+                raised.append(error)
+
+        threads.append((page, threading.Thread(target=run)))
+        threads[-1][1].start()
+        assert up.wait(10)
+        return page, threads[-1][1], raised
+
+    yield serve
+    for page, thread in threads:
+        if thread.is_alive():
+            page._loop.call_soon_threadsafe(page._ended.set)
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def get(link):
+    """Status, headers and body of an answer."""
+    parts = urlsplit(link)
+    ask = http.client.HTTPConnection(parts.netloc, timeout=10)
+    ask.request("GET", parts.path)
+    with closing(ask):
+        answer = ask.getresponse()
+        return answer.status, dict(answer.getheaders()), answer.read()
+
+
+async def connected(page):
+    return await tornado.websocket.websocket_connect(
+        page.link.replace("http:", "ws:") + "channel"
+    )
+
+
+async def leave(*channels):
+    """Close pages, as page.js does when a tab is left."""
+    for channel in channels:
+        channel.close(1000)
+        while await asyncio.wait_for(channel.read_message(), 10) is not None:
+            pass
+
+
+async def heard(channel):
+    """The next message, and its buffers."""
+    message = json.loads(await asyncio.wait_for(channel.read_message(), 10))
+    buffers = message.get("buffer_paths", [])
+    return message, [await asyncio.wait_for(channel.read_message(), 10) for _ in buffers]
+
+
+def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve):
+    page, *_ = serve(Slider)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\w{48}/", page.link)
+    root = page.link[: -len("/") - 48]
+    for path in (
+        "",
+        "channel",
+        f"{'0' * 48}/",
+        f"{'0' * 48}/channel",
+        f"{page.link[-49:]}../server.py",
+    ):
+        status, _, body = get(root + path)
+        assert status == 404, path
+        assert page.link[-49:-1].encode() not in body
+    status, headers, body = get(page.link)
+    assert status == 200
+    assert headers["Content-Security-Policy"].startswith(
+        "default-src 'self' blob: data: ws://127.0.0.1"
+    )
+    assert b"<title>a &lt;title&gt;</title>" in body
+    port = urlsplit(page.link).port
+    assert page._socket.getsockname()[0] == "127.0.0.1"
+    with pytest.raises(OSError, match=f"cannot listen on port {port}: "):
+        Page(Slider, "", port)
+
+
+def test_no_other_pages_script_may_open_the_channel(serve):
+    page, *_ = serve(Slider)
+    address = page.link.replace("http:", "ws:") + "channel"
+    asking = tornado.httpclient.HTTPRequest(
+        address, headers={"Origin": "http://evil.example"}
+    )
+
+    async def tried():
+        await tornado.websocket.websocket_connect(asking)
+
+    with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
+        asyncio.run(tried())
+
+
+@pytest.mark.parametrize(
+    "origin", ["https://Lab.Example.org/", "http://10.0.0.2:8080", "https://lab:443"]
+)
+def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origin):
+    named = {
+        "https://Lab.Example.org/": "https://lab.example.org",
+        "https://lab:443": "https://lab",
+    }
+    named = named.get(origin, origin)  # as a browser writes it
+    page, *_ = serve(Slider, origin=origin)
+    address = page.link.replace("http:", "ws:") + "channel"
+
+    async def tried(origin):
+        asking = tornado.httpclient.HTTPRequest(address, headers={"Origin": origin})
+        channel = await tornado.websocket.websocket_connect(asking)
+        assert (await heard(channel))[0]["state"]["value"] == 3
+        await leave(channel)
+
+    _, headers, _ = get(page.link)
+    assert named.replace("http", "ws", 1) in headers["Content-Security-Policy"].split(" ")
+    for other in ("http://evil.example", f"{named}.evil.example", "null", ""):
+        with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
+            asyncio.run(tried(other))
+    asyncio.run(tried(named))
+
+
+@pytest.mark.parametrize(
+    "origin", ["lab.example.org", "ftp://lab", "https://lab/user", "*", "https://"]
+)
+def test_an_origin_that_is_none_is_one_sentence(origin):
+    with pytest.raises(ValueError, match=r"https://lab\.example\.org"):
+        Page(Slider, "", origin=origin)
+
+
+@pytest.mark.parametrize(
+    "place", ["http://127.0.0.1:8877", "https://lab.example.org", "https://lab/user/x"]
+)
+def test_the_page_opens_its_channel_where_it_came_from(place):
+    """In Node, with as much of a browser as it needs until then."""
+    node = shutil.which("node")
+    if node is None:
+        missing_system(
+            "What page.js opens is not looked at: there is no Node on this machine."
+        )
+    address = urlsplit(f"{place}/abc/")
+    known = {"href": address.geturl(), "host": address.netloc, "pathname": address.path}
+    browser = f"globalThis.location = {json.dumps(known)}; globalThis.window = {{ addEventListener() {{}} }};"
+    browser += (
+        "globalThis.WebSocket = class { constructor(link) { console.log(String(link)); } };"
+    )
+    script = (server.HERE / "page.js").read_text(encoding="utf-8")
+    done = subprocess.run(
+        [node, "-e", browser + script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout.strip() == f"{place}/abc/channel".replace("http", "ws", 1)
+
+
+def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve, capfd):
+    seen = []
+
+    def make():
+        slider = Slider(other=Slider(value=4))
+        slider.observe(lambda change: seen.append(change["new"]), "value")
+        return slider
+
+    page, *_ = serve(make)
+
+    async def talk():
+        one = await connected(page)
+        inner, _ = await heard(one)
+        outer, buffers = await heard(one)
+        assert (inner["state"]["value"], outer["state"]["value"]) == (4, 3)
+        assert outer["id"] == page.widget.model_id
+        assert dict(
+            zip([path[0] for path in outer["buffer_paths"]], buffers, strict=True)
+        ) == {"content": b"abc"}
+        other = await connected(page)
+        for channel in (one, other):  # all, once more
+            await heard(channel)
+            await heard(channel)
+        change = {"id": outer["id"], "data": {"method": "update", "state": {"value": 5}}}
+        await one.write_message(json.dumps(change))
+        assert (await heard(one))[0] == {"id": outer["id"], "done": True}
+        assert (await heard(other))[0]["state"] == {"value": 5}
+        page.widget.value = 7  # from another thread
+        for channel in (one, other):
+            assert (await heard(channel))[0]["state"] == {"value": 7}
+        state = {"method": "update", "state": []}
+        others = [
+            {"id": "none"},
+            {"id": []},
+            {"data": None},
+            {"data": [1]},
+            {"data": state},
+        ]
+        wrong = [json.dumps(change | other) for other in others]
+        for nonsense in ("nonsense", "[]", "null", "[" * 200_000, b"bytes", *wrong):
+            await one.write_message(nonsense, binary=isinstance(nonsense, bytes))
+        await one.write_message(json.dumps(change))
+        assert (await heard(one))[0]["done"]  # it is still there
+        await leave(one, other)
+
+    asyncio.run(talk())
+    assert seen == [5, 7, 5]
+    output = capfd.readouterr().err
+    assert len(output.splitlines()) == 10  # one for each nonsense
+    assert page.link[-49:-1] not in output
+
+
+def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(
+    serve, monkeypatch
+):
+    monkeypatch.setattr(server, "GRACE", 1.5)
+    page, thread, raised = serve(Slider)
+
+    async def visit():
+        one = await connected(page)
+        other = await connected(page)
+        await leave(one)
+        await asyncio.sleep(2)
+        assert thread.is_alive()
+        await leave(other)
+        await asyncio.sleep(0.1)
+        again = await connected(page)
+        await asyncio.sleep(2)
+        assert thread.is_alive()
+        await leave(again)
+
+    asyncio.run(visit())
+    thread.join(10)
+    assert not thread.is_alive()
+    assert raised == []
+    assert page.widget.comm is None  # it was closed
+
+
+@pytest.mark.parametrize("code", [None, 1001])
+def test_a_page_that_is_lost_is_waited_for(serve, code):
+    """Without a word, or with the browser's own, as when it dies or puts a tab to sleep."""
+    page, thread, _ = serve(Slider)
+
+    async def visit():
+        one = await connected(page)
+        await heard(one)
+        if code is None:
+            one.protocol.stream.close()
+        one.close(code)
+        until = time.monotonic() + 10
+        while page._pages and time.monotonic() < until:
+            await asyncio.sleep(0.01)
+        assert not page._pages
+        await asyncio.sleep(2 * server.GRACE)
+
+    asyncio.run(visit())
+    assert thread.is_alive()
+
+
+def test_what_the_widget_raises_ends_it(serve):
+    def make():
+        raise ValueError("no frame")
+
+    _, thread, raised = serve(make)
+    thread.join(10)
+    assert [str(error) for error in raised] == ["no frame"]
