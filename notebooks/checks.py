@@ -10,21 +10,18 @@ from math import isfinite
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import numpy as np
-from scipy.ndimage import minimum_filter
-from scipy.optimize import brentq
-
 import endolab as el
+import numpy as np
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.model.surface import XI, to_xi
 from endolab.numerics.derivatives import hessian
 from endolab.reconstruction.channels import make_problem
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.synthetic.scenes import Plane
+from scipy.ndimage import minimum_filter
+from scipy.optimize import brentq
 
-NOT_YET = (
-    "Nothing here yet. Replace the dots, or the line that raises, and run the cell again."
-)
+NOT_YET = "Nothing here yet. Replace the dots, or the line that raises, and run the cell again."
 
 
 @dataclass(frozen=True)
@@ -50,9 +47,7 @@ class Part(NamedTuple):
     name: str
     found: Any
     right: Any
-    within: Any = (
-        0.0  # how far off numbers may be, in the unit: one number, or one for each
-    )
+    within: Any = 0.0  # how far off numbers may be, in the unit: one number, or one for each
     unit: str = ""
 
     def wrong(self):
@@ -67,9 +62,7 @@ class Part(NamedTuple):
             return f"{self.name} should have shape {right.shape}, and has {found.shape}."
         if right.dtype == bool:
             count = int(np.sum(found != right))
-            return (
-                f"{self.name} is wrong at {count} of {right.size} pixels." if count else ""
-            )
+            return f"{self.name} is wrong at {count} of {right.size} pixels." if count else ""
         if np.all(np.abs(found - right) <= self.within):
             return ""
         off = float(np.max(np.abs(found - right)))
@@ -90,18 +83,12 @@ def exercise(hint):
             if any(part is ... for part in answer):
                 return Verdict(None, NOT_YET)
             try:
-                wrong = next(
-                    (words for part in parts(*answer) if (words := part.wrong())), ""
-                )
+                wrong = next((words for part in parts(*answer) if (words := part.wrong())), "")
             except NotImplementedError:
                 return Verdict(None, NOT_YET)
             except Exception as error:  # whatever a student's own function raises
                 wrong = f"This answer ends in {type(error).__name__}: {error}."
-            return (
-                Verdict(False, f"{wrong} Hint: {hint}")
-                if wrong
-                else Verdict(True, "Right.")
-            )
+            return Verdict(False, f"{wrong} Hint: {hint}") if wrong else Verdict(True, "Right.")
 
         return check
 
@@ -114,23 +101,15 @@ def percent(distance, truth):
 
 
 # 00 ---------------------------------------------------------------------------------------
-@exercise(
-    "A gain of `None` tells no scale. How many mm is the median of `free`, divided by how many units?"
-)
+@exercise("A gain of `None` tells no scale. How many mm is the median of `free`, divided by how many units?")
 def lost_scale(free, factor, result):
     yield Part("`free.metric`", free.metric, False)
     yield Part(
-        "factor",
-        factor,
-        each := np.nanmedian(result.distance / free.distance),
-        0.01 * each,
-        "mm a unit",
+        "factor", factor, each := np.nanmedian(result.distance / free.distance), 0.01 * each, "mm a unit"
     )
 
 
-@exercise(
-    "Best is what errs least in the median. Light that a wall swallows does not bounce."
-)
+@exercise("Best is what errs least in the median. Light that a wall swallows does not bounce.")
 def three_colours(by_channel, best, in_tissue, seen):
     off = {}
     for name in ("red", "green", "blue"):
@@ -148,38 +127,28 @@ quickstart = SimpleNamespace(exercise_1=lost_scale, exercise_2=three_colours)
 HEIGHTS = np.array([30.0, 40.0, 60.0, 80.0, 120.0])  # mm, of the planes of section 6
 
 
-@exercise(
-    "rms over the distance, both on logarithmic axes; the weight is that of the lamp at x = 4 mm."
-)
+@exercise("rms over the distance, both on logarithmic axes; the weight is that of the lamp at x = 4 mm.")
 def two_lamps(slope):
     rays = el.load_calibration("simple", 80).camera.field.rays
     for weight in (1.0, 2.0, 4.0):
-        pair = tuple(
-            el.SpotLight((x, 0, 0), exponent=1.5, weight=w)
-            for x, w in ((-4.0, 1), (4.0, weight))
-        )
+        pair = tuple(el.SpotLight((x, 0, 0), exponent=1.5, weight=w) for x, w in ((-4.0, 1), (4.0, weight)))
         real, rms = el.Photometry(k=1.0, gain=1.0, lights=pair), []
         for height in HEIGHTS:
             points = Plane(height, 0.0).distance(rays)[..., None] * rays
             light, virtual = (
-                one.intensity(points, [0, 0, -1.0]) ** one.gamma
-                for one in (real, real.simplify())
+                one.intensity(points, [0, 0, -1.0]) ** one.gamma for one in (real, real.simplify())
             )
             rms.append(np.sqrt(np.mean((virtual / light - 1) ** 2)))
         right = np.polyfit(np.log(HEIGHTS), np.log(rms), 1)[0]
         yield Part(f"slope for weight {weight:g}", slope(weight), right, 0.03)
 
 
-@exercise(
-    "Write γ log I of both, set them equal up to a constant, and solve for the other BRDF."
-)
+@exercise("Write γ log I of both, set them equal up to a constant, and solve for the other BRDF.")
 def twin_brdf(twin):
     cosine = np.cos(np.deg2rad(np.arange(0.0, 71.0, 5.0)))
     brdf = 0.2 * (1 + 0.3 * np.exp(-np.arccos(cosine) / 0.2))
     for k, gamma in ((2.5, 2.2), (3.1, 2.2), (2.5, 1.8), (3.1, 1.8)):
-        right = gamma / 2.2 * (5.5 * np.log(cosine) + np.log(brdf)) - (k + 3) * np.log(
-            cosine
-        )
+        right = gamma / 2.2 * (5.5 * np.log(cosine) + np.log(brdf)) - (k + 3) * np.log(cosine)
         found = np.log(np.asarray(twin(brdf, cosine, 2.5, 2.2, k, gamma), dtype=float))
         name = f"log of the BRDF for k {k}, γ {gamma}"
         yield Part(name, found - found.mean(), right - right.mean(), 1e-9)
@@ -195,9 +164,7 @@ def enough_views(count, fit):
     yield Part("count", count, right, 0.12 * right, "views")
 
 
-@exercise(
-    "A picture knows no mm. Distances grow as the sheet is taken for larger, and light has g/d²."
-)
+@exercise("A picture knows no mm. Distances grow as the sheet is taken for larger, and light has g/d².")
 def shrunk_sheet(focal, distance, gain, *_):
     yield Part("focal", focal, 1.0, 0.002, "times")
     yield Part("distance", distance, 1 / 0.97, 0.002, "times")
@@ -208,9 +175,7 @@ geometric_calibration = SimpleNamespace(exercise_1=enough_views, exercise_2=shru
 
 
 # 03 ---------------------------------------------------------------------------------------
-@exercise(
-    "255 ((cosᵏα / d² · f_r(θ) · cos θ · g)^(1/γ) - I), each with the gain of its own frame."
-)
+@exercise("255 ((cosᵏα / d² · f_r(θ) · cos θ · g)^(1/γ) - I), each with the gain of its own frame.")
 def residual(answer, samples):
     few = samples[:: max(len(samples) // 600, 1)]
     nodes, f_r = np.deg2rad([0.0, 10, 25, 45, 90]), np.array([0.41, 0.36, 0.30, 0.27, 0.24])
@@ -221,9 +186,7 @@ def residual(answer, samples):
     yield Part("residual", found, 255 * (level - few.level), 1e-3, "grey levels")
 
 
-@exercise(
-    "γ less its truth, over the standard error of the fit that takes the paper for matt."
-)
+@exercise("γ less its truth, over the standard error of the fit that takes the paper for matt.")
 def glossy_paper(off_by, warned, folded, glossy, truth):
     matt = calibrate_light(folded, gamma="free", brdf="lambertian")
     right = abs(matt.photometry.gamma - truth.gamma) / matt.standard_errors["gamma"]
@@ -231,16 +194,12 @@ def glossy_paper(off_by, warned, folded, glossy, truth):
     yield Part("what warned", warned, "residuals")
 
 
-@exercise(
-    "I^γ falls as 1/d²: with the wrong γ, to which power does the ratio of two distances come?"
-)
+@exercise("I^γ falls as 1/d²: with the wrong γ, to which power does the ratio of two distances come?")
 def wrong_gamma(factor):
     yield Part("factor", factor, 4 ** (2.0 / 2.2), 0.02, "times")
 
 
-photometric_calibration = SimpleNamespace(
-    residual=residual, exercise_1=glossy_paper, exercise_2=wrong_gamma
-)
+photometric_calibration = SimpleNamespace(residual=residual, exercise_1=glossy_paper, exercise_2=wrong_gamma)
 
 
 # 04 ---------------------------------------------------------------------------------------
@@ -275,42 +234,29 @@ def first_order(d0, delta):
             y = np.minimum(y, found)
 
 
-@exercise(
-    "Local minima keep d₀. The lowest pixel that is not final comes next; its neighbours are updated."
-)
+@exercise("Local minima keep d₀. The lowest pixel that is not final comes next; its neighbours are updated.")
 def march(answer):
     row, column = np.indices((12, 16))
     d0 = 50 + 6 * np.sin(0.8 * column) + 5 * np.cos(0.9 * row + 0.3 * column) + 0.1 * row
     delta = 0.04 + 0.001 * column + 0.002 * row
-    yield Part(
-        "the distance", answer(d0.copy(), delta.copy()), first_order(d0, delta), 1e-4, "mm"
-    )
+    yield Part("the distance", answer(d0.copy(), delta.copy()), first_order(d0, delta), 1e-4, "mm")
 
 
-@exercise(
-    "(1/√sin β - 1) (tan 20°/tan β)² = 0.01, with β in degrees from the axis to the border."
-)
+@exercise("(1/√sin β - 1) (tan 20°/tan β)² = 0.01, with β in degrees from the axis to the border.")
 def half_angle(beta):
     def excess(angle):
-        return (np.sin(angle) ** -0.5 - 1) * (
-            np.tan(np.deg2rad(20)) / np.tan(angle)
-        ) ** 2 - 0.01
+        return (np.sin(angle) ** -0.5 - 1) * (np.tan(np.deg2rad(20)) / np.tan(angle)) ** 2 - 0.01
 
     right = np.rad2deg(brentq(excess, np.deg2rad(20.1), np.deg2rad(89.9)))
     yield Part("beta", beta, right, 1.0, "°")
 
 
-@exercise(
-    "`inflow` takes log d at the border and on the far side of each jump in log d, and nan elsewhere."
-)
+@exercise("`inflow` takes log d at the border and on the far side of each jump in log d, and nan elsewhere.")
 def error_behind_folds(error_at, seen):
     log_d = np.log(seen.distance)
     border = np.ones(log_d.shape, dtype=bool)
     border[1:-1, 1:-1] = False
-    frame, known = (
-        el.Frame(seen.image, seen.mask),
-        el.Calibration(seen.camera, seen.photometry),
-    )
+    frame, known = el.Frame(seen.image, seen.mask), el.Calibration(seen.camera, seen.photometry)
     for jump in (0.08, 0.02):
         inflow = np.where(border | (log_d - minimum_filter(log_d, 3) > jump), log_d, np.nan)
         run = el.reconstruct(frame, known, solver="fast_marching", smooth=0, inflow=inflow)
@@ -334,39 +280,23 @@ def posed(scene, width, epsilon=1e-3):
     """A rendered scene as a problem, with its frame, calibration and true distance."""
     known = el.load_calibration("simple", width)
     view = el.render(el.SCENES[scene], known.camera, known.photometry)
-    frame, known = (
-        el.Frame(view.image, view.mask),
-        replace(known, photometry=view.photometry),
-    )
-    return (
-        make_problem(frame, known, smooth=0, epsilon=epsilon),
-        frame,
-        known,
-        view.distance,
-    )
+    frame, known = el.Frame(view.image, view.mask), replace(known, photometry=view.photometry)
+    return make_problem(frame, known, smooth=0, epsilon=epsilon), frame, known, view.distance
 
 
 def mean_error(scene, **how):
     """Mean error of a scene's distance by Gauss-Newton in green, %."""
     _, frame, known, truth = posed(scene, 160)
-    return np.mean(
-        percent(
-            el.reconstruct(frame, known, channel="green", smooth=0, **how).distance, truth
-        )
-    )
+    return np.mean(percent(el.reconstruct(frame, known, channel="green", smooth=0, **how).distance, truth))
 
 
 def slope_of(residuals, v):
     """Derivative of residuals by a flat map, by difference quotients."""
     here = residuals(v)[0]
-    return np.stack(
-        [(residuals(v + 1e-6 * unit)[0] - here) / 1e-6 for unit in np.eye(v.size)], axis=1
-    )
+    return np.stack([(residuals(v + 1e-6 * unit)[0] - here) / 1e-6 for unit in np.eye(v.size)], axis=1)
 
 
-@exercise(
-    "(JᵀWJ + λ BᵀVB) δ = -(JᵀWe + λ BᵀV Dξ); return v + δ, with δ halved until the energy falls."
-)
+@exercise("(JᵀWJ + λ BᵀVB) δ = -(JᵀWe + λ BᵀV Dξ); return v + δ, with δ halved until the energy falls.")
 def gauss_newton_step(step):
     problem, _, _, truth = posed("tube", 12)
     problem = replace(problem, lam=0.1)
@@ -379,9 +309,7 @@ def gauss_newton_step(step):
     def bend(v):
         x = to_xi(v.reshape(shape), problem.xi, problem.field.cos_alpha) / problem.xi_median
         s = hessian(x, problem.mask) * problem.derivative_scale
-        weight = problem.edge_weight / np.maximum(
-            np.linalg.norm(s, axis=0), problem.epsilon
-        )
+        weight = problem.edge_weight / np.maximum(np.linalg.norm(s, axis=0), problem.epsilon)
         return s.ravel(), np.tile(weight.ravel(), len(s))
 
     def cost(v):
@@ -393,17 +321,13 @@ def gauss_newton_step(step):
     delta = np.linalg.solve(matrix, -j.T @ (w * e) - 0.1 * b.T @ (u * s))
     new = np.asarray(step(v.copy(), data, bend, cost, 0.1), dtype=float)
     share = min(0.5 ** np.arange(12), key=lambda one: np.linalg.norm(new - v - one * delta))
-    yield Part(
-        "the new map", new, v + share * delta, 0.02 * share * np.abs(delta).max(), "(log d)"
-    )
+    yield Part("the new map", new, v + share * delta, 0.02 * share * np.abs(delta).max(), "(log d)")
     far = problem.log_d0.ravel() + np.log(2)  # from where the whole step overshoots
     falls = cost(step(far.copy(), data, bend, cost, 0.1)) < cost(far)
     yield Part("that the energy falls from twice d₀", bool(falls), True)
 
 
-@exercise(
-    "1/z of a plane is linear in the pixel of a pinhole, so that its second differences are nothing."
-)
+@exercise("1/z of a plane is linear in the pixel of a pinhole, so that its second differences are nothing.")
 def heavy_lam(errors, unmoved, fisheye):
     for xi in XI:
         right = mean_error("plane", xi=xi, regulariser="second", lam=1000.0)
@@ -412,53 +336,39 @@ def heavy_lam(errors, unmoved, fisheye):
     yield Part("fisheye", bool(fisheye), True)
 
 
-@exercise(
-    "`make_problem(…, epsilon=1e-4)`, and the term 'regulariser' of `energy_terms` for each surface."
-)
+@exercise("`make_problem(…, epsilon=1e-4)`, and the term 'regulariser' of `energy_terms` for each surface.")
 def small_epsilon(error, costs, smoothest, family):
     right = mean_error("tube", regulariser="second", epsilon=1e-4)
     yield Part("error", error, right, 0.02 * right, "%")
     problem = posed("tube", 160, 1e-4)[0]
-    charged = {
-        omega: energy_terms(problem, v)["regulariser"] for omega, v in family.items()
-    }
+    charged = {omega: energy_terms(problem, v)["regulariser"] for omega, v in family.items()}
     for omega, value in charged.items():
         yield Part(f"cost of ω = {omega:.2f}", costs[omega], value, 0.02 * value)
     yield Part("smoothest", smoothest, min(charged, key=charged.get))
 
 
-@exercise(
-    "The slope of d over its median, halved; Huber of ε over ε; times w; its mean, times λ."
-)
+@exercise("The slope of d over its median, halved; Huber of ε over ε; times w; its mean, times λ.")
 def first_order_energy(data_term, regulariser):
     _, frame, known, _ = posed("tube", 160)
     problem = make_problem(frame, known, smooth=0, xi="d", regulariser="first", lam=0.03)
     terms = energy_terms(problem, problem.log_d0)
     yield Part("data term", data_term, terms["data"], 1e-3 * terms["data"])
-    yield Part(
-        "regulariser", regulariser, terms["regulariser"], 1e-3 * terms["regulariser"]
-    )
+    yield Part("regulariser", regulariser, terms["regulariser"], 1e-3 * terms["regulariser"])
 
 
-convergence = SimpleNamespace(
-    gauss_newton_step=gauss_newton_step, exercise_2=first_order_energy
-)
+convergence = SimpleNamespace(gauss_newton_step=gauss_newton_step, exercise_2=first_order_energy)
 regulariser = SimpleNamespace(exercise_1=heavy_lam, exercise_2=small_epsilon)
 
 
 # 06 ---------------------------------------------------------------------------------------
-@exercise(
-    "Distances grow by the root of the gain. Where the median is right, what is left is bent."
-)
+@exercise("Distances grow by the root of the gain. Where the median is right, what is left is bent.")
 def gain_for_gamma(gain, left, why, *_):
     yield Part("gain", gain, 1.13, 0.03, "times")
     yield Part("left", left, 1.2, 0.3, "%")
     yield Part("why", why, "shape")
 
 
-@exercise(
-    "Halve λ until the plane is right to 0.1 %. By what do 1/d of a plane's neighbours differ?"
-)
+@exercise("Halve λ until the plane is right to 0.1 %. By what do 1/d of a plane's neighbours differ?")
 def lam_of_a_plane(lam, charged, *_):
     yield Part("λ", lam, 0.0083, 0.0028)
     yield Part("charged", charged, "slope")
@@ -468,18 +378,14 @@ tuner = SimpleNamespace(exercise_1=gain_for_gamma, exercise_2=lam_of_a_plane)
 
 
 # 07 ---------------------------------------------------------------------------------------
-@exercise(
-    "`walls.exchange @ (a * walls.lit)` has bounced once, `walls.bounced(a)` is all that has bounced."
-)
+@exercise("`walls.exchange @ (a * walls.lit)` has bounced once, `walls.bounced(a)` is all that has bounced.")
 def bounced_once(once, walls):
     for a in (0.1, 0.3, 0.5, 0.75):
         right = (walls.exchange @ (a * walls.lit)).sum() / walls.bounced(a).sum()
         yield Part(f"share for albedo {a}", once(walls, a), right, 1e-3)
 
 
-@exercise(
-    "Of all that is mirrored, how much was found? Of all that was found, how much is mirrored?"
-)
+@exercise("Of all that is mirrored, how much was found? Of all that was found, how much is mirrored?")
 def found_highlights(shares, sample, found):
     mirrored = sample.mirrored > 0.2 * (sample.direct + sample.indirect)[..., 1]
     both = (mirrored & found).sum()
@@ -490,22 +396,16 @@ light = SimpleNamespace(exercise_1=bounced_once, exercise_2=found_highlights)
 
 
 # 08 ---------------------------------------------------------------------------------------
-@exercise(
-    '`channel="green"`, `width=160`, `median_distance=40`; the mean of sizes of a share, without nan.'
-)
+@exercise('`channel="green"`, `width=160`, `median_distance=40`; the mean of sizes of a share, without nan.')
 def treated_highlights(apart, frame, calibration):
     how = {"channel": "green", "width": 160, "median_distance": 40.0}
     ways = ("keep", "ignore", "inpaint")
-    surfaces = [
-        el.reconstruct(frame, calibration, highlights=way, **how).distance for way in ways
-    ]
+    surfaces = [el.reconstruct(frame, calibration, highlights=way, **how).distance for way in ways]
     right = np.array([np.nanmean(percent(one, surfaces[2])) / 100 for one in surfaces[:2]])
     yield Part("apart", apart, right, 0.01 * right + 1e-9)
 
 
-@exercise(
-    "d goes like I^(-γ/2): a ratio of distances is raised to the power by which γ has grown."
-)
+@exercise("d goes like I^(-γ/2): a ratio of distances is raised to the power by which γ has grown.")
 def larger_gamma(ratios, with_gamma, usual):
     measured = []
     for gamma in (usual, 1.1 * usual):
@@ -519,9 +419,7 @@ real_frame = SimpleNamespace(exercise_1=treated_highlights, exercise_2=larger_ga
 
 
 # 09 ---------------------------------------------------------------------------------------
-@exercise(
-    "A pixel arrives last if it was more than 1 % away from its end one picture before."
-)
+@exercise("A pixel arrives last if it was more than 1 % away from its end one picture before.")
 def last_step(last, moved, run):
     before = run.depth(run.pictured[-2])
     right = np.abs(before / run.depth() - 1) > 0.01
@@ -530,17 +428,13 @@ def last_step(last, moved, run):
     yield Part("moved", moved, step, 1e-3 * step, "mm")
 
 
-@exercise(
-    "The error is the mean of |d/d* - 1|. A curve tells if it does not fall all the way through."
-)
+@exercise("The error is the mean of |d/d* - 1|. A curve tells if it does not fall all the way through.")
 def nearest_to_truth(nearest, tellers, run, truth):
     error = {k: np.nanmean(percent(run.depth(k), truth)) for k in run.pictured}
     least = min(error.values())
     yield Part(f"the error at {nearest}", error[nearest], least, 0.01 * least, "%")
     rows = run.table()[nearest // 2 : 2 * nearest + 1]
-    turns = [
-        name for name in ("energy", "data", "change") if np.any(np.diff(rows[name]) >= 0)
-    ]
+    turns = [name for name in ("energy", "data", "change") if np.any(np.diff(rows[name]) >= 0)]
     yield Part("tellers", ", ".join(sorted(tellers)), ", ".join(sorted(turns)))
 
 
@@ -548,18 +442,14 @@ recordings = SimpleNamespace(exercise_1=last_step, exercise_2=nearest_to_truth)
 
 
 # 10 ---------------------------------------------------------------------------------------
-@exercise(
-    "All pixels are measured by the touched one: they inherit σ of its shape, over its distance."
-)
+@exercise("All pixels are measured by the touched one: they inherit σ of its shape, over its distance.")
 def one_touch(scales, uncertainty, result):
     share = np.where(result.mask, uncertainty.sigma_shape / result.distance, np.nan)
     right = np.array([np.nanmin(share), np.nanmax(share)])
     yield Part("scales", scales, right, 0.02 * right.min())
 
 
-@exercise(
-    "The wall is smooth and has no texture: all that is left should be noise. Means of sizes, in %."
-)
+@exercise("The wall is smooth and has no texture: all that is left should be noise. Means of sizes, in %.")
 def noisy_tube(prediction, off, frame, calibration, truth):
     right = []
     for lam in (1.0, 30.0):
