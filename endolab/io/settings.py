@@ -75,7 +75,13 @@ def read_settings(path: PathLike) -> SolvingSettings:
     if "photometry" in top.content:
         light = _read(top.section("photometry"), LIGHT)
     top.asked["photometry"] = None
-    return SolvingSettings(_read(top, KEYWORDS), light)
+    return SolvingSettings(_read(top, _keywords()), light)
+
+
+def _keywords() -> dict[str, Callable[[Section, str], Any]]:
+    """Return what a file may say, and how it is read; the rest is the affair of `Settings`."""
+    kinds = {part.name: option_of(part.name).kind for part in option_fields()}
+    return {name: READERS[kind] for name, kind in kinds.items() if kind in READERS}
 
 
 def _read(
@@ -143,11 +149,5 @@ READERS: dict[str, Callable[[Section, str], Any]] = {
     SWITCH: _switch,
     DISTANCE: _distance,
     DIAMETER: _diameter,
-}
-# What a file may say, and how it is read; what may be said of each is the affair of `Settings`.
-KEYWORDS = {
-    part.name: READERS[option_of(part.name).kind]
-    for part in option_fields()
-    if option_of(part.name).kind in READERS
 }
 LIGHT = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {"albedo": _albedo}
