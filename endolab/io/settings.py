@@ -37,7 +37,7 @@ class SolvingSettings:
     Parameters
     ----------
     keywords : mapping
-        Of `endolab.reconstruct`, those in `KEYWORDS`.
+        Of `endolab.reconstruct`, those that are options of `Settings`.
     photometry : mapping
         What is believed of the light: "k", "gamma", "gain", and the "albedo" of a matt wall, one number or
         three, in place of the BRDF.

@@ -44,7 +44,7 @@ def test_an_option_is_one_field_that_is_seen_everywhere(one_more, tmp_path):
         """
 
     assert inspect.signature(solve).parameters["speckle"].default == 0.5
-    assert "speckle : float" in solve.__doc__
+    assert "speckle : " in solve.__doc__
     parser = argparse.ArgumentParser()
     add_solving_options(parser, parser.add_argument)
     assert parser.parse_args(["--calibration", "c", "--speckle", "0.7"]).speckle == 0.7
