@@ -71,7 +71,7 @@ class Model(Protocol):
         """Residuals (n, m) and, in standard deviations, all that is off from what is known beforehand."""
         ...
 
-    def moved(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
+    def take_step(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
         """Return the unknowns after a step, (p,) and (groups, b); None if it leads out of bounds."""
         ...
 
@@ -282,13 +282,13 @@ class _Round:
             used = used & (np.linalg.norm(residual, axis=1) < limit)
         return _Round(self.stage, self.number + 1, used, sigma)
 
-    def same(self, other: _Round) -> bool:
+    def is_same(self, later: _Round) -> bool:
         """Whether another round would find nothing new; the first stage only has to come near."""
         if self.stage == "huber":
-            return abs(self.sigma - other.sigma) < 0.1 * self.sigma
+            return abs(self.sigma - later.sigma) < 0.1 * self.sigma
         return (
-            np.array_equal(self.used, other.used)
-            and abs(self.sigma - other.sigma) < 1e-3 * self.sigma
+            np.array_equal(self.used, later.used)
+            and abs(self.sigma - later.sigma) < 1e-3 * self.sigma
         )
 
 
@@ -305,9 +305,9 @@ def _descend(
         limit = last.cost * (1 + 1e-12) + 0.5 * TOLERANCE**2
         while True:
             step, own = arrow.solve(damping)
-            moved = model.moved(last.unknowns, step, own)
-            if moved is not None:
-                residual, prior = model.residual(moved)
+            unknowns = model.take_step(last.unknowns, step, own)
+            if unknowns is not None:
+                residual, prior = model.residual(unknowns)
                 cost = choice.cost(residual, prior)
                 if cost <= limit:
                     break
@@ -320,7 +320,7 @@ def _descend(
         last = replace(
             last,
             k=last.k + 1,
-            unknowns=moved,
+            unknowns=unknowns,
             residual=frozen(residual),
             cost=cost,
             change=length,
@@ -378,7 +378,7 @@ def iterate_fit(
             again = choice.next(model, unknowns, residual, count, smallest)
             # A measurement on the border may come and go for ever: a choice that recurs is the last.
             seen.append(choice)
-            if any(again.same(earlier) for earlier in seen):
+            if any(again.is_same(earlier) for earlier in seen):
                 break
             if again.number == ROUNDS:
                 status = Status.STALLED

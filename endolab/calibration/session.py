@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection, detect
-from endolab.calibration.detection.dots import nothing
+from endolab.calibration.detection.dots import no_features
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import predict_view
@@ -56,7 +56,7 @@ class Session:
         default_factory=dict
     )  # of located frames, rms of what counts, px
 
-    def expected(self, name: str) -> FloatArray:
+    def predict_pixels(self, name: str) -> FloatArray:
         """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""
         ids = self.detections[name].ids
         points = self.target.points[ids]
@@ -64,9 +64,11 @@ class Session:
         panel = self.target.panel_of(points)
         pixels = np.full((len(ids), 2), np.nan)
         for number, pose in enumerate(self.poses[name]):
-            here = panel == number
+            on_panel = panel == number
             if pose is not None:
-                pixels[here] = predict_view(self.camera, pose, points[here], radii[here])
+                pixels[on_panel] = predict_view(
+                    self.camera, pose, points[on_panel], radii[on_panel]
+                )
         return pixels
 
 
@@ -105,24 +107,26 @@ def detect_all(
     first = ""
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
-            detections[name] = Detection(*nothing(LEFT_OUT))
+            detections[name] = Detection(*no_features(LEFT_OUT))
         elif image is None:
-            detections[name] = Detection(*nothing(UNREADABLE))
+            detections[name] = Detection(*no_features(UNREADABLE))
         else:
-            here = image.shape[1], image.shape[0]
+            found = image.shape[1], image.shape[0]
             if size is None:
-                size = here
+                size = found
                 first = name
                 if camera is not None:
                     check_size(name, size, camera, "camera")
-            elif here != size:
+            elif found != size:
                 where = f"{first} is" if first else "the others are"
-                sizes = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
+                sizes = (
+                    f"{where} {size[0]}x{size[1]} px, {name} is {found[0]}x{found[1]} px"
+                )
                 do_without = "leave_out (--leave-out) can name those to do without"
                 raise ValueError(f"the frames differ in size: {sizes}; {do_without}")
             detections[name] = detect(image, target)
             if keep is not None:
-                keep(name, detections[name], here)
+                keep(name, detections[name], found)
         progress("detecting", number + 1, count)
     return detections, size
 
@@ -223,7 +227,7 @@ def describe_target(target: Target) -> str:
 
 def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
     """Return the frames to be left out; ValueError if one of them is none of `names`."""
-    left_out = named(leave_out)
+    left_out = as_names(leave_out)
     for name in left_out:
         if name not in names:
             some = ", ".join(list(names)[:3])
@@ -233,7 +237,7 @@ def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]
     return left_out
 
 
-def named(leave_out: Collection[str]) -> list[str]:
+def as_names(leave_out: Collection[str]) -> list[str]:
     """Return the names of the frames to be left out, of which there may be but one."""
     return [leave_out] if isinstance(leave_out, str) else list(leave_out)
 
@@ -297,7 +301,7 @@ def calibrate(
             "progress": progress,
             "size": size,
             "camera": camera,
-            "leave_out": named(leave_out),
+            "leave_out": as_names(leave_out),
         }
         detections, size = detect_all(frames, target, **search)  # type: ignore[arg-type]
     left_out = check_names(leave_out, detections)

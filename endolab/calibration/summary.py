@@ -34,7 +34,7 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
+def _accuracy_within(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
     inside = values_within(values, camera, seen)
     return (
@@ -52,7 +52,7 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
         "rmse_px": geometry.rmse,
         "sigma_px": geometry.sigma,
         "standard_errors": geometry.standard_errors,
-        "rays_mrad": _known_to(rays.mrad_shape, geometry.camera, seen),
+        "rays_mrad": _accuracy_within(rays.mrad_shape, geometry.camera, seen),
         "rays_turn_mrad": rays.mrad_turn,
         "views": len(geometry.views),
         "views_dropped": geometry.dropped,
@@ -76,7 +76,9 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
     return {
         "standard_errors": light.standard_errors,
-        "fall_off_percent": _known_to(fall_off, session.camera, light.alpha_range[1]),
+        "fall_off_percent": _accuracy_within(
+            fall_off, session.camera, light.alpha_range[1]
+        ),
         "k/gamma": light.ratio,
         "correlation": {"names": light.names, "matrix": light.correlation},
         "reflectance": light.reflectance,
@@ -190,7 +192,7 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     ]
 
 
-def _known(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
+def _accuracy_line(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
     """Say how well a map of the picture is known within `to` degrees off the axis."""
     if not known:
         return f"{what}: not told by these frames"
@@ -218,7 +220,7 @@ def _camera_lines(session: Session) -> list[str]:
         f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
         f"in {count_of(facts['views'], 'view')}, {count_of(facts['outliers'], 'outlier')}; "
         f"seen to {seen:.0f}° off the axis",
-        _known("a ray", facts["rays_mrad"], "mrad", seen),
+        _accuracy_line("a ray", facts["rays_mrad"], "mrad", seen),
     ]
     if facts["rays_mrad"]:
         lines[-1] += (
@@ -251,7 +253,7 @@ def _light_lines(session: Session) -> list[str]:
         f"light: {', '.join(rows)}",
         f"residuals: {light.sigma:.2f} grey levels, of {count_of(facts['samples'], 'sample')}, "
         f"{nearest:.0f} to {farthest:.0f} mm away; {facts['samples_left_out']} left out",
-        _known(
+        _accuracy_line(
             "the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]
         ),
     ]

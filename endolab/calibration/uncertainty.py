@@ -74,14 +74,14 @@ def ray_uncertainty(
     pixels = places(camera) if pixels is None else np.asarray(pixels, dtype=np.float64)
     lost = ~np.isfinite(np.diag(covariance))
     finite = np.where(lost | lost[:, None], 0.0, covariance)
-    every = camera.unproject(pixels)
-    seen = np.isfinite(every).all(axis=-1)
-    rays = every[seen]
+    picture_rays = camera.unproject(pixels)
+    seen = np.isfinite(picture_rays).all(axis=-1)
+    rays = picture_rays[seen]
     still = np.broadcast_to(np.eye(3), (len(rays), 3, 3))
     origin = np.zeros((len(rays), 3))
-    there = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
-    by_camera = there.by_camera
-    by_ray = there.by_pose[..., 3:]
+    projection = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
+    by_camera = projection.by_camera
+    by_ray = projection.by_pose[..., 3:]
     # The turn ω that leaves least of the pixels: Σ |B δ - P (ω × r)|².
     inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)

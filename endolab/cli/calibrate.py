@@ -45,7 +45,7 @@ def _bar() -> Iterator[Callable[[str, int, int], None]]:
         yield show
 
 
-def _known(text: str) -> float | tuple[float, ...] | str:
+def _read_value(text: str) -> float | tuple[float, ...] | str:
     """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation; or ``free``."""
     if text == "free":
         return text
@@ -89,13 +89,13 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     if arguments.fold is not None and flat:
         raise ValueError(f"--fold is of a folded target, and {target} is flat")
 
-    def given(*names: str) -> dict[str, Any]:
+    def pick(*names: str) -> dict[str, Any]:
         return {
             name: value for name in names if (value := getattr(arguments, name)) is not None
         }
 
-    chosen = given("video", "seed", "overwrite")
-    chosen["sensor"] = Sensor(**given("noise", "bits", "outliers", "motion"))
+    chosen = pick("video", "seed", "overwrite")
+    chosen["sensor"] = Sensor(**pick("noise", "bits", "outliers", "motion"))
     angle = 20.0 if arguments.fold is None else arguments.fold
     chosen["movement"] = Movement(fold=0.0 if flat else math.radians(angle))
     chosen["inputs"] = [arguments.calibration, target]
@@ -331,7 +331,7 @@ def add_calibration_commands(commands: Any) -> None:
     text = "whose response: grey (default), red, green or blue"
     option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=text)
     text = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
-    option("--gamma", type=_known, default=2.2, metavar="γ", help=text)
+    option("--gamma", type=_read_value, default=2.2, metavar="γ", help=text)
     for name, usual, other, text in (
         (
             "--brdf",
@@ -350,7 +350,12 @@ def add_calibration_commands(commands: Any) -> None:
         option(name, choices=(usual, other), default=usual, help=text)
     text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
     option(
-        "--reflectance", type=_known, action="append", default=[], metavar="R", help=text
+        "--reflectance",
+        type=_read_value,
+        action="append",
+        default=[],
+        metavar="R",
+        help=text,
     )
     option(
         "--record", action="store_true", help="write a recording for the Rerun viewer too"

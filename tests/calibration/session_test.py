@@ -74,7 +74,9 @@ def test_camera_poses_and_light_come_back(video, done):
 def test_the_error_of_a_frame_is_how_far_its_dots_lie_from_where_they_are_expected(done):
     found, _ = done
     for name in found.poses:
-        off = np.linalg.norm(found.detections[name].pixels - found.expected(name), axis=1)
+        off = np.linalg.norm(
+            found.detections[name].pixels - found.predict_pixels(name), axis=1
+        )
         assert np.quantile(off, 0.3) < found.errors[name] < 0.2  # px
         assert found.errors[name] <= np.sqrt(np.mean(off**2)) + 1e-9
 

@@ -35,7 +35,7 @@ class Blobs:
         return Blobs(self.centres[which], self.ink[which])
 
 
-def shrunk(image: Numbers) -> Numbers:
+def shrink_picture(image: Numbers) -> Numbers:
     """Average the pixels of a picture, (H, W), to one of about 360 columns."""
     height, width = image.shape
     shrink = max(1, round(width / 360))
@@ -57,7 +57,7 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     `greys`: there are grey spots, which are to be left out; faint black ones are then lost.
     """
     height, width = image.shape
-    small = shrunk(image)
+    small = shrink_picture(image)
     # Small glints would pass for white: nothing may be much brighter than the median around it.
     median = cv2.medianBlur(
         cv2.convertScaleAbs(small, alpha=255), small.shape[1] // 40 * 2 + 1

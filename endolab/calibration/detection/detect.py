@@ -9,9 +9,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
-from endolab.calibration.detection.dots import Found, detect_circles, detect_dots, nothing
-from endolab.calibration.detection.lattice import cross, fitting, predict, steps, windows
+from endolab.calibration.detection.blobs import LEAST_WHITE, shrink_picture, white_of
+from endolab.calibration.detection.dots import (
+    Found,
+    detect_circles,
+    detect_dots,
+    no_features,
+)
+from endolab.calibration.detection.lattice import (
+    check_places,
+    cross,
+    predict,
+    steps,
+    windows,
+)
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
@@ -59,17 +70,19 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
         raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
     if min(grey.shape) < SMALLEST:
-        return Detection(*nothing(f"the picture is too small, {SMALLEST} px are needed"))
-    picture = grey if grey.size <= MOST else _at_most(grey, MOST // 2)
+        return Detection(
+            *no_features(f"the picture is too small, {SMALLEST} px are needed")
+        )
+    picture = grey if grey.size <= MOST else _shrink_to(grey, MOST // 2)
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
         return Detection(
-            *nothing(
+            *no_features(
                 f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})"
             )
         )
-    return Detection(ids, _moved(pixels, picture, grey), reason)
+    return Detection(ids, _rescale(pixels, picture, grey), reason)
 
 
 def _grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -93,7 +106,7 @@ def _grey(image: NDArray[Any]) -> NDArray[Any]:
     return grey
 
 
-def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
+def _shrink_to(picture: NDArray[Any], most: int) -> NDArray[Any]:
     """Average the pixels of a picture, (H, W), so that about `most` are left at most."""
     share = np.sqrt(most / picture.size)
     if share >= 1:
@@ -102,7 +115,7 @@ def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _enlarge(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Enlarge a picture, (H, W), that is small or narrow."""
     scale = round(min(FINE / min(picture.shape), LONGEST / max(picture.shape)))
     if scale <= 1:
@@ -113,14 +126,14 @@ def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     )
 
 
-def _moved(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
+def _rescale(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
     """Where places (..., 2), px, of a picture are in another one of the same scene and another size."""
     return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
 
 
 def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
-    white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
+    white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
     level = grey / np.maximum(white, LEAST_WHITE)
     return np.asarray(cv2.convertScaleAbs(level, alpha=220), dtype=np.uint8)
 
@@ -131,7 +144,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     options.minMarkers = (
         1  # next to a corner; a corner that is wrong for it is left out below
     )
-    picture = _enlarged(_even_paper(grey))
+    picture = _enlarge(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
     sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
     corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(
@@ -143,15 +156,15 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
         grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
     panel = target.panel_of(target.points).reshape(grid.shape[:2])
     for step in range(4):  # what is left out hides others at first
-        fits, _ = fitting(grid, panel, least=4 if step < 2 else 6)
+        fits, _ = check_places(grid, panel, least=4 if step < 2 else 6)
         grid[~fits] = np.nan
         if step == 1:
             grid = _complete(grid, picture, (1 - target.marker / target.spacing) / 2)
     kept = np.flatnonzero(fits)
     if len(kept) < LEAST_CORNERS:
         read = f"{count} of the board's {len(target.board.getIds())} markers can be read"
-        return nothing(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
-    return kept, _moved(grid.reshape(-1, 2)[kept], picture, grey), ""
+        return no_features(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
+    return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), ""
 
 
 def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> FloatArray:
@@ -196,7 +209,7 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
-    picture = _enlarged(_even_paper(grey))
+    picture = _enlarge(_even_paper(grey))
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -204,12 +217,12 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     is_there = sharp
     if not is_there:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        small = _at_most(picture, QUICK)
+        small = _shrink_to(picture, QUICK)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
     if not is_there:
-        return nothing("no chessboard of this size, or not all of it is in view")
+        return no_features("no chessboard of this size, or not all of it is in view")
     if not sharp:
-        corners = _moved(np.asarray(corners, dtype=np.float64), small, picture).astype(
+        corners = _rescale(np.asarray(corners, dtype=np.float64), small, picture).astype(
             np.float32
         )
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
@@ -223,12 +236,12 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < SPOILT * _roughness(grid):
         grid = given
-    grid = _order_corners(_moved(grid, picture, grey), grey)
-    fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
+    grid = _order_corners(_rescale(grid, picture, grey), grey)
+    fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
-        return nothing("the corners do not lie on a smooth sheet")
+        return no_features("the corners do not lie on a smooth sheet")
     if not _alternates(grid, grey):
-        return nothing("the chessboard has other squares than the target says")
+        return no_features("the chessboard has other squares than the target says")
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
 

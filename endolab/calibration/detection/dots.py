@@ -8,7 +8,13 @@ from itertools import product
 import numpy as np
 
 from endolab.calibration.detection.blobs import Blobs, find_blobs
-from endolab.calibration.detection.lattice import cross, find_lattices, fitting, grow, steps
+from endolab.calibration.detection.lattice import (
+    check_places,
+    cross,
+    find_lattices,
+    grow,
+    steps,
+)
 from endolab.calibration.targets import CircleGrid, DotGrid
 from endolab.numerics.arrays import FloatArray, IntArray
 
@@ -132,12 +138,12 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending; pixels; why none."""
     blobs = find_blobs(image, greys=target.greys is not None)
     if len(blobs) < LEAST_DOTS:
-        return nothing("too few dark spots")
+        return no_features("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
     cover = _cover(target, target.spacing**2)
     pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
     if not pieces:
-        return nothing("the dark spots form no grid")
+        return no_features("the dark spots form no grid")
     code = target.code
     sheet = np.full(code.shape, -1)
     for piece in pieces:
@@ -147,21 +153,21 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
             on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
             sheet[tuple(spot[on].T)] = piece[on]
     if np.all(sheet < 0):
-        return nothing("the code of the dots does not match")
+        return no_features("the code of the dots does not match")
     sheet = grow(sheet, blobs, cover, 0.25)
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
-        fits, cell = fitting(_places(sheet, blobs), panel)
+        fits, cell = check_places(_places(sheet, blobs), panel)
         with np.errstate(invalid="ignore"):
             fits &= np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < MOST_OFF
         sheet = np.where(fits, sheet, -1)
         if (sheet >= 0).sum() < LEAST_DOTS:
-            return nothing("the dots do not lie on a smooth sheet")
+            return no_features("the dots do not lie on a smooth sheet")
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]], ""
 
 
-def nothing(reason: str) -> Found:
+def no_features(reason: str) -> Found:
     """Give no features, and the reason."""
     return np.zeros(0, int), np.zeros((0, 2)), reason
 
@@ -175,7 +181,7 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     blobs = find_blobs(image)
     count = len(target.points)
     if len(blobs) < LEAST_SEEN * count:
-        return nothing("too few dark spots")
+        return no_features("too few dark spots")
     x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
     spot = np.column_stack([(y - x) // 2, (x + y) // 2])
     spot -= spot.min(axis=0)
@@ -209,12 +215,14 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
         sheet = np.full(number.shape, -1)
         sheet[tuple(at[on].T)] = piece[on]
         sheet[number < 0] = -1
-        fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
+        fits, _ = check_places(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
         sheet = np.where(fits, sheet, -1)
         if (sheet >= 0).sum() > (of_sheet >= 0).sum():
             of_sheet = sheet
     if (of_sheet >= 0).sum() < LEAST_SEEN * count:
-        return nothing("the dark spots form no such grid, or too little of it is in view")
+        return no_features(
+            "the dark spots form no such grid, or too little of it is in view"
+        )
     ids = number[of_sheet >= 0]
     order = np.argsort(ids)
     return ids[order], blobs.centres[of_sheet[of_sheet >= 0]][order], ""

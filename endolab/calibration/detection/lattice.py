@@ -172,14 +172,16 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     # A step of the lattice has its opposite.
     miss = np.linalg.norm(vectors[:, :, None] + vectors[:, None], axis=-1).min(axis=2)
     paired = miss < 0.3 * length
-    every = np.arange(len(centres))
+    number = np.arange(len(centres))
     first = paired.argmax(axis=1)
-    a = vectors[every, first]
+    a = vectors[number, first]
     area = cross(a[:, None], vectors)
-    second = (paired & (area > 0.7 * length * length[every, first][:, None])).argmax(axis=1)
-    b = vectors[every, second]
-    usable = paired[every, first] & paired[every, second] & (area[every, second] > 0)
-    covered = blobs.ink / np.where(usable, area[every, second], 1.0)
+    second = (paired & (area > 0.7 * length * length[number, first][:, None])).argmax(
+        axis=1
+    )
+    b = vectors[number, second]
+    usable = paired[number, first] & paired[number, second] & (area[number, second] > 0)
+    covered = blobs.ink / np.where(usable, area[number, second], 1.0)
     usable &= (covered > cover[0]) & (covered < cover[1])
     around = np.stack([j * a + i * b for i, j in _AROUND], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -188,7 +190,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         )
     distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
     is_hit = distance.min(axis=2) < 0.3
-    neighbour = which[every[:, None], distance.argmin(axis=2)]
+    neighbour = which[number[:, None], distance.argmin(axis=2)]
     score = is_hit.sum(axis=1) - np.where(is_hit, distance.min(axis=2), 0).sum(axis=1) / 8
     free = np.ones(len(centres), bool)
     for seed in np.argsort(-score, kind="stable"):
@@ -200,8 +202,8 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         owner = np.full((size, size), -1)
         middle = size // 2
         owner[middle, middle] = seed
-        for (i, j), blob, there in zip(_AROUND, neighbour[seed], is_hit[seed], strict=True):
-            if there:
+        for (i, j), blob, hit in zip(_AROUND, neighbour[seed], is_hit[seed], strict=True):
+            if hit:
                 owner[middle + i, middle + j] = blob
         free_now = np.flatnonzero(free)
         back = np.full(len(centres) + 1, -1)
@@ -254,7 +256,7 @@ def _local_fit(
     )
 
 
-def fitting(
+def check_places(
     grid: FloatArray, panel: IntArray, least: int = 6
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.

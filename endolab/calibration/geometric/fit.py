@@ -139,7 +139,7 @@ def _drop(
     return [view for view, good in zip(views, keep, strict=True) if good], rest, dropped
 
 
-def _far_off(model: Reprojection, geometry: Geometry) -> list[str]:
+def _find_far_off(model: Reprojection, geometry: Geometry) -> list[str]:
     """Say which views the camera of the others does not explain at all."""
     median = model.medians(geometry)
     usual = float(np.median(median))
@@ -150,7 +150,7 @@ def _far_off(model: Reprojection, geometry: Geometry) -> list[str]:
     ]
 
 
-def _disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
+def _find_disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     """Say of which views fewer than half the points agree with the fit."""
     facing = fitted.iterate.unknowns.facing
     used = np.bincount(model.group, weights=fitted.iterate.used).astype(int)
@@ -178,7 +178,7 @@ def _fit_views(
         model = Reprojection(views, target, EVERYTHING, usual)
         fitted = fit(model, geometry, observers, smallest=FINEST)
         fewer, geometry, more = _drop(
-            views, fitted.iterate.unknowns, target, _disagreeing(fitted, model)
+            views, fitted.iterate.unknowns, target, _find_disagreeing(fitted, model)
         )
         if not more or fitted.status is Status.STOPPED:
             return fitted, views, dropped
@@ -240,7 +240,7 @@ def calibrate_camera(
     for basis in GROWING if start is None else [EVERYTHING]:
         model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
-    kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
+    kept, geometry, more = _drop(kept, geometry, target, _find_far_off(model, geometry))
     fitted, kept, disagreeing = _fit_views(
         kept, geometry, target, np.array(camera.k), list(observers)
     )
@@ -294,9 +294,9 @@ def _places(poses: Iterable[Pose]) -> int:
     for pose in poses:
         reach = 0.02 * np.linalg.norm(pose.translation)
         if all(
-            np.trace(pose.rotation.T @ other.rotation) < 1 + 2 * np.cos(np.radians(1))
-            or np.linalg.norm(pose.translation - other.translation) > reach
-            for other in places
+            np.trace(pose.rotation.T @ place.rotation) < 1 + 2 * np.cos(np.radians(1))
+            or np.linalg.norm(pose.translation - place.translation) > reach
+            for place in places
         ):
             places.append(pose)
         if len(places) == LEAST_VIEWS:

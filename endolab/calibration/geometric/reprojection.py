@@ -56,12 +56,13 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
         panel = np.where(
             np.abs(points[:, 0] - target.fold_x) < BESIDE * target.spacing, -1, panel
         )
-    which = ((number, panel == number) for number in range(target.panels))
-    every = (
-        View(name, number, detection.ids[here], detection.pixels[here])
-        for number, here in which
-    )
-    return [view for view in every if len(view.ids) >= LEAST_POINTS]
+    views = []
+    for number in range(target.panels):
+        on_panel = panel == number
+        if np.sum(on_panel) >= LEAST_POINTS:
+            ids = detection.ids[on_panel]
+            views.append(View(name, number, ids, detection.pixels[on_panel]))
+    return views
 
 
 @dataclass(frozen=True)
@@ -128,12 +129,12 @@ class Reprojection:
         )
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
-        seen = project(*self._at(unknowns))
-        residual = self.pixels - seen.pixels
-        by_common = np.tensordot(-seen.by_camera, self.basis, 1)
+        projection = project(*self._at(unknowns))
+        residual = self.pixels - projection.pixels
+        by_common = np.tensordot(-projection.by_camera, self.basis, 1)
         prior = self._prior(unknowns)
         by_prior = self.basis[4:] / USUAL_K[:, None]
-        return Linearised(residual, by_common, -seen.by_pose, prior, by_prior)
+        return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
 
     def _prior(self, unknowns: Geometry) -> FloatArray:
         return (unknowns.vector[4:] - self.usual) / USUAL_K
@@ -141,7 +142,7 @@ class Reprojection:
     def residual(self, unknowns: Geometry) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         return self.pixels - predict(*self._at(unknowns)), self._prior(unknowns)
 
-    def moved(  # noqa: D102
+    def take_step(  # noqa: D102
         self, unknowns: Geometry, common: FloatArray, own: FloatArray
     ) -> Geometry | None:
         vector = unknowns.vector + self.basis @ common
@@ -193,13 +194,15 @@ def find_pose(
             f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
         )
     pose = fitted.iterate.unknowns.poses[0]
-    apart = _narrowest(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
+    apart = (
+        _least_scale(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
+    )
     worse = SHARED * (1 + (SMALL / apart) ** 4)
     pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
     return pose, inliers, fitted.iterate.residual
 
 
-def _narrowest(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
+def _least_scale(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
     """Scale of a panel in the picture about a place of it, (3,), where it is least, px/mm."""
     around = place + 0.1 * np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]])
     left, right, above, below = camera.project(pose.transform(around))

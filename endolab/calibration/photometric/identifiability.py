@@ -108,19 +108,19 @@ def strengths(
         )
     roughly = []
     for material in model.loose_materials:
-        here = (model.samples.material == material).astype(float)
+        is_material = (model.samples.material == material).astype(float)
         known = model.reflectance[material - 1]
         if isinstance(known, tuple):
-            roughly.append((here, (sigma * known[0] / known[1]) ** 2))
+            roughly.append((is_material, (sigma * known[0] / known[1]) ** 2))
         else:
-            columns.append(here[:, None])
+            columns.append(is_material[:, None])
 
-    def left(target: FloatArray) -> Strength:
+    def measure(target: FloatArray) -> Strength:
         known = np.concatenate(columns, axis=1)
         squares = float(weight @ regress(known, target, weight, model.group)[1] ** 2)
         information = alone = squares
         if roughly:
-            free = np.column_stack([known, *(here for here, _ in roughly)])
+            free = np.column_stack([known, *(column for column, _ in roughly)])
             ridge = np.concatenate(
                 [np.zeros(known.shape[1]), [stiff for _, stiff in roughly]]
             )
@@ -132,10 +132,10 @@ def strengths(
         sd = sigma / np.sqrt(max(information, tiny))
         return Strength(sd, np.sqrt(squares / total), np.sqrt(alone / total))
 
-    strength = {"k": left(geometry.log_cos_psi)}
+    strength = {"k": measure(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
         columns.append(geometry.log_cos_psi[:, None])
-        strength["gamma"] = left(
+        strength["gamma"] = measure(
             geometry.falloff + model.given_log_reflectance[model.samples.material]
         )
     return strength

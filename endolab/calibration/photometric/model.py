@@ -153,17 +153,19 @@ class LightModel:
         known = (r[0] if isinstance(r, tuple) else r for r in self.reflectance)
         return np.log([1.0, *(1.0 if value is None else value for value in known)])
 
-    def _seen_from(self, light: FloatArray) -> tuple[SampleGeometry, FloatArray]:
+    def _look_from(self, light: FloatArray) -> tuple[SampleGeometry, FloatArray]:
         geometry = SampleGeometry.of(self.samples, light)
         return geometry, hats(self.nodes, geometry.theta)
 
     @cached_property
-    def _centred(self) -> tuple[SampleGeometry, FloatArray]:
-        return self._seen_from(np.zeros(5))
+    def _centred_geometry(self) -> tuple[SampleGeometry, FloatArray]:
+        return self._look_from(np.zeros(5))
 
     def geometry(self, unknowns: LightUnknowns) -> tuple[SampleGeometry, FloatArray]:
         """Return the samples as seen from the light, and how f is interpolated there, (n, nodes)."""
-        return self._seen_from(unknowns.light) if self.free_light else self._centred
+        return (
+            self._look_from(unknowns.light) if self.free_light else self._centred_geometry
+        )
 
     def _shine(
         self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray
@@ -289,7 +291,7 @@ class LightModel:
             geometry.valid[:, None], np.concatenate([-by_point, by_tilt], axis=1), 0.0
         )
 
-    def moved(
+    def take_step(
         self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray
     ) -> LightUnknowns | None:
         """Return the unknowns after a step; None where γ would lose its meaning."""

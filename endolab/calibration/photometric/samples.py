@@ -166,10 +166,12 @@ def sample_sheet(
     panel = target.panel_of(spots)
     parts = [Samples.concatenate([])]
     for number, pose in enumerate(poses):
-        here = np.flatnonzero(panel == number)
-        if pose is None or not len(here):
+        on_panel = np.flatnonzero(panel == number)
+        if pose is None or not len(on_panel):
             continue
-        read, pixels, points = _on_panel(spots[here], pose, camera, (width, height), side)
+        read, pixels, points = _on_panel(
+            spots[on_panel], pose, camera, (width, height), side
+        )
         column, row = pixels.astype(int).T
         level = linear[row, column].astype(np.float64) ** (1 / gamma)
         normals = np.tile(pose.normal, (len(read), 1))
@@ -186,7 +188,7 @@ def sample_sheet(
                 level,
                 points,
                 normals,
-                material[here[read]],
+                material[on_panel[read]],
                 slack,
             )
         )

@@ -122,7 +122,7 @@ def automatic_gain(
     return np.exp(list(slow))
 
 
-def stored(
+def store_levels(
     linear: NDArray[Any], gamma: float, noise: float, bits: int, rng: np.random.Generator
 ) -> FloatArray:
     """Response, noise (grey levels), saturation and rounding."""
@@ -316,7 +316,7 @@ def render_sheet(
             dst=linear,
             borderType=cv2.BORDER_REPLICATE,
         )
-    image = stored(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
+    image = store_levels(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
     return SheetFrame(image, tuple(poses), gain)
 
 

@@ -67,8 +67,12 @@ def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
     time = np.linspace(0, 1, count)[:, None]
     slow = rng.uniform(1.5, 3.5, columns)
     fast = rng.uniform(2.0, 5.0, columns)
-    start, other = rng.uniform(0, 2 * np.pi, (2, columns))
-    phase = 2 * np.pi * slow * time + start + 0.6 * np.sin(2 * np.pi * fast * time + other)
+    start, other_start = rng.uniform(0, 2 * np.pi, (2, columns))
+    phase = (
+        2 * np.pi * slow * time
+        + start
+        + 0.6 * np.sin(2 * np.pi * fast * time + other_start)
+    )
     return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(
         0.99
     )  # a triangle wave with round corners
@@ -89,11 +93,11 @@ def on_sheet(
     flat = np.column_stack([places[:, :2], np.zeros(len(places))])
     points, normals = np.empty((2, len(poses), len(places), 3))
     for side in range(target.panels):
-        here = panel == side
+        on_panel = panel == side
         rotation = np.stack([frame[side].rotation for frame in poses])
         shift = np.stack([frame[side].translation for frame in poses])
-        points[:, here] = flat[here] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
-        normals[:, here] = -rotation[:, None, :, 2]
+        points[:, on_panel] = flat[on_panel] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
+        normals[:, on_panel] = -rotation[:, None, :, 2]
     return points, normals
 
 

@@ -13,7 +13,7 @@ from endolab import datasets
 from endolab.calibration.detection.detect import detect
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
-from endolab.calibration.simulation.trajectory import Movement, folded
+from endolab.calibration.simulation.trajectory import Movement, fold_pose
 from endolab.calibration.simulation.video import simulate_video
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
 from endolab.io.datasets import load_calibration
@@ -173,7 +173,7 @@ def test_grey_discs_are_not_dots(gamma):
 def test_both_panels_of_a_folded_sheet(fold):
     target = TARGETS["vicalib_folded"]
     pose = posed(target, 45, 15, 20)
-    found, true, off = look(target, *folded(target, pose, np.deg2rad(fold)))
+    found, true, off = look(target, *fold_pose(target, pose, np.deg2rad(fold)))
     assert off.max() < 1
     for panel in (0, 1):
         there = target.panel_of(target.points) == panel

@@ -67,7 +67,7 @@ def test_every_derivative_agrees_with_finite_differences(rng):
             a = common.copy()
             b = own.copy()
             (a if name == "common" else b)[index] = sign * step
-            ends.append(model.residual(model.moved(unknowns, a, b)))
+            ends.append(model.residual(model.take_step(unknowns, a, b)))
         return [(after - before) / (2 * step) for before, after in zip(*ends, strict=True)]
 
     for i, name in enumerate(model.names):
