@@ -56,7 +56,7 @@ class Decays:
             by_prior[0, self.prior[0]] = 1 / self.prior[2]
         return Linearised(residual, *twice, prior, by_prior)
 
-    def moved(self, u, common, own):
+    def take_step(self, u, common, own):
         moved = Unknowns(u.common + common, u.own + own)
         return moved if moved.common[0] > 0 else None
 
