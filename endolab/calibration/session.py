@@ -27,11 +27,19 @@ from endolab.numerics.checks import check_int
 
 Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]
-EVERY = 20  # frames of a video, of which one goes into the geometry
-ENOUGH_VIEWS = 15  # frames that the geometry should have; then fewer are left out
-UNREADABLE = "it cannot be read"
-LEFT_OUT = "left out, as asked"
-HOLD_OUT = 10  # one frame in so many is kept to score the fit of the light
+LEFT_OUT_REASON = "left out, as asked"
+
+
+@dataclass(frozen=True)
+class SessionRules:
+    """Which frames of a video take part in what."""
+
+    every: int = 20  # frames, of which one goes into the geometry
+    enough_views: int = 15  # frames that the geometry should have; then fewer are left out
+    hold_out: int = 10  # one frame in so many is kept to score the fit of the light
+
+
+SESSION = SessionRules()
 
 
 @dataclass(frozen=True)
@@ -107,9 +115,9 @@ def detect_all(
     first = ""
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
-            detections[name] = Detection(*no_features(LEFT_OUT))
+            detections[name] = Detection(*no_features(LEFT_OUT_REASON))
         elif image is None:
-            detections[name] = Detection(*no_features(UNREADABLE))
+            detections[name] = Detection(*no_features("it cannot be read"))
         else:
             found = image.shape[1], image.shape[0]
             if size is None:
@@ -131,11 +139,13 @@ def detect_all(
     return detections, size
 
 
-def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> list[str]:
+def choose_views(
+    detections: Mapping[str, Detection], every: int = SESSION.every
+) -> list[str]:
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
+    every = max(1, min(every, len(seen) // SESSION.enough_views))
     groups = (names[start : start + every] for start in range(0, len(names), every))
     fullest = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
     return [name for name in fullest if len(detections[name].ids)]
@@ -249,7 +259,7 @@ def calibrate(
     camera: KannalaBrandt | None = None,
     detections: Mapping[str, Detection] | None = None,
     size: tuple[int, int] | None = None,
-    every: int = EVERY,
+    every: int = SESSION.every,
     channel: str = "grey",
     leave_out: Collection[str] = (),
     progress: Progress = silent,
@@ -319,7 +329,7 @@ def calibrate(
     else:
         check_size("a frame", size, camera, "camera")
     poses, errors, dropped = locate(kept, target, camera, progress)
-    dropped |= dict.fromkeys(left_out, LEFT_OUT)
+    dropped |= dict.fromkeys(left_out, LEFT_OUT_REASON)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
     samples = sample_all(
@@ -353,9 +363,9 @@ def calibrate(
 
 def score(samples: Samples, **light: Any) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
-    if len(np.unique(samples.frame)) < ENOUGH_VIEWS:
+    if len(np.unique(samples.frame)) < SESSION.enough_views:
         return None
-    kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
+    kept = samples.frame % SESSION.hold_out == SESSION.hold_out // 2
     try:
         return calibrate_light(samples[~kept], **light).score_held_out(samples[kept])
     except (ValueError, ArithmeticError):  # what all frames together could just tell

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.geometric.fit import GeometricFit
-from endolab.calibration.geometric.projection import NAMES, camera_vector
+from endolab.calibration.geometric.projection import CAMERA_NAMES, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
@@ -21,8 +21,6 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
 
-AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
-LISTED = 8  # names of frames that a line holds
 LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
 
@@ -151,9 +149,10 @@ def by_reason(dropped: Mapping[str, str]) -> list[str]:
         groups.setdefault(reason, []).append(name)
     lines = []
     for reason, names in sorted(groups.items(), key=lambda group: -len(group[1])):
-        rest = len(names) - LISTED
-        more = f" and {rest} more" if rest > 0 else ""
-        lines.append(f"{len(names)}: {reason} ({', '.join(names[:LISTED])}{more})")
+        first = names[:8]
+        rest = len(names) - len(first)
+        more = f" and {rest} more" if rest else ""
+        lines.append(f"{len(names)}: {reason} ({', '.join(first)}{more})")
     return lines
 
 
@@ -167,7 +166,7 @@ def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
     values = camera_vector(camera).tolist()
     return [
         (n, v, errors[n], "" if n[0] == "k" else "px")
-        for n, v in zip(NAMES, values, strict=True)
+        for n, v in zip(CAMERA_NAMES, values, strict=True)
     ]
 
 
@@ -226,7 +225,7 @@ def _camera_lines(session: Session) -> list[str]:
         lines[-1] += (
             f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"
         )
-    if geometry.agreement < AGREEMENT:
+    if geometry.agreement < 0.85:
         why = "the lens is of another kind, or the sheet was not flat"
         lines.append(
             f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}"

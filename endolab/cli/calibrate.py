@@ -28,7 +28,6 @@ SHEET_OPTIONS = (
     "motion",
     "video",
 )  # what only that can be told
-LIGHT_FRAMES = 8  # of a video, that are asked for its light
 
 
 @contextmanager
@@ -380,8 +379,8 @@ def add_calibration_commands(commands: Any) -> None:
     option("--camera", required=True, metavar="CAL", help=text)
     option("--out", required=True, metavar="CAL.json")
     add_overwrite(command.add_argument)
-    text = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
-    option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=text)
+    text = "so many, spread evenly (default 8); each takes some seconds"
+    option("--frames", type=count, default=8, metavar="N", help=text)
     option(
         "--gamma",
         type=number,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from endolab.calibration.least_squares import CUT, Arrow, Linearised, fit, robust_sigma
+from endolab.calibration.least_squares import ROBUST, Arrow, Linearised, fit, robust_sigma
 from endolab.numerics.iteration import Status
 
 GROUPS = 12
@@ -195,6 +195,8 @@ def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
         rng = np.random.default_rng(seed)
         model = Decays(rng)
         model.y[::40] += (
-            (CUT + 0.02 * rng.normal(size=model.y[::40].shape)) * 0.01 / np.sqrt(2)
+            (ROBUST.outlier + 0.02 * rng.normal(size=model.y[::40].shape))
+            * 0.01
+            / np.sqrt(2)
         )
         assert fit(model, model.start()).status is Status.CONVERGED

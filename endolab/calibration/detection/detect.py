@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from endolab.calibration.detection.blobs import LEAST_WHITE, shrink_picture, white_of
+from endolab.calibration.detection.blobs import SPOTS, shrink_picture, white_of
 from endolab.calibration.detection.dots import (
     Found,
     detect_circles,
@@ -26,26 +26,35 @@ from endolab.calibration.detection.lattice import (
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
-LEAST_CORNERS = 6  # of a ChArUco board
-SMALLEST = 16  # px, side of a picture
-WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
-SPOILT = (
-    0.8  # of the roughness of refined corners, below which those that were found are better
-)
-FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
-LONGEST = 2000  # px of the longer side, to which they are enlarged at most
-MOST = 2_100_000  # px, Full HD; larger pictures are made half as large as this before anything is sought
-STOP = (
-    cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER,
-    40,
-    0.001,
-)  # of the refining of corners
-LEAST_CONTRAST = (
-    0.4  # of corners and squares that are sought, relative to those that are known
-)
-QUICK = (
-    400_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
-)
+
+@dataclass(frozen=True)
+class CornerRules:
+    """How large a picture is searched, and which corners are kept; chosen by hand."""
+
+    smallest: int = 16  # px, side of a picture
+    # px, Full HD; larger pictures are made half as large as this before anything is sought.
+    most_pixels: int = 2_100_000
+    # px; OpenCV's second search for a chessboard takes too long in larger pictures.
+    most_quick_pixels: int = 400_000
+    # px of the shorter side; smaller pictures are enlarged before corners are sought in them ...
+    fine_side: int = 600
+    longest_side: int = 2000  # ... until the longer side is as long as this
+    least_corners: int = 6  # of a ChArUco board
+    # Half the side of what a corner is refined by, as a share of the way to the next one.
+    window: float = 0.45
+    # Of the roughness of refined corners, below which those that were found are better.
+    spoilt: float = 0.8
+    # Contrast of corners and squares that are sought, relative to those that are known.
+    least_contrast: float = 0.4
+    # Of the refining: what ends it, steps and px.
+    stop: tuple[int, int, float] = (
+        cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER,
+        40,
+        0.001,
+    )
+
+
+CORNERS = CornerRules()
 
 
 @dataclass(frozen=True)
@@ -69,11 +78,13 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     if type(target) not in SEARCHES:
         raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
-    if min(grey.shape) < SMALLEST:
+    if min(grey.shape) < CORNERS.smallest:
         return Detection(
-            *no_features(f"the picture is too small, {SMALLEST} px are needed")
+            *no_features(f"the picture is too small, {CORNERS.smallest} px are needed")
         )
-    picture = grey if grey.size <= MOST else _shrink_to(grey, MOST // 2)
+    picture = grey
+    if grey.size > CORNERS.most_pixels:
+        picture = _shrink_to(grey, CORNERS.most_pixels // 2)
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
@@ -117,7 +128,9 @@ def _shrink_to(picture: NDArray[Any], most: int) -> NDArray[Any]:
 
 def _enlarge(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Enlarge a picture, (H, W), that is small or narrow."""
-    scale = round(min(FINE / min(picture.shape), LONGEST / max(picture.shape)))
+    enough = CORNERS.fine_side / min(picture.shape)
+    most = CORNERS.longest_side / max(picture.shape)
+    scale = round(min(enough, most))
     if scale <= 1:
         return picture
     size = (scale * picture.shape[1], scale * picture.shape[0])
@@ -134,7 +147,7 @@ def _rescale(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> Float
 def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
-    level = grey / np.maximum(white, LEAST_WHITE)
+    level = grey / np.maximum(white, SPOTS.least_white)
     return np.asarray(cv2.convertScaleAbs(level, alpha=220), dtype=np.uint8)
 
 
@@ -161,9 +174,11 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
         if step == 1:
             grid = _complete(grid, picture, (1 - target.marker / target.spacing) / 2)
     kept = np.flatnonzero(fits)
-    if len(kept) < LEAST_CORNERS:
+    if len(kept) < CORNERS.least_corners:
         read = f"{count} of the board's {len(target.board.getIds())} markers can be read"
-        return no_features(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
+        return no_features(
+            f"{read}, {len(kept)} corners agree, {CORNERS.least_corners} are needed"
+        )
     return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), ""
 
 
@@ -184,7 +199,9 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
         for n in tried:
             half = max(round(border * size[n]), 2)
             place = guess[n].astype(np.float32)[None]
-            corner[n] = cv2.cornerSubPix(picture, place, (half, half), (-1, -1), STOP)[0]
+            corner[n] = cv2.cornerSubPix(
+                picture, place, (half, half), (-1, -1), CORNERS.stop
+            )[0]
         # Of the four squares around a corner, the upper left one is black where row and column are even.
         aside = [corner + border / 2 * (sign * along + down) for sign in (1, -1)]
         aside += [corner - border / 2 * (sign * along + down) for sign in (1, -1)]
@@ -195,7 +212,7 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
         contrast = (b + d - a - c) * (-1.0) ** (row + column)
         if usual < 0:
             usual = float(np.median(contrast[tried])) if len(tried) else 0.0
-        tried = tried[contrast[tried] > LEAST_CONTRAST * usual]
+        tried = tried[contrast[tried] > CORNERS.least_contrast * usual]
         tried = tried[np.hypot(*(corner - guess)[tried].T) < border * size[tried]]
         if not len(tried):
             break
@@ -217,7 +234,7 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     is_there = sharp
     if not is_there:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        small = _shrink_to(picture, QUICK)
+        small = _shrink_to(picture, CORNERS.most_quick_pixels)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
     if not is_there:
         return no_features("no chessboard of this size, or not all of it is in view")
@@ -227,14 +244,16 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         )
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
-    half = max(int(WINDOW * shortest), 2)
-    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), STOP)
+    half = max(int(CORNERS.window * shortest), 2)
+    refined = cv2.cornerSubPix(
+        picture, corners.copy(), (half, half), (-1, -1), CORNERS.stop
+    )
     grid, given = (
         corner.reshape(pattern[1], pattern[0], 2).astype(np.float64)
         for corner in (refined, corners)
     )
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
-    if sharp and _roughness(given) < SPOILT * _roughness(grid):
+    if sharp and _roughness(given) < CORNERS.spoilt * _roughness(grid):
         grid = given
     grid = _order_corners(_rescale(grid, picture, grey), grey)
     fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
@@ -251,7 +270,10 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
     (left, top), (right, bottom) = (
         pick(grid.reshape(-1, 2), axis=0).astype(int) for pick in (np.min, np.max)
     )
-    if abs(_darkness(grid, grey)) < LEAST_CONTRAST * grey[top:bottom, left:right].std():
+    if (
+        abs(_darkness(grid, grey))
+        < CORNERS.least_contrast * grey[top:bottom, left:right].std()
+    ):
         return False
     for quarters in range(4):
         side = np.rot90(grid, quarters)
@@ -259,7 +281,7 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
         # differences, as light may fall off along both.
         rows = side[:2], 3 * side[:2] - 2 * side[1:3]
         inner, beyond = (np.diff(_squares(row, grey)[0], 2) for row in rows)
-        if beyond @ inner > LEAST_CONTRAST * (inner @ inner) > 0:
+        if beyond @ inner > CORNERS.least_contrast * (inner @ inner) > 0:
             return False
     return True
 

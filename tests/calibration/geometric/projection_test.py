@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
-    NAMES,
+    CAMERA_NAMES,
     camera_vector,
     predict,
     predict_view,
@@ -89,7 +89,7 @@ def test_derivatives_are_those_of_finite_differences(camera, pose, discs):
         slope = (ahead - behind) / (2 * h)
         assert exact.by_camera[:, :, j] == pytest.approx(
             slope, abs=1e-6 * np.abs(slope).max()
-        ), NAMES[j]
+        ), CAMERA_NAMES[j]
     for j, h in enumerate(1e-5 * np.eye(6)):
         ahead, behind = (
             predict(vector, *spread(moved(pose, s), n), points, radii) for s in (h, -h)
