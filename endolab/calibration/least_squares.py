@@ -1,9 +1,20 @@
 """Robust least squares with many small blocks of unknowns: the solver of both calibrations.
 
-The unknowns are a few *common* ones (the camera, or k, γ and the BRDF) and, for each group of
-residuals (a view, or a frame), a few of its *own* (its pose, or its gain). The normal equations then
-have the shape of an arrow: no two groups' own unknowns meet. `Arrow` eliminates them, group by group,
-and solves for the common ones.
+The unknowns are a few *common* ones c (the camera, or k, γ and the BRDF) and, for each group g of
+residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). What is minimised is
+
+    Σ ρ(|r| / σ) + ½ |prior(c)|² + ½ Σ o_gᵀ S o_g        over all measurements, S: `own_stiffness`
+
+No two groups' own unknowns meet, so that the normal equations have the shape of an arrow:
+
+    | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`, with the priors
+    | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: one to six of a group
+    | C₂        B₂     | · | δo₂ |  =  - | b₂ |        C_g  `cross`
+    | …             …  |   |  …  |       | …  |        a, b_g  the gradients
+
+`Arrow` eliminates the own unknowns, group by group, solves for the common ones and goes back:
+
+    (A - Σ C_gᵀ B_g⁻¹ C_g) δc = -(a - Σ C_gᵀ B_g⁻¹ b_g),      δo_g = -B_g⁻¹ (b_g + C_g δc)
 
 Stages: "huber" brings the start near; "final" keeps the residuals below `outlier` standard deviations,
 all alike, and forgets the others, because a Huber penalty is still pulled by outliers. Within a

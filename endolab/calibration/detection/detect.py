@@ -1,4 +1,18 @@
-"""Find a target's features in a picture, and which of them they are."""
+"""Find a target's features in a picture, and which of them they are.
+
+    dots      find_blobs -> find_lattices -> match_code -> grow -> check_places
+    circles   find_blobs -> find_lattices -> outline of the grid -> check_places
+    ChArUco   OpenCV's markers -> check_places -> _complete: corners that the others foretell
+    squares   OpenCV's two searches -> refine -> _order_corners -> check_places, _alternates
+
+All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. From the
+three places before it the next one is predicted, and among its neighbours each must fit:
+
+    o   o   o   o   o
+    o  p₃  p₂  p₁  (?)     p = p₁ + (p₁ - p₂) |p₁ - p₂| / |p₂ - p₃|, mean over the eight directions
+    o   o   o   o   o      |p - q(row, column)| ≤ min(3 usual + slack, most_miss), q: a quadratic of
+                           the places within two steps, on the same panel
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,13 @@
-"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF, from samples.
+r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF, from samples.
+
+    camera and light          I = 255 · exp(L/γ)
+        o-------> axis        L = k log cos α             how light and lens fall off: k
+         \ α                    - 2 log d + log cos θ    where the sample lies: known
+        d \   ^ n               + log f(θ)               the BRDF, at nodes of θ
+           \ / θ                + log a + log g          the patch, and the frame's gain
+      ------x------ sheet
+
+    `_start` (linear in log I) -> `strengths`, `refuse` -> `fit` -> `_result` (checks, verdict)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot

@@ -6,9 +6,16 @@ the k log cos α, the gains and log f are free to do so. What isn't is
     s = -2 log d + log cos θ + log a   (a of materials whose reflectance is known)
 
 unless a constant per frame (the gain), a function of θ (the BRDF) and a multiple of log cos α
-make up for δ·s. On a flat sheet with the light at the camera they do: the sheet's height over the
-camera is d cos θ, so s = -2 log height + 3 log cos θ. What is left of s after a regression on
-them is all that the samples know of γ; likewise what is left of log cos α is all they know of k.
+make up for δ·s. What is left of s after a regression on them is all that the samples know of γ:
+
+              s                            error of log γ  =  σ / |left|, left in grey levels
+             /|
+            / | left                       likewise of k, with log cos α for s,
+           /  |                            and γ taken as known
+    ------o---+------------  what the others imitate: per frame 1, of θ any function, and log cos α
+
+On a flat sheet with the light at the camera nothing is left: the sheet's height over the camera is
+d cos θ, so s = -2 log height + 3 log cos θ, a constant per frame and a function of θ.
 
 The regression gives f many more nodes than the fit has. Else the error of interpolating f between
 few nodes would count as information, and would fix γ at a wrong value.
