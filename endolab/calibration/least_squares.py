@@ -8,7 +8,7 @@ residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). 
 No two groups' own unknowns meet, so that the normal equations have the shape of an arrow:
 
     | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`, with the priors
-    | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: one to six of a group
+    | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: of one group
     | C₂        B₂     | · | δo₂ |  =  - | b₂ |        C_g  `cross`
     | …             …  |   |  …  |       | …  |        a, b_g  the gradients
 

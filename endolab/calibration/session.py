@@ -345,10 +345,9 @@ def calibrate(
         refused = str(error)
     else:
         scores = score(samples, **light)
-    every_one = dict(detections)
     return Session(
         target,
-        every_one,
+        dict(detections),
         geometry,
         camera,
         poses,

@@ -131,7 +131,7 @@ def test_the_light_that_cannot_be_told_is_refused_and_the_camera_kept(video):
         (np.ones_like, "dark nor saturated"),
         (np.zeros_like, "dark nor saturated"),
         (lambda image: np.full_like(image, 0.5), "lit room"),
-        (lambda image: np.where(image < 0.25, 0.0, 1.0), "k cannot be told"),
+        (lambda image: np.where(image < 0.25, 0.0, 1.0), "do not determine k"),
     ],
     ids=["over-exposed", "dark", "even", "black and white"],
 )

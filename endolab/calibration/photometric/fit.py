@@ -287,7 +287,7 @@ def _nodes(
     chosen = np.zeros(1)
     if count > 1:
         if np.ptp(theta) < 1e-3:
-            why = "the BRDF cannot be told from samples that all lie at one incidence angle"
+            why = "samples that all lie at one incidence angle do not determine the BRDF"
             ways = "tilt the sheet, or assume a matt sheet (lambertian BRDF)"
             raise NotIdentifiableError(
                 "brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}"
@@ -315,7 +315,7 @@ def _check_bounds(
     error = unknowns.gamma * spread["k/gamma"]
     most = identifiability.EVIDENCE.largest_k_error
     if error > most:
-        why = f"k cannot be told from these samples: it is {unknowns.k:.2f} ± {error:.2f}"
+        why = f"these samples do not determine k: it is {unknowns.k:.2f} ± {error:.2f}"
         raise NotIdentifiableError("k", f"{why}, of which at most ± {most:g} is of use")
 
 
@@ -324,7 +324,7 @@ def _check_place(spread: dict[str, float]) -> None:
     place = max(spread[f"light {axis}"] for axis in "xyz")
     tilt = max(spread["light tilt x"], spread["light tilt y"])
     if place > LIGHT_FIT.largest_place_error or tilt > LIGHT_FIT.largest_tilt_error:
-        why = "the light's place and direction cannot be told from these samples"
+        why = "these samples do not determine the light's place and direction"
         errors = f"their standard errors are {place:.2g} mm and {np.rad2deg(tilt):.2g}°"
         ways = (
             'vary the distance and the tilt, or take the light as centred (light="centred")'

@@ -175,18 +175,18 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
     if tabulated and k.signal < EVIDENCE.least_k_signal:
         raise NotIdentifiableError(
             "k",
-            "k cannot be told from these samples: in all frames the incidence angle goes with the angle off "
+            "these samples do not determine k: in all frames the incidence angle goes with the angle off "
             "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
             "tilt the sheet, or assume a matt sheet (lambertian BRDF)",
         )
     if tabulated and frames == 1 and np.all(np.std(normals, axis=0) < 1e-3):
-        why = "k cannot be told from a single frame of a flat sheet"
+        why = "a single frame of a flat sheet does not determine k"
         error = "an error of its one pose would pass for fall-off"
         ways = "take more frames, or assume a matt sheet (lambertian BRDF)"
         raise NotIdentifiableError("k", f"{why}: {error}; {ways}")
     if k.sd > EVIDENCE.largest_k_error:
         have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
-        why = f"k cannot be told from these samples: its standard error would be {k.sd:.2g} with {have}"
+        why = f"these samples do not determine k: its standard error would be {k.sd:.2g} with {have}"
         raise NotIdentifiableError("k", f"{why}; take more of them, over a wider field")
     if model.gamma is not None:
         return
@@ -198,7 +198,7 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
         ways = "fold the sheet, print grey patches of known ratio, or lock the gain and vary the distance"
         raise NotIdentifiableError(
             "gamma",
-            "gamma cannot be told from these samples, only k/gamma can: a change of gamma is made up for by "
+            "these samples do not determine gamma, only k/gamma: a change of gamma is made up for by "
             f"k, the gains and the BRDF to {100 * gamma.signal:.2g} % of the light "
             f"({100 * EVIDENCE.least_gamma_signal:g} % is needed; the standard error would be "
             f"{100 * min(gamma.sd, 99):.2g} %); {ways}, or give gamma",
