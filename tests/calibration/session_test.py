@@ -93,7 +93,7 @@ def test_frames_that_are_left_out_count_for_nothing(video):
         frames, SHEET, detections=detections | wrong, size=SIZE, leave_out=liars
     )
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
-    assert [found.dropped[name] for name in liars] == [session.LEFT_OUT] * 2
+    assert [found.dropped[name] for name in liars] == [session.LEFT_OUT_REASON] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
     assert evidence(found)["frames"]["errors_px"] == found.errors
     with pytest.raises(ValueError, match=r"leave_out.*'none'"):
@@ -204,7 +204,7 @@ def test_frames_of_another_size_that_are_left_out_stop_nothing(video):
         found, size = detect_all(mixed, SHEET, leave_out=["small.png", "broken.png"])
         assert size == SIZE
         assert len(found[frames[0][0]].ids)
-        assert {found[name].reason for name, _ in others} == {session.LEFT_OUT}
+        assert {found[name].reason for name, _ in others} == {session.LEFT_OUT_REASON}
         with pytest.raises(ValueError, match=r"differ in size.*120x90.*--leave-out"):
             detect_all(mixed, SHEET)
 

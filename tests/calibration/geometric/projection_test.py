@@ -11,17 +11,9 @@ from endolab.calibration.geometric.projection import (
     project,
 )
 from endolab.calibration.targets import TARGETS
-from tests.tools.sheet_views import PAPER, WIDE, exact_centroids
+from tests.tools.sheet_views import PAPER, WIDE, exact_centroids, pose_of
 
 SHEET = TARGETS["vicalib_small"]
-
-
-def pose_of(vector):
-    """Return the pose of a rotation vector, rad, and a translation, mm."""
-    rotation = Rotation.from_rotvec(vector[:3]).as_matrix()
-    return Pose(rotation, np.array(vector[3:], float))
-
-
 POSES = {
     "near": pose_of([0.5, -0.4, 0.2, -35, -20, 40]),
     "tilted": pose_of([0.9, 0.3, 1.5, 10, -40, 45]),
