@@ -1,11 +1,22 @@
 """Robust least squares with many small blocks of unknowns: the solver of both calibrations.
 
-The unknowns are a few *common* ones (the camera, or k, γ and the BRDF) and, for each group of
-residuals (a view, or a frame), a few of its *own* (its pose, or its gain). The normal equations then
-have the shape of an arrow: no two groups' own unknowns meet. `Arrow` eliminates them, group by group,
-and solves for the common ones.
+The unknowns are a few *common* ones c (the camera, or k, γ and the BRDF) and, for each group g of
+residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). What is minimised is
 
-Stages: "huber" brings the start near; "final" keeps the residuals below `CUT` standard deviations,
+    Σ ρ(|r| / σ) + ½ |prior(c)|² + ½ Σ o_gᵀ S o_g        over all measurements, S: `own_stiffness`
+
+No two groups' own unknowns meet, so that the normal equations have the shape of an arrow:
+
+    | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`, with the priors
+    | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: of one group
+    | C₂        B₂     | · | δo₂ |  =  - | b₂ |        C_g  `cross`
+    | …             …  |   |  …  |       | …  |        a, b_g  the gradients
+
+`Arrow` eliminates the own unknowns, group by group, solves for the common ones and goes back:
+
+    (A - Σ C_gᵀ B_g⁻¹ C_g) δc = -(a - Σ C_gᵀ B_g⁻¹ b_g),      δo_g = -B_g⁻¹ (b_g + C_g δc)
+
+Stages: "huber" brings the start near; "final" keeps the residuals below `outlier` standard deviations,
 all alike, and forgets the others, because a Huber penalty is still pulled by outliers. Within a
 round of a stage, the scale σ and the choice of residuals are frozen, so that what is minimised is
 one function; rounds repeat until the choice no longer changes.
@@ -25,16 +36,26 @@ from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
 
-HUBER = 1.5  # standard deviations where the parabola becomes a line
-CUT = 3.5  # standard deviations beyond which a residual is an outlier
-TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
-ROUGH_TOLERANCE = 1.0  # the same for the first stage, which only has to come near
-ROUNDS = 20  # of freezing σ and the outliers, at most
-SMALLEST = 1e-4  # σ is never less, be it of pixels or stored values: rounding would count
-GONE = (
-    1e-13  # eigenvalue, relative to the diagonal, of a direction that the data do not tell
-)
-ROWS = 256  # of a tall matrix, that are multiplied at once
+
+@dataclass(frozen=True)
+class RobustFit:
+    """When a residual is an outlier, and when a fit has come to its end: both calibrations' rules."""
+
+    huber: float = 1.5  # standard deviations where the parabola becomes a line
+    outlier: float = 3.5  # standard deviations beyond which a residual is an outlier
+    # A step is the last if it moves no unknown by more of its standard error than this; in the first
+    # stage, which only has to come near, than that.
+    tolerance: float = 1e-4
+    rough_tolerance: float = 1.0
+    max_rounds: int = 20  # of freezing σ and the outliers
+    # σ is never less, be it of pixels or stored values: rounding would count.
+    smallest_sigma: float = 1e-4
+    # Eigenvalue, relative to the diagonal, of a direction that the data do not tell.
+    lost_eigenvalue: float = 1e-13
+    rows_at_once: int = 256  # of a tall matrix, that are multiplied
+
+
+ROBUST = RobustFit()
 
 
 # The problem ----------------------------------------------------------------------------
@@ -71,7 +92,7 @@ class Model(Protocol):
         """Residuals (n, m) and, in standard deviations, all that is off from what is known beforehand."""
         ...
 
-    def moved(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
+    def take_step(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
         """Return the unknowns after a step, (p,) and (groups, b); None if it leads out of bounds."""
         ...
 
@@ -93,7 +114,7 @@ def _inverses(matrices: FloatArray, diagonal: FloatArray) -> tuple[FloatArray, F
     """
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(matrices * scale[..., None] * scale[..., None, :])
-    gone = values < GONE
+    gone = values < ROBUST.lost_eigenvalue
     vectors = vectors * scale[..., None]
     scaled = vectors / np.sqrt(np.where(gone, np.inf, values))[..., None, :]
     return scaled @ np.swapaxes(scaled, -1, -2), vectors * gone[..., None, :]
@@ -105,9 +126,10 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
     The pieces are so small that BLAS keeps to one thread. On a whole tall matrix it takes several,
     and on a busy machine these wait for each other ten times longer than they work.
     """
-    pieces = len(a) // ROWS
-    whole = pieces * ROWS
-    left, right = (m[:whole].reshape(pieces, ROWS, m.shape[1]) for m in (a, b))
+    rows = ROBUST.rows_at_once
+    pieces = len(a) // rows
+    whole = pieces * rows
+    left, right = (m[:whole].reshape(pieces, rows, m.shape[1]) for m in (a, b))
     return np.matmul(np.swapaxes(left, 1, 2), right).sum(axis=0) + a[whole:].T @ b[whole:]
 
 
@@ -218,11 +240,14 @@ class Fit:
 
 
 def robust_sigma(
-    residual: FloatArray, used: BoolArray, unknowns: int, smallest: float = SMALLEST
+    residual: FloatArray,
+    used: BoolArray,
+    unknowns: int,
+    smallest: float = ROBUST.smallest_sigma,
 ) -> float:
     """Estimate σ of one number of a residual, (n, m), from measurements that may hold outliers.
 
-    It is the standard deviation of the residuals below `CUT` σ, corrected for the tail that this leaves
+    It is the standard deviation of the residuals below `outlier` σ, corrected for the tail that this leaves
     out and for the number of `unknowns` fitted to them; never below `smallest`.
     """
     size = np.linalg.norm(residual[used], axis=1)
@@ -230,12 +255,12 @@ def robust_sigma(
     if size.size == 0:
         raise ValueError("no measurement is left to fit")
     sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
-    # E[r² | r < CUT σ] of a chi-squared variable, per number.
-    kept = scipy.special.gammainc(m / 2 + 1, CUT**2 / 2) / scipy.special.gammainc(
-        m / 2, CUT**2 / 2
-    )
+    # E[r² | r < outlier σ] of a chi-squared variable, per number.
+    kept = scipy.special.gammainc(
+        m / 2 + 1, ROBUST.outlier**2 / 2
+    ) / scipy.special.gammainc(m / 2, ROBUST.outlier**2 / 2)
     for _ in range(30):
-        inner = size < CUT * sigma
+        inner = size < ROBUST.outlier * sigma
         count = m * inner.sum()
         if sigma <= smallest or count <= unknowns:
             break
@@ -257,7 +282,7 @@ class _Round:
 
     def cost(self, residual: FloatArray, prior: FloatArray) -> float:
         size = np.linalg.norm(residual[self.used], axis=1) / self.sigma
-        rho = huber(size, HUBER) if self.stage == "huber" else 0.5 * size**2
+        rho = huber(size, ROBUST.huber) if self.stage == "huber" else 0.5 * size**2
         return float(np.sum(rho) + 0.5 * np.sum(prior**2))
 
     def weight(self, residual: FloatArray) -> FloatArray:
@@ -266,7 +291,7 @@ class _Round:
         if self.stage == "huber":
             size = np.linalg.norm(residual, axis=1)
             weight = weight * np.minimum(
-                1.0, HUBER * self.sigma / np.maximum(size, SMALLEST)
+                1.0, ROBUST.huber * self.sigma / np.maximum(size, ROBUST.smallest_sigma)
             )
         return weight
 
@@ -278,17 +303,17 @@ class _Round:
         sigma = robust_sigma(residual, used, count, smallest)
         if self.stage == "final":
             # A measurement on the border would go in and out for ever: who is in stays a little longer.
-            limit = np.where(self.used, 1.01, 1.0) * CUT * sigma
+            limit = np.where(self.used, 1.01, 1.0) * ROBUST.outlier * sigma
             used = used & (np.linalg.norm(residual, axis=1) < limit)
         return _Round(self.stage, self.number + 1, used, sigma)
 
-    def same(self, other: _Round) -> bool:
+    def is_same(self, later: _Round) -> bool:
         """Whether another round would find nothing new; the first stage only has to come near."""
         if self.stage == "huber":
-            return abs(self.sigma - other.sigma) < 0.1 * self.sigma
+            return abs(self.sigma - later.sigma) < 0.1 * self.sigma
         return (
-            np.array_equal(self.used, other.used)
-            and abs(self.sigma - other.sigma) < 1e-3 * self.sigma
+            np.array_equal(self.used, later.used)
+            and abs(self.sigma - later.sigma) < 1e-3 * self.sigma
         )
 
 
@@ -297,17 +322,17 @@ def _descend(
 ) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
     """Minimise the cost of one round by Levenberg-Marquardt steps."""
     damping = 1e-10
-    tolerance = TOLERANCE if choice.stage == "final" else ROUGH_TOLERANCE
+    tolerance = ROBUST.tolerance if choice.stage == "final" else ROBUST.rough_tolerance
     while last.k < max_iterations:
         lin = model.linearise(last.unknowns)
         arrow = Arrow(lin, choice.weight(lin.residual), model.group)
         # An increase that is nothing against the tolerance is rounding.
-        limit = last.cost * (1 + 1e-12) + 0.5 * TOLERANCE**2
+        limit = last.cost * (1 + 1e-12) + 0.5 * ROBUST.tolerance**2
         while True:
             step, own = arrow.solve(damping)
-            moved = model.moved(last.unknowns, step, own)
-            if moved is not None:
-                residual, prior = model.residual(moved)
+            unknowns = model.take_step(last.unknowns, step, own)
+            if unknowns is not None:
+                residual, prior = model.residual(unknowns)
                 cost = choice.cost(residual, prior)
                 if cost <= limit:
                     break
@@ -320,7 +345,7 @@ def _descend(
         last = replace(
             last,
             k=last.k + 1,
-            unknowns=moved,
+            unknowns=unknowns,
             residual=frozen(residual),
             cost=cost,
             change=length,
@@ -334,7 +359,10 @@ def _descend(
 
 
 def iterate_fit(
-    model: Model, start: Any, max_iterations: int = 200, smallest: float = SMALLEST
+    model: Model,
+    start: Any,
+    max_iterations: int = 200,
+    smallest: float = ROBUST.smallest_sigma,
 ) -> Generator[FitIterate, None, Status]:
     """Fit a model from its unknowns `start`, step by step, `max_iterations` after the start in all.
 
@@ -378,9 +406,9 @@ def iterate_fit(
             again = choice.next(model, unknowns, residual, count, smallest)
             # A measurement on the border may come and go for ever: a choice that recurs is the last.
             seen.append(choice)
-            if any(again.same(earlier) for earlier in seen):
+            if any(again.is_same(earlier) for earlier in seen):
                 break
-            if again.number == ROUNDS:
+            if again.number == ROBUST.max_rounds:
                 status = Status.STALLED
                 break
             choice = again
@@ -392,7 +420,7 @@ def fit(
     start: Any,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     max_iterations: int = 200,
-    smallest: float = SMALLEST,
+    smallest: float = ROBUST.smallest_sigma,
 ) -> Fit:
     """Fit a model to its end, or until one of the observers, who are shown every iterate, returns True.
 

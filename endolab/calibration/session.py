@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection, detect
-from endolab.calibration.detection.dots import nothing
+from endolab.calibration.detection.dots import no_features
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import predict_view
@@ -27,11 +27,19 @@ from endolab.numerics.checks import check_int
 
 Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]
-EVERY = 20  # frames of a video, of which one goes into the geometry
-ENOUGH_VIEWS = 15  # frames that the geometry should have; then fewer are left out
-UNREADABLE = "it cannot be read"
-LEFT_OUT = "left out, as asked"
-HOLD_OUT = 10  # one frame in so many is kept to score the fit of the light
+LEFT_OUT_REASON = "left out, as asked"
+
+
+@dataclass(frozen=True)
+class SessionRules:
+    """Which frames of a video take part in what."""
+
+    every: int = 20  # frames, of which one goes into the geometry
+    enough_views: int = 15  # frames that the geometry should have; then fewer are left out
+    hold_out: int = 10  # one frame in so many is kept to score the fit of the light
+
+
+SESSION = SessionRules()
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,7 @@ class Session:
         default_factory=dict
     )  # of located frames, rms of what counts, px
 
-    def expected(self, name: str) -> FloatArray:
+    def predict_pixels(self, name: str) -> FloatArray:
         """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""
         ids = self.detections[name].ids
         points = self.target.points[ids]
@@ -64,9 +72,11 @@ class Session:
         panel = self.target.panel_of(points)
         pixels = np.full((len(ids), 2), np.nan)
         for number, pose in enumerate(self.poses[name]):
-            here = panel == number
+            on_panel = panel == number
             if pose is not None:
-                pixels[here] = predict_view(self.camera, pose, points[here], radii[here])
+                pixels[on_panel] = predict_view(
+                    self.camera, pose, points[on_panel], radii[on_panel]
+                )
         return pixels
 
 
@@ -105,33 +115,37 @@ def detect_all(
     first = ""
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
-            detections[name] = Detection(*nothing(LEFT_OUT))
+            detections[name] = Detection(*no_features(LEFT_OUT_REASON))
         elif image is None:
-            detections[name] = Detection(*nothing(UNREADABLE))
+            detections[name] = Detection(*no_features("it cannot be read"))
         else:
-            here = image.shape[1], image.shape[0]
+            found = image.shape[1], image.shape[0]
             if size is None:
-                size = here
+                size = found
                 first = name
                 if camera is not None:
                     check_size(name, size, camera, "camera")
-            elif here != size:
+            elif found != size:
                 where = f"{first} is" if first else "the others are"
-                sizes = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
+                sizes = (
+                    f"{where} {size[0]}x{size[1]} px, {name} is {found[0]}x{found[1]} px"
+                )
                 do_without = "leave_out (--leave-out) can name those to do without"
                 raise ValueError(f"the frames differ in size: {sizes}; {do_without}")
             detections[name] = detect(image, target)
             if keep is not None:
-                keep(name, detections[name], here)
+                keep(name, detections[name], found)
         progress("detecting", number + 1, count)
     return detections, size
 
 
-def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> list[str]:
+def choose_views(
+    detections: Mapping[str, Detection], every: int = SESSION.every
+) -> list[str]:
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
+    every = max(1, min(every, len(seen) // SESSION.enough_views))
     groups = (names[start : start + every] for start in range(0, len(names), every))
     fullest = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
     return [name for name in fullest if len(detections[name].ids)]
@@ -223,7 +237,7 @@ def describe_target(target: Target) -> str:
 
 def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
     """Return the frames to be left out; ValueError if one of them is none of `names`."""
-    left_out = named(leave_out)
+    left_out = as_names(leave_out)
     for name in left_out:
         if name not in names:
             some = ", ".join(list(names)[:3])
@@ -233,7 +247,7 @@ def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]
     return left_out
 
 
-def named(leave_out: Collection[str]) -> list[str]:
+def as_names(leave_out: Collection[str]) -> list[str]:
     """Return the names of the frames to be left out, of which there may be but one."""
     return [leave_out] if isinstance(leave_out, str) else list(leave_out)
 
@@ -245,7 +259,7 @@ def calibrate(
     camera: KannalaBrandt | None = None,
     detections: Mapping[str, Detection] | None = None,
     size: tuple[int, int] | None = None,
-    every: int = EVERY,
+    every: int = SESSION.every,
     channel: str = "grey",
     leave_out: Collection[str] = (),
     progress: Progress = silent,
@@ -297,7 +311,7 @@ def calibrate(
             "progress": progress,
             "size": size,
             "camera": camera,
-            "leave_out": named(leave_out),
+            "leave_out": as_names(leave_out),
         }
         detections, size = detect_all(frames, target, **search)  # type: ignore[arg-type]
     left_out = check_names(leave_out, detections)
@@ -315,7 +329,7 @@ def calibrate(
     else:
         check_size("a frame", size, camera, "camera")
     poses, errors, dropped = locate(kept, target, camera, progress)
-    dropped |= dict.fromkeys(left_out, LEFT_OUT)
+    dropped |= dict.fromkeys(left_out, LEFT_OUT_REASON)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
     samples = sample_all(
@@ -331,10 +345,9 @@ def calibrate(
         refused = str(error)
     else:
         scores = score(samples, **light)
-    every_one = dict(detections)
     return Session(
         target,
-        every_one,
+        dict(detections),
         geometry,
         camera,
         poses,
@@ -349,9 +362,9 @@ def calibrate(
 
 def score(samples: Samples, **light: Any) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
-    if len(np.unique(samples.frame)) < ENOUGH_VIEWS:
+    if len(np.unique(samples.frame)) < SESSION.enough_views:
         return None
-    kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
+    kept = samples.frame % SESSION.hold_out == SESSION.hold_out // 2
     try:
         return calibrate_light(samples[~kept], **light).score_held_out(samples[kept])
     except (ValueError, ArithmeticError):  # what all frames together could just tell

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.geometric.fit import GeometricFit
-from endolab.calibration.geometric.projection import NAMES, camera_vector
+from endolab.calibration.geometric.projection import CAMERA_NAMES, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
@@ -21,8 +21,6 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
 
-AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
-LISTED = 8  # names of frames that a line holds
 LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
 
@@ -34,7 +32,7 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
+def _accuracy_within(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
     inside = values_within(values, camera, seen)
     return (
@@ -52,7 +50,7 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
         "rmse_px": geometry.rmse,
         "sigma_px": geometry.sigma,
         "standard_errors": geometry.standard_errors,
-        "rays_mrad": _known_to(rays.mrad_shape, geometry.camera, seen),
+        "rays_mrad": _accuracy_within(rays.mrad_shape, geometry.camera, seen),
         "rays_turn_mrad": rays.mrad_turn,
         "views": len(geometry.views),
         "views_dropped": geometry.dropped,
@@ -76,7 +74,9 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
     return {
         "standard_errors": light.standard_errors,
-        "fall_off_percent": _known_to(fall_off, session.camera, light.alpha_range[1]),
+        "fall_off_percent": _accuracy_within(
+            fall_off, session.camera, light.alpha_range[1]
+        ),
         "k/gamma": light.ratio,
         "correlation": {"names": light.names, "matrix": light.correlation},
         "reflectance": light.reflectance,
@@ -149,9 +149,10 @@ def by_reason(dropped: Mapping[str, str]) -> list[str]:
         groups.setdefault(reason, []).append(name)
     lines = []
     for reason, names in sorted(groups.items(), key=lambda group: -len(group[1])):
-        rest = len(names) - LISTED
-        more = f" and {rest} more" if rest > 0 else ""
-        lines.append(f"{len(names)}: {reason} ({', '.join(names[:LISTED])}{more})")
+        first = names[:8]
+        rest = len(names) - len(first)
+        more = f" and {rest} more" if rest else ""
+        lines.append(f"{len(names)}: {reason} ({', '.join(first)}{more})")
     return lines
 
 
@@ -165,7 +166,7 @@ def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
     values = camera_vector(camera).tolist()
     return [
         (n, v, errors[n], "" if n[0] == "k" else "px")
-        for n, v in zip(NAMES, values, strict=True)
+        for n, v in zip(CAMERA_NAMES, values, strict=True)
     ]
 
 
@@ -190,7 +191,7 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     ]
 
 
-def _known(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
+def _accuracy_line(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
     """Say how well a map of the picture is known within `to` degrees off the axis."""
     if not known:
         return f"{what}: not told by these frames"
@@ -218,13 +219,13 @@ def _camera_lines(session: Session) -> list[str]:
         f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
         f"in {count_of(facts['views'], 'view')}, {count_of(facts['outliers'], 'outlier')}; "
         f"seen to {seen:.0f}° off the axis",
-        _known("a ray", facts["rays_mrad"], "mrad", seen),
+        _accuracy_line("a ray", facts["rays_mrad"], "mrad", seen),
     ]
     if facts["rays_mrad"]:
         lines[-1] += (
             f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"
         )
-    if geometry.agreement < AGREEMENT:
+    if geometry.agreement < 0.85:
         why = "the lens is of another kind, or the sheet was not flat"
         lines.append(
             f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}"
@@ -251,7 +252,7 @@ def _light_lines(session: Session) -> list[str]:
         f"light: {', '.join(rows)}",
         f"residuals: {light.sigma:.2f} grey levels, of {count_of(facts['samples'], 'sample')}, "
         f"{nearest:.0f} to {farthest:.0f} mm away; {facts['samples_left_out']} left out",
-        _known(
+        _accuracy_line(
             "the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]
         ),
     ]

@@ -19,10 +19,6 @@ from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.numerics.checks import check_int
 
-VICALIB_SEED = 71
-DICTIONARY = "DICT_5X5_250"
-RASTER = 64  # cells across a spacing, in the search for bare paper
-
 
 # Ink ------------------------------------------------------------------------------------
 @dataclass(frozen=True)
@@ -178,7 +174,7 @@ class Target:
         x, y and the radius of bare paper there (at least `clearance` of a spacing), the barest first; the
         discs of that radius touch no ink, grey or fold, and the places lie half a spacing apart at least.
         """
-        step = self.spacing / RASTER
+        step = self.spacing / 64  # side of a cell of the raster that is searched
         low = self.points[:, :2].min(axis=0)
         high = self.points[:, :2].max(axis=0)
         columns, rows = np.floor((high - low) / step + 0.5).astype(int) + 1
@@ -213,9 +209,8 @@ class DotGrid(Target):
 
     small: float = 0.0  # radius, mm
     large: float = 0.0  # radius, mm
-    seed: int = (
-        VICALIB_SEED  # of the code: top bits of the words of a Mersenne Twister (MT19937)
-    )
+    # Of the code: top bits of the words of a Mersenne Twister (MT19937). Vicalib's own is 71.
+    seed: int = 71
     greys: float | None = (
         None  # reflectance of grey discs printed in every second cell; they tell γ
     )
@@ -345,7 +340,7 @@ class Charuco(Chessboard):
     """A chessboard with ArUco markers in its white squares."""
 
     marker: float = 0.0  # side, mm
-    dictionary: str = DICTIONARY  # its name in OpenCV
+    dictionary: str = "DICT_5X5_250"  # its name in OpenCV
 
     kind: ClassVar[str] = "charuco"
 
@@ -395,8 +390,7 @@ class Charuco(Chessboard):
         return Ink(rectangles=np.concatenate([squares, rows_of(boxes, 4)]))
 
 
-_BIG = {"columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}
-_SMALL = {
+_VICALIB_SMALL = {
     "columns": 19,
     "rows": 10,
     "spacing": 4.2238,
@@ -406,10 +400,10 @@ _SMALL = {
 }
 
 TARGETS: dict[str, Target] = {
-    "vicalib_big": DotGrid(**_BIG),  # type: ignore[arg-type]
-    "vicalib_small": DotGrid(**_SMALL),  # type: ignore[arg-type]
-    "vicalib_folded": DotGrid(**_SMALL, fold=9),  # type: ignore[arg-type]
-    "vicalib_grey": DotGrid(**_SMALL, greys=0.5),  # type: ignore[arg-type]
+    "vicalib_big": DotGrid(19, 10, 5.2797, small=1.05885, large=1.58266),
+    "vicalib_small": DotGrid(**_VICALIB_SMALL),  # type: ignore[arg-type]
+    "vicalib_folded": DotGrid(**_VICALIB_SMALL, fold=9),  # type: ignore[arg-type]
+    "vicalib_grey": DotGrid(**_VICALIB_SMALL, greys=0.5),  # type: ignore[arg-type]
     "charuco": Charuco(12, 8, 7.0, marker=5.2),
     "chessboard": Chessboard(12, 8, 7.0),
     "circles": CircleGrid(4, 11, 7.0, radius=2.5),

@@ -18,9 +18,6 @@ from endolab.calibration.photometric.result import PhotometricFit
 from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray
 
-COLUMNS = 120  # of a map; it is smooth
-STEP = 1e-4  # of k, mm, and of the tilt: for the derivatives by the light's numbers
-
 
 @dataclass(frozen=True)
 class RayUncertainty:
@@ -36,8 +33,11 @@ class RayUncertainty:
     mrad_turn: float  # that turn
 
 
-def places(camera: Camera, columns: int = COLUMNS) -> FloatArray:
-    """Return the places of a map over a camera's picture: (h, w, 2), column and row, px, evenly spaced."""
+def places(camera: Camera, columns: int = 120) -> FloatArray:
+    """Return the places of a map over a camera's picture: (h, w, 2), column and row, px, evenly spaced.
+
+    A map is smooth, so that few `columns` will do.
+    """
     columns = min(columns, camera.width)
     rows = max(1, round(camera.height * columns / camera.width))
     u = (np.arange(columns) + 0.5) * camera.width / columns - 0.5
@@ -74,14 +74,14 @@ def ray_uncertainty(
     pixels = places(camera) if pixels is None else np.asarray(pixels, dtype=np.float64)
     lost = ~np.isfinite(np.diag(covariance))
     finite = np.where(lost | lost[:, None], 0.0, covariance)
-    every = camera.unproject(pixels)
-    seen = np.isfinite(every).all(axis=-1)
-    rays = every[seen]
+    picture_rays = camera.unproject(pixels)
+    seen = np.isfinite(picture_rays).all(axis=-1)
+    rays = picture_rays[seen]
     still = np.broadcast_to(np.eye(3), (len(rays), 3, 3))
     origin = np.zeros((len(rays), 3))
-    there = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
-    by_camera = there.by_camera
-    by_ray = there.by_pose[..., 3:]
+    projection = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
+    by_camera = projection.by_camera
+    by_ray = projection.by_pose[..., 3:]
     # The turn ω that leaves least of the pixels: Σ |B δ - P (ω × r)|².
     inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)
@@ -142,15 +142,16 @@ def fall_off_uncertainty(
             *lamp.position,
             *(np.array(lamp.direction[:2]) / lamp.direction[2]),
         ]
+    step_size = 1e-4  # of k, mm and of the tilt, for the differences
     ahead, behind = (
         [
             _fall_off(estimate + sign * step, distance * rays)
-            for step in STEP * np.eye(6)[: len(index)]
+            for step in step_size * np.eye(6)[: len(index)]
         ]
         for sign in (1, -1)
     )
     slopes = np.stack(
-        [(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=-1
+        [(a - b) / (2 * step_size) for a, b in zip(ahead, behind, strict=True)], axis=-1
     )
     covariance = light.covariance[np.ix_(index, index)]
     return 100 * np.sqrt(

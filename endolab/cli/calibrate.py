@@ -28,7 +28,6 @@ SHEET_OPTIONS = (
     "motion",
     "video",
 )  # what only that can be told
-LIGHT_FRAMES = 8  # of a video, that are asked for its light
 
 
 @contextmanager
@@ -45,7 +44,7 @@ def _bar() -> Iterator[Callable[[str, int, int], None]]:
         yield show
 
 
-def _known(text: str) -> float | tuple[float, ...] | str:
+def _read_value(text: str) -> float | tuple[float, ...] | str:
     """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation; or ``free``."""
     if text == "free":
         return text
@@ -89,13 +88,13 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     if arguments.fold is not None and flat:
         raise ValueError(f"--fold is of a folded target, and {target} is flat")
 
-    def given(*names: str) -> dict[str, Any]:
+    def pick(*names: str) -> dict[str, Any]:
         return {
             name: value for name in names if (value := getattr(arguments, name)) is not None
         }
 
-    chosen = given("video", "seed", "overwrite")
-    chosen["sensor"] = Sensor(**given("noise", "bits", "outliers", "motion"))
+    chosen = pick("video", "seed", "overwrite")
+    chosen["sensor"] = Sensor(**pick("noise", "bits", "outliers", "motion"))
     angle = 20.0 if arguments.fold is None else arguments.fold
     chosen["movement"] = Movement(fold=0.0 if flat else math.radians(angle))
     chosen["inputs"] = [arguments.calibration, target]
@@ -331,7 +330,7 @@ def add_calibration_commands(commands: Any) -> None:
     text = "whose response: grey (default), red, green or blue"
     option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=text)
     text = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
-    option("--gamma", type=_known, default=2.2, metavar="γ", help=text)
+    option("--gamma", type=_read_value, default=2.2, metavar="γ", help=text)
     for name, usual, other, text in (
         (
             "--brdf",
@@ -350,7 +349,12 @@ def add_calibration_commands(commands: Any) -> None:
         option(name, choices=(usual, other), default=usual, help=text)
     text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
     option(
-        "--reflectance", type=_known, action="append", default=[], metavar="R", help=text
+        "--reflectance",
+        type=_read_value,
+        action="append",
+        default=[],
+        metavar="R",
+        help=text,
     )
     option(
         "--record", action="store_true", help="write a recording for the Rerun viewer too"
@@ -375,8 +379,8 @@ def add_calibration_commands(commands: Any) -> None:
     option("--camera", required=True, metavar="CAL", help=text)
     option("--out", required=True, metavar="CAL.json")
     add_overwrite(command.add_argument)
-    text = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
-    option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=text)
+    text = "so many, spread evenly (default 8); each takes some seconds"
+    option("--frames", type=count, default=8, metavar="N", help=text)
     option(
         "--gamma",
         type=number,

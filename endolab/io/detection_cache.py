@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.detection.dots import nothing
-from endolab.calibration.session import LEFT_OUT, Progress, detect_all, silent
+from endolab.calibration.detection.dots import no_features
+from endolab.calibration.session import LEFT_OUT_REASON, Progress, detect_all, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import (
     PathLike,
@@ -124,5 +124,5 @@ def detect_cached(
         if not known:  # nothing to go on from
             path.unlink(missing_ok=True)
     everything = known | detections
-    everything |= {name: Detection(*nothing(LEFT_OUT)) for name in leave_out}
+    everything |= {name: Detection(*no_features(LEFT_OUT_REASON)) for name in leave_out}
     return {name: everything[name] for name in frames.names}, size

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from endolab.calibration.least_squares import CUT, Arrow, Linearised, fit, robust_sigma
+from endolab.calibration.least_squares import ROBUST, Arrow, Linearised, fit, robust_sigma
 from endolab.numerics.iteration import Status
 
 GROUPS = 12
@@ -56,7 +56,7 @@ class Decays:
             by_prior[0, self.prior[0]] = 1 / self.prior[2]
         return Linearised(residual, *twice, prior, by_prior)
 
-    def moved(self, u, common, own):
+    def take_step(self, u, common, own):
         moved = Unknowns(u.common + common, u.own + own)
         return moved if moved.common[0] > 0 else None
 
@@ -195,6 +195,8 @@ def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
         rng = np.random.default_rng(seed)
         model = Decays(rng)
         model.y[::40] += (
-            (CUT + 0.02 * rng.normal(size=model.y[::40].shape)) * 0.01 / np.sqrt(2)
+            (ROBUST.outlier + 0.02 * rng.normal(size=model.y[::40].shape))
+            * 0.01
+            / np.sqrt(2)
         )
         assert fit(model, model.start()).status is Status.CONVERGED

@@ -74,7 +74,9 @@ def test_camera_poses_and_light_come_back(video, done):
 def test_the_error_of_a_frame_is_how_far_its_dots_lie_from_where_they_are_expected(done):
     found, _ = done
     for name in found.poses:
-        off = np.linalg.norm(found.detections[name].pixels - found.expected(name), axis=1)
+        off = np.linalg.norm(
+            found.detections[name].pixels - found.predict_pixels(name), axis=1
+        )
         assert np.quantile(off, 0.3) < found.errors[name] < 0.2  # px
         assert found.errors[name] <= np.sqrt(np.mean(off**2)) + 1e-9
 
@@ -91,7 +93,7 @@ def test_frames_that_are_left_out_count_for_nothing(video):
         frames, SHEET, detections=detections | wrong, size=SIZE, leave_out=liars
     )
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
-    assert [found.dropped[name] for name in liars] == [session.LEFT_OUT] * 2
+    assert [found.dropped[name] for name in liars] == [session.LEFT_OUT_REASON] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
     assert evidence(found)["frames"]["errors_px"] == found.errors
     with pytest.raises(ValueError, match=r"leave_out.*'none'"):
@@ -129,7 +131,7 @@ def test_the_light_that_cannot_be_told_is_refused_and_the_camera_kept(video):
         (np.ones_like, "dark nor saturated"),
         (np.zeros_like, "dark nor saturated"),
         (lambda image: np.full_like(image, 0.5), "lit room"),
-        (lambda image: np.where(image < 0.25, 0.0, 1.0), "k cannot be told"),
+        (lambda image: np.where(image < 0.25, 0.0, 1.0), "do not determine k"),
     ],
     ids=["over-exposed", "dark", "even", "black and white"],
 )
@@ -202,7 +204,7 @@ def test_frames_of_another_size_that_are_left_out_stop_nothing(video):
         found, size = detect_all(mixed, SHEET, leave_out=["small.png", "broken.png"])
         assert size == SIZE
         assert len(found[frames[0][0]].ids)
-        assert {found[name].reason for name, _ in others} == {session.LEFT_OUT}
+        assert {found[name].reason for name, _ in others} == {session.LEFT_OUT_REASON}
         with pytest.raises(ValueError, match=r"differ in size.*120x90.*--leave-out"):
             detect_all(mixed, SHEET)
 

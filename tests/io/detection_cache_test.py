@@ -101,5 +101,7 @@ def test_what_is_left_out_is_neither_read_nor_taken_for_the_others_size(
         search()
     found, size = search(leave_out=["a.png", "d.png"])
     assert size == (8, 6)
-    assert [found[name].reason for name in ("a.png", "d.png")] == [session.LEFT_OUT] * 2
+    assert [found[name].reason for name in ("a.png", "d.png")] == [
+        session.LEFT_OUT_REASON
+    ] * 2
     assert len(found["c.png"].ids)

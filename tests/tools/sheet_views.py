@@ -21,6 +21,12 @@ OTHER_TARGETS = [  # than those with a name
 ]
 
 
+def pose_of(vector):
+    """Return the pose of a rotation vector, rad, and a translation, mm."""
+    rotation = Rotation.from_rotvec(vector[:3]).as_matrix()
+    return Pose(rotation, np.array(vector[3:], float))
+
+
 def reflectance(target, xy, black=0.04):
     """Light that a sheet returns at places (..., 2), mm, relative to its white; nan beside the paper."""
     x, y = np.moveaxis(np.asarray(xy), -1, 0)

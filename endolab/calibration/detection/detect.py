@@ -1,4 +1,18 @@
-"""Find a target's features in a picture, and which of them they are."""
+"""Find a target's features in a picture, and which of them they are.
+
+    dots      find_blobs -> find_lattices -> match_code -> grow -> check_places
+    circles   find_blobs -> find_lattices -> outline of the grid -> check_places
+    ChArUco   OpenCV's markers -> check_places -> _complete: corners that the others foretell
+    squares   OpenCV's two searches -> refine -> _order_corners -> check_places, _alternates
+
+All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. From the
+three places before it the next one is predicted, and among its neighbours each must fit:
+
+    o   o   o   o   o
+    o  p₃  p₂  p₁  (?)     p = p₁ + (p₁ - p₂) |p₁ - p₂| / |p₂ - p₃|, mean over the eight directions
+    o   o   o   o   o      |p - q(row, column)| ≤ min(3 usual + slack, most_miss), q: a quadratic of
+                           the places within two steps, on the same panel
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,32 +23,52 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
-from endolab.calibration.detection.dots import Found, detect_circles, detect_dots, nothing
-from endolab.calibration.detection.lattice import cross, fitting, predict, steps, windows
+from endolab.calibration.detection.blobs import SPOTS, shrink_picture, white_of
+from endolab.calibration.detection.dots import (
+    Found,
+    detect_circles,
+    detect_dots,
+    no_features,
+)
+from endolab.calibration.detection.lattice import (
+    check_places,
+    cross,
+    predict,
+    steps,
+    windows,
+)
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
-LEAST_CORNERS = 6  # of a ChArUco board
-SMALLEST = 16  # px, side of a picture
-WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
-SPOILT = (
-    0.8  # of the roughness of refined corners, below which those that were found are better
-)
-FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
-LONGEST = 2000  # px of the longer side, to which they are enlarged at most
-MOST = 2_100_000  # px, Full HD; larger pictures are made half as large as this before anything is sought
-STOP = (
-    cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER,
-    40,
-    0.001,
-)  # of the refining of corners
-LEAST_CONTRAST = (
-    0.4  # of corners and squares that are sought, relative to those that are known
-)
-QUICK = (
-    400_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
-)
+
+@dataclass(frozen=True)
+class CornerRules:
+    """How large a picture is searched, and which corners are kept; chosen by hand."""
+
+    smallest: int = 16  # px, side of a picture
+    # px, Full HD; larger pictures are made half as large as this before anything is sought.
+    most_pixels: int = 2_100_000
+    # px; OpenCV's second search for a chessboard takes too long in larger pictures.
+    most_quick_pixels: int = 400_000
+    # px of the shorter side; smaller pictures are enlarged before corners are sought in them ...
+    fine_side: int = 600
+    longest_side: int = 2000  # ... until the longer side is as long as this
+    least_corners: int = 6  # of a ChArUco board
+    # Half the side of what a corner is refined by, as a share of the way to the next one.
+    window: float = 0.45
+    # Of the roughness of refined corners, below which those that were found are better.
+    spoilt: float = 0.8
+    # Contrast of corners and squares that are sought, relative to those that are known.
+    least_contrast: float = 0.4
+    # Of the refining: what ends it, steps and px.
+    stop: tuple[int, int, float] = (
+        cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER,
+        40,
+        0.001,
+    )
+
+
+CORNERS = CornerRules()
 
 
 @dataclass(frozen=True)
@@ -58,18 +92,22 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     if type(target) not in SEARCHES:
         raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
-    if min(grey.shape) < SMALLEST:
-        return Detection(*nothing(f"the picture is too small, {SMALLEST} px are needed"))
-    picture = grey if grey.size <= MOST else _at_most(grey, MOST // 2)
+    if min(grey.shape) < CORNERS.smallest:
+        return Detection(
+            *no_features(f"the picture is too small, {CORNERS.smallest} px are needed")
+        )
+    picture = grey
+    if grey.size > CORNERS.most_pixels:
+        picture = _shrink_to(grey, CORNERS.most_pixels // 2)
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
         return Detection(
-            *nothing(
+            *no_features(
                 f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})"
             )
         )
-    return Detection(ids, _moved(pixels, picture, grey), reason)
+    return Detection(ids, _rescale(pixels, picture, grey), reason)
 
 
 def _grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -93,7 +131,7 @@ def _grey(image: NDArray[Any]) -> NDArray[Any]:
     return grey
 
 
-def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
+def _shrink_to(picture: NDArray[Any], most: int) -> NDArray[Any]:
     """Average the pixels of a picture, (H, W), so that about `most` are left at most."""
     share = np.sqrt(most / picture.size)
     if share >= 1:
@@ -102,9 +140,11 @@ def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _enlarge(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Enlarge a picture, (H, W), that is small or narrow."""
-    scale = round(min(FINE / min(picture.shape), LONGEST / max(picture.shape)))
+    enough = CORNERS.fine_side / min(picture.shape)
+    most = CORNERS.longest_side / max(picture.shape)
+    scale = round(min(enough, most))
     if scale <= 1:
         return picture
     size = (scale * picture.shape[1], scale * picture.shape[0])
@@ -113,15 +153,15 @@ def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     )
 
 
-def _moved(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
+def _rescale(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
     """Where places (..., 2), px, of a picture are in another one of the same scene and another size."""
     return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
 
 
 def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
-    white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
-    level = grey / np.maximum(white, LEAST_WHITE)
+    white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
+    level = grey / np.maximum(white, SPOTS.least_white)
     return np.asarray(cv2.convertScaleAbs(level, alpha=220), dtype=np.uint8)
 
 
@@ -131,7 +171,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     options.minMarkers = (
         1  # next to a corner; a corner that is wrong for it is left out below
     )
-    picture = _enlarged(_even_paper(grey))
+    picture = _enlarge(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
     sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
     corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(
@@ -143,15 +183,17 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
         grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
     panel = target.panel_of(target.points).reshape(grid.shape[:2])
     for step in range(4):  # what is left out hides others at first
-        fits, _ = fitting(grid, panel, least=4 if step < 2 else 6)
+        fits, _ = check_places(grid, panel, least=4 if step < 2 else 6)
         grid[~fits] = np.nan
         if step == 1:
             grid = _complete(grid, picture, (1 - target.marker / target.spacing) / 2)
     kept = np.flatnonzero(fits)
-    if len(kept) < LEAST_CORNERS:
+    if len(kept) < CORNERS.least_corners:
         read = f"{count} of the board's {len(target.board.getIds())} markers can be read"
-        return nothing(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
-    return kept, _moved(grid.reshape(-1, 2)[kept], picture, grey), ""
+        return no_features(
+            f"{read}, {len(kept)} corners agree, {CORNERS.least_corners} are needed"
+        )
+    return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), ""
 
 
 def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> FloatArray:
@@ -171,7 +213,9 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
         for n in tried:
             half = max(round(border * size[n]), 2)
             place = guess[n].astype(np.float32)[None]
-            corner[n] = cv2.cornerSubPix(picture, place, (half, half), (-1, -1), STOP)[0]
+            corner[n] = cv2.cornerSubPix(
+                picture, place, (half, half), (-1, -1), CORNERS.stop
+            )[0]
         # Of the four squares around a corner, the upper left one is black where row and column are even.
         aside = [corner + border / 2 * (sign * along + down) for sign in (1, -1)]
         aside += [corner - border / 2 * (sign * along + down) for sign in (1, -1)]
@@ -182,7 +226,7 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
         contrast = (b + d - a - c) * (-1.0) ** (row + column)
         if usual < 0:
             usual = float(np.median(contrast[tried])) if len(tried) else 0.0
-        tried = tried[contrast[tried] > LEAST_CONTRAST * usual]
+        tried = tried[contrast[tried] > CORNERS.least_contrast * usual]
         tried = tried[np.hypot(*(corner - guess)[tried].T) < border * size[tried]]
         if not len(tried):
             break
@@ -196,7 +240,7 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
-    picture = _enlarged(_even_paper(grey))
+    picture = _enlarge(_even_paper(grey))
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -204,31 +248,33 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     is_there = sharp
     if not is_there:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        small = _at_most(picture, QUICK)
+        small = _shrink_to(picture, CORNERS.most_quick_pixels)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
     if not is_there:
-        return nothing("no chessboard of this size, or not all of it is in view")
+        return no_features("no chessboard of this size, or not all of it is in view")
     if not sharp:
-        corners = _moved(np.asarray(corners, dtype=np.float64), small, picture).astype(
+        corners = _rescale(np.asarray(corners, dtype=np.float64), small, picture).astype(
             np.float32
         )
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
-    half = max(int(WINDOW * shortest), 2)
-    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), STOP)
+    half = max(int(CORNERS.window * shortest), 2)
+    refined = cv2.cornerSubPix(
+        picture, corners.copy(), (half, half), (-1, -1), CORNERS.stop
+    )
     grid, given = (
         corner.reshape(pattern[1], pattern[0], 2).astype(np.float64)
         for corner in (refined, corners)
     )
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
-    if sharp and _roughness(given) < SPOILT * _roughness(grid):
+    if sharp and _roughness(given) < CORNERS.spoilt * _roughness(grid):
         grid = given
-    grid = _order_corners(_moved(grid, picture, grey), grey)
-    fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
+    grid = _order_corners(_rescale(grid, picture, grey), grey)
+    fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
-        return nothing("the corners do not lie on a smooth sheet")
+        return no_features("the corners do not lie on a smooth sheet")
     if not _alternates(grid, grey):
-        return nothing("the chessboard has other squares than the target says")
+        return no_features("the chessboard has other squares than the target says")
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
 
@@ -238,7 +284,10 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
     (left, top), (right, bottom) = (
         pick(grid.reshape(-1, 2), axis=0).astype(int) for pick in (np.min, np.max)
     )
-    if abs(_darkness(grid, grey)) < LEAST_CONTRAST * grey[top:bottom, left:right].std():
+    if (
+        abs(_darkness(grid, grey))
+        < CORNERS.least_contrast * grey[top:bottom, left:right].std()
+    ):
         return False
     for quarters in range(4):
         side = np.rot90(grid, quarters)
@@ -246,7 +295,7 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
         # differences, as light may fall off along both.
         rows = side[:2], 3 * side[:2] - 2 * side[1:3]
         inner, beyond = (np.diff(_squares(row, grey)[0], 2) for row in rows)
-        if beyond @ inner > LEAST_CONTRAST * (inner @ inner) > 0:
+        if beyond @ inner > CORNERS.least_contrast * (inner @ inner) > 0:
             return False
     return True
 

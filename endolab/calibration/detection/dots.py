@@ -3,22 +3,38 @@
 A dot's bit is its darkness over the area of its lattice cell, which neither tilt nor blur changes.
 """
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from endolab.calibration.detection.blobs import Blobs, find_blobs
-from endolab.calibration.detection.lattice import cross, find_lattices, fitting, grow, steps
+from endolab.calibration.detection.lattice import (
+    check_places,
+    cross,
+    find_lattices,
+    grow,
+    steps,
+)
 from endolab.calibration.targets import CircleGrid, DotGrid
 from endolab.numerics.arrays import FloatArray, IntArray
 
-LEAST_DOTS = 20  # to tell the code by
-PAD = 2  # columns and rows beside the sheet in which false spots may lie
-MOST_WRONG = 0.1  # share of the bits
-SURETY = 5.0  # logarithm of the odds against a match by chance
-MOST_OFF = 0.8  # of a dot's size, where 1 is halfway to the other size
-LEAST_SEEN = 0.75  # share of an asymmetric grid's circles
 Found = tuple[IntArray, FloatArray, str]  # ids, pixels, and the reason why there are none
+
+
+@dataclass(frozen=True)
+class CodeRules:
+    """When a piece of a lattice is a part of the sheet; chosen by hand."""
+
+    least_dots: int = 20  # to tell the code by
+    pad: int = 2  # columns and rows beside the sheet in which false spots may lie
+    most_wrong: float = 0.1  # share of the bits
+    surety: float = 5.0  # logarithm of the odds against a match by chance
+    most_off: float = 0.8  # of a dot's size, where 1 is halfway to the other size
+    least_seen: float = 0.75  # share of an asymmetric grid's circles
+
+
+CODE = CodeRules()
 
 
 def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
@@ -57,8 +73,12 @@ def _split(values: FloatArray, gap: float) -> FloatArray:
     return np.full(len(values), levels[np.minimum(miss, gap / 2).sum(axis=1).argmin()])
 
 
-_ENTRIES = product((0, 1, -1, 2, -2), repeat=4)
-_TURNS = [np.array([[a, b], [c, d]]) for a, b, c, d in _ENTRIES if a * d - b * c == 1]
+# Turns and shears of a lattice: small whole matrices of determinant 1, plain ones first.
+TURNS = [
+    np.array([[a, b], [c, d]])
+    for a, b, c, d in product((0, 1, -1, 2, -2), repeat=4)
+    if a * d - b * c == 1
+]
 
 
 def _placements(
@@ -71,7 +91,7 @@ def _placements(
     """
     placements: list[tuple[float, int, int, int]] = []
     trials = 0
-    for number, turn in enumerate(_TURNS):
+    for number, turn in enumerate(TURNS):
         spot = places @ turn.T
         low = spot.min(axis=0)
         spot = spot - low
@@ -94,7 +114,7 @@ def _places_in_table(
 ) -> IntArray:
     """Row and column in the table for each place of the lattice, (h, w, 2)."""
     _, number, row, column = placement
-    return np.moveaxis(np.indices(shape), 0, -1) @ _TURNS[number].T + [row, column]
+    return np.moveaxis(np.indices(shape), 0, -1) @ TURNS[number].T + [row, column]
 
 
 def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
@@ -104,7 +124,7 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     """
     value = np.clip(size[np.isfinite(size)], -1, 1)
     placements, trials = _placements(
-        np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD)
+        np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, CODE.pad)
     )
     if not placements:
         return None
@@ -114,9 +134,13 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
     wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    if wrong > MOST_WRONG or rarity < np.log(trials) + SURETY or score - second < 3:
+    if (
+        wrong > CODE.most_wrong
+        or rarity < np.log(trials) + CODE.surety
+        or score - second < 3
+    ):
         return None
-    return _places_in_table(size.shape, placements[0]) - PAD
+    return _places_in_table(size.shape, placements[0]) - CODE.pad
 
 
 def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
@@ -131,13 +155,13 @@ def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
 def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending; pixels; why none."""
     blobs = find_blobs(image, greys=target.greys is not None)
-    if len(blobs) < LEAST_DOTS:
-        return nothing("too few dark spots")
+    if len(blobs) < CODE.least_dots:
+        return no_features("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
     cover = _cover(target, target.spacing**2)
     pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
     if not pieces:
-        return nothing("the dark spots form no grid")
+        return no_features("the dark spots form no grid")
     code = target.code
     sheet = np.full(code.shape, -1)
     for piece in pieces:
@@ -147,21 +171,23 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
             on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
             sheet[tuple(spot[on].T)] = piece[on]
     if np.all(sheet < 0):
-        return nothing("the code of the dots does not match")
+        return no_features("the code of the dots does not match")
     sheet = grow(sheet, blobs, cover, 0.25)
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
-        fits, cell = fitting(_places(sheet, blobs), panel)
+        fits, cell = check_places(_places(sheet, blobs), panel)
         with np.errstate(invalid="ignore"):
-            fits &= np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < MOST_OFF
+            fits &= (
+                np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < CODE.most_off
+            )
         sheet = np.where(fits, sheet, -1)
-        if (sheet >= 0).sum() < LEAST_DOTS:
-            return nothing("the dots do not lie on a smooth sheet")
+        if (sheet >= 0).sum() < CODE.least_dots:
+            return no_features("the dots do not lie on a smooth sheet")
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]], ""
 
 
-def nothing(reason: str) -> Found:
+def no_features(reason: str) -> Found:
     """Give no features, and the reason."""
     return np.zeros(0, int), np.zeros((0, 2)), reason
 
@@ -174,14 +200,14 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     """
     blobs = find_blobs(image)
     count = len(target.points)
-    if len(blobs) < LEAST_SEEN * count:
-        return nothing("too few dark spots")
+    if len(blobs) < CODE.least_seen * count:
+        return no_features("too few dark spots")
     x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
     spot = np.column_stack([(y - x) // 2, (x + y) // 2])
     spot -= spot.min(axis=0)
     number = np.full(spot.max(axis=0) + 1, -1)
     number[tuple(spot.T)] = np.arange(count)
-    outline = np.pad(np.where(number >= 0, 1.0, -1.0), PAD, constant_values=-1.0)
+    outline = np.pad(np.where(number >= 0, 1.0, -1.0), CODE.pad, constant_values=-1.0)
     same_turned = np.array_equal(outline, outline[::-1, ::-1])
     of_sheet = np.full(number.shape, -1)
     for piece in find_lattices(
@@ -204,17 +230,19 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
             4 if stray else 2
         ):
             continue
-        at = _places_in_table(piece.shape, placements[0]) - PAD
+        at = _places_in_table(piece.shape, placements[0]) - CODE.pad
         on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
         sheet = np.full(number.shape, -1)
         sheet[tuple(at[on].T)] = piece[on]
         sheet[number < 0] = -1
-        fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
+        fits, _ = check_places(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
         sheet = np.where(fits, sheet, -1)
         if (sheet >= 0).sum() > (of_sheet >= 0).sum():
             of_sheet = sheet
-    if (of_sheet >= 0).sum() < LEAST_SEEN * count:
-        return nothing("the dark spots form no such grid, or too little of it is in view")
+    if (of_sheet >= 0).sum() < CODE.least_seen * count:
+        return no_features(
+            "the dark spots form no such grid, or too little of it is in view"
+        )
     ids = number[of_sheet >= 0]
     order = np.argsort(ids)
     return ids[order], blobs.centres[of_sheet[of_sheet >= 0]][order], ""
@@ -223,5 +251,5 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
 def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:
     """Whether the target's x axis would point to the right in the picture."""
     places = np.argwhere(piece >= 0)
-    across = (places @ _TURNS[turn].T) @ [-1, 1]
+    across = (places @ TURNS[turn].T) @ [-1, 1]
     return bool(np.cov(across, blobs.centres[piece[piece >= 0], 0])[0, 1] > 0)

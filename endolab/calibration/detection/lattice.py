@@ -4,6 +4,7 @@ All steps are local in the picture, so no camera is needed: each next spot is pr
 neighbours, which follows fisheye curvature, perspective and the kink at a fold.
 """
 
+from dataclasses import dataclass
 from itertools import product
 
 import cv2
@@ -13,15 +14,20 @@ import scipy
 from endolab.calibration.detection.blobs import Blobs
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
-LEAST_SPOTS = 12  # of a piece of a lattice
-MOST_PIECES = 6
-SLACK = 0.3  # px that a feature may lie off, beyond what is usual
-MOST_MISS = 0.12  # lattice steps
-_RIMS = (
-    ((1, 1), (0, 0), (0, 0)),
-    ((0, 0), (1, 1), (0, 0)),
-)  # of an array that grows along an axis
-_AROUND = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
+EIGHT_NEIGHBOURS = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
+
+
+@dataclass(frozen=True)
+class LatticeRules:
+    """What a piece of a lattice is, and how far its features may lie off; chosen by hand."""
+
+    least_spots: int = 12  # of a piece
+    most_pieces: int = 6
+    slack: float = 0.3  # px that a feature may lie off, beyond what is usual
+    most_miss: float = 0.12  # the same at most, lattice steps
+
+
+LATTICE = LatticeRules()
 
 
 def _mean(values: FloatArray) -> FloatArray:
@@ -33,10 +39,8 @@ def _mean(values: FloatArray) -> FloatArray:
 
 def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
-    along, down = (
-        np.pad(np.diff(grid, axis=axis), _RIMS[axis], constant_values=np.nan)
-        for axis in (1, 0)
-    )
+    along = np.pad(np.diff(grid, axis=1), ((0, 0), (1, 1), (0, 0)), constant_values=np.nan)
+    down = np.pad(np.diff(grid, axis=0), ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
     pairs = (
         (along[:, 1:], along[:, :-1]),
         (down[1:], down[:-1]),
@@ -121,20 +125,25 @@ def grow(
     return owner
 
 
-SIDE = 3  # lattice steps that the surroundings of a place reach to each side
-_ROW, _COLUMN = np.indices((2 * SIDE + 1, 2 * SIDE + 1)) - SIDE
+WINDOW_REACH = 3  # lattice steps that the surroundings of a place reach to each side
+_ROW, _COLUMN = np.indices((2 * WINDOW_REACH + 1, 2 * WINDOW_REACH + 1)) - WINDOW_REACH
 
 
 def windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
     """Surroundings of some places of a lattice, (n, 7, 7, 2), px; nan where not known."""
-    padded = np.pad(grid, ((SIDE, SIDE), (SIDE, SIDE), (0, 0)), constant_values=np.nan)
-    return padded[row[:, None, None] + _ROW + SIDE, column[:, None, None] + _COLUMN + SIDE]
+    beside = (WINDOW_REACH, WINDOW_REACH)
+    padded = np.pad(grid, (beside, beside, (0, 0)), constant_values=np.nan)
+    rows = row[:, None, None] + _ROW + WINDOW_REACH
+    columns = column[:, None, None] + _COLUMN + WINDOW_REACH
+    return padded[rows, columns]
 
 
 def predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
-    i, j = np.array(_AROUND).T
-    first, second, third = (window[:, SIDE - n * i, SIDE - n * j] for n in (1, 2, 3))
+    i, j = np.array(EIGHT_NEIGHBOURS).T
+    first, second, third = (
+        window[:, WINDOW_REACH - n * i, WINDOW_REACH - n * j] for n in (1, 2, 3)
+    )
     step = first - second
     before = second - third
     # Perspective and fisheye shrink steps by about the same factor each time.
@@ -146,9 +155,9 @@ def predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     ahead = first + step * ratio[..., None]
     i, j = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]).T
     beside = (
-        window[:, SIDE + i, SIDE]
-        + window[:, SIDE, SIDE + j]
-        - window[:, SIDE + i, SIDE + j]
+        window[:, WINDOW_REACH + i, WINDOW_REACH]
+        + window[:, WINDOW_REACH, WINDOW_REACH + j]
+        - window[:, WINDOW_REACH + i, WINDOW_REACH + j]
     )
     inner = window[:, 1:-1, 1:-1]
     along, down = (np.diff(inner, axis=axis).reshape(len(window), -1, 2) for axis in (2, 1))
@@ -172,27 +181,29 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     # A step of the lattice has its opposite.
     miss = np.linalg.norm(vectors[:, :, None] + vectors[:, None], axis=-1).min(axis=2)
     paired = miss < 0.3 * length
-    every = np.arange(len(centres))
+    number = np.arange(len(centres))
     first = paired.argmax(axis=1)
-    a = vectors[every, first]
+    a = vectors[number, first]
     area = cross(a[:, None], vectors)
-    second = (paired & (area > 0.7 * length * length[every, first][:, None])).argmax(axis=1)
-    b = vectors[every, second]
-    usable = paired[every, first] & paired[every, second] & (area[every, second] > 0)
-    covered = blobs.ink / np.where(usable, area[every, second], 1.0)
+    second = (paired & (area > 0.7 * length * length[number, first][:, None])).argmax(
+        axis=1
+    )
+    b = vectors[number, second]
+    usable = paired[number, first] & paired[number, second] & (area[number, second] > 0)
+    covered = blobs.ink / np.where(usable, area[number, second], 1.0)
     usable &= (covered > cover[0]) & (covered < cover[1])
-    around = np.stack([j * a + i * b for i, j in _AROUND], axis=1)
+    around = np.stack([j * a + i * b for i, j in EIGHT_NEIGHBOURS], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         offset = _in_cells(
             vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None]
         )
     distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
     is_hit = distance.min(axis=2) < 0.3
-    neighbour = which[every[:, None], distance.argmin(axis=2)]
+    neighbour = which[number[:, None], distance.argmin(axis=2)]
     score = is_hit.sum(axis=1) - np.where(is_hit, distance.min(axis=2), 0).sum(axis=1) / 8
     free = np.ones(len(centres), bool)
     for seed in np.argsort(-score, kind="stable"):
-        if score[seed] < 6 or len(pieces) == MOST_PIECES:
+        if score[seed] < 6 or len(pieces) == LATTICE.most_pieces:
             break
         taken = neighbour[seed][is_hit[seed]]
         if not (free[seed] and free[taken].all()):
@@ -200,8 +211,10 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         owner = np.full((size, size), -1)
         middle = size // 2
         owner[middle, middle] = seed
-        for (i, j), blob, there in zip(_AROUND, neighbour[seed], is_hit[seed], strict=True):
-            if there:
+        for (i, j), blob, hit in zip(
+            EIGHT_NEIGHBOURS, neighbour[seed], is_hit[seed], strict=True
+        ):
+            if hit:
                 owner[middle + i, middle + j] = blob
         free_now = np.flatnonzero(free)
         back = np.full(len(centres) + 1, -1)
@@ -209,7 +222,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         grown = grow(back[owner], blobs[free_now], cover, 0.3)
         owner = np.where(grown >= 0, free_now[grown], -1)
         free[owner[owner >= 0]] = False
-        if (owner >= 0).sum() >= LEAST_SPOTS:
+        if (owner >= 0).sum() >= LATTICE.least_spots:
             pieces.append(owner)
     return pieces
 
@@ -254,7 +267,7 @@ def _local_fit(
     )
 
 
-def fitting(
+def check_places(
     grid: FloatArray, panel: IntArray, least: int = 6
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
@@ -267,5 +280,5 @@ def fitting(
     nearby[~np.isfinite(nearby).any(axis=1)] = 0.0
     usual = np.nanmedian(nearby, axis=1).reshape(panel.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        slack = SLACK / np.sqrt(cell)
-        return miss <= np.minimum(3 * usual + slack, MOST_MISS), cell
+        slack = LATTICE.slack / np.sqrt(cell)
+        return miss <= np.minimum(3 * usual + slack, LATTICE.most_miss), cell

@@ -12,11 +12,11 @@ from itertools import takewhile
 
 import numpy as np
 
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS
+from endolab.calibration.geometric.planar_pose import PLANE
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import NAMES, camera_of, camera_vector
+from endolab.calibration.geometric.projection import CAMERA_NAMES, camera_of, camera_vector
 from endolab.calibration.geometric.reprojection import (
-    FINEST,
+    POINT_ERRORS,
     Geometry,
     Reprojection,
     View,
@@ -28,19 +28,32 @@ from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 
-FOCAL_LENGTHS = np.geomspace(0.2, 3.0, 10)  # of the picture's width, to begin with
-SOME = 12  # views are enough to choose among these
-# Bases in which the camera moves: one focal length, then the centre and k1 with it, then all.
-EVERYTHING = np.eye(8)
-_FOCAL = EVERYTHING[:, :1] + EVERYTHING[:, 1:2]
-GROWING = [_FOCAL, np.hstack([_FOCAL, EVERYTHING[:, 2:5]]), EVERYTHING]
-LEAST_VIEWS = 3
-NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
-LEAST_TILT = np.radians(5.0)
-LARGEST_ERROR = 0.05  # standard error of a focal length or centre, of the focal length
-FAR_OFF = (
-    5.0  # a view is wrong if its median residual is this many times that of the others
+
+@dataclass(frozen=True)
+class CameraFitRules:
+    """Where the fit of a camera begins, and which views and cameras are refused."""
+
+    # Focal lengths to begin with, of the picture's width: so many between these, in ratio.
+    shortest_focal: float = 0.2
+    longest_focal: float = 3.0
+    focal_lengths: int = 10
+    views_to_start: int = 12  # are enough to choose among these
+    least_views: int = 3
+    least_tilt: float = float(np.radians(5.0))
+    # Standard error of a focal length or centre, of the focal length.
+    largest_error: float = 0.05
+    # A view is wrong if its median residual is this many times that of the others.
+    far_off: float = 5.0
+
+
+CAMERA_FIT = CameraFitRules()
+VIEWS_NEEDED = (
+    f"a calibration needs {CAMERA_FIT.least_views} views from different directions at least"
 )
+# Bases in which the camera moves: one focal length, then the centre and k1 with it, then all.
+ALL_NUMBERS = np.eye(8)
+ONE_FOCAL = ALL_NUMBERS[:, :1] + ALL_NUMBERS[:, 1:2]
+GROWING_BASES = [ONE_FOCAL, np.hstack([ONE_FOCAL, ALL_NUMBERS[:, 2:5]]), ALL_NUMBERS]
 
 
 @dataclass(frozen=True)
@@ -57,7 +70,9 @@ class GeometricFit:
     dropped: dict[str, str]  # view that did not take part → why
     residuals: tuple[FloatArray, ...]  # (n, 2) each: measured less predicted, px
     inliers: tuple[BoolArray, ...]  # (n,) each: points that count
-    sigma: float  # standard deviation of one coordinate, px; never below `FINEST`
+    sigma: (
+        float  # standard deviation of one coordinate, px; never below that of `PointErrors`
+    )
     rmse: float  # root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so
     standard_errors: dict[str, float]  # of fx, fy, cx, cy (px) and k1 to k4
     covariance: FloatArray  # (8, 8), of the same
@@ -104,8 +119,11 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
     """Return the equidistant camera that explains the views best."""
     start = None
     least = np.inf
-    some = views[:: -(-len(views) // SOME)]
-    for focal in FOCAL_LENGTHS * width:
+    some = views[:: -(-len(views) // CAMERA_FIT.views_to_start)]
+    focal_lengths = np.geomspace(
+        CAMERA_FIT.shortest_focal, CAMERA_FIT.longest_focal, CAMERA_FIT.focal_lengths
+    )
+    for focal in focal_lengths * width:
         camera = KannalaBrandt(
             width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
         )
@@ -139,23 +157,23 @@ def _drop(
     return [view for view, good in zip(views, keep, strict=True) if good], rest, dropped
 
 
-def _far_off(model: Reprojection, geometry: Geometry) -> list[str]:
+def _find_far_off(model: Reprojection, geometry: Geometry) -> list[str]:
     """Say which views the camera of the others does not explain at all."""
     median = model.medians(geometry)
     usual = float(np.median(median))
     others = f"those of the others by {usual:.2f} px"
-    limit = FAR_OFF * usual + 1.0
+    limit = CAMERA_FIT.far_off * usual + 1.0
     return [
         f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median
     ]
 
 
-def _disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
+def _find_disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     """Say of which views fewer than half the points agree with the fit."""
     facing = fitted.iterate.unknowns.facing
     used = np.bincount(model.group, weights=fitted.iterate.used).astype(int)
     total = np.bincount(model.group)
-    few = used < np.maximum(LEAST_POINTS, total / 2)
+    few = used < np.maximum(PLANE.least_points, total / 2)
     shares = (f"{some} of its {of}" for some, of in zip(used, total, strict=True))
     why = [f"only {share} points agree with the other views" for share in shares]
     return np.where(
@@ -175,10 +193,10 @@ def _fit_views(
     while True:
         if not views:
             raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
-        model = Reprojection(views, target, EVERYTHING, usual)
-        fitted = fit(model, geometry, observers, smallest=FINEST)
+        model = Reprojection(views, target, ALL_NUMBERS, usual)
+        fitted = fit(model, geometry, observers, smallest=POINT_ERRORS.finest)
         fewer, geometry, more = _drop(
-            views, fitted.iterate.unknowns, target, _disagreeing(fitted, model)
+            views, fitted.iterate.unknowns, target, _find_disagreeing(fitted, model)
         )
         if not more or fitted.status is Status.STOPPED:
             return fitted, views, dropped
@@ -237,10 +255,10 @@ def calibrate_camera(
     if not kept:
         raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
     geometry = Geometry.of(camera_vector(camera), poses)
-    for basis in GROWING if start is None else [EVERYTHING]:
+    for basis in GROWING_BASES if start is None else [ALL_NUMBERS]:
         model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
-    kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
+    kept, geometry, more = _drop(kept, geometry, target, _find_far_off(model, geometry))
     fitted, kept, disagreeing = _fit_views(
         kept, geometry, target, np.array(camera.k), list(observers)
     )
@@ -274,7 +292,7 @@ def _result(
         inliers=tuple(np.split(used, cuts)),
         sigma=fitted.iterate.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
-        standard_errors=dict(zip(NAMES, errors, strict=True)),
+        standard_errors=dict(zip(CAMERA_NAMES, errors, strict=True)),
         covariance=covariance,
         max_angle_seen=float(angles[used].max()),
         status=fitted.status,
@@ -283,9 +301,9 @@ def _result(
 
 
 def _refuse_few(count: int, dropped: dict[str, str]) -> None:
-    if count < LEAST_VIEWS:
+    if count < CAMERA_FIT.least_views:
         why = f" ({_reasons(dropped)})" if dropped else ""
-        raise ValueError(f"{NEEDED}, got {count}{why}")
+        raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
 
 
 def _places(poses: Iterable[Pose]) -> int:
@@ -294,12 +312,12 @@ def _places(poses: Iterable[Pose]) -> int:
     for pose in poses:
         reach = 0.02 * np.linalg.norm(pose.translation)
         if all(
-            np.trace(pose.rotation.T @ other.rotation) < 1 + 2 * np.cos(np.radians(1))
-            or np.linalg.norm(pose.translation - other.translation) > reach
-            for other in places
+            np.trace(pose.rotation.T @ place.rotation) < 1 + 2 * np.cos(np.radians(1))
+            or np.linalg.norm(pose.translation - place.translation) > reach
+            for place in places
         ):
             places.append(pose)
-        if len(places) == LEAST_VIEWS:
+        if len(places) == CAMERA_FIT.least_views:
             break
     return len(places)
 
@@ -307,18 +325,18 @@ def _places(poses: Iterable[Pose]) -> int:
 def _refuse_untold(result: GeometricFit) -> None:
     """Refuse a camera that its views do not tell."""
     places = _places(result.poses)
-    if places < LEAST_VIEWS:
+    if places < CAMERA_FIT.least_views:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
-        raise ValueError(f"{NEEDED}, got {places}: {hardly}")
+        raise ValueError(f"{VIEWS_NEEDED}, got {places}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)
     fact = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
-    if tilt < LEAST_TILT:
+    if tilt < CAMERA_FIT.least_tilt:
         square = "views square to the axis cannot tell the focal length from the distance"
         raise ValueError(f"{square}: {fact}; tilt the sheet by 20° or more in some views")
     focal = np.sqrt(result.camera.fx * result.camera.fy)
-    for name in NAMES[:4]:
+    for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]
-        if not error < LARGEST_ERROR * focal:
+        if not error < CAMERA_FIT.largest_error * focal:
             lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
             why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
             raise ValueError(

@@ -20,15 +20,6 @@ class Pose:
     # Of a turn ω, rad, and a shift δ, mm: exp(ω) R and t + δ; (6, 6).
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
 
-    @classmethod
-    def from_vector(cls, vector: ArrayLike) -> Pose:
-        """Make a pose of a rotation vector (rad) and a translation (mm), six numbers."""
-        vector = np.asarray(vector, dtype=np.float64)
-        return cls(
-            scipy.spatial.transform.Rotation.from_rotvec(vector[:3]).as_matrix(),
-            vector[3:].copy(),
-        )
-
     @property
     def vector(self) -> FloatArray:
         """Rotation vector, rad, and translation, mm: (6,)."""

@@ -5,7 +5,7 @@ centre. By Green's theorem it is a ratio of integrals along the rim of the image
 trapezoidal rule takes from eight points of the rim with spectral accuracy: the error is of sixth
 order in the radius. The derivatives follow from those of the eight points.
 
-The camera is a vector here, in the order of `NAMES`; its polynomial is used as it stands, also
+The camera is a vector here, in the order of `CAMERA_NAMES`; its polynomial is used as it stands, also
 where it no longer grows, because a solver may pass there.
 """
 
@@ -18,19 +18,19 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import FloatArray
 
-NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
-ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)  # of points on the rim of a disc
+CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)  # of points on the rim of a disc
 
 
-def _along() -> FloatArray:
-    """Return the matrix that differentiates a periodic function by the angle, from its values at `ANGLES`."""
-    apart = ANGLES[:, None] - ANGLES
-    number = np.arange(len(ANGLES))
+def _rim_derivative() -> FloatArray:
+    """Return the matrix that differentiates a periodic function of the angle, given at `RIM_ANGLES`."""
+    apart = RIM_ANGLES[:, None] - RIM_ANGLES
+    number = np.arange(len(RIM_ANGLES))
     sign = 0.5 * (-1.0) ** (number[:, None] - number)
     return np.where(apart == 0, 0.0, sign / np.tan(np.where(apart == 0, 1.0, apart) / 2))
 
 
-ALONG = _along()
+RIM_DERIVATIVE = _rim_derivative()
 
 
 def camera_vector(camera: KannalaBrandt) -> FloatArray:
@@ -106,8 +106,8 @@ def _centroid(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     y0 = y.mean(axis=0)
     x = x - x0
     y = y - y0
-    dx = ALONG @ x
-    dy = ALONG @ y
+    dx = RIM_DERIVATIVE @ x
+    dy = RIM_DERIVATIVE @ y
     area = (x * dy).sum(axis=0)
     return x0 + 0.5 * (x * x * dy).sum(axis=0) / area, y0 - 0.5 * (y * y * dx).sum(
         axis=0
@@ -122,13 +122,13 @@ def _centroid_weights(
     # The derivatives do not depend on the origin; about the centroid the area's change has no effect.
     x = x - cx
     y = y - cy
-    dx = ALONG @ x
-    dy = ALONG @ y
+    dx = RIM_DERIVATIVE @ x
+    dy = RIM_DERIVATIVE @ y
     over = 1 / (x * dy).sum(axis=0)
     weights = (
         x * dy * over,
-        -0.5 * over * (ALONG @ (x * x)),
-        0.5 * over * (ALONG @ (y * y)),
+        -0.5 * over * (RIM_DERIVATIVE @ (x * x)),
+        0.5 * over * (RIM_DERIVATIVE @ (y * y)),
         -y * dx * over,
     )
     return weights, np.stack([cx, cy])
@@ -140,7 +140,7 @@ def _rims(rotation: FloatArray, points: FloatArray, radii: FloatArray) -> FloatA
     if not radii.any():
         return centre
     right, down = rotation[:, :, :2].transpose(2, 1, 0)[:, :, None] * radii  # (3, 1, n)
-    return centre + right * np.cos(ANGLES)[:, None] + down * np.sin(ANGLES)[:, None]
+    return centre + right * np.cos(RIM_ANGLES)[:, None] + down * np.sin(RIM_ANGLES)[:, None]
 
 
 def predict(

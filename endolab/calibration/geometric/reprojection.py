@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
+from endolab.calibration.geometric.planar_pose import PLANE, pose_from_rays
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     camera_of,
@@ -25,14 +25,26 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 
-# Points of a panel are not off independently, but as its light makes them, and all frames alike: poses are
-# off by this many times what independent points would give, and by more where few px lie between them.
-SHARED = 2.0
-SMALL = (
-    17.0  # px between points, where errors have doubled; they grow with the fourth power
-)
-BESIDE = 0.75  # spacings from a fold, within which light and paper break, and sway a point
-FINEST = 0.03  # px; detectors have systematic errors of that size, whatever the noise
+
+@dataclass(frozen=True)
+class PointErrors:
+    """How wrong the points of a panel are, beside their noise.
+
+    They are not off independently, but as the panel's light makes them, and all frames alike: poses are off
+    by `shared` times what independent points would give, and by more where few px lie between them.
+    """
+
+    shared: float = 2.0
+    # px between points, where errors have doubled; they grow with the fourth power.
+    doubled_at: float = 17.0
+    # Spacings from a fold, within which light and paper break, and sway a point.
+    beside_fold: float = 0.75
+    finest: float = (
+        0.03  # px; detectors have systematic errors of that size, whatever the noise
+    )
+
+
+POINT_ERRORS = PointErrors()
 
 
 @dataclass(frozen=True)
@@ -54,14 +66,18 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     panel = target.panel_of(points)
     if target.fold_x is not None:
         panel = np.where(
-            np.abs(points[:, 0] - target.fold_x) < BESIDE * target.spacing, -1, panel
+            np.abs(points[:, 0] - target.fold_x)
+            < POINT_ERRORS.beside_fold * target.spacing,
+            -1,
+            panel,
         )
-    which = ((number, panel == number) for number in range(target.panels))
-    every = (
-        View(name, number, detection.ids[here], detection.pixels[here])
-        for number, here in which
-    )
-    return [view for view in every if len(view.ids) >= LEAST_POINTS]
+    views = []
+    for number in range(target.panels):
+        on_panel = panel == number
+        if np.sum(on_panel) >= PLANE.least_points:
+            ids = detection.ids[on_panel]
+            views.append(View(name, number, ids, detection.pixels[on_panel]))
+    return views
 
 
 @dataclass(frozen=True)
@@ -128,12 +144,12 @@ class Reprojection:
         )
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
-        seen = project(*self._at(unknowns))
-        residual = self.pixels - seen.pixels
-        by_common = np.tensordot(-seen.by_camera, self.basis, 1)
+        projection = project(*self._at(unknowns))
+        residual = self.pixels - projection.pixels
+        by_common = np.tensordot(-projection.by_camera, self.basis, 1)
         prior = self._prior(unknowns)
         by_prior = self.basis[4:] / USUAL_K[:, None]
-        return Linearised(residual, by_common, -seen.by_pose, prior, by_prior)
+        return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
 
     def _prior(self, unknowns: Geometry) -> FloatArray:
         return (unknowns.vector[4:] - self.usual) / USUAL_K
@@ -141,7 +157,7 @@ class Reprojection:
     def residual(self, unknowns: Geometry) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         return self.pixels - predict(*self._at(unknowns)), self._prior(unknowns)
 
-    def moved(  # noqa: D102
+    def take_step(  # noqa: D102
         self, unknowns: Geometry, common: FloatArray, own: FloatArray
     ) -> Geometry | None:
         vector = unknowns.vector + self.basis @ common
@@ -186,20 +202,24 @@ def find_pose(
     """
     pose = linear_pose(view, target, camera)
     model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))
-    fitted = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
+    fitted = fit(
+        model, Geometry.of(camera_vector(camera), [pose]), smallest=POINT_ERRORS.finest
+    )
     inliers = fitted.iterate.used
-    if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
+    if inliers.sum() < max(PLANE.least_points, len(inliers) / 2):
         raise ValueError(
             f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
         )
     pose = fitted.iterate.unknowns.poses[0]
-    apart = _narrowest(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
-    worse = SHARED * (1 + (SMALL / apart) ** 4)
+    apart = (
+        _least_scale(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
+    )
+    worse = POINT_ERRORS.shared * (1 + (POINT_ERRORS.doubled_at / apart) ** 4)
     pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
     return pose, inliers, fitted.iterate.residual
 
 
-def _narrowest(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
+def _least_scale(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
     """Scale of a panel in the picture about a place of it, (3,), where it is least, px/mm."""
     around = place + 0.1 * np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]])
     left, right, above, below = camera.project(pose.transform(around))

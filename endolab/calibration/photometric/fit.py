@@ -1,4 +1,13 @@
-"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF, from samples.
+r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF, from samples.
+
+    camera and light          I = 255 · exp(L/γ)
+        o-------> axis        L = k log cos α             how light and lens fall off: k
+         \ α                    - 2 log d + log cos θ    where the sample lies: known
+        d \   ^ n               + log f(θ)               the BRDF, at nodes of θ
+           \ / θ                + log a + log g          the patch, and the frame's gain
+      ------x------ sheet
+
+    `_start` (linear in log I) -> `strengths`, `refuse` -> `fit` -> `_result` (checks, verdict)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
@@ -22,9 +31,8 @@ from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
 from endolab.calibration.photometric import identifiability
 from endolab.calibration.photometric.identifiability import NotIdentifiableError, Strength
 from endolab.calibration.photometric.model import (
-    FIRST_GAMMA,
-    GREY,
-    LEVELS,
+    GREY_LEVELS,
+    LIGHT_FIT,
     Known,
     LightModel,
     LightUnknowns,
@@ -40,10 +48,6 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.iteration import Status
-
-GAMMA_BOUNDS = (0.5, 5.0)
-LEAST_SAMPLES = 10
-LIGHT_ERRORS = (2.0, 0.1)  # largest standard errors of a free light: mm, and of its tilt
 
 
 def _number_or_pair(value: ArrayLike) -> float | tuple[float, float] | None:
@@ -65,7 +69,8 @@ def check_gamma(gamma: float | tuple[float, float] | str) -> Known:
                 f'gamma must be a number, (mean, standard deviation) or "free", got {excerpt(gamma)}'
             )
         return None
-    known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
+    known = _number_or_pair(gamma)
+    low, high = LIGHT_FIT.gamma_bounds
     if known is None or not low < np.ravel(known)[0] < high:
         allowed = "alone or with a positive standard deviation"
         raise ValueError(
@@ -92,7 +97,7 @@ def check_options(
     gain: str = "free",
     reflectance: Sequence[Known] = (),
     light: str = "centred",
-    levels: tuple[float, float] = LEVELS,
+    levels: tuple[float, float] = LIGHT_FIT.levels,
 ) -> None:
     """Refuse options of `calibrate_light` that no samples could make right."""
     for name, value, choices in (
@@ -123,7 +128,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
         if isinstance(model.gamma, float)
         else model.gamma[0]
         if model.gamma
-        else FIRST_GAMMA
+        else LIGHT_FIT.first_gamma
     )
     log_reflectance = model.given_log_reflectance
     loose = [m for m in model.loose_materials if model.reflectance[m - 1] is None]
@@ -144,7 +149,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     weight = level**2 * good
     for _ in range(5):
         solved, residual = identifiability.regress(matrix, target, weight, model.group)
-        grey = GREY * level * residual / gamma
+        grey = GREY_LEVELS * level * residual / gamma
         sigma = 1.4826 * float(np.median(np.abs(grey[good]))) + 1e-12
         weight = level**2 * good / (1 + (grey / (3 * sigma)) ** 2) ** 2
     log_brdf = np.full(len(model.nodes), -np.log(np.pi))
@@ -159,7 +164,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     alone = np.bincount(model.group, weight, groups) == 0
     weight = np.where(alone[model.group], samples.level**2 + 1e-6, weight)
     measured = np.clip(samples.level, 1e-3, None)
-    expected = np.maximum(model.predict(start) / GREY, 1e-9)
+    expected = np.maximum(model.predict(start) / GREY_LEVELS, 1e-9)
     rest = gamma * np.log(measured / expected)
     gain = np.bincount(model.group, weight * rest, groups) / np.bincount(
         model.group, weight, groups
@@ -176,7 +181,7 @@ def calibrate_light(
     gain: str = "free",
     reflectance: Sequence[Known] = (),
     light: str = "centred",
-    levels: tuple[float, float] = LEVELS,
+    levels: tuple[float, float] = LIGHT_FIT.levels,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> PhotometricFit:
     """Calibrate light, response and gains from samples of known place and normal.
@@ -236,10 +241,11 @@ def calibrate_light(
     finite = np.isfinite(numbers).all(axis=1)
     if not finite.all():
         raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
-    if len(samples) < LEAST_SAMPLES:
+    if len(samples) < LIGHT_FIT.least_samples:
         why = "white paper shows between the ink in too few places, or too small"
         raise NotIdentifiableError(
-            "light", f"{LEAST_SAMPLES} samples are needed, got {len(samples)}: {why}"
+            "light",
+            f"{LIGHT_FIT.least_samples} samples are needed, got {len(samples)}: {why}",
         )
     frames, frame = np.unique(samples.frame, return_inverse=True)
     group = frame if gain == "free" else np.zeros(len(samples), int)
@@ -270,18 +276,18 @@ def _nodes(
     """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
     geometry = SampleGeometry.of(samples, np.zeros(5))
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
-    if good.sum() < LEAST_SAMPLES:
+    if good.sum() < LIGHT_FIT.least_samples:
         which = (
             f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
         )
         raise NotIdentifiableError(
-            "light", f"{which}, {LEAST_SAMPLES} are needed; change the exposure"
+            "light", f"{which}, {LIGHT_FIT.least_samples} are needed; change the exposure"
         )
     theta = geometry.theta[good]
     chosen = np.zeros(1)
     if count > 1:
         if np.ptp(theta) < 1e-3:
-            why = "the BRDF cannot be told from samples that all lie at one incidence angle"
+            why = "samples that all lie at one incidence angle do not determine the BRDF"
             ways = "tilt the sheet, or assume a matt sheet (lambertian BRDF)"
             raise NotIdentifiableError(
                 "brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}"
@@ -295,7 +301,7 @@ def _check_bounds(
     model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]
 ) -> None:
     """Refuse a fit that has run away."""
-    low, high = GAMMA_BOUNDS
+    low, high = LIGHT_FIT.gamma_bounds
     if unknowns.k < 0:
         ran = f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0"
         raise NotIdentifiableError(
@@ -307,9 +313,9 @@ def _check_bounds(
     if model.free_light:
         _check_place(spread)
     error = unknowns.gamma * spread["k/gamma"]
-    most = identifiability.LARGEST_ERROR["k"]
+    most = identifiability.EVIDENCE.largest_k_error
     if error > most:
-        why = f"k cannot be told from these samples: it is {unknowns.k:.2f} ± {error:.2f}"
+        why = f"these samples do not determine k: it is {unknowns.k:.2f} ± {error:.2f}"
         raise NotIdentifiableError("k", f"{why}, of which at most ± {most:g} is of use")
 
 
@@ -317,8 +323,8 @@ def _check_place(spread: dict[str, float]) -> None:
     """Refuse a light whose place or direction the samples do not tell."""
     place = max(spread[f"light {axis}"] for axis in "xyz")
     tilt = max(spread["light tilt x"], spread["light tilt y"])
-    if place > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
-        why = "the light's place and direction cannot be told from these samples"
+    if place > LIGHT_FIT.largest_place_error or tilt > LIGHT_FIT.largest_tilt_error:
+        why = "these samples do not determine the light's place and direction"
         errors = f"their standard errors are {place:.2g} mm and {np.rad2deg(tilt):.2g}°"
         ways = (
             'vary the distance and the tilt, or take the light as centred (light="centred")'

@@ -6,9 +6,16 @@ the k log cos α, the gains and log f are free to do so. What isn't is
     s = -2 log d + log cos θ + log a   (a of materials whose reflectance is known)
 
 unless a constant per frame (the gain), a function of θ (the BRDF) and a multiple of log cos α
-make up for δ·s. On a flat sheet with the light at the camera they do: the sheet's height over the
-camera is d cos θ, so s = -2 log height + 3 log cos θ. What is left of s after a regression on
-them is all that the samples know of γ; likewise what is left of log cos α is all they know of k.
+make up for δ·s. What is left of s after a regression on them is all that the samples know of γ:
+
+              s                            error of log γ  =  σ / |left|, left in grey levels
+             /|
+            / | left                       likewise of k, with log cos α for s,
+           /  |                            and γ taken as known
+    ------o---+------------  what the others imitate: per frame 1, of θ any function, and log cos α
+
+On a flat sheet with the light at the camera nothing is left: the sheet's height over the camera is
+d cos θ, so s = -2 log height + 3 log cos θ, a constant per frame and a function of θ.
 
 The regression gives f many more nodes than the fit has. Else the error of interpolating f between
 few nodes would count as information, and would fix γ at a wrong value.
@@ -21,31 +28,49 @@ import numpy as np
 import scipy
 
 from endolab.calibration.least_squares import Arrow, Linearised
-from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats
+from endolab.calibration.photometric.model import (
+    GREY_LEVELS,
+    LightModel,
+    LightUnknowns,
+    hats,
+)
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
-RICH_NODES = 60  # of the BRDF, in the regression
+
+@dataclass(frozen=True)
+class EvidenceRules:
+    """What samples must show before k and γ are believed, and what is worth a sentence.
+
+    A signal is the part of s, and of log cos α, that only γ, or k, can explain: root mean square. Errors of
+    the poses make up some of it where there is none: 0.3 % of the distance and 0.1° of the normal, apart
+    for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give 0.02 of
+    log cos α.
+    """
+
+    rich_nodes: int = 60  # of the BRDF, in the regression
+    least_gamma_signal: float = 0.018
+    least_k_signal: float = 0.012
+    largest_gamma_error: float = 0.05  # relative
+    largest_k_error: float = 0.1
+    # Share of 1/r² cos θ: between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a
+    # room, 0. Below the first the light is refused, below the second the verdict doubts it.
+    least_fall_off: float = 0.6
+    usual_fall_off: float = 0.85
+    # Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
+    largest_sigma: float = 15.0
+    # A jump of the gain, in medians of the steps of so many frames around, and how many are named.
+    jump: float = 6.0
+    jump_window: int = 11
+    jumps_named: int = 5
+    held_to: float = 1e-3  # of its standard deviation, to which an unknown is held
+    # Standard deviations of the noise by which levels should stay inside the sensor's range.
+    clearance: float = 3.5
+    pose_error: float = (
+        0.001  # of the distances, for which the verdict says what it would do
+    )
 
 
-# The part of s, and of log cos α, that only γ, or k, can explain: root mean square. Errors of the
-# poses make up some of it where there is none: 0.3 % of the distance and 0.1° of the normal, apart
-# for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give 0.02 of
-# log cos α.
-LEAST_SIGNAL = {"gamma": 0.018, "k": 0.012}
-LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
-# Between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a room, 0.
-LEAST_FALL_OFF = 0.6
-USUAL_FALL_OFF = 0.85
-LARGEST_SIGMA = (
-    15.0  # grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13
-)
-JUMPS_NAMED = 5
-# a jump of the gain, in medians of the steps of so many frames around
-JUMP = 6.0
-JUMP_WINDOW = 11
-HELD = 1e-3  # of its standard deviation, to which an unknown is held
-CLIPPED = 3.5  # standard deviations of the noise by which levels should stay inside the sensor's range
-POSE_ERROR = 0.001  # of the distances, for which the verdict says what it would do
+EVIDENCE = EvidenceRules()
 
 
 class NotIdentifiableError(ValueError):
@@ -102,25 +127,25 @@ def strengths(
     weight = np.where(used, (model.predict(unknowns) / unknowns.gamma) ** 2, 0.0)
     columns = [np.zeros((len(used), 0))]
     if len(model.nodes) > 1:
-        count = int(np.clip(used.sum() // 10, len(model.nodes), RICH_NODES))
+        count = int(np.clip(used.sum() // 10, len(model.nodes), EVIDENCE.rich_nodes))
         columns.append(
             hats(np.linspace(model.nodes[0], model.nodes[-1], count), geometry.theta)
         )
     roughly = []
     for material in model.loose_materials:
-        here = (model.samples.material == material).astype(float)
+        is_material = (model.samples.material == material).astype(float)
         known = model.reflectance[material - 1]
         if isinstance(known, tuple):
-            roughly.append((here, (sigma * known[0] / known[1]) ** 2))
+            roughly.append((is_material, (sigma * known[0] / known[1]) ** 2))
         else:
-            columns.append(here[:, None])
+            columns.append(is_material[:, None])
 
-    def left(target: FloatArray) -> Strength:
+    def measure(target: FloatArray) -> Strength:
         known = np.concatenate(columns, axis=1)
         squares = float(weight @ regress(known, target, weight, model.group)[1] ** 2)
         information = alone = squares
         if roughly:
-            free = np.column_stack([known, *(here for here, _ in roughly)])
+            free = np.column_stack([known, *(column for column, _ in roughly)])
             ridge = np.concatenate(
                 [np.zeros(known.shape[1]), [stiff for _, stiff in roughly]]
             )
@@ -132,10 +157,10 @@ def strengths(
         sd = sigma / np.sqrt(max(information, tiny))
         return Strength(sd, np.sqrt(squares / total), np.sqrt(alone / total))
 
-    strength = {"k": left(geometry.log_cos_psi)}
+    strength = {"k": measure(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
         columns.append(geometry.log_cos_psi[:, None])
-        strength["gamma"] = left(
+        strength["gamma"] = measure(
             geometry.falloff + model.given_log_reflectance[model.samples.material]
         )
     return strength
@@ -147,32 +172,35 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
     normals = model.samples.normals
     frames = len(np.unique(model.samples.frame))
     tabulated = len(model.nodes) > 1
-    if tabulated and k.signal < LEAST_SIGNAL["k"]:
+    if tabulated and k.signal < EVIDENCE.least_k_signal:
         raise NotIdentifiableError(
             "k",
-            "k cannot be told from these samples: in all frames the incidence angle goes with the angle off "
+            "these samples do not determine k: in all frames the incidence angle goes with the angle off "
             "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
             "tilt the sheet, or assume a matt sheet (lambertian BRDF)",
         )
     if tabulated and frames == 1 and np.all(np.std(normals, axis=0) < 1e-3):
-        why = "k cannot be told from a single frame of a flat sheet"
+        why = "a single frame of a flat sheet does not determine k"
         error = "an error of its one pose would pass for fall-off"
         ways = "take more frames, or assume a matt sheet (lambertian BRDF)"
         raise NotIdentifiableError("k", f"{why}: {error}; {ways}")
-    if k.sd > LARGEST_ERROR["k"]:
+    if k.sd > EVIDENCE.largest_k_error:
         have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
-        why = f"k cannot be told from these samples: its standard error would be {k.sd:.2g} with {have}"
+        why = f"these samples do not determine k: its standard error would be {k.sd:.2g} with {have}"
         raise NotIdentifiableError("k", f"{why}; take more of them, over a wider field")
     if model.gamma is not None:
         return
     gamma = evidence["gamma"]
-    if gamma.signal < LEAST_SIGNAL["gamma"] or gamma.sd > LARGEST_ERROR["gamma"]:
+    if (
+        gamma.signal < EVIDENCE.least_gamma_signal
+        or gamma.sd > EVIDENCE.largest_gamma_error
+    ):
         ways = "fold the sheet, print grey patches of known ratio, or lock the gain and vary the distance"
         raise NotIdentifiableError(
             "gamma",
-            "gamma cannot be told from these samples, only k/gamma can: a change of gamma is made up for by "
+            "these samples do not determine gamma, only k/gamma: a change of gamma is made up for by "
             f"k, the gains and the BRDF to {100 * gamma.signal:.2g} % of the light "
-            f"({100 * LEAST_SIGNAL['gamma']:g} % is needed; the standard error would be "
+            f"({100 * EVIDENCE.least_gamma_signal:g} % is needed; the standard error would be "
             f"{100 * min(gamma.sd, 99):.2g} %); {ways}, or give gamma",
         )
 
@@ -209,13 +237,13 @@ def judge_light(
     if model.gamma is not None:  # a free γ would make up for it, and run out of its bounds
         share, error = fall_off_share(model, unknowns, used & (model.samples.level > 0))
         power = f"to the power {share:.2f} ± {error:.2f} of what a lamp at the lens does"
-        if share + 2 * error < LEAST_FALL_OFF:
+        if share + 2 * error < EVIDENCE.least_fall_off:
             why = "the brightness hardly falls with distance and tilt, as in a lit room"
             raise NotIdentifiableError("light", f"{why}: {power}; {ways}")
-        if share + 2 * error < USUAL_FALL_OFF:
+        if share + 2 * error < EVIDENCE.usual_fall_off:
             why = "there was another light, γ is larger, or the paper is rough"
             doubts.append(f"The brightness falls with distance and tilt {power}: {why}.")
-    if sigma > LARGEST_SIGMA:
+    if sigma > EVIDENCE.largest_sigma:
         why = (
             f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
         )
@@ -226,7 +254,7 @@ def judge_light(
 
 
 def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightModel:
-    """Hold what is roughly known at its value (to `HELD` of its sd) where the samples cannot tell it.
+    """Hold what is roughly known at its value (to `held_to` of its sd) where the samples cannot tell it.
 
     Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
     nodes, and would seem to be known. `widen` gives the uncertainty back.
@@ -234,11 +262,15 @@ def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightMode
     gamma = model.gamma
     reflectance = model.reflectance
     if not isinstance(gamma, float):
-        if isinstance(gamma, tuple) and evidence["gamma"].signal < LEAST_SIGNAL["gamma"]:
-            gamma = (gamma[0], HELD * gamma[1])
-        if evidence["gamma"].alone < LEAST_SIGNAL["gamma"]:
+        if (
+            isinstance(gamma, tuple)
+            and evidence["gamma"].signal < EVIDENCE.least_gamma_signal
+        ):
+            gamma = (gamma[0], EVIDENCE.held_to * gamma[1])
+        if evidence["gamma"].alone < EVIDENCE.least_gamma_signal:
             reflectance = tuple(
-                (r[0], HELD * r[1]) if isinstance(r, tuple) else r for r in reflectance
+                (r[0], EVIDENCE.held_to * r[1]) if isinstance(r, tuple) else r
+                for r in reflectance
             )
     return replace(model, gamma=gamma, reflectance=reflectance)
 
@@ -265,13 +297,13 @@ def widen(covariance: FloatArray, model: LightModel, stiff: LightModel) -> Float
 
 def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
     """Find the frames where the gain changes at once, far more than around: (frame, ratio), largest first."""
-    if len(gains) < JUMP_WINDOW:
+    if len(gains) < EVIDENCE.jump_window:
         return []
     # Gains follow the sheet, at times fast but smoothly; a jump stands out from the steps beside it.
     steps = np.diff(np.log(gains))
     excess = np.abs(steps - scipy.ndimage.median_filter(steps, size=5, mode="nearest"))
-    usual = scipy.ndimage.median_filter(excess, size=JUMP_WINDOW, mode="nearest")
-    jumps = np.flatnonzero(excess > np.maximum(JUMP * usual, np.log(1.3)))
+    usual = scipy.ndimage.median_filter(excess, size=EVIDENCE.jump_window, mode="nearest")
+    jumps = np.flatnonzero(excess > np.maximum(EVIDENCE.jump * usual, np.log(1.3)))
     jumps = jumps[np.argsort(-np.abs(steps[jumps]))]
     return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]
 
@@ -306,8 +338,8 @@ def describe_verdict(
         if any(known is not None for known in model.reflectance):
             source = "the reflectances that are known"
         say(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
-        bias = (2 * POSE_ERROR / expected["gamma"].signal) ** 2 * gamma
-        errs = f"Random errors of {100 * POSE_ERROR:g} % in the distances"
+        bias = (2 * EVIDENCE.pose_error / expected["gamma"].signal) ** 2 * gamma
+        errs = f"Random errors of {100 * EVIDENCE.pose_error:g} % in the distances"
         say(f"{errs} would raise γ by {bias:.2g}, and k with it.")
         say(f"k = {k:.4f} ± {errors['k']:.4f} is measured; {ratio}.")
     else:
@@ -341,20 +373,25 @@ def describe_verdict(
             for v, a in zip(unknowns.light, "xyz", strict=False)
         ]
         say(f"The virtual light is at ({', '.join(place)}) mm.")
-    low = GREY * model.levels[0]
-    high = GREY * model.levels[1]
-    if min(low, GREY - high) < CLIPPED * sigma:
+    low = GREY_LEVELS * model.levels[0]
+    high = GREY_LEVELS * model.levels[1]
+    if min(low, GREY_LEVELS - high) < EVIDENCE.clearance * sigma:
         say(
             f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
             f"that were used, {low:.0f} to {high:.0f}, which biases the result: keep "
-            f"{CLIPPED * sigma:.0f} inside 0 and 255."
+            f"{EVIDENCE.clearance * sigma:.0f} inside 0 and 255."
         )
     if locked:
         say("One gain was fitted for all frames.")
     if jumps:
         named = ", ".join(
-            f"{frame} (×{jump:.2g})" for frame, jump in sorted(jumps[:JUMPS_NAMED])
+            f"{frame} (×{jump:.2g})"
+            for frame, jump in sorted(jumps[: EVIDENCE.jumps_named])
         )
-        more = f" and {len(jumps) - JUMPS_NAMED} more" if len(jumps) > JUMPS_NAMED else ""
+        more = (
+            f" and {len(jumps) - EVIDENCE.jumps_named} more"
+            if len(jumps) > EVIDENCE.jumps_named
+            else ""
+        )
         say(f"The gain jumps at frame {named}{more}.")
     return sentences

@@ -23,14 +23,27 @@ from endolab.calibration.least_squares import Linearised
 from endolab.calibration.photometric.samples import Samples
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
-GREY = 255.0  # grey levels of a stored value of 1
-LEVELS = (
-    12 / 255,
-    240 / 255,
-)  # predicted stored values that noise of 3 grey levels cannot clip
-FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
-DENSER = 1.15  # exponent that brings the nodes closer together near θ = 0
-LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is left out
+GREY_LEVELS = 255.0  # of a stored value of 1
+
+
+@dataclass(frozen=True)
+class LightFitRules:
+    """Where the fit of the light begins, what it is given, and what it may not leave."""
+
+    # Predicted stored values that noise of 3 grey levels cannot clip.
+    levels: tuple[float, float] = (12 / 255, 240 / 255)
+    first_gamma: float = 2.2  # where the fit of a γ that is not known begins
+    gamma_bounds: tuple[float, float] = (0.5, 5.0)
+    least_samples: int = 10
+    # Exponent that brings the BRDF's nodes closer together near θ = 0.
+    node_exponent: float = 1.15
+    least_support: int = 40  # samples between two nodes, or one of them is left out
+    # Largest standard errors of a free light's place, mm, and of its tilt.
+    largest_place_error: float = 2.0
+    largest_tilt_error: float = 0.1
+
+
+LIGHT_FIT = LightFitRules()
 
 Known = float | tuple[float, float] | None  # given, (mean, sd), or free
 
@@ -101,10 +114,10 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     """
     low = float(theta.min())
     high = float(theta.max())
-    nodes = low + (high - low) * np.linspace(0, 1, count) ** DENSER
+    nodes = low + (high - low) * np.linspace(0, 1, count) ** LIGHT_FIT.node_exponent
     while len(nodes) > 2:
         inside = np.bincount(interval(nodes, theta), minlength=len(nodes) - 1)
-        thin = np.flatnonzero(inside < LEAST_SUPPORT)
+        thin = np.flatnonzero(inside < LIGHT_FIT.least_support)
         if not thin.size:
             break
         # Joining a thin interval with its neighbour removes the node between them.
@@ -153,17 +166,19 @@ class LightModel:
         known = (r[0] if isinstance(r, tuple) else r for r in self.reflectance)
         return np.log([1.0, *(1.0 if value is None else value for value in known)])
 
-    def _seen_from(self, light: FloatArray) -> tuple[SampleGeometry, FloatArray]:
+    def _look_from(self, light: FloatArray) -> tuple[SampleGeometry, FloatArray]:
         geometry = SampleGeometry.of(self.samples, light)
         return geometry, hats(self.nodes, geometry.theta)
 
     @cached_property
-    def _centred(self) -> tuple[SampleGeometry, FloatArray]:
-        return self._seen_from(np.zeros(5))
+    def _centred_geometry(self) -> tuple[SampleGeometry, FloatArray]:
+        return self._look_from(np.zeros(5))
 
     def geometry(self, unknowns: LightUnknowns) -> tuple[SampleGeometry, FloatArray]:
         """Return the samples as seen from the light, and how f is interpolated there, (n, nodes)."""
-        return self._seen_from(unknowns.light) if self.free_light else self._centred
+        return (
+            self._look_from(unknowns.light) if self.free_light else self._centred_geometry
+        )
 
     def _shine(
         self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray
@@ -177,7 +192,7 @@ class LightModel:
         )
         logarithm = unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f) + shade
         # A wild step must not overflow.
-        return logarithm, GREY * np.exp(
+        return logarithm, GREY_LEVELS * np.exp(
             np.minimum(logarithm / unknowns.gamma, 50.0)
         ) * geometry.valid
 
@@ -213,7 +228,7 @@ class LightModel:
     def residual(self, unknowns: LightUnknowns) -> tuple[FloatArray, FloatArray]:
         """Measured minus predicted grey levels, (n, 1), and what the priors say."""
         off = np.append(self._prior(unknowns), self._slack(unknowns))
-        return (GREY * self.samples.level - self.predict(unknowns))[:, None], off
+        return (GREY_LEVELS * self.samples.level - self.predict(unknowns))[:, None], off
 
     def usable(self, unknowns: LightUnknowns) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
@@ -221,7 +236,7 @@ class LightModel:
         Choosing by the measured level would keep what noise has moved into the range and drop
         what it has moved out: a bias of k and γ.
         """
-        level = self.predict(unknowns) / GREY
+        level = self.predict(unknowns) / GREY_LEVELS
         return (level > self.levels[0]) & (level < self.levels[1])
 
     def linearise(self, unknowns: LightUnknowns) -> Linearised:
@@ -244,7 +259,7 @@ class LightModel:
         by_prior = np.zeros((len(self._priors), by_common.shape[1]))
         for row, (column, _, _, sd) in enumerate(self._priors):
             by_prior[row, column] = 1 / sd
-        residual = GREY * self.samples.level - level
+        residual = GREY_LEVELS * self.samples.level - level
         own = np.column_stack([np.ones(len(slope)), self.samples.slack])
         by_own = -(slope[:, None] * own)[:, None]
         slack = np.pad(
@@ -289,7 +304,7 @@ class LightModel:
             geometry.valid[:, None], np.concatenate([-by_point, by_tilt], axis=1), 0.0
         )
 
-    def moved(
+    def take_step(
         self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray
     ) -> LightUnknowns | None:
         """Return the unknowns after a step; None where γ would lose its meaning."""

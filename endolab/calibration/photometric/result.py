@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from endolab.calibration.least_squares import CUT, robust_sigma
-from endolab.calibration.photometric.model import GREY, LEVELS
+from endolab.calibration.least_squares import ROBUST, robust_sigma
+from endolab.calibration.photometric.model import GREY_LEVELS, LIGHT_FIT
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -96,26 +96,26 @@ class PhotometricFit:
         """
         if not len(samples):
             raise ValueError("samples must hold at least one sample, got none")
-        measured = GREY * samples.level
-        shape = GREY * self._shape(samples)
+        measured = GREY_LEVELS * samples.level
+        shape = GREY_LEVELS * self._shape(samples)
         numbers, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
             numbers = numbers[:1]
             group = np.zeros_like(group)
-        low, high = LEVELS
+        low, high = LIGHT_FIT.levels
         weight = ((samples.level > low) & (samples.level < high)).astype(float)
         for _ in range(10):
             total = np.bincount(group, weight * shape**2, len(numbers))
             factor = np.bincount(group, weight * shape * measured, len(numbers))
             predicted = (factor / np.where(total > 0, total, 1))[group] * shape
             residual = measured - predicted
-            inside = (predicted > GREY * low) & (predicted < GREY * high)
+            inside = (predicted > GREY_LEVELS * low) & (predicted < GREY_LEVELS * high)
             if not inside.any():
                 raise ValueError(
                     "samples must hold some within the range of levels, got none"
                 )
             sigma = robust_sigma(residual[:, None], inside, len(numbers))
-            weight = (inside & (np.abs(residual) < CUT * sigma)).astype(float)
+            weight = (inside & (np.abs(residual) < ROBUST.outlier * sigma)).astype(float)
         used = weight > 0
         alpha = np.arccos(np.clip(samples.cos_alpha[used], -1, 1))
         gamma = self.photometry.gamma

@@ -17,13 +17,24 @@ from endolab.model.surface import normals as normals_of
 from endolab.model.surface import points as points_of
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
-LARGE_PICTURE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averaged
-RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
-EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an edge
-GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
-MOST_OF_A_FRAME = (
-    200  # samples of a frame; more would only make one frame count more than another
-)
+
+@dataclass(frozen=True)
+class SamplingRules:
+    """Which pixels of a known surface can be read, and how many of them."""
+
+    # px; in pictures as wide as this the light of 3x3 pixels is averaged.
+    large_picture: int = 960
+    # px between a window and the rim of the ink: half of rounding, the rest of blur.
+    rim: float = 1.5
+    edge: float = (
+        0.04  # relative step of distance within 3x3 pixels that makes them an edge
+    )
+    grey_clearance: float = 0.8  # of a grey disc's radius, that is surely grey
+    # Samples of a frame; more would only make one frame count more than another.
+    most_of_a_frame: int = 200
+
+
+SAMPLING = SamplingRules()
 
 
 @dataclass(frozen=True)
@@ -104,7 +115,7 @@ def sample_places(
     paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
     white = target.white_places() if white is None else white
-    greys = target.ink.greys * [1, 1, GREY_CLEARANCE, 1]
+    greys = target.ink.greys * [1, 1, SAMPLING.grey_clearance, 1]
     ratios = np.unique(-greys[:, 3])
     material = np.concatenate(
         [np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])]
@@ -133,7 +144,7 @@ def _on_panel(
     half = side // 2
     with np.errstate(invalid="ignore"):
         inside = np.all((nearest >= half) & (nearest < np.array(size) - half), axis=1)
-        good = np.flatnonzero(inside & (short >= RIM + np.sqrt(2) * side / 2))
+        good = np.flatnonzero(inside & (short >= SAMPLING.rim + np.sqrt(2) * side / 2))
     rays = camera.unproject(nearest[good])
     facing = rays @ pose.normal
     points = rays * ((pose.translation @ pose.normal) / facing)[:, None]
@@ -149,7 +160,7 @@ def sample_sheet(
     *,
     frame: int = 0,
     gamma: float = 2.2,
-    most: int = MOST_OF_A_FRAME,
+    most: int = SAMPLING.most_of_a_frame,
     places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
@@ -161,15 +172,17 @@ def sample_sheet(
     """
     spots, material = sample_places(target, places)
     height, width = image.shape
-    side = 3 if width >= LARGE_PICTURE else 1
+    side = 3 if width >= SAMPLING.large_picture else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
     panel = target.panel_of(spots)
     parts = [Samples.concatenate([])]
     for number, pose in enumerate(poses):
-        here = np.flatnonzero(panel == number)
-        if pose is None or not len(here):
+        on_panel = np.flatnonzero(panel == number)
+        if pose is None or not len(on_panel):
             continue
-        read, pixels, points = _on_panel(spots[here], pose, camera, (width, height), side)
+        read, pixels, points = _on_panel(
+            spots[on_panel], pose, camera, (width, height), side
+        )
         column, row = pixels.astype(int).T
         level = linear[row, column].astype(np.float64) ** (1 / gamma)
         normals = np.tile(pose.normal, (len(read), 1))
@@ -186,7 +199,7 @@ def sample_sheet(
                 level,
                 points,
                 normals,
-                material[here[read]],
+                material[on_panel[read]],
                 slack,
             )
         )
@@ -253,7 +266,8 @@ def sample_depth(
     known = mask & field.valid & np.isfinite(distance) & (distance > 0)
     v = np.log(np.where(known, distance, 1.0))
     jump = known & (
-        scipy.ndimage.maximum_filter(v, 3) - scipy.ndimage.minimum_filter(v, 3) > EDGE
+        scipy.ndimage.maximum_filter(v, 3) - scipy.ndimage.minimum_filter(v, 3)
+        > SAMPLING.edge
     )
     reach = int(np.ceil(3 * smooth)) + 1
     inner = scipy.ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)

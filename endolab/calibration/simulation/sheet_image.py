@@ -24,18 +24,33 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.memory import RENDERING, check_memory
 
-WHITE = 0.7  # stored value that the automatic gain gives to the bright part of the sheet
-GAIN_RANGE = 3.0  # largest gain over smallest, as in the paper
-LAG = 1 / 60  # of the video, that the gain needs to follow
-BACKGROUND = Lambertian(0.03)  # a dark cloth ...
-BEHIND = 20.0  # ... this far behind the sheet, mm
-STEP = 0.025  # of the finest raster of the sheet, mm ...
-CELLS = 6000  # ... which has at most so many along a side
-RASTERS = 5  # rasters, each half as fine as the one before
-SUB = 2  # rays a pixel, in each direction
-TILE = 120  # px
-
 Float32Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class GainRules:
+    """How the automatic gain of a simulated camera behaves."""
+
+    white: float = 0.7  # stored value that it gives to the bright part of the sheet
+    largest_ratio: float = 3.0  # largest gain over smallest, as in the paper
+    lag: float = 1 / 60  # of the video, that it needs to follow
+
+
+@dataclass(frozen=True)
+class RenderRules:
+    """How finely a sheet is drawn, and what lies behind it."""
+
+    cloth_albedo: float = 0.03  # of a dark cloth ...
+    behind: float = 20.0  # ... this far behind the sheet, mm
+    cell: float = 0.025  # side of a cell of the finest raster of the sheet, mm ...
+    most_cells: int = 6000  # ... which has at most so many along a side
+    rasters: int = 5  # each half as fine as the one before
+    rays: int = 2  # a pixel, in each direction
+    tile: int = 120  # px
+
+
+GAIN_RULES = GainRules()
+RENDER_RULES = RenderRules()
 
 
 @dataclass(frozen=True)
@@ -100,8 +115,8 @@ def automatic_gain(
 ) -> FloatArray:
     """Gains that a camera would choose for the frames of a video, (frames,), given the poses of its panels.
 
-    Each follows the brightness of the sheet, lags behind, and stays within a factor `GAIN_RANGE`, so that
-    near frames are overexposed and far ones dark; `locked` chooses one gain, for the middle of the video.
+    Each follows the brightness of the sheet, lags behind, and stays within a factor of `largest_ratio`, so
+    that near frames are overexposed and far ones dark; `locked` chooses one, for the middle of the video.
     """
     points, normals = on_sheet(target, poses, target.points)
     light = np.where(
@@ -110,19 +125,21 @@ def automatic_gain(
     known = np.flatnonzero(np.isfinite(light).any(axis=1))
     if not len(known):
         raise ValueError("the sheet is in none of the frames, so no gain suits them")
-    wanted = np.log(WHITE**photometry.gamma / np.nanpercentile(light[known], 80, axis=1))
+    wanted = np.log(
+        GAIN_RULES.white**photometry.gamma / np.nanpercentile(light[known], 80, axis=1)
+    )
     wanted = np.interp(np.arange(len(poses)), known, wanted)
     middle = float(np.median(wanted))
     if locked:
         return np.full(len(poses), np.exp(middle))
-    half = np.log(GAIN_RANGE) / 2
+    half = np.log(GAIN_RULES.largest_ratio) / 2
     wanted = np.clip(wanted, middle - half, middle + half)
-    lag = max(LAG * len(wanted), 1.0)
+    lag = max(GAIN_RULES.lag * len(wanted), 1.0)
     slow = accumulate(wanted.tolist(), lambda last, now: last + (now - last) / lag)
     return np.exp(list(slow))
 
 
-def stored(
+def store_levels(
     linear: NDArray[Any], gamma: float, noise: float, bits: int, rng: np.random.Generator
 ) -> FloatArray:
     """Response, noise (grey levels), saturation and rounding."""
@@ -148,7 +165,7 @@ def rays_of(camera: Camera, sub: int) -> Float32Array:
 
 def _step(target: Target) -> float:
     """Side of the cells of the finest raster, mm."""
-    return max(STEP, max(target.sheet[2:]) / CELLS)
+    return max(RENDER_RULES.cell, max(target.sheet[2:]) / RENDER_RULES.most_cells)
 
 
 @lru_cache(maxsize=2)
@@ -156,12 +173,13 @@ def _rasters(target: Target, black: float) -> tuple[Float32Array, ...]:
     """Reflectance of the sheet averaged over cells of one step, two, four …, from its upper left corner."""
     left, top, width, height = target.sheet
     step = _step(target)
-    coarse = step * 2 ** (RASTERS - 1)
+    coarse = step * 2 ** (RENDER_RULES.rasters - 1)
     shape = [
-        int(np.ceil(length / coarse)) * 2 ** (RASTERS - 1) for length in (height, width)
+        int(np.ceil(length / coarse)) * 2 ** (RENDER_RULES.rasters - 1)
+        for length in (height, width)
     ]
     levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
-    for _ in range(RASTERS - 1):
+    for _ in range(RENDER_RULES.rasters - 1):
         rows, columns = levels[-1].shape
         levels.append(levels[-1].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3)))
     return tuple(levels)
@@ -171,6 +189,8 @@ def _paper(
     target: Target, panel: int, pose: Pose, camera: Camera, black: float
 ) -> tuple[Float32Array, Float32Array]:
     """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
+    sub = RENDER_RULES.rays
+    size = RENDER_RULES.tile
     shape = camera.height, camera.width
     seen = np.zeros(shape, np.float32)
     share = np.zeros(shape, np.float32)
@@ -181,14 +201,14 @@ def _paper(
     right = left + width
     if target.fold_x is not None:
         left, right = ((left, target.fold_x), (target.fold_x, right))[panel]
-    rays = rays_of(camera, SUB)
+    rays = rays_of(camera, sub)
     levels = _rasters(target, black)
     step = _step(target)
-    for row in range(0, camera.height, TILE):
-        for column in range(0, camera.width, TILE):
-            tile = slice(row, row + TILE), slice(column, column + TILE)
+    for row in range(0, camera.height, size):
+        for column in range(0, camera.width, size):
+            tile = slice(row, row + size), slice(column, column + size)
             fine = rays[
-                SUB * row : SUB * (row + TILE), SUB * column : SUB * (column + TILE)
+                sub * row : sub * (row + size), sub * column : sub * (column + size)
             ]
             x, y, inverse = np.moveaxis(fine @ to_sheet, -1, 0)
             with np.errstate(invalid="ignore", divide="ignore"):
@@ -204,7 +224,9 @@ def _paper(
             dx, dy = (np.diff(part, axis=0)[:, 1:][both] for part in (x, y))
             ex, ey = (np.diff(part, axis=1)[1:][both] for part in (x, y))
             cell = np.sqrt(np.median(np.abs(dx * ey - dy * ex))) if both.any() else step
-            level = int(np.clip(np.round(np.log2(cell / step)), 0, RASTERS - 1))
+            level = int(
+                np.clip(np.round(np.log2(cell / step)), 0, RENDER_RULES.rasters - 1)
+            )
             pitch = np.float32(step * 2**level)
             across, down = (
                 np.where(
@@ -220,7 +242,7 @@ def _paper(
                 borderMode=cv2.BORDER_REPLICATE,
             )
             h, w = inside.shape
-            blocks = (h // SUB, SUB, w // SUB, SUB)
+            blocks = (h // sub, sub, w // sub, sub)
             seen[tile] = (value * inside).reshape(blocks).mean(axis=(1, 3))
             share[tile] = inside.reshape(blocks).mean(axis=(1, 3), dtype=np.float32)
     return seen, share
@@ -297,8 +319,8 @@ def render_sheet(
             photometry, rays, pose.normal, pose.translation, share > 0
         )
         paper += share
-    cloth = replace(photometry, brdf=BACKGROUND)
-    behind = poses[0].translation - BEHIND * poses[0].normal
+    cloth = replace(photometry, brdf=Lambertian(RENDER_RULES.cloth_albedo))
+    behind = poses[0].translation - RENDER_RULES.behind * poses[0].normal
     linear += (1 - paper) * _plane_light(cloth, rays, poses[0].normal, behind, paper < 1)
     linear *= np.float32(gain)
     if sensor.outliers:
@@ -316,7 +338,7 @@ def render_sheet(
             dst=linear,
             borderType=cv2.BORDER_REPLICATE,
         )
-    image = stored(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
+    image = store_levels(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
     return SheetFrame(image, tuple(poses), gain)
 
 

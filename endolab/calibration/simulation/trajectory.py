@@ -13,10 +13,6 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.numerics.checks import check_int, number
 
-TILT = np.deg2rad(55)
-REACH = np.deg2rad(40)
-WHOLE = ("circles", "chessboard")  # kinds of target that are found whole or not at all
-
 
 @dataclass(frozen=True)
 class Movement:
@@ -27,8 +23,9 @@ class Movement:
         25.0,
         100.0,
     )  # nearest and farthest depth z of its middle, mm
-    tilt: float = TILT  # the largest angle of its normal to the axis, rad; 0: frontal
-    reach: float = REACH  # the largest angle of its middle off the axis, rad
+    # The largest angles of its normal to the axis (0: frontal), and of its middle off the axis, rad.
+    tilt: float = float(np.deg2rad(55))
+    reach: float = float(np.deg2rad(40))
     # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
     # until it is reached. By default 0.25, or 1 for targets that are found whole only.
     seen: float | None = None
@@ -67,8 +64,12 @@ def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
     time = np.linspace(0, 1, count)[:, None]
     slow = rng.uniform(1.5, 3.5, columns)
     fast = rng.uniform(2.0, 5.0, columns)
-    start, other = rng.uniform(0, 2 * np.pi, (2, columns))
-    phase = 2 * np.pi * slow * time + start + 0.6 * np.sin(2 * np.pi * fast * time + other)
+    start, other_start = rng.uniform(0, 2 * np.pi, (2, columns))
+    phase = (
+        2 * np.pi * slow * time
+        + start
+        + 0.6 * np.sin(2 * np.pi * fast * time + other_start)
+    )
     return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(
         0.99
     )  # a triangle wave with round corners
@@ -89,11 +90,11 @@ def on_sheet(
     flat = np.column_stack([places[:, :2], np.zeros(len(places))])
     points, normals = np.empty((2, len(poses), len(places), 3))
     for side in range(target.panels):
-        here = panel == side
+        on_panel = panel == side
         rotation = np.stack([frame[side].rotation for frame in poses])
         shift = np.stack([frame[side].translation for frame in poses])
-        points[:, here] = flat[here] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
-        normals[:, here] = -rotation[:, None, :, 2]
+        points[:, on_panel] = flat[on_panel] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
+        normals[:, on_panel] = -rotation[:, None, :, 2]
     return points, normals
 
 
@@ -127,7 +128,8 @@ def trajectory(
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     if seen is None:
-        seen = 1.0 if target.kind in WHOLE else 0.25
+        found_whole = target.kind in ("circles", "chessboard")  # or not at all
+        seen = 1.0 if found_whole else 0.25
     wander = _wander(count, 6, np.random.default_rng([check_int("seed", seed), 0]))
     lean = tilt * _disc(wander[:, :2])
     aside = reach * _disc(wander[:, 2:4])

@@ -13,7 +13,7 @@ from endolab.calibration.simulation.sheet_image import (
     automatic_gain,
     linear_light,
     render_sheet,
-    stored,
+    store_levels,
 )
 from endolab.calibration.simulation.trajectory import (
     MOVEMENT,
@@ -83,7 +83,9 @@ def simulate_samples(
     points = points[frame, place]
     normals = normals[frame, place]
     light = gains[frame] * places[place, 3] * linear_light(photometry, points, normals)
-    level = stored(light, photometry.gamma, sensor.noise, sensor.bits, rng)
+    level = store_levels(light, photometry.gamma, sensor.noise, sensor.bits, rng)
     wild = rng.random(len(level)) < sensor.outliers
-    level[wild] = stored(rng.random(np.count_nonzero(wild)), 1.0, 0.0, sensor.bits, rng)
+    level[wild] = store_levels(
+        rng.random(np.count_nonzero(wild)), 1.0, 0.0, sensor.bits, rng
+    )
     return Samples(frame, level, points, normals, material[place]), gains

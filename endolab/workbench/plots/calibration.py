@@ -250,7 +250,7 @@ def show_features(
     name : str
         Of the frame.
     """
-    expected = session.expected(name)
+    expected = session.predict_pixels(name)
     detected = session.detections[name].pixels
     error = max(session.errors[name], 1e-6)
     low = detected.min(axis=0)

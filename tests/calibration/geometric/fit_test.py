@@ -11,7 +11,15 @@ from endolab.calibration.geometric.planar_pose import pose_from_rays
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import camera_vector
 from endolab.calibration.geometric.reprojection import View, find_pose, views_of
-from tests.tools.sheet_views import PAPER, WIDE, make_views, map_error, random_pose, view_of
+from tests.tools.sheet_views import (
+    PAPER,
+    WIDE,
+    make_views,
+    map_error,
+    pose_of,
+    random_pose,
+    view_of,
+)
 
 SHEET = el.TARGETS["vicalib_small"]
 CORNERS = el.TARGETS["charuco"]
@@ -239,7 +247,7 @@ def test_the_linear_pose_is_exact_for_exact_rays_in_any_direction(rng):
         [0.1, -1.5, 0.2, 40, -20, -15],
         [2.5, 1, 0, 10, -20, -60],
     ):
-        true = Pose.from_vector(vector)
+        true = pose_of(vector)
         if true.rotation[:, 2] @ true.translation < 0:  # go to the other side of the paper
             true = Pose(true.rotation, -true.translation)
         rays = true.transform(CORNERS.points)

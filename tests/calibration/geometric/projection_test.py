@@ -4,21 +4,21 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
-    NAMES,
+    CAMERA_NAMES,
     camera_vector,
     predict,
     predict_view,
     project,
 )
 from endolab.calibration.targets import TARGETS
-from tests.tools.sheet_views import PAPER, WIDE, exact_centroids
+from tests.tools.sheet_views import PAPER, WIDE, exact_centroids, pose_of
 
 SHEET = TARGETS["vicalib_small"]
 POSES = {
-    "near": Pose.from_vector([0.5, -0.4, 0.2, -35, -20, 40]),
-    "tilted": Pose.from_vector([0.9, 0.3, 1.5, 10, -40, 45]),
-    "frontal": Pose.from_vector([0, 0, 0, -38, -19, 90]),
-    "to the side": Pose.from_vector([0.1, -1.2, 0.1, 30, -20, -5]),
+    "near": pose_of([0.5, -0.4, 0.2, -35, -20, 40]),
+    "tilted": pose_of([0.9, 0.3, 1.5, 10, -40, 45]),
+    "frontal": pose_of([0, 0, 0, -38, -19, 90]),
+    "to the side": pose_of([0.1, -1.2, 0.1, 30, -20, -5]),
 }
 CASES = {
     f"paper {name}": (PAPER, pose) for name, pose in POSES.items() if name != "to the side"
@@ -46,7 +46,7 @@ def at(camera, pose, points, radii):
     "vector", [[0.3, -0.5, 0.2, 1, 2, 30], [0, np.pi - 1e-3, 0, 5, -5, 20]]
 )
 def test_a_poses_vector_comes_back(vector):
-    assert Pose.from_vector(vector).vector == pytest.approx(vector, abs=1e-12)
+    assert pose_of(vector).vector == pytest.approx(vector, abs=1e-12)
 
 
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
@@ -89,7 +89,7 @@ def test_derivatives_are_those_of_finite_differences(camera, pose, discs):
         slope = (ahead - behind) / (2 * h)
         assert exact.by_camera[:, :, j] == pytest.approx(
             slope, abs=1e-6 * np.abs(slope).max()
-        ), NAMES[j]
+        ), CAMERA_NAMES[j]
     for j, h in enumerate(1e-5 * np.eye(6)):
         ahead, behind = (
             predict(vector, *spread(moved(pose, s), n), points, radii) for s in (h, -h)
@@ -106,7 +106,7 @@ def test_derivatives_hold_on_the_axis(discs):
         [[0.0, 0, 0], [1e-12, 0, 0], [1e-8, -1e-8, 0], [1e-4, 1e-4, 0], [0.05, 0, 0]]
     )
     radii = np.full(len(offsets), 1.2 * discs)
-    pose = Pose.from_vector([0, 0, 0, 0, 0, 40.0])
+    pose = pose_of([0, 0, 0, 0, 0, 40.0])
     exact = project(*at(PAPER, pose, offsets, radii))
     assert np.all(np.isfinite(exact.by_camera))
     for j, h in enumerate(1e-5 * np.eye(6)):
@@ -117,9 +117,9 @@ def test_derivatives_hold_on_the_axis(discs):
 
 
 def test_what_is_beyond_the_camera_is_not_predicted():
-    pose = Pose.from_vector([0, 0, 0, 0, 0, 40.0])
+    pose = pose_of([0, 0, 0, 0, 0, 40.0])
     points = np.array([[0.0, 0, 0], [40 * np.tan(np.radians(89.0)), 0, 0], [1e5, 0, 0]])
     assert PAPER.max_angle == pytest.approx(np.radians(90.8), abs=1e-3)
     assert np.all(np.isfinite(predict_view(PAPER, pose, points, np.zeros(3))))
-    behind = Pose.from_vector([0, 1.8, 0, 0, 0, -1.0])
+    behind = pose_of([0, 1.8, 0, 0, 0, -1.0])
     assert np.isnan(predict_view(PAPER, behind, points, np.zeros(3))[0]).all()

@@ -9,7 +9,7 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.model import (
-    GREY,
+    GREY_LEVELS,
     LightModel,
     LightUnknowns,
     place_nodes,
@@ -67,7 +67,7 @@ def test_every_derivative_agrees_with_finite_differences(rng):
             a = common.copy()
             b = own.copy()
             (a if name == "common" else b)[index] = sign * step
-            ends.append(model.residual(model.moved(unknowns, a, b)))
+            ends.append(model.residual(model.take_step(unknowns, a, b)))
         return [(after - before) / (2 * step) for before, after in zip(*ends, strict=True)]
 
     for i, name in enumerate(model.names):
@@ -96,7 +96,7 @@ def test_the_model_is_that_of_photometry(rng):
     level = photometry.intensity(samples.points, samples.normals) * factor ** (
         1 / unknowns.gamma
     )
-    np.testing.assert_allclose(model.predict(unknowns), GREY * level, rtol=1e-12)
+    np.testing.assert_allclose(model.predict(unknowns), GREY_LEVELS * level, rtol=1e-12)
 
 
 def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
@@ -229,7 +229,7 @@ def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_p
 
 
 def test_prediction_and_residuals_belong_together(flat, flat_fit):
-    residuals = GREY * (flat.level - flat_fit.predict(flat))
+    residuals = GREY_LEVELS * (flat.level - flat_fit.predict(flat))
     np.testing.assert_allclose(residuals, flat_fit.residuals, rtol=0, atol=1e-9)
     assert np.all(np.isnan(flat_fit.predict(replace(flat, frame=flat.frame + 10_000))))
     np.testing.assert_allclose(
@@ -264,7 +264,7 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
     assert abs(fit.k - 2.5) < 0.02
     np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
     np.testing.assert_allclose(
-        GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9
+        GREY_LEVELS * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9
     )
     assert "One gain was fitted for all frames." in fit.verdict
 
@@ -274,7 +274,7 @@ def test_grey_patches_of_known_ratio_give_gamma_and_a_given_gamma_measures_them(
     fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert abs(fit.photometry.gamma - 2.2) < 0.015
     np.testing.assert_allclose(
-        GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9
+        GREY_LEVELS * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9
     )
     samples, _ = video("vicalib_grey", 60)
     for known in (None, (0.51, 0.01)):
@@ -302,7 +302,7 @@ def test_a_light_beside_the_camera_is_found():
     errors = np.array([free.standard_errors[f"light {axis}"] for axis in "xyz"])
     assert np.all(np.abs(np.array(found.position) - light.position) < 4 * errors)
     np.testing.assert_allclose(
-        GREY * (samples.level - free.predict(samples)), free.residuals, atol=1e-9
+        GREY_LEVELS * (samples.level - free.predict(samples)), free.residuals, atol=1e-9
     )
 
 

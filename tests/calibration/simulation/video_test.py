@@ -9,7 +9,7 @@ import pytest
 import endolab as el
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import (
-    GAIN_RANGE,
+    GAIN_RULES,
     Sensor,
     automatic_gain,
     render_sheet,
@@ -177,9 +177,11 @@ def test_the_gain_follows_the_distance_within_its_range():
     poses = trajectory(FLAT, CAMERA, 300)
     gains = automatic_gain(FLAT, poses, CAMERA, PAPER)
     depth = [pose.transform([38.0, 19.0, 0.0])[2] for (pose,) in poses]
-    assert 2.0 < gains.max() / gains.min() <= GAIN_RANGE * (1 + 1e-9)
+    assert 2.0 < gains.max() / gains.min() <= GAIN_RULES.largest_ratio * (1 + 1e-9)
     assert np.corrcoef(np.log(gains), np.log(depth))[0, 1] > 0.7
-    assert np.abs(np.diff(np.log(gains))).max() < np.log(GAIN_RANGE) / 3  # it lags
+    assert (
+        np.abs(np.diff(np.log(gains))).max() < np.log(GAIN_RULES.largest_ratio) / 3
+    )  # it lags
     locked = automatic_gain(FLAT, poses, CAMERA, PAPER, locked=True)
     assert np.ptp(locked) == 0
     assert gains.min() < locked[0] < gains.max()

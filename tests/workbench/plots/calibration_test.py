@@ -99,7 +99,7 @@ def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(sessi
     assert [bar.get_height() for bar in ax.patches] == list(session.errors.values())
     assert len({bar.get_facecolor() for bar in ax.patches}) == 2
     expected, found = plots.show_features(frames[worst[0]], session, worst[0]).lines
-    assert np.array_equal(expected.get_xydata(), session.expected(worst[0]))
+    assert np.array_equal(expected.get_xydata(), session.predict_pixels(worst[0]))
     assert np.array_equal(found.get_xydata(), session.detections[worst[0]].pixels)
 
 
