@@ -31,7 +31,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.sentences import meaning
 from endolab.reconstruction.sequence import (
     Carried,
     Step,

@@ -8,7 +8,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.assumptions import notes
+from endolab.reconstruction.sentences import notes
 from endolab.reconstruction.channels import make_problem
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.solvers import SOLVERS, solve

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.sentences import meaning
 from endolab.reconstruction.scale import (
     check_scale,
     factor_of_diameter,
