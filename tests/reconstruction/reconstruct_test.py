@@ -8,8 +8,8 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.sentences import notes
 from endolab.reconstruction.channels import make_problem
+from endolab.reconstruction.sentences import notes
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.solvers import SOLVERS, solve
 from tests.tools.problems import Shot

@@ -2,8 +2,8 @@
 
 Every uncertain cause is a change of the picture's light that the surface answers to linearly (`linearised`):
 one solve for a cause with a name, some dozen for random fields, whose mean square is taken. λ and contours,
-which are choices, are made otherwise, and the frame solved again (`re_solve`). Variances add up. What all pixels
-share is a scale, and told apart from the shape.
+which are choices, are made otherwise, and the frame solved again (`re_solve`). Variances add up. What all
+pixels share is a scale, and told apart from the shape.
 
 Which causes there are, the length of the texture and what `PriorSigma` takes by default were chosen with
 path-traced and real frames and their truth in view.
@@ -26,7 +26,6 @@ from endolab.numerics.derivatives import links, px_per_reference, shift
 from endolab.numerics.iteration import Status, Stopped, check_observers, closing, drive
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.scale import Pixel, own_pixel
-from endolab.reconstruction.uncertainty.re_solve import LARGEST_CHANGE, re_solve
 from endolab.reconstruction.uncertainty.causes import (
     Texture,
     correlated_field,
@@ -36,6 +35,7 @@ from endolab.reconstruction.uncertainty.causes import (
 from endolab.reconstruction.uncertainty.fewer_pixels import enlarged, thinned
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
+from endolab.reconstruction.uncertainty.re_solve import LARGEST_CHANGE, re_solve
 from endolab.reconstruction.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
 from endolab.solvers.problem import NONE, Problem
 from endolab.solvers.result import Iterate, Result
