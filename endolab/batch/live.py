@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from endolab.batch.table import STEP, Row, step_row
-from endolab.frames.frame import Frame, check_size, shrunk_bytes
+from endolab.frames.frame import Frame, check_size, shrink_bytes
 from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
 from endolab.io.video import Stream, as_image, open_stream
@@ -25,7 +25,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.scale import check_scale
-from endolab.reconstruction.sequence import SCALES, Step, framed, reconstruct_sequence
+from endolab.reconstruction.sequence import SCALES, Step, as_frame, reconstruct_sequence
 
 if TYPE_CHECKING:
     from endolab.workbench.recording.stream import Sink
@@ -66,7 +66,7 @@ def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
 
     def read() -> None:
         end = None
-        pictures = frames.stored() if isinstance(frames, Stream) else frames
+        pictures = frames.raw_frames() if isinstance(frames, Stream) else frames
         try:
             for count, (name, picture) in enumerate(pictures):
                 drop()
@@ -189,10 +189,10 @@ def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Fram
     stored = picture.dtype == np.uint8
     smaller = picture.shape[:2] == inside.shape and size != inside.shape[::-1]
     if stored and smaller and inside.all():
-        return framed(name, shrunk_bytes(picture, *size, gamma)[..., ::-1])
+        return as_frame(name, shrink_bytes(picture, *size, gamma)[..., ::-1])
     image = as_image(picture) if stored else picture
     if picture.shape[:2] != inside.shape:
-        return framed(name, image)
+        return as_frame(name, image)
     frame = Frame(image, inside, name)
     return frame.resize(*size, gamma) if smaller else frame
 

@@ -116,17 +116,21 @@ class Frame:
         """Rows, px."""
         return self.image.shape[0]
 
-    def seen(self) -> BoolArray:
+    def pixels_to_use(self) -> BoolArray:
         """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only."""
-        return self._seen
+        return self._pixels_to_use
 
     @property
     def misplaced(self) -> float:
-        """Share of a mask that `seen` leaves out, as it surely lies beyond what the endoscope shows."""
-        return 0.0 if self.mask.all() else 1 - float(self._seen.sum() / self.mask.sum())
+        """Share of a mask that is left out, as it surely lies beyond what the endoscope shows."""
+        return (
+            0.0
+            if self.mask.all()
+            else 1 - float(self._pixels_to_use.sum() / self.mask.sum())
+        )
 
     @cached_property
-    def _seen(self) -> BoolArray:
+    def _pixels_to_use(self) -> BoolArray:
         if self.mask.all():
             return frozen(field_of_view(self.image))
         field = field_of_view(self.image, SURE)
@@ -166,23 +170,23 @@ class Frame:
         resized = self._resized  # never changed: other threads read it
         if key not in resized:
             resized = dict([*resized.items()][1 - REMEMBERED :]) | {
-                key: self._shrunk(width, height, gamma)
+                key: self._shrink(width, height, gamma)
             }
             object.__setattr__(self, "_resized", resized)
         return resized[key]
 
-    def _shrunk(self, width: int, height: int, gamma: float) -> Frame:
+    def _shrink(self, width: int, height: int, gamma: float) -> Frame:
         if not (1 <= width <= self.width and 1 <= height <= self.height):
             raise ValueError(
                 f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
             )
 
-        def shrunk(a: FloatArray | BoolArray) -> FloatArray:
+        def shrink(a: FloatArray | BoolArray) -> FloatArray:
             whole = a.astype(np.float64, copy=False)  # of twelve million pixels, 0.3 GB
             resized = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
             return np.asarray(resized, dtype=np.float64)
 
-        share = shrunk(self.mask)
+        share = shrink(self.mask)
         kept = share >= 0.5
         whole = self.mask.all()
         if not kept.any():
@@ -192,13 +196,13 @@ class Frame:
         part = np.where(kept, share, 1.0)
 
         def average_light(channel: FloatArray) -> FloatArray:
-            light = shrunk(
+            light = shrink(
                 power(channel if whole else np.where(self.mask, channel, 0.0), gamma)
             )
             plain = (
                 light
                 if kept.all()
-                else shrunk(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
+                else shrink(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
             )
             return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
 
@@ -206,12 +210,12 @@ class Frame:
         channels = [
             average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)
         ]
-        silent = None if self.silent is None else shrunk(self.silent) > 0
+        silent = None if self.silent is None else shrink(self.silent) > 0
         image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
         return Frame(image, kept, self.name, silent)
 
 
-def shrunk_bytes(
+def shrink_bytes(
     stored: NDArray[np.uint8], width: int, height: int, gamma: float
 ) -> FloatArray:
     """What `Frame.resize` makes of a picture of bytes without a mask, in the time between a camera's frames.
@@ -232,7 +236,7 @@ def check_size(
         raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {expected}")
 
 
-def usable(
+def usable_pixels(
     image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame"
 ) -> BoolArray:
     """Pixels of a channel (stored values) from which a distance can be had.
@@ -320,12 +324,12 @@ def smooth_light(
     )
     out = np.empty(image.shape)
 
-    def stored(rows: slice) -> None:
+    def store(rows: slice) -> None:
         inside = mask[rows]
         mean = np.maximum(light[rows] / np.where(inside, share[rows], 1.0), 0.0)
         out[rows] = np.where(inside, mean ** (1 / gamma), image[rows])
 
-    by_rows(stored, mask.shape)
+    by_rows(store, mask.shape)
     return out
 
 

@@ -124,20 +124,20 @@ def _white_part(
     return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
 
 
-def _led_to(tissue: FloatArray, step: int) -> FloatArray:
+def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
     log_tissue = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
     edge, (rows, columns) = 2 * step, log_tissue.shape
     padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
 
-    def moved(reach: int, turn: float) -> Any:
+    def window_at(reach: int, turn: float) -> Any:
         down = edge + round(reach * np.sin(turn))
         across = edge + round(reach * np.cos(turn))
         return padded[down : down + rows, across : across + columns]
 
     for turn in np.arange(8) * np.pi / 4:
-        ahead = moved(step, turn)
-        beside = moved(edge, turn)
+        ahead = window_at(step, turn)
+        beside = window_at(edge, turn)
         np.maximum(
             log_tissue, ahead + np.clip(ahead - beside, -STEEPEST, STEEPEST), out=log_tissue
         )
@@ -149,7 +149,7 @@ def dilate(region: BoolArray, reach: float) -> BoolArray:
     return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
 
 
-def _holding(seed: BoolArray, skirt: BoolArray) -> BoolArray:
+def _parts_with_seed(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     """Return the connected parts of the skirt that hold a seed."""
     return scipy.ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
 
@@ -211,12 +211,14 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         )
         lowest = cv2.GaussianBlur(lowest, (0, 0), max(0.25 * reach * wide, 0.5))
         opened = np.asarray(lowest, dtype=np.float64)
-        base = _led_to(opened, 2 * max(1, round(reach * wide)))
+        base = _extrapolate(opened, 2 * max(1, round(reach * wide)))
         certain = evidence(base, demand * seed, SURE)
-        mirrored |= _holding(certain, evidence(base, demand * skirt, LIKELY))
+        mirrored |= _parts_with_seed(certain, evidence(base, demand * skirt, LIKELY))
         if reach == SMALL:
             around = dilate(certain, SKIRT_WIDTH * wide)
-            mirrored |= _holding(certain, around & evidence(opened, demand * skirt, LIKELY))
+            mirrored |= _parts_with_seed(
+                certain, around & evidence(opened, demand * skirt, LIKELY)
+            )
     # Small holes are the highlights' own tops, where even white is clipped.
     closed = (
         cv2.morphologyEx(

@@ -149,7 +149,7 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     return text
 
 
-def interlaced(image: FloatArray, mask: BoolArray) -> bool:
+def is_interlaced(image: FloatArray, mask: BoolArray) -> bool:
     """Tell whether a frame is made of two fields that show a moving scene, as its odd and even rows differ.
 
     By the share of the picture in which neighbouring rows of green differ more than every second, less the
@@ -177,7 +177,7 @@ def deinterlace(image: FloatArray) -> FloatArray:
     return image
 
 
-def undistorted(
+def undistort_frame(
     frame: Frame, camera: Camera, fov: float = 90.0, *, crop: bool = False
 ) -> tuple[Frame, Pinhole]:
     """Show a frame as a pinhole camera in its place would; returns the new frame and its camera.
@@ -201,17 +201,17 @@ def undistorted(
     )
     maps = columns.astype(np.float32), rows.astype(np.float32)
 
-    def seen(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
+    def remap(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
         remapped = cv2.remap(
             a.astype(np.float64), *maps, cv2.INTER_LINEAR, borderMode=border
         )
         return np.asarray(remapped, dtype=np.float64)
 
-    image = np.clip(seen(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
-    mask = seen(frame.mask) > 0.999
+    image = np.clip(remap(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
+    mask = remap(frame.mask) > 0.999
     if not mask.any():
         raise ValueError(f"{frame.name}: the pinhole camera sees none of the frame's mask")
-    silent = None if frame.silent is None else seen(frame.silent) > 0
+    silent = None if frame.silent is None else remap(frame.silent) > 0
     if not crop:
         return Frame(image, mask, frame.name, silent), new
     left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
@@ -292,14 +292,14 @@ def prepare(
     check_size(frame.name, (frame.width, frame.height), camera)
     notes = []
     image = np.nan_to_num(frame.image)
-    field = frame.seen()
+    field = frame.pixels_to_use()
     if not field.any():
         raise ValueError(f"{frame.name}: the frame shows nothing but black")
     notes.append(f"The endoscope shows {100 * field.mean():.0f} % of the picture.")
     if frame.misplaced:
         beyond = f"{100 * frame.misplaced:.0f} % of the mask"
         notes.append(f"{beyond} lies beyond what the endoscope shows, and is left out.")
-    fields = interlaced(image, field)
+    fields = is_interlaced(image, field)
     if fields:
         image = deinterlace(image)
         notes.append(
@@ -339,7 +339,7 @@ def prepare(
         silent = mirrored if silent is None else silent | mirrored
     ready = Frame(image, mask, frame.name, silent)
     if undistort:
-        ready, camera = undistorted(ready, camera)
+        ready, camera = undistort_frame(ready, camera)
         notes.append(
             f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across."
         )

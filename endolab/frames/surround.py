@@ -64,7 +64,7 @@ def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
     """
     high, wide = image.shape[:2]
     scale = max(high, wide) / SIDE
-    field = _find_field(_scaled(image))
+    field = _find_field(_scale_down(image))
     if field is None or field.share < least:
         return np.ones((high, wide), dtype=bool)
     inside = cv2.distanceTransform(
@@ -80,7 +80,7 @@ def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
 
 def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     """Whether a mask keeps what may be a surround."""
-    field = _find_field(_scaled(image))
+    field = _find_field(_scale_down(image))
     if field is None or field.share < POSSIBLE:
         return False
     inside = (
@@ -92,7 +92,7 @@ def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     return bool((mask & ~inside).sum() > NAMED * mask.sum())
 
 
-def _scaled(image: FloatArray) -> SingleArray:
+def _scale_down(image: FloatArray) -> SingleArray:
     """Return a picture (h, w, channels) of SIDE px, grey levels; a median takes noise and keeps edges."""
     high, wide = image.shape[:2]
     size = [max(1, round(length * SIDE / max(high, wide))) for length in (wide, high)]
@@ -109,7 +109,7 @@ def _find_field(picture: SingleArray) -> Field | None:
     fields: list[Field] = []
     for glow in GLOW:
         least = glow * float(np.median(differs)) if differs.size else 0.0
-        fields += _fields(contrast, least)
+        fields += _try_outlines(contrast, least)
         if any(field.share > SURE for field in fields):
             break
     most = max((len(field.edge) for field in fields), default=0)
@@ -149,7 +149,7 @@ def _contrast(picture: SingleArray) -> SingleArray:
     return contrast
 
 
-def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
+def _try_outlines(contrast: SingleArray, least: float) -> Iterator[Field]:
     """Yield what may be the field in a surround that has no more contrast than `least`."""
     hull = _hull(contrast > least)
     if (
@@ -158,7 +158,7 @@ def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
         or not hull[hull.shape[0] // 2, hull.shape[1] // 2]
     ):
         return
-    first = _field(hull, contrast, least)
+    first = _measure_outline(hull, contrast, least)
     yield first
     outlines = [_disc(first.edge, hull.shape)]
     box = np.ix_(hull.any(axis=1), hull.any(axis=0))
@@ -170,7 +170,9 @@ def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
             outline[window] = images >= share
             outlines.append(outline)
     yield from (
-        _field(outline, contrast, least) for outline in outlines if not outline.all()
+        _measure_outline(outline, contrast, least)
+        for outline in outlines
+        if not outline.all()
     )
 
 
@@ -212,7 +214,7 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
     return np.asarray(np.hypot(row - centre[1], column - centre[0]) <= radius + 0.3)
 
 
-def _field(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
+def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
     """Return how much of an outline is at an edge."""
     contours = cv2.findContours(
         outline.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE

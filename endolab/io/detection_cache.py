@@ -23,7 +23,7 @@ from endolab.io.video import Frames
 from endolab.model.cameras import KannalaBrandt
 
 MARK = '{"endolab_detections": '  # which every such file begins with
-VERSION = 4  # of the file, and of the detector: another one detects anew
+VERSION = 4  # of the file, and of the detector: another one detects again
 
 Found = dict[str, Detection]  # by the name of the frame
 
@@ -75,7 +75,7 @@ def detect_cached(
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
     The file's first line says of which frames and which target it is; one that says otherwise is begun
-    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
+    again. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
     `detect_all`; `say` is told, in a sentence, how many frames were searched before. An interrupt says
     what is kept.
     """

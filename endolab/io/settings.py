@@ -46,7 +46,7 @@ class SolvingSettings:
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
 
-    def believed(self, calibration: Calibration) -> Calibration:
+    def apply(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""
         light = dict(self.photometry)
         if "albedo" in light:

@@ -275,10 +275,10 @@ class Stream:
         self._closed = threading.Event()
 
     def __iter__(self) -> Iterator[tuple[str, FloatArray]]:
-        for name, stored in self.stored():
+        for name, stored in self.raw_frames():
             yield name, as_image(stored)
 
-    def stored(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    def raw_frames(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
         """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
         started = time.perf_counter()
         last = -1

@@ -17,7 +17,7 @@ from endolab.frames.frame import (
     check_size,
     noise_level,
     smooth_light,
-    usable,
+    usable_pixels,
 )
 from endolab.frames.highlights import find_highlights, inpaint
 from endolab.model.endoscope import Calibration
@@ -138,7 +138,7 @@ def make_channels(
     if settings.smooth is not None and settings.smooth > frame.width:
         most = f"the frame's width of {frame.width} px"
         raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
-    known = frame.seen() & camera.field.valid
+    known = frame.pixels_to_use() & camera.field.valid
     no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
     highlights = settings.highlights or "keep"
     mirrored = no_evidence
@@ -166,7 +166,7 @@ def make_channels(
         evidence[no_evidence] = NONE
         problem = Problem(
             image=image,
-            mask=usable(image, known, camera.field.cos_alpha, called),
+            mask=usable_pixels(image, known, camera.field.cos_alpha, called),
             camera=camera,
             photometry=own if own.gain is not None else replace(own, gain=1.0),
             metric=own.gain is not None,

@@ -37,12 +37,12 @@ def make_mesh(
         colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
     cuts : (2, H, W) bool array, optional
-        Steps to the right and lower neighbour over which the surface is torn, as
+        Steps to the right and lower neighbour over which the surface is cut, as
         `metrics.depth_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
         than the factor `jump` and the angle between its normal and the line of sight is more
-        than `grazing`, degrees. (The factor alone would tear a slanted wall in a small frame, the
+        than `grazing`, degrees. (The factor alone would cut a slanted wall in a small frame, the
         angle alone a smooth one seen at its limb.)
 
     Returns
@@ -177,11 +177,11 @@ def _joins_two_surfaces(
 ) -> BoolArray:
     """Triangles that would join two surfaces."""
     distance = np.linalg.norm(points, axis=-1)[triangles]
-    torn = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
-    corners = points[triangles[torn]]
+    apart = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
+    corners = points[triangles[apart]]
     normal = triangle_normals(corners)
     sight = corners.mean(axis=1)
     size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
     cosine = np.abs(np.einsum("ni,ni->n", normal, sight))
-    torn[torn] = cosine < np.cos(np.deg2rad(grazing)) * size
-    return torn
+    apart[apart] = cosine < np.cos(np.deg2rad(grazing)) * size
+    return apart

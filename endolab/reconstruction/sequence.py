@@ -66,22 +66,25 @@ class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
     result: (
-        Result  # of which `again` knows only the surface, its unit, and whether it is torn
+        Result  # of which `take_up` knows only the surface, its unit, and whether it is cut
     )
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
     age: int  # frames since
 
     @classmethod
-    def again(
+    def take_up(
         cls,
         surface: Surface,
         frame: Frame,
         calibration: Calibration,
-        bar: float,
+        min_steepness: float,
         least: float,
     ) -> Self:
-        """Take up a surface that was kept: of a frame, with the energy `least`, torn over a bar, or 0."""
+        """Take up a surface that was kept: of a frame, with the energy `least`.
+
+        It was cut at lines steeper than `min_steepness`; 0 if it was not cut.
+        """
         v = np.log(surface.distance)
         camera = calibration.camera
         if v.shape != (camera.height, camera.width):
@@ -93,9 +96,11 @@ class Carried:
             camera,
             photometry,
             metric=surface.metric,
-            cuts=np.zeros((2, *v.shape), dtype=bool) if bar else None,
+            cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
         )
-        contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=bar or None)
+        contours = ContourReport(
+            ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
+        )
         iterate = Iterate(
             problem, 0, frozen(v), {}, provenance=Provenance(contours=contours)
         )
@@ -129,7 +134,7 @@ def reconstruct_sequence(
 
     A frame starts from the last one's result if the solver can. Its result is kept if the solver
     got on and the energy is at most `WORSE` times that of the last cold start; otherwise, and
-    every `REFRESH` frames, it is begun anew and the lower energy wins: an error is not passed on
+    every `REFRESH` frames, it is begun again and the lower energy wins: an error is not passed on
     for long. Where the gain is unknown, scales are linked by `scale_between`.
 
     Parameters
@@ -167,7 +172,7 @@ def reconstruct_sequence(
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         try:
-            frame = framed(name, picture)
+            frame = as_frame(name, picture)
             light = _light(frame, calibration.photometry.gamma)
             own = (
                 options
@@ -230,7 +235,7 @@ def reconstruct_sequence(
             return
 
 
-def framed(name: str, picture: Frame | FloatArray | None) -> Frame:
+def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
     """Make a frame of a picture that has no mask; ValueError in one sentence, if there is none."""
     if picture is None:
         raise ValueError(f"{name}: cannot be read")

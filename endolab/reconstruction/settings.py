@@ -241,7 +241,7 @@ class Settings:
         """What may fix the scale."""
         return {name: getattr(self, name) for name in LENGTHS}
 
-    def listed(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """All options but arrays, by name."""
         return {
             part.name: getattr(self, part.name)

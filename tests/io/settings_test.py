@@ -54,12 +54,12 @@ def test_everything_comes_back_as_it_was(tmp_path):
 
 def test_the_light_is_believed():
     known = el.Calibration(el.Pinhole(32, 24, 16, 16, 15.5, 11.5), el.Photometry(gain=1.0))
-    believed = SolvingSettings({}, BELIEFS).believed(known)
+    believed = SolvingSettings({}, BELIEFS).apply(known)
     assert believed.camera == known.camera
     assert believed.photometry == el.Photometry(
         2.4, 1.0 / 3 + 2, 12.5, el.Lambertian((0.5, 0.3, 0.2))
     )
-    assert SolvingSettings().believed(known) == known
+    assert SolvingSettings().apply(known) == known
 
 
 @pytest.mark.parametrize(

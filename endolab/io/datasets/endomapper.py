@@ -79,7 +79,7 @@ class _Part:
             f"{self.file}: {'/'.join(filter(None, (self.where, name)))}: {what}"
         )
 
-    def all(self, name: str) -> list[_Part]:
+    def children(self, name: str) -> list[_Part]:
         """Return the children of a name, at least one."""
         elements = self.element.findall(name)
         if not elements:
@@ -87,9 +87,9 @@ class _Part:
         where = "/".join(filter(None, (self.where, name)))
         return [_Part(element, where, self.file) for element in elements]
 
-    def one(self, name: str) -> _Part:
+    def child(self, name: str) -> _Part:
         """Return the only child of a name."""
-        elements = self.all(name)
+        elements = self.children(name)
         if len(elements) > 1:
             raise self.error(name, f"expected one, found {len(elements)}")
         return elements[0]
@@ -105,7 +105,7 @@ class _Part:
 
     def numbers(self, name: str, count: int) -> tuple[float, ...]:
         """Read `[ a; b; … ]`, or one bare number."""
-        text = (self.one(name).element.text or "").strip()
+        text = (self.child(name).element.text or "").strip()
         inner = re.fullmatch(r"\[([^\[\]]*)\]|([^\[\]]*)", text)
         parts = (
             re.split(r"[;,]", (inner[1] if inner[1] is not None else inner[2]))
@@ -138,7 +138,7 @@ def read_vicalib(path: PathLike) -> Camera:
     `down` and `forward` and the `pose` concern a rig's world frame, and are not needed.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    model = top.one("camera").one("camera_model")
+    model = top.child("camera").child("camera_model")
     count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
     width, height = (model.number(name) for name in ("width", "height"))
     fu, fv, u0, v0, *distortion = model.numbers("params", count)
@@ -229,13 +229,13 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     from it at worst: the relative error of a distance, %.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    model = top.one("camera").one("camera_model")
+    model = top.child("camera").child("camera_model")
     model.kind(("gamma",))
     gamma = model.number("gamma")
     k = model.number("vignetting") if model.element.find("vignetting") is not None else 0.0
     field = camera.resize(160, max(1, round(camera.height * 160 / camera.width))).field
     rays = field.rays[field.valid & (field.cos_alpha > 0)]
-    made = [_light(light.one("light_model"), rays) for light in top.all("light")]
+    made = [_light(light.child("light_model"), rays) for light in top.children("light")]
     lights = tuple(light for light, _ in made)
     evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
     if (

@@ -1,16 +1,16 @@
-"""Lines along which a picture's walls may be torn: where a fold hides what lies behind it.
+"""Lines along which a picture's walls may be cut: where a fold hides what lies behind it.
 
 Over an occluding contour the distance jumps, and with it log d₀ = -½ log I_c; a march that crosses it
 puts all behind it too near. Seen from above, the slope of log d₀ is a landscape whose ridges are such
 jumps, and its watersheds are closed lines one step thin, without a gap for a march to leak through
 (Vincent and Soille, "Watersheds in digital spaces", 1991). Steep ones are contours, most likely; vessels
 and noise make lines, too, of less slope. Basins are kept small, so that a line is steep all along or
-nowhere: a fold fades into the wall, and a long line would be torn where there is none any more.
+nowhere: a fold fades into the wall, and a long line would be cut where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
-neighbour, and what is torn is the strip's other side. Beside a tube's dark end the watersheds of noise run
+neighbour, and what is cut is the strip's other side. Beside a tube's dark end the watersheds of noise run
 up the slope: nothing rises across them, so they are no contours either. A strip along the picture's own rim
-is torn off by nothing: the rim is dark, too, and such a strip hangs by nothing.
+is cut off by nothing: the rim is dark, too, and such a strip hangs by nothing.
 """
 
 from typing import Any
@@ -28,7 +28,7 @@ SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ 
 SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
 LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
 ACROSS = 0.1  # share of a line's slope that must lie across it, on the whole
-RIM = 4.0  # a strip that is nowhere farther from the picture's rim is torn off by no line; likewise
+RIM = 4.0  # a strip that is nowhere farther from the picture's rim is cut off by no line; likewise
 DIGITS = 10  # of a slope that count: what rounding makes of equals does not say which comes first
 
 

@@ -3,7 +3,7 @@
 A wall of albedo a shows I_c = g a/π (E + S), the lamp's light E and light S from other walls. The three
 colours see one E, but the more a colour is reflected, the more of it bounces. From a surface that is known
 roughly follows ι = S/E for each colour (`walls`, `colours`); divided by 1 + ι, the three pictures are three
-measurements of E, which are merged and solved, and ι follows anew from a better surface:
+measurements of E, which are merged and solved, and ι follows again from a better surface:
 
                  surface ----> ι of red, green, blue
                     ^                  |

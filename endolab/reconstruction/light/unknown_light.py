@@ -3,7 +3,7 @@
 Any k explains any frame: what it says too much of the light's fall to the side, a surface that comes
 nearer at the side makes good. But that surface bends as walls do not, and the energy says so. So a frame
 is solved for every k of `EXPONENTS`, each from the surface before with its sides moved by what the change
-of k is worth, ½ Δk log cos α, bounced light found anew each time (`separation`): a step or two each.
+of k is worth, ½ Δk log cos α, bounced light found again each time (`separation`): a step or two each.
 
 The regulariser likes little contrast, and the less k, the less of it has the surface. Charged is therefore
 
@@ -327,18 +327,18 @@ def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> 
         EXPONENTS[0], EXPONENTS[-1], round((EXPONENTS[-1] - EXPONENTS[0]) / FINE) + 1
     )
 
-    def blurred(density: FloatArray, width: float) -> FloatArray:
+    def blur(density: FloatArray, width: float) -> FloatArray:
         smooth = np.asarray(gaussian_filter1d(density, width / FINE, mode="constant"))
         return smooth / (smooth.sum() * FINE)
 
     total = np.zeros(len(k))
     for scan, weight in zip(scans, weights, strict=True):
         cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
-        says = blurred(
+        says = blur(
             np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE[not coloured] / scan.spread
         )
         total += weight * np.log((1 - WRONG) * says + WRONG / (k[-1] - k[0]))
-    return np.stack([k, blurred(np.exp(total - total.max()), ALIKE[not coloured])], axis=1)
+    return np.stack([k, blur(np.exp(total - total.max()), ALIKE[not coloured])], axis=1)
 
 
 def _estimate(

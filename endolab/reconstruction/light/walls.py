@@ -9,7 +9,7 @@ SIGGRAPH 1984),
 
 E being the irradiance straight from the lamp and S that of bounced light. Both fall with the square
 of the scene's size, so that the share ι = S/E asks for its shape only. A picture divided by 1 + ι is
-one that the model explains: solve it, compute ι anew, and so on; two rounds do.
+one that the model explains: solve it, compute ι again, and so on; two rounds do.
 
 The walls beside and behind the camera are not in the picture, but half of the bounced light comes
 from them: the picture's rim is drawn back along the axis, as a colon goes on as it came. Behind folds,
@@ -169,7 +169,7 @@ class Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
         k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
-        surface is torn, see `Problem`.
+        surface is cut, see `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
         f_u, f_v = gradient(v, mask, cuts)
@@ -256,7 +256,7 @@ class Walls:
             orders.append(self.exchange @ orders[-1] + hidden * orders[-1])
         return np.stack(orders)
 
-    def bounced(self, albedo: ArrayLike) -> FloatArray:
+    def bounced_light(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
         rho = np.asarray(albedo, dtype=np.float64)
         return bounced_light_and_slope(self.orders, rho.ravel())[0].reshape(
@@ -265,7 +265,7 @@ class Walls:
 
     def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
-        light = self.bounced(np.atleast_1d(albedo))
+        light = self.bounced_light(np.atleast_1d(albedo))
         shape = (*self.seen.shape, light.shape[1])
         coarse = np.zeros(shape)
         known = self.seen.astype(np.float64)

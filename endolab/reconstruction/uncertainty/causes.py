@@ -52,7 +52,7 @@ def _blur(a: FloatArray, sigma: float) -> FloatArray:
     return np.asarray(blurred, dtype=np.float64)
 
 
-def around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
+def rms_around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
     """Root mean square around each pixel of those that are said."""
     share = np.maximum(_blur(weight, sigma), 1e-6)
     return np.asarray(np.sqrt(np.maximum(_blur(weight * values**2, sigma), 0.0) / share))
@@ -73,16 +73,16 @@ class Texture:
         )  # change of I per change of log light
         self._left: list[FloatArray] = []
 
-    def field(self) -> FloatArray:
+    def draw(self) -> FloatArray:
         """One of unit variance."""
         return correlated_field(self._rng, self._informative.shape, LENGTH * self._scale)
 
-    def try_one(self) -> None:
+    def try_field(self) -> None:
         """See what a fit leaves of a field of unit variance."""
-        field = self.field()
-        change = self._surface.applied(self._surface.to_light(field))
+        field = self.draw()
+        change = self._surface.apply(self._surface.to_light(field))
         left = field - self._in_light(change)
-        self._left.append(around(left, self._informative, AROUND * self._scale) ** 2)
+        self._left.append(rms_around(left, self._informative, AROUND * self._scale) ** 2)
 
     def _in_light(self, change: FloatArray | float) -> FloatArray:
         """A change of the picture as one of the light's logarithm; 0 where there is none."""
@@ -102,7 +102,7 @@ class Texture:
         unexplained = self._in_light(self._surface.residual)
         by_noise = self._in_light(noise)
         squares = [
-            around(square, self._informative, AROUND * self._scale) ** 2
+            rms_around(square, self._informative, AROUND * self._scale) ** 2
             for square in (unexplained, by_noise)
         ]
         strength = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))

@@ -32,7 +32,7 @@ from endolab.reconstruction.uncertainty.causes import (
     light_changes,
     possible_cuts,
 )
-from endolab.reconstruction.uncertainty.fewer_pixels import enlarged, thinned
+from endolab.reconstruction.uncertainty.fewer_pixels import enlarge, thin
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty.re_solve import LARGEST_CHANGE, re_solve
@@ -146,7 +146,7 @@ def uncertainty_of(
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = check_observers(observers)
     with limit_threads(threads), closing(watching):
-        estimate = _Estimate(thinned(iterate), prior_sigma, draws)
+        estimate = _Estimate(thin(iterate), prior_sigma, draws)
         status = drive(
             estimate.steps(),
             watching,
@@ -192,7 +192,7 @@ class _Estimate:
         yield None
         bumps = Bumps(surface, rng)
         for _ in range(TRIES):
-            yield "bumps", prior_sigma.bumps * bumps.try_one()
+            yield "bumps", prior_sigma.bumps * bumps.try_field()
         self._shares = bumps.shares(v)
         yield None
         for cause, light in light_changes(self._iterate, prior_sigma):
@@ -219,17 +219,17 @@ class _Estimate:
         )
         texture = Texture(surface, rng, prior_sigma.texture)
         for _ in range(TRIES):
-            texture.try_one()
+            texture.try_field()
             yield None
         noise, blur = noise_left(self._iterate)
         strength = texture.strength(noise)
         for draw in range(self._asked):
-            yield "texture", surface.to_light(strength * texture.field())
+            yield "texture", surface.to_light(strength * texture.draw())
             if draw < FEW_DRAWS:
                 along = correlated_field(
                     rng, mask.shape, ALONG * px_per_reference(mask.shape)
                 )
-                yield "border", entering.moved(doubt * along)
+                yield "border", entering.follow(doubt * along)
                 white = correlated_field(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
             self.done = draw + 1
@@ -239,14 +239,14 @@ class _Estimate:
         """Sum up, on the pixels of the whole frame."""
         mask = self._iterate.mask
         lost = _without_evidence(self._iterate.problem)
-        parts = enlarged(self._shares, mask, whole.mask)
+        parts = enlarge(self._shares, mask, whole.mask)
         squares = {
             cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()
         }
 
         def sigma(squares: Iterable[FloatArray]) -> FloatArray:
             capped = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
-            return enlarged(np.where(lost, LARGEST_SIGMA, capped), mask, whole.mask)
+            return enlarge(np.where(lost, LARGEST_SIGMA, capped), mask, whole.mask)
 
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}

@@ -26,7 +26,7 @@ from endolab.solvers.problem import Problem
 PRECISION = 3e-2
 MOST_INNER_STEPS = 15
 DAMPING = (
-    1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
+    1e-3  # share of the data's diagonal that is added to H, for pixels that nothing holds
 )
 
 
@@ -76,7 +76,7 @@ class Linearised:
         root = inner(self.coefficients.by_v_u) * (1 - 0.5 * right * left)
         return root, inner(self.coefficients.by_v_v) * (1 - 0.5 * below * above)
 
-    def applied(self, x: FloatArray) -> FloatArray:
+    def apply(self, x: FloatArray) -> FloatArray:
         """J x: how the picture changes with v."""
         right, left, below, above = self._sides()
         by_u, by_w = self._by_slopes()
@@ -98,7 +98,7 @@ class Linearised:
 
     # H⁻¹ ------------------------------------------------------------------------------
 
-    def solved(self, b: FloatArray) -> FloatArray:
+    def solve(self, b: FloatArray) -> FloatArray:
         """H⁻¹ b."""
         x = self.multigrid.solve(
             pad_maps(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS
@@ -107,7 +107,7 @@ class Linearised:
 
     def to_picture(self, change: FloatArray) -> FloatArray:
         """How v answers to a change of the picture, of stored values."""
-        return self.solved(self.adjoint(self.weight * change))
+        return self.solve(self.adjoint(self.weight * change))
 
     def to_light(self, change: FloatArray) -> FloatArray:
         """How v answers to light that is brighter by this share, a change of its logarithm.

@@ -1,7 +1,7 @@
-"""What the same frame would be if a choice were another: solved anew, a few steps from the estimate.
+"""What the same frame would be if a choice were another: solved again, a few steps from the estimate.
 
-Where a surface hangs by little, another λ or another contour moves it farther than its linear model says, and
-elsewhere: so these two are not asked of `linearised`.
+Where a region is weakly connected, another λ or another contour moves it farther than its linear model says,
+and elsewhere: so these two are not asked of `linearised`.
 """
 
 from collections.abc import Generator

@@ -255,9 +255,9 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
     problem, _ = problem_of("colon", 120)
-    torn = cut_at_contours(problem)
-    assert torn.cuts is not None
-    result = solved(torn)
+    cut = cut_at_contours(problem)
+    assert cut.cuts is not None
+    result = solved(cut)
     uncertainty = uncertainty_of(result)
     assert np.all(np.isfinite(uncertainty.sigma[result.mask]))
     assert uncertainty.causes["contours"][result.mask].max() > 0.05

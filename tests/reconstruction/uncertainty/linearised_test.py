@@ -39,7 +39,7 @@ def hessian(twin):
 def test_it_is_the_readable_model(tiny):
     surface, twin = tiny
     mask = surface.problem.mask
-    applied = dense(surface.applied, mask)
+    applied = dense(surface.apply, mask)
     adjoint = dense(surface.adjoint, mask)
     assert np.abs(adjoint - applied.T).max() < 1e-12
     data = replace(twin, xi_slope=0 * twin.xi_slope)
@@ -53,7 +53,7 @@ def test_probing_finds_the_same_inverse(tiny):
     surface, twin = tiny
     mask = surface.problem.mask
     damping = DAMPING * (twin.data_weight * twin.by_v**2)[mask]
-    found = dense(surface.solved, mask)
+    found = dense(surface.solve, mask)
     expected = np.linalg.inv(hessian(twin) + np.diag(damping))
     assert found == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
 
