@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.frames.surround import SURE, field_of_view
+from endolab.frames.surround import SURROUND, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
@@ -17,17 +17,27 @@ from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import mask_array, readonly_copy, real_array
 from endolab.numerics.side_by_side import by_rows
 
-DARK = 4 / 255  # below this rounding and noise say more than the surface does
-MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
-MISPLACED = 0.05  # of a mask that lies beyond what the endoscope shows, from which on it is no rounded edge
-EDGE = (
-    0.03  # of the shorter side, within which a mask may lie beyond the field all the same
-)
-BRIGHT = 254.5 / 255  # from here on it is saturated
-LEVELS = 64  # of a mask, or of some other drawing, there are fewer
-REMEMBERED = 3  # sizes of a frame
-CONSTANT = 1e-6  # range of stored values
-QUIET = 0.3 / 255  # the noise of rounding to 8 bits
+
+@dataclass(frozen=True)
+class FrameLimits:
+    """What pixels and masks must be to be used; stored values are shares of their maximum."""
+
+    dark: float = 4 / 255  # below this rounding and noise say more than the surface does
+    bright: float = 254.5 / 255  # from here on it is saturated
+    rounding: float = 0.3 / 255  # noise: that of rounding to 8 bits
+    least_range: float = 1e-6  # of stored values; a picture with less is constant
+    # Degrees; beyond, cos^k α is so small that noise divided by it looks near.
+    max_alpha: float = 80.0
+    # Share of a mask beyond what the endoscope shows, from which on it is no rounded
+    # edge.
+    misplaced: float = 0.05
+    # Of the shorter side, within which a mask may lie beyond the field all the same.
+    edge: float = 0.03
+    levels: int = 64  # of a mask, or of some other drawing, there are fewer
+    remembered: int = 3  # sizes of a frame
+
+
+FRAME_LIMITS = FrameLimits()
 
 
 @dataclass(frozen=True)
@@ -133,13 +143,13 @@ class Frame:
     def _pixels_to_use(self) -> BoolArray:
         if self.mask.all():
             return frozen(field_of_view(self.image))
-        field = field_of_view(self.image, SURE)
+        field = field_of_view(self.image, SURROUND.sure)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
-        reach = 2 * round(EDGE * min(field.shape)) + 1
+        reach = 2 * round(FRAME_LIMITS.edge * min(field.shape)) + 1
         around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
-        return frozen(seen) if beyond > MISPLACED and seen.any() else self.mask
+        return frozen(seen) if beyond > FRAME_LIMITS.misplaced and seen.any() else self.mask
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".
@@ -169,7 +179,7 @@ class Frame:
         key = (width, height, gamma)
         resized = self._resized  # never changed: other threads read it
         if key not in resized:
-            resized = dict([*resized.items()][1 - REMEMBERED :]) | {
+            resized = dict([*resized.items()][1 - FRAME_LIMITS.remembered :]) | {
                 key: self._shrink(width, height, gamma)
             }
             object.__setattr__(self, "_resized", resized)
@@ -245,20 +255,20 @@ def usable_pixels(
     axis or as good as black (below 4 of 255). ValueError that names the frame, if none is left, or if what
     is left is constant or all saturated.
     """
-    field = mask & (cos_alpha > np.cos(np.deg2rad(MAX_ALPHA)))
+    field = mask & (cos_alpha > np.cos(np.deg2rad(FRAME_LIMITS.max_alpha)))
     if not field.any():
         raise ValueError(
             f"{name}: the mask and the camera's field of view have no pixel in common"
         )
-    bright = field & (image > DARK)
+    bright = field & (image > FRAME_LIMITS.dark)
     if not bright.any():
         raise ValueError(
             f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "
             "it may use fewer bits than the file, such as 10 of 16"
         )
-    if np.all(image[bright] >= BRIGHT):
+    if np.all(image[bright] >= FRAME_LIMITS.bright):
         raise ValueError(f"{name}: the picture is fully saturated")
-    if np.ptp(image[bright]) < CONSTANT:  # shrinking rounds
+    if np.ptp(image[bright]) < FRAME_LIMITS.least_range:  # shrinking rounds
         raise ValueError(
             f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere"
         )
@@ -301,7 +311,10 @@ def looks_like_depth(image: FloatArray) -> bool:
     if image.ndim == 3:
         return False
     noise = noise_level(image, image > 0)
-    return 0 < noise < QUIET / 3 and len(np.unique(image)) > LEVELS
+    return (
+        0 < noise < FRAME_LIMITS.rounding / 3
+        and len(np.unique(image)) > FRAME_LIMITS.levels
+    )
 
 
 def smooth_light(

@@ -15,6 +15,7 @@ The outline with most points at an edge counts. If too small a share of its poin
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -22,27 +23,43 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, SingleArray
 
-SIDE = 480  # px of the longer side, of what is looked at
+
+@dataclass(frozen=True)
+class SurroundSearch:
+    """What a surround and the edge of a field look like.
+
+    Grey levels are of 255; px are of what is looked at, `side` px along its longer side.
+    """
+
+    side: int = 480  # px of the longer side, of what is looked at
+    # Px of the picture that are left out along an edge at least, since lenses and codecs
+    # blur it.
+    margin: int = 2
+    # Of the shorter side, the legs of the triangle in a corner that tells a colour.
+    corner: float = 0.03
+    # Of the shorter side, the width of what is no part of a field, such as text.
+    stub: float = 0.15
+    small: float = 0.1  # of the picture, below which nothing is a field
+    rounding: float = 3.0  # grey levels from the surround's colour that tell nothing
+    black: int = 8  # grey levels; a single corner as dark as this may be of a surround
+    uneven: int = 10  # grey levels of spread in a corner that is no surround
+    # Of the usual contrast, what may be stray light around the field.
+    glow: tuple[float, float, float] = (0.0, 0.1, 0.25)
+    step: int = 5  # grey levels that an edge rises in REACH / 2
+    # An edge rises more than so many times what shading adds from there on.
+    shading: float = 1.2
+    # Of a mask that lies in what may be a surround, from which on it is worth a word.
+    named: float = 0.02
+    # Share of an outline that is at an edge, if it is a field's.
+    possible: float = 0.52
+    likely: float = 0.55
+    sure: float = 0.8
+
+
+SURROUND = SurroundSearch()
+
+
 REACH = 10  # px of what is looked at, within which an edge rises
-MARGIN = 2  # px of the picture that are left out along an edge at least, since lenses and codecs blur it
-CORNER = (
-    0.03  # of the shorter side, the legs of the triangle in a corner that tells a colour
-)
-STUB = 0.15  # of the shorter side, the width of what is no part of a field, such as text
-SMALL = 0.1  # of the picture, below which nothing is a field
-ROUNDING = 3.0  # grey levels from the surround's colour that tell nothing
-BLACK = 8  # grey levels; a single corner as dark as this may be of a surround
-UNEVEN = 10  # grey levels of spread in a corner that is no surround
-GLOW = 0.0, 0.1, 0.25  # of the usual contrast, what may be stray light around the field
-STEP = 5  # grey levels that an edge rises in REACH / 2
-SHADING = 1.2  # an edge rises more than so many times what shading adds from there on
-NAMED = (
-    0.02  # of a mask that lies in what may be a surround, from which on it is worth a word
-)
-# of an outline that is at an edge, if it is a field's
-POSSIBLE = 0.52
-LIKELY = 0.55
-SURE = 0.8
 
 
 class Field(NamedTuple):
@@ -54,7 +71,7 @@ class Field(NamedTuple):
     width: float  # of the edge within the outline, px
 
 
-def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
+def field_of_view(image: FloatArray, least: float = SURROUND.likely) -> BoolArray:
     """Find what an endoscope shows: all but the flat surround that fills corners of the picture.
 
     `image` is (H, W) or (H, W, 3), in [0, 1]; colours tell more. The surround may be of any colour, with
@@ -63,7 +80,7 @@ def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
     pixels at least.
     """
     high, wide = image.shape[:2]
-    scale = max(high, wide) / SIDE
+    scale = max(high, wide) / SURROUND.side
     field = _find_field(_scale_down(image))
     if field is None or field.share < least:
         return np.ones((high, wide), dtype=bool)
@@ -71,17 +88,17 @@ def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
         field.inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
     depth = cv2.resize(inside - field.width, (wide, high), interpolation=cv2.INTER_LINEAR)
-    shown = depth * scale > MARGIN
+    shown = depth * scale > SURROUND.margin
     box = np.ix_(shown.any(axis=1), shown.any(axis=0))
     if shown[box].all():  # bars, which may frame a surround of another colour
-        shown[box] = field_of_view(image[box], SURE)
+        shown[box] = field_of_view(image[box], SURROUND.sure)
     return shown
 
 
 def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     """Whether a mask keeps what may be a surround."""
     field = _find_field(_scale_down(image))
-    if field is None or field.share < POSSIBLE:
+    if field is None or field.share < SURROUND.possible:
         return False
     inside = (
         cv2.resize(
@@ -89,13 +106,15 @@ def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
         )
         > 0
     )
-    return bool((mask & ~inside).sum() > NAMED * mask.sum())
+    return bool((mask & ~inside).sum() > SURROUND.named * mask.sum())
 
 
 def _scale_down(image: FloatArray) -> SingleArray:
     """Return a picture (h, w, channels) of SIDE px, grey levels; a median takes noise and keeps edges."""
     high, wide = image.shape[:2]
-    size = [max(1, round(length * SIDE / max(high, wide))) for length in (wide, high)]
+    size = [
+        max(1, round(length * SURROUND.side / max(high, wide))) for length in (wide, high)
+    ]
     scaled = cv2.resize(
         cv2.convertScaleAbs(image, alpha=255), size, interpolation=cv2.INTER_AREA
     )
@@ -107,10 +126,10 @@ def _find_field(picture: SingleArray) -> Field | None:
     contrast = _contrast(picture)
     differs = contrast[contrast > 0]
     fields: list[Field] = []
-    for glow in GLOW:
+    for glow in SURROUND.glow:
         least = glow * float(np.median(differs)) if differs.size else 0.0
         fields += _try_outlines(contrast, least)
-        if any(field.share > SURE for field in fields):
+        if any(field.share > SURROUND.sure for field in fields):
             break
     most = max((len(field.edge) for field in fields), default=0)
     best = [field for field in fields if len(field.edge) > max(0.97 * most, 10 * REACH)]
@@ -120,7 +139,7 @@ def _find_field(picture: SingleArray) -> Field | None:
 def _contrast(picture: SingleArray) -> SingleArray:
     """Return the contrast (h, w) to the flat colours of two corners, or black; 0 within their noise."""
     shorter = min(picture.shape[:2])
-    legs = max(4, round(CORNER * shorter))
+    legs = max(4, round(SURROUND.corner * shorter))
     contrast = np.full(picture.shape[:2], 255, np.float32)
     if shorter < 2 * legs:
         return contrast
@@ -132,13 +151,13 @@ def _contrast(picture: SingleArray) -> SingleArray:
     ]
     colours = np.median(corners, axis=1)
     spread = np.percentile(np.abs(corners - colours[:, None]).max(axis=-1), 90, axis=1)
-    noise = ROUNDING + 2 * spread
-    even = spread <= UNEVEN
+    noise = SURROUND.rounding + 2 * spread
+    even = spread <= SURROUND.uneven
     apart = np.abs(colours[:, None] - colours).max(axis=-1)
     alike = even & (apart <= np.maximum(noise[:, None], noise))
     for corner in np.flatnonzero(even):
         first = alike[corner].argmax() == corner
-        if first and (alike[corner].sum() > 1 or colours[corner].max() <= BLACK):
+        if first and (alike[corner].sum() > 1 or colours[corner].max() <= SURROUND.black):
             planes = np.abs(
                 np.moveaxis(picture, -1, 0)
                 - colours[corner, :, None, None].astype(np.float32)
@@ -153,7 +172,7 @@ def _try_outlines(contrast: SingleArray, least: float) -> Iterator[Field]:
     """Yield what may be the field in a surround that has no more contrast than `least`."""
     hull = _hull(contrast > least)
     if (
-        hull.sum() < SMALL * hull.size
+        hull.sum() < SURROUND.small * hull.size
         or hull.all()
         or not hull[hull.shape[0] // 2, hull.shape[1] // 2]
     ):
@@ -180,7 +199,7 @@ def _hull(differs: BoolArray) -> BoolArray:
     """Return the convex hull of a region that is surrounded, without text and other narrow parts."""
     region = np.pad((~differs).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(region, None, (0, 0), 2)
-    square = np.ones((2 * round(STUB / 2 * min(differs.shape)) + 1,) * 2, np.uint8)
+    square = np.ones((2 * round(SURROUND.stub / 2 * min(differs.shape)) + 1,) * 2, np.uint8)
     body = cv2.morphologyEx((region != 2).astype(np.uint8), cv2.MORPH_OPEN, square)[
         1:-1, 1:-1
     ]
@@ -239,7 +258,11 @@ def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) ->
         :, REACH * np.array([8, 12, 15, 20, 30]) // 10
     ].T
     starts = (before <= least + 1) & (after > least)
-    edge = starts & (soon > least + STEP) & (end - before > SHADING * (beyond - end))
+    edge = (
+        starts
+        & (soon > least + SURROUND.step)
+        & (end - before > SURROUND.shading * (beyond - end))
+    )
     if not edge.any():
         return Field(outline, points[:0], 0.0, 0.0)
     profile = np.median(profiles[edge], axis=0)[REACH:]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from endolab.frames.frame import (
-    BRIGHT,
+    FRAME_LIMITS,
     Frame,
     check_size,
     noise_level,
@@ -155,7 +155,7 @@ def make_channels(
         name, image = treated.channel(wanted)
         called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
         own = photometry.simplify().channel(name)
-        saturated = image >= BRIGHT
+        saturated = image >= FRAME_LIMITS.bright
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = settings.smooth

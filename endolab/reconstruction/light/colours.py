@@ -27,7 +27,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from endolab.frames.frame import QUIET
+from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_light_and_slope
@@ -256,7 +256,7 @@ def refine_per_pixel(
         return indirect_ratio
     ratio = indirect_ratio[exact]
     picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
-    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, QUIET))
+    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, FRAME_LIMITS.rounding))
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
     tint = wall @ _tint_whitening().T
     sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)

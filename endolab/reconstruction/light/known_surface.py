@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.frames.frame import BRIGHT, Frame, check_size
+from endolab.frames.frame import FRAME_LIMITS, Frame, check_size
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
@@ -162,7 +162,7 @@ class _Patches:
             )
         height = max(1, round(frame.height * WIDTH / frame.width))
         small = frame.resize(WIDTH, height, GAMMA[0])
-        clipped = frame.image.max(axis=-1) >= BRIGHT
+        clipped = frame.image.max(axis=-1) >= FRAME_LIMITS.bright
         clipped = (
             cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA)
             > 0

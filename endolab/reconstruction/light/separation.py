@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.frames.frame import BRIGHT, QUIET, noise_level
+from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.side_by_side import by_rows
@@ -447,7 +447,10 @@ def merge(
     mask = np.any([colour.mask for colour in colours], axis=0)
     kinds = np.stack([np.where(colour.mask, _evidence(colour), NONE) for colour in colours])
     evidence = kinds.min(axis=0).astype(np.int8)  # EXACT before LOWER_BOUND before NONE
-    noises = [max(noise_level(colour.image, colour.mask), QUIET) for colour in colours]
+    noises = [
+        max(noise_level(colour.image, colour.mask), FRAME_LIMITS.rounding)
+        for colour in colours
+    ]
     image = np.empty(mask.shape)
 
     def merge_rows(rows: slice) -> None:
@@ -490,8 +493,8 @@ def _evidence(problem: Problem) -> NDArray[np.int8]:
 def _signal(problem: Problem) -> float:
     """Return median grey level over noise; less where much is saturated."""
     image = problem.image[problem.mask]
-    noise = max(noise_level(problem.image, problem.mask), QUIET)
-    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
+    noise = max(noise_level(problem.image, problem.mask), FRAME_LIMITS.rounding)
+    return float(np.median(image) * np.mean(image < FRAME_LIMITS.bright)) / noise
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:

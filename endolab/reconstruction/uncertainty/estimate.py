@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
-from endolab.frames.frame import QUIET, noise_level
+from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
@@ -307,7 +307,8 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     prepared = result.provenance.preparation
     blur = 0.0 if prepared is None else prepared.smooth
     level = max(
-        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET
+        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask),
+        FRAME_LIMITS.rounding,
     )
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
