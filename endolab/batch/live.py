@@ -25,7 +25,8 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.scale import check_scale
-from endolab.reconstruction.sequence import SCALES, Step, as_frame, reconstruct_sequence
+from endolab.reconstruction.sequence import Step, as_frame, reconstruct_sequence
+from endolab.reconstruction.settings import LENGTHS
 
 if TYPE_CHECKING:
     from endolab.workbench.recording.stream import Sink
@@ -148,11 +149,11 @@ def reconstruct_live(
         np.ones((full.height, full.width), dtype=bool) if mask is None else read_mask(mask)
     )
     check_size("the mask", inside.shape[::-1], full)
-    check_scale(**{name: options.get(name) for name in SCALES})
+    check_scale(**{name: options.get(name) for name in LENGTHS})
     share = np.array([camera.width / full.width, camera.height / full.height])
     options |= {
         name: _move_length(options[name], share)
-        for name in SCALES[1:]
+        for name in LENGTHS[1:]
         if options.get(name) is not None
     }
     named = isinstance(source, int | str | os.PathLike)

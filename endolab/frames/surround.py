@@ -32,7 +32,7 @@ class SurroundSearch:
     """
 
     side: int = 480  # px of the longer side, of what is looked at
-    # Px of the picture that are left out along an edge at least, since lenses and codecs
+    # px of the picture that are left out along an edge at least, since lenses and codecs
     # blur it.
     margin: int = 2
     # Of the shorter side, the legs of the triangle in a corner that tells a colour.
@@ -110,7 +110,7 @@ def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
 
 
 def _scale_down(image: FloatArray) -> SingleArray:
-    """Return a picture (h, w, channels) of SIDE px, grey levels; a median takes noise and keeps edges."""
+    """Return a picture (h, w, channels) of `side` px, grey levels; a median takes noise and keeps edges."""
     high, wide = image.shape[:2]
     size = [
         max(1, round(length * SURROUND.side / max(high, wide))) for length in (wide, high)

@@ -36,12 +36,24 @@ from endolab.solvers.provenance import (
 )
 from endolab.solvers.result import Iterate
 
-# px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
-SMALL = 240
-LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
-# At the peak of a whole run of gauss_newton with its recording and its files, measured at 3 and 9 Mpx.
-RUN_BYTES = 400e6
-BYTES_PER_PIXEL = {1: 920, 3: 1400}  # of one channel, and of three
+
+@dataclass(frozen=True)
+class ProblemSizes:
+    """How large problems are. Memory is that at the peak of a whole run of gauss_newton.
+
+    It was measured with its recording and its files, at 3 and 9 Mpx.
+    """
+
+    # px of the longer side; what is smooth, as light that has bounced, and long, as
+    # contours, need not be fine.
+    small: int = 240
+    least_side: int = 8  # px; derivatives and noise take their neighbours
+    run_bytes: float = 400e6  # of any run
+    bytes_per_pixel: int = 920  # of one channel
+    bytes_per_colour_pixel: int = 1400  # of three
+
+
+SIZES = ProblemSizes()
 
 
 @dataclass(frozen=True)
@@ -213,20 +225,21 @@ def _in_two_sizes(
     """Make channels on all pixels, and on few."""
     full = make_channels(frame, endoscope, settings, names)
     camera = full[0].problem.camera
-    share = SMALL / max(camera.width, camera.height)
-    if share >= 1 or share * min(camera.width, camera.height) < LEAST_SIDE:
+    share = SIZES.small / max(camera.width, camera.height)
+    if share >= 1 or share * min(camera.width, camera.height) < SIZES.least_side:
         return full, full
     less = replace(settings, width=round(share * camera.width), cuts=None)
     return full, make_channels(frame, endoscope, less, names)
 
 
 def _check_frame(width: int, height: int, channels: int) -> None:
-    if min(width, height) < LEAST_SIDE:
-        least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
+    if min(width, height) < SIZES.least_side:
+        least = f"expected {SIZES.least_side}x{SIZES.least_side} px or more"
         raise ValueError(
             f"a frame of {width}x{height} px is too small to be solved: {least}"
         )
-    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
+    per_pixel = SIZES.bytes_per_pixel if channels == 1 else SIZES.bytes_per_colour_pixel
+    needed = SIZES.run_bytes + width * height * per_pixel
     check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
 
 

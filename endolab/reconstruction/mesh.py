@@ -9,11 +9,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.derivatives import links
 from endolab.solvers.result import Iterate, Result
 
-JUMP = 1.08  # corners whose distances differ by more may lie on two surfaces …
-GRAZING = 85.0  # … and do if what would join them is seen at more than this angle, degrees
-NEUTRAL = 0.7  # grey of a mesh without a picture
-OFTEN = 98  # %, of the pixels are within the scale of σ, as in figures
-
 
 def make_mesh(
     shown: Result | Iterate | FloatArray,
@@ -21,8 +16,8 @@ def make_mesh(
     *,
     sigma: FloatArray | None = None,
     cuts: BoolArray | None = None,
-    jump: float = JUMP,
-    grazing: float = GRAZING,
+    jump: float = 1.08,
+    grazing: float = 85.0,
 ) -> Mesh:
     """Join the surface points of neighbouring pixels by triangles.
 
@@ -86,7 +81,7 @@ def make_mesh(
         raise ValueError(
             f"cuts must be a bool array of shape {(2, *shape)}, found {cuts.dtype} of shape {cuts.shape}"
         )
-    colours = np.full(shape, NEUTRAL) if colours is None else colours
+    colours = np.full(shape, 0.7) if colours is None else colours  # grey
     if colours.shape not in (shape, (*shape, 3)):
         raise ValueError(
             f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}"
@@ -123,7 +118,8 @@ def _certainty(
     if sigma.shape != shown.mask.shape:
         raise ValueError(f"sigma has shape {sigma.shape}, the result {shown.mask.shape}")
     percent = np.where(shown.mask, 100 * sigma / shown.distance, 0.0)
-    most = float(f"{np.percentile(percent[shown.mask], OFTEN):.2g}") or 1.0
+    # As in figures, 98 % of the pixels are within the scale.
+    most = float(f"{np.percentile(percent[shown.mask], 98):.2g}") or 1.0
     places = np.round(255 * np.clip(percent / most, 0, 1)).astype(np.uint8)
     scale = (
         np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)[..., ::-1]

@@ -72,9 +72,6 @@ from endolab.solvers.provenance import (
 from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
 
 BOUNCED = "bounced light"  # stage
-SAME = (
-    0.01  # median difference of stored values, as a share, up to which two colours are one
-)
 
 
 @dataclass(frozen=True)
@@ -93,6 +90,8 @@ class Rounds:
     first_guess: float = 0.5  # s in ι = s a/(1 - s a), before there is a surface
     # Lines of a picture without as much light everywhere are so much less steep.
     guessed_steepness: float = 0.8
+    # Median difference of stored values, as a share, up to which two colours are one.
+    same_colour: float = 0.01
 
 
 ROUNDS = Rounds()
@@ -503,5 +502,8 @@ def _check_colours(colours: Sequence[Problem]) -> None:
     if not mask.any():
         return
     green = colours[1].image[mask]
-    if max(np.median(np.abs(colour.image[mask] / green - 1)) for colour in colours) < SAME:
+    if (
+        max(np.median(np.abs(colour.image[mask] / green - 1)) for colour in colours)
+        < ROUNDS.same_colour
+    ):
         raise NoColour("red, green and blue are one")

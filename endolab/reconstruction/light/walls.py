@@ -36,20 +36,33 @@ from endolab.numerics.derivatives import gradient
 from endolab.numerics.resampling import resample
 from endolab.numerics.threads import on_cores
 
-PATCHES = 500  # of the picture; twice as many change ι by a hundredth
-STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
-SECTORS = 20  # of the rim
-BACK = 2.0  # how far behind the camera the wall goes on, in radii
-RINGS = 100  # of it at most, as many as a view of 5° to the side needs
-NEARER = (
-    1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
-)
+
+@dataclass(frozen=True)
+class WallModel:
+    """How a surface becomes patches, and which walls are taken to be where none is seen."""
+
+    patches: int = 500  # of the picture; twice as many change ι by a hundredth
+    # cos θ below which a pixel's surface is a fold's edge rather than a wall.
+    least_cosine: float = 0.1
+    grazing: float = 1e-3  # cos α below which a lamp's light no longer falls
+    rim_sectors: int = 20  # of the rim
+    back: float = 2.0  # how far behind the camera the wall goes on, in radii
+    rings: int = 100  # of it at most, as many as a view of 5° to the side needs
+    # A wall must be nearer than a chord by this factor to block it: patches are coarse.
+    nearer: float = 1.1
+    # Of what a patch does not see, how much is a wall; so red and green say one E of
+    # traced colons.
+    hidden: float = 0.75
+    bounces: int = 16  # counted one by one; those after them fall by a constant share
+    lasting: float = 0.98  # share that a further bounce may leave
+    # ι, beyond which it says that the lamp hardly reaches the wall.
+    most_indirect: float = 20.0
+
+
+WALL_MODEL = WallModel()
+
+
 TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is, or in both
-HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
-BOUNCES = 16  # counted one by one; those after them fall by a constant share
-LASTING = 0.98  # share that a further bounce may leave
-GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
-MOST_INDIRECT = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
 
 
 @on_cores(cost=9)
@@ -138,7 +151,7 @@ def _exchange(
     factors = np.zeros((len(x), len(x)))
     maps = (np.ascontiguousarray(a.T) for a in (x, n))
     places = np.ascontiguousarray(cell.T, dtype=np.int64)
-    _fill_exchange(factors, *maps, area, places, 1 / (NEARER * nearest))
+    _fill_exchange(factors, *maps, area, places, 1 / (WALL_MODEL.nearer * nearest))
     return factors
 
 
@@ -177,13 +190,13 @@ class Walls:
         solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
         cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
         distance = np.where(mask, np.exp(v), 1.0)
-        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, GRAZING), 1.0)
+        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, WALL_MODEL.grazing), 1.0)
         light = np.where(mask, cos_alpha**k, 0.0)
         rays = np.where(mask[..., None], field.rays, 0.0)
         facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
-        area = solid * distance**2 / np.maximum(cosine, STEEPEST)
+        area = solid * distance**2 / np.maximum(cosine, WALL_MODEL.least_cosine)
 
-        step = max(1.0, np.sqrt(mask.sum() / PATCHES))
+        step = max(1.0, np.sqrt(mask.sum() / WALL_MODEL.patches))
         cells = tuple(max(1, round(length / step)) for length in mask.shape)
         weighted = np.concatenate(
             [(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1
@@ -221,7 +234,9 @@ class Walls:
         points = self.points[self.count :]
         normals = self.normals[self.count :]
         here = self.points[: self.count]
-        cos_alpha = np.maximum(here[:, 2] / np.linalg.norm(here, axis=-1), GRAZING)
+        cos_alpha = np.maximum(
+            here[:, 2] / np.linalg.norm(here, axis=-1), WALL_MODEL.grazing
+        )
         lit = [
             self.lit[: self.count] * cos_alpha ** (k - self.k),
             _lamp(points, normals, k),
@@ -249,10 +264,10 @@ class Walls:
 
     @cached_property
     def orders(self) -> FloatArray:
-        """What every patch receives after one bounce, two, ..., (BOUNCES, N), of walls of albedo 1."""
-        hidden = HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
+        """What every patch receives after one bounce, two, ..., (bounces, N), of walls of albedo 1."""
+        hidden = WALL_MODEL.hidden * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
         orders = [self.exchange @ self.lit]
-        for _ in range(BOUNCES - 1):
+        for _ in range(WALL_MODEL.bounces - 1):
             orders.append(self.exchange @ orders[-1] + hidden * orders[-1])
         return np.stack(orders)
 
@@ -282,7 +297,7 @@ class Walls:
         share = (
             resample(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
         )
-        ratio = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
+        ratio = np.where(lit[..., None], np.minimum(share, WALL_MODEL.most_indirect), 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
@@ -298,9 +313,9 @@ def bounced_light_and_slope(
     last = orders[-1]
     before = orders[-2]
     share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
-    kept = 1 - np.minimum(share, LASTING)
+    kept = 1 - np.minimum(share, WALL_MODEL.lasting)
     tail = last[:, None] * powers[-1] * share / kept
-    growth = len(orders) + 1 + np.where(share < LASTING, share / kept, 0.0)
+    growth = len(orders) + 1 + np.where(share < WALL_MODEL.lasting, share / kept, 0.0)
     return orders.T @ powers + tail, orders.T @ (number * powers) + tail * growth
 
 
@@ -330,7 +345,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     """
     across = np.hypot(points[:, 0], points[:, 1])
     sector = (
-        (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0) * SECTORS
+        (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0)
+        * WALL_MODEL.rim_sectors
     ).astype(int)
     alpha = np.arctan2(across, points[:, 2])
     rim = np.array(
@@ -341,8 +357,12 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
-    deep = (np.median(start[:, 2]) + BACK * np.median(radius)) / step if step > 0 else 0.0
-    rings = int(np.ceil(min(deep, RINGS)))
+    deep = (
+        (np.median(start[:, 2]) + WALL_MODEL.back * np.median(radius)) / step
+        if step > 0
+        else 0.0
+    )
+    rings = int(np.ceil(min(deep, WALL_MODEL.rings)))
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
     back = (
         (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])

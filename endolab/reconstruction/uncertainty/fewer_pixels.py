@@ -13,12 +13,12 @@ from endolab.numerics.resampling import resample
 from endolab.solvers.grid import Grid
 from endolab.solvers.result import Iterate
 
-ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
+MOST_COLUMNS = 400  # columns: a texture's Gaussian then has σ of 7 px and more
 
 
 def thin(iterate: Iterate) -> Iterate:
-    """The same on half the pixels along both sides, as often as it takes to have `ENOUGH` columns at most."""
-    while max(iterate.mask.shape) > ENOUGH:
+    """The same on half the pixels along both sides, until there are at most `MOST_COLUMNS`."""
+    while max(iterate.mask.shape) > MOST_COLUMNS:
         iterate = _halve(iterate)
     return iterate
 

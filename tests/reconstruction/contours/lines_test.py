@@ -14,7 +14,7 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
+from endolab.reconstruction.contours.lines import LINE_SEARCH, basins, find_contours
 
 
 def seen(scene, width=320, **options):
@@ -90,7 +90,7 @@ def test_basins_are_those_of_scikit_image():
     """Of few values none of which is twice there, so that all agree on who is flooded first."""
     slope = ndimage.gaussian_filter(np.random.default_rng(0).random((60, 80)), 2)
     region, count = basins(slope, np.ones(slope.shape, bool))
-    pits, number = ndimage.label(h_minima(slope, SHALLOW))
+    pits, number = ndimage.label(h_minima(slope, LINE_SEARCH.shallow))
     expected = watershed(slope, pits)
     assert abs(count - number) <= 0.05 * number
     both = np.unique(region * (number + 1) + expected, return_counts=True)[1]

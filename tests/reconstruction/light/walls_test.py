@@ -103,7 +103,7 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
             np.rint(place + 1e-9 * (middle - place)).astype(int).T
         )  # halves, towards the middle
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
-        if (chord > walls_module.NEARER * nearest[row, column]).any():
+        if (chord > walls_module.WALL_MODEL.nearer * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
     assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
     found = _exchange(x, n, area, cells, nearest)
@@ -154,7 +154,9 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
     """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
     v, field = colon
     walls = Walls.of(v, np.isfinite(v), field, 2.5)
-    hidden = walls_module.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
+    hidden = walls_module.WALL_MODEL.hidden * np.maximum(
+        1 - walls.exchange.sum(axis=1), 0.0
+    )
     assert hidden.max() > 0.05
     for albedo in (0.1, 0.38, 0.75):
         left = np.eye(len(hidden)) - albedo * (walls.exchange + np.diag(hidden))

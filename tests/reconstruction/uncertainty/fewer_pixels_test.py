@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.reconstruction.uncertainty.estimate import uncertainty_of
-from endolab.reconstruction.uncertainty.fewer_pixels import ENOUGH, enlarge, thin
+from endolab.reconstruction.uncertainty.fewer_pixels import MOST_COLUMNS, enlarge, thin
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import PreparationReport, Provenance
@@ -16,7 +16,7 @@ from tests.tools.problems import problem_of
 
 @pytest.fixture(scope="module")
 def large():
-    problem, _ = problem_of("tube", 2 * ENOUGH + 2, noise=1.0)
+    problem, _ = problem_of("tube", 2 * MOST_COLUMNS + 2, noise=1.0)
     mask = problem.mask.copy()
     mask[:50, :90] = False
     problem = replace(problem, mask=mask)
