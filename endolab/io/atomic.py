@@ -14,7 +14,6 @@ from typing import Any
 PathLike = str | os.PathLike[str]
 REPORT = "report.json"  # by which a folder of results is known: a JSON object with the key "endolab"
 LISTED = "files"  # key of a report: names in its folder, which go when another report takes its place
-MOST_JSON = 10_000_000  # bytes; a calibration with its evidence has some kB
 ASK = "or replace it with overwrite=True"  # the command line says --overwrite
 _TEMPORARY = ".endolab-"  # how the names of what is on its way begin
 
@@ -274,7 +273,8 @@ def as_json(content: dict[str, Any]) -> bytes:
 
 def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
-    content = read_bytes(path, what, MOST_JSON)
+    most = 10_000_000  # bytes; a calibration with its evidence has some kB
+    content = read_bytes(path, what, most)
     try:
         return json.loads(
             content.decode(json.detect_encoding(content))

@@ -22,9 +22,6 @@ from endolab.io.atomic import (
 from endolab.io.video import Frames
 from endolab.model.cameras import KannalaBrandt
 
-MARK = '{"endolab_detections": '  # which every such file begins with
-VERSION = 4  # of the file, and of the detector: another one detects again
-
 Found = dict[str, Detection]  # by the name of the frame
 
 
@@ -81,13 +78,13 @@ def detect_cached(
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}
-    head = json.dumps(
-        {"endolab_detections": VERSION, "target": sheet, "files": frames.stamp}
-    )
+    # The version of the file, and of the detector: another one detects again.
+    head = json.dumps({"endolab_detections": 4, "target": sheet, "files": frames.stamp})
     known: Found = {}
     size = None
     if path.exists():
-        check_file(path, overwrite=overwrite or read_bytes(path).startswith(MARK.encode()))
+        begin = b'{"endolab_detections": '
+        check_file(path, overwrite=overwrite or read_bytes(path).startswith(begin))
         known, size = read_detections(path, head, leave_out)
     if known and say is not None:
         say(

@@ -73,7 +73,7 @@ def read_settings(path: PathLike) -> SolvingSettings:
         raise top.error(FORMAT, f"expected version {VERSION}, found {quote(version)}")
     light: dict[str, Any] = {}
     if "photometry" in top.content:
-        light = _read(top.section("photometry"), LIGHT)
+        light = _read(top.section("photometry"), PHOTOMETRY_READERS)
     top.asked["photometry"] = None
     return SolvingSettings(_read(top, KEYWORDS), light)
 
@@ -150,4 +150,6 @@ KEYWORDS = {
     for part in option_fields()
     if option_of(part.name).kind in READERS
 }
-LIGHT = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {"albedo": _albedo}
+PHOTOMETRY_READERS = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {
+    "albedo": _albedo
+}

@@ -25,7 +25,6 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 
 TRUTH = "truth.json"
-MOST_FRAMES = 1_000_000  # frames, whose names have six digits
 
 
 def save_sheet_video(
@@ -46,8 +45,9 @@ def save_sheet_video(
     `simulate_video`. What is there already is replaced as by `stage_folder`. ValueError, if other pictures
     are there than an earlier call's: they would be taken for more of these frames.
     """
-    if not 1 <= count <= MOST_FRAMES:
-        raise ValueError(f"count must be from 1 to {MOST_FRAMES}, got {count}")
+    most = 1_000_000  # whose names have six digits
+    if not 1 <= count <= most:
+        raise ValueError(f"count must be from 1 to {most}, got {count}")
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
     out = Path(folder)
     there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]

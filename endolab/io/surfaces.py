@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from endolab.solvers.result import Result
     from endolab.synthetic.rendering import Rendered
 
-FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]
 MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
 TRUSTED = (
@@ -159,7 +158,7 @@ def as_ply(
 def _comments(mesh: Mesh) -> tuple[str, ...]:
     return (
         f"unit: {mesh.unit}",
-        FRAME,
+        "camera frame: x right, y down, z forward",
         *((f"colours: {mesh.legend}",) if mesh.legend else ()),
     )
 

@@ -9,7 +9,7 @@ import pytest
 import endolab as el
 from endolab.io.settings import (
     KEYWORDS,
-    LIGHT,
+    PHOTOMETRY_READERS,
     SolvingSettings,
     read_settings,
     write_settings,
@@ -37,7 +37,7 @@ BELIEFS = {"k": 2.4, "gamma": 1.0 / 3 + 2, "gain": 12.5, "albedo": (0.5, 0.3, 0.
 
 def test_everything_comes_back_as_it_was(tmp_path):
     assert set(EVERY) == set(KEYWORDS)
-    assert set(BELIEFS) == set(LIGHT)
+    assert set(BELIEFS) == set(PHOTOMETRY_READERS)
     taken = set(inspect.signature(el.reconstruct).parameters)
     assert (
         set(KEYWORDS) - {"epsilon", "threshold"} <= taken

@@ -31,10 +31,6 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.model.schema import shorten
 
-MAX_BYTES = 1_000_000  # of an XML file; real ones have 1 kB
-FIELD = math.radians(
-    60.0
-)  # off the light's direction: where sheets are seen well, so the light is known
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
 
 _CAMERA_TYPES = {
@@ -50,7 +46,7 @@ def read_xml(path: PathLike, root: str) -> ElementTree.Element:
     A `<!DOCTYPE>` or `<!ENTITY>` is refused: it can blow up in memory or open other files.
     """
     source = Path(path)
-    content = read_bytes(source, "calibration XML", MAX_BYTES)
+    content = read_bytes(source, "calibration XML", 1_000_000)  # real ones have 1 kB
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -195,7 +191,8 @@ def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
             "D", f"expected a unit vector that looks forward (z > 0), found {direction}"
         )
     cos_psi = rays @ np.asarray(direction)
-    lit = cos_psi[cos_psi > math.cos(FIELD)]
+    # Up to 60° off the light's direction sheets are seen well, so the light is known.
+    lit = cos_psi[cos_psi > math.cos(math.radians(60.0))]
     if lit.size < 2:
         raise part.error(
             "D", f"the light does not shine where the camera looks, found {direction}"
