@@ -11,6 +11,11 @@ surround; at a field's edge it rises within REACH px and little after, while sha
     surround ________/   |       |
                -REACH  0 REACH  2 REACH   px into the field
 
+So of the contrast c(s), s px into the field, a point is at an edge if
+
+    c(-REACH/5) is the surround's,  c(REACH/5) is more,  c(REACH/2) is more by `step`, and
+    c(REACH) - c(-REACH/5) > shading · (c(2 REACH) - c(REACH)).
+
 The outline with most points at an edge counts. If too small a share of its points is, there is no surround.
 """
 

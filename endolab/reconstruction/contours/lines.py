@@ -1,16 +1,23 @@
-"""Lines along which a picture's walls may be cut: where a fold hides what lies behind it.
+r"""Lines along which a picture's walls may be cut: where a fold hides what lies behind it.
 
 Over an occluding contour the distance jumps, and with it log d₀ = -½ log I_c; a march that crosses it
-puts all behind it too near. Seen from above, the slope of log d₀ is a landscape whose ridges are such
-jumps, and its watersheds are closed lines one step thin, without a gap for a march to leak through
-(Vincent and Soille, "Watersheds in digital spaces", 1991). Steep ones are contours, most likely; vessels
-and noise make lines, too, of less slope. Basins are kept small, so that a line is steep all along or
-nowhere: a fold fades into the wall, and a long line would be cut where there is none any more.
+puts all behind it too near. The slope of that, |∇ log d₀|, is a landscape whose ridges are such jumps:
+
+    log d₀           .---------      slope          /\
+                    /                              /  \
+    _______________/                 ______.______/    \_______
+     near wall   fold   far wall      basin    watershed   basin
+
+Its watersheds are closed lines one step thin, without a gap for a march to leak through (Vincent and
+Soille, "Watersheds in digital spaces", 1991). A line between two regions is as steep as the median of
+the slope along it. Steep ones are contours, most likely; vessels and noise make lines, too, of less
+slope. Basins are kept small, so that a line is steep all along or nowhere: a fold fades into the wall,
+and a long line would be cut where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
-neighbour, and what is cut is the strip's other side. Beside a tube's dark end the watersheds of noise run
-up the slope: nothing rises across them, so they are no contours either. A strip along the picture's own rim
-is cut off by nothing: the rim is dark, too, and such a strip hangs by nothing.
+neighbour, and what is cut is the strip's other side. Beside a tube's dark end the watersheds of noise
+run up the slope: nothing rises across them, so they are no contours either. A strip along the picture's
+own rim is cut off by nothing: the rim is dark, too, and nothing holds such a strip.
 """
 
 from dataclasses import dataclass

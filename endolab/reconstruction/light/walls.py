@@ -1,4 +1,4 @@
-"""Light that has bounced: how much of what a wall shows came from other walls, not from the lamp.
+r"""Light that has bounced: how much of what a wall shows came from other walls, not from the lamp.
 
 In a colon it is a quarter of the green light and half of the red, more than any other error of the
 model I_c = cos θ / d². Once a surface is known roughly, it follows: patches of the surface exchange
@@ -7,9 +7,18 @@ SIGGRAPH 1984),
 
     S_i = Σ_j F_ij a (E_j + S_j),     F_ij = cos θ_ij cos θ_ji A_j / (π r_ij²)  where i sees j,
 
-E being the irradiance straight from the lamp and S that of bounced light. Both fall with the square
-of the scene's size, so that the share ι = S/E asks for its shape only. A picture divided by 1 + ι is
-one that the model explains: solve it, compute ι again, and so on; two rounds do.
+E being the irradiance straight from the lamp and S that of bounced light:
+
+      drawn back  |  in the picture
+    ======j=======|=======i=========.
+           \      |      / \        |    lamp to i:  E_i
+            `-----|-----'   \       |    j to i:     F_ij a (E_j + S_j), a term of S_i,
+    - - - - - - - lamp ------'- - - |    unless a nearer wall stands between them
+                  |                 |
+    ==============|================='
+
+Both fall with the square of the scene's size, so that the share ι = S/E asks for its shape only. A
+picture divided by 1 + ι is one that the model explains: solve it, compute ι again; two rounds do.
 
 The walls beside and behind the camera are not in the picture, but half of the bounced light comes
 from them: the picture's rim is drawn back along the axis, as a colon goes on as it came. Behind folds,
