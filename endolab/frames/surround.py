@@ -4,17 +4,17 @@ What differs from the corners' colours is the field, but for text and boxes, and
 dark as the surround. So several outlines are tried: the convex hull of what differs, the box and the disc
 around it, and what one, two or three of its four mirror images share, which completes a dark side from the
 other and drops a box over the edge. Across each point of an outline runs a profile of the contrast to the
-surround; at a field's edge it rises within REACH px and little after, while shading goes on rising:
+surround; at a field's edge it rises within RISE px and little after, while shading goes on rising:
 
     contrast           .----------
                       /
     surround ________/   |       |
-               -REACH  0 REACH  2 REACH   px into the field
+               -RISE   0 RISE   2 RISE    px into the field
 
 So of the contrast c(s), s px into the field, a point is at an edge if
 
-    c(-REACH/5) is the surround's,  c(REACH/5) is more,  c(REACH/2) is more by `step`, and
-    c(REACH) - c(-REACH/5) > shading · (c(2 REACH) - c(REACH)).
+    c(-RISE/5) is the surround's,  c(RISE/5) is more,  c(RISE/2) is more by `step`, and
+    c(RISE) - c(-RISE/5) > shading · (c(2 RISE) - c(RISE)).
 
 The outline with most points at an edge counts. If too small a share of its points is, there is no surround.
 """
@@ -50,7 +50,7 @@ class SurroundSearch:
     uneven: int = 10  # grey levels of spread in a corner that is no surround
     # Of the usual contrast, what may be stray light around the field.
     glow: tuple[float, float, float] = (0.0, 0.1, 0.25)
-    step: int = 5  # grey levels that an edge rises in REACH / 2
+    step: int = 5  # grey levels that an edge rises in RISE / 2
     # An edge rises more than so many times what shading adds from there on.
     shading: float = 1.2
     # Of a mask that lies in what may be a surround, from which on it is worth a word.
@@ -64,7 +64,7 @@ class SurroundSearch:
 SURROUND = SurroundSearch()
 
 
-REACH = 10  # px of what is looked at, within which an edge rises
+RISE = 10  # px of what is looked at, within which an edge rises
 
 
 class Field(NamedTuple):
@@ -137,7 +137,7 @@ def _find_field(picture: SingleArray) -> Field | None:
         if any(field.share > SURROUND.sure for field in fields):
             break
     most = max((len(field.edge) for field in fields), default=0)
-    best = [field for field in fields if len(field.edge) > max(0.97 * most, 10 * REACH)]
+    best = [field for field in fields if len(field.edge) > max(0.97 * most, 10 * RISE)]
     return max(best, key=lambda field: int(field.inside.sum()), default=None)
 
 
@@ -226,7 +226,7 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
     radius = 0.0
     centre = [0.0, 0.0]
     for _ in range(4):
-        if len(points) >= 2 * REACH:
+        if len(points) >= 2 * RISE:
             system = np.column_stack(
                 [2 * points, np.ones(len(points))]
             )  # |p|² = 2 c·p + r² - |c|²
@@ -254,13 +254,12 @@ def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) ->
     if not inner.any():
         return Field(outline, points[:0], 0.0, 0.0)
     at = (
-        points[inner, None]
-        + inwards[inner, None] * np.arange(-REACH, 2 * REACH + 1)[:, None]
+        points[inner, None] + inwards[inner, None] * np.arange(-RISE, 2 * RISE + 1)[:, None]
     )
     x, y = np.moveaxis(at.astype(np.float32), -1, 0)
     profiles = np.asarray(cv2.remap(contrast, x, y, cv2.INTER_LINEAR))
     before, after, soon, end, beyond = profiles[
-        :, REACH * np.array([8, 12, 15, 20, 30]) // 10
+        :, RISE * np.array([8, 12, 15, 20, 30]) // 10
     ].T
     starts = (before <= least + 1) & (after > least)
     edge = (
@@ -270,8 +269,8 @@ def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) ->
     )
     if not edge.any():
         return Field(outline, points[:0], 0.0, 0.0)
-    profile = np.median(profiles[edge], axis=0)[REACH:]
-    top = profile[REACH] - max(0.0, profile[2 * REACH] - profile[REACH])  # without shading
+    profile = np.median(profiles[edge], axis=0)[RISE:]
+    top = profile[RISE] - max(0.0, profile[2 * RISE] - profile[RISE])  # without shading
     half = int(
         (profile > (profile[0] + top) / 2).argmax()
     )  # the edge's half height lies just before

@@ -24,7 +24,7 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 
-TRUTH = "truth.json"
+SHEET_TRUTH = "truth.json"
 
 
 def save_sheet_video(
@@ -52,7 +52,7 @@ def save_sheet_video(
     out = Path(folder)
     there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]
     others = {*there}.difference(
-        files_of_report(out, TRUTH), [out / name for name in files]
+        files_of_report(out, SHEET_TRUTH), [out / name for name in files]
     )
     if others:
         raise ValueError(
@@ -74,7 +74,9 @@ def save_sheet_video(
             progress("rendering", len(truth), count)
             yield frame.image
 
-    with stage_folder(folder, overwrite=overwrite, inputs=inputs, report=TRUTH) as staging:
+    with stage_folder(
+        folder, overwrite=overwrite, inputs=inputs, report=SHEET_TRUTH
+    ) as staging:
         if video:
             write_video(staging / files[0], images())
         else:
@@ -87,4 +89,4 @@ def save_sheet_video(
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
         fold = options.get("movement", MOVEMENT).fold
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
-        write_atomically(staging / TRUTH, as_json(facts))
+        write_atomically(staging / SHEET_TRUTH, as_json(facts))

@@ -204,7 +204,7 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
     both = np.stack(np.divmod(both, count))
     steep = _medians(np.concatenate(slopes), line, both.shape[1])
-    across, along = (np.bincount(line, np.concatenate(those)) for those in (rises, slopes))
+    across, along = (np.bincount(line, np.concatenate(parts)) for parts in (rises, slopes))
     steep[np.abs(across) < LINE_SEARCH.across * along] = 0.0
     within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[
         1:-1, 1:-1
@@ -214,10 +214,10 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
         at_rim[both].any(axis=0)
         | _joins_a_limb(both, region, count, log_d0, LINE_SEARCH.limb_width * unit)
     ] = 0.0
-    for by_axis, where, those in zip(
+    for by_axis, where, steep_of_axis in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
     ):
-        by_axis[where] = those
+        by_axis[where] = steep_of_axis
     return steepness
 
 

@@ -242,9 +242,9 @@ class Walls:
         """Return the same walls under a lamp of another spread."""
         points = self.points[self.count :]
         normals = self.normals[self.count :]
-        here = self.points[: self.count]
+        seen_points = self.points[: self.count]
         cos_alpha = np.maximum(
-            here[:, 2] / np.linalg.norm(here, axis=-1), WALL_MODEL.grazing
+            seen_points[:, 2] / np.linalg.norm(seen_points, axis=-1), WALL_MODEL.grazing
         )
         lit = [
             self.lit[: self.count] * cos_alpha ** (k - self.k),
