@@ -378,10 +378,12 @@ tuner = SimpleNamespace(exercise_1=gain_for_gamma, exercise_2=lam_of_a_plane)
 
 
 # 07 ---------------------------------------------------------------------------------------
-@exercise("`walls.exchange @ (a * walls.lit)` has bounced once, `walls.bounced(a)` is all that has bounced.")
+@exercise(
+    "`walls.exchange @ (a * walls.lit)` has bounced once, `walls.bounced_light(a)` is all that has bounced."
+)
 def bounced_once(once, walls):
     for a in (0.1, 0.3, 0.5, 0.75):
-        right = (walls.exchange @ (a * walls.lit)).sum() / walls.bounced(a).sum()
+        right = (walls.exchange @ (a * walls.lit)).sum() / walls.bounced_light(a).sum()
         yield Part(f"share for albedo {a}", once(walls, a), right, 1e-3)
 
 

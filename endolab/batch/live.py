@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from endolab.batch.table import STEP, Row, step_row
-from endolab.frames.frame import Frame, check_size, shrunk_bytes
+from endolab.frames.frame import Frame, check_size, shrink_bytes
 from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
 from endolab.io.video import Stream, as_image, open_stream
@@ -25,7 +25,8 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.scale import check_scale
-from endolab.reconstruction.sequence import SCALES, Step, framed, reconstruct_sequence
+from endolab.reconstruction.sequence import Step, as_frame, reconstruct_sequence
+from endolab.reconstruction.settings import LENGTHS
 
 if TYPE_CHECKING:
     from endolab.workbench.recording.stream import Sink
@@ -66,7 +67,7 @@ def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
 
     def read() -> None:
         end = None
-        pictures = frames.stored() if isinstance(frames, Stream) else frames
+        pictures = frames.raw_frames() if isinstance(frames, Stream) else frames
         try:
             for count, (name, picture) in enumerate(pictures):
                 drop()
@@ -148,11 +149,11 @@ def reconstruct_live(
         np.ones((full.height, full.width), dtype=bool) if mask is None else read_mask(mask)
     )
     check_size("the mask", inside.shape[::-1], full)
-    check_scale(**{name: options.get(name) for name in SCALES})
+    check_scale(**{name: options.get(name) for name in LENGTHS})
     share = np.array([camera.width / full.width, camera.height / full.height])
     options |= {
         name: _move_length(options[name], share)
-        for name in SCALES[1:]
+        for name in LENGTHS[1:]
         if options.get(name) is not None
     }
     named = isinstance(source, int | str | os.PathLike)
@@ -189,10 +190,10 @@ def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Fram
     stored = picture.dtype == np.uint8
     smaller = picture.shape[:2] == inside.shape and size != inside.shape[::-1]
     if stored and smaller and inside.all():
-        return framed(name, shrunk_bytes(picture, *size, gamma)[..., ::-1])
+        return as_frame(name, shrink_bytes(picture, *size, gamma)[..., ::-1])
     image = as_image(picture) if stored else picture
     if picture.shape[:2] != inside.shape:
-        return framed(name, image)
+        return as_frame(name, image)
     frame = Frame(image, inside, name)
     return frame.resize(*size, gamma) if smaller else frame
 

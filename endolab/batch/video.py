@@ -31,12 +31,12 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.sentences import meaning
 from endolab.reconstruction.sequence import (
     Carried,
     Step,
     Surface,
-    framed,
+    as_frame,
     reconstruct_sequence,
 )
 
@@ -136,7 +136,7 @@ def reconstruct_video(
             start = None
             if last is not None:
                 ((_, picture),) = _pictures(frames, [last], inside)
-                start = folder.carried(framed(last, picture), last, calibration)
+                start = folder.carried(as_frame(last, picture), last, calibration)
             pictures = _pictures(frames, names, inside)
             for step in reconstruct_sequence(
                 pictures, calibration, before=start, **options
@@ -252,7 +252,9 @@ class _Folder:
         row = self.rows[name]
         distance = self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
-        return Carried.again(surface, frame, calibration, float(row["torn"]), row["energy"])
+        return Carried.take_up(
+            surface, frame, calibration, float(row["torn"]), row["energy"]
+        )
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; OSError in one sentence, and what was there stays."""
@@ -333,7 +335,7 @@ class _Folder:
                 height,
             ):  # once: its rays take their time
                 camera = camera.resize(width, height)
-            self._record(name, framed(name, picture).image, maps, camera)
+            self._record(name, as_frame(name, picture).image, maps, camera)
 
     def close_recording(self) -> None:
         """Write the recording, if there is something new in it."""

@@ -178,7 +178,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     from endolab.model.endoscope import Calibration
     from endolab.numerics.iteration import Status
     from endolab.reconstruction.light.unknown_light import estimate_light
-    from endolab.reconstruction.sequence import framed
+    from endolab.reconstruction.sequence import as_frame
 
     known = arguments.camera in CALIBRATIONS
     camera = (
@@ -195,7 +195,9 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     if arguments.albedo is not None:
         light["albedo"] = arguments.albedo
     read = (
-        framed(name, picture) for name, picture in frames.read(names) if picture is not None
+        as_frame(name, picture)
+        for name, picture in frames.read(names)
+        if picture is not None
     )
     out = {
         "overwrite": arguments.overwrite,

@@ -243,7 +243,7 @@ def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
             chosen[part.name] = SWITCHES[value] if is_switch else value
     if any(name in chosen for name in LENGTHS):
         keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
-    return SolvingSettings(photometry=light).believed(calibration), keywords | chosen
+    return SolvingSettings(photometry=light).apply(calibration), keywords | chosen
 
 
 # What is told meanwhile -----------------------------------------------------------------

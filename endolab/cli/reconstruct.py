@@ -164,8 +164,8 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     """Sum a result up."""
     import numpy as np
 
-    from endolab.reconstruction.assumptions import notes, of_evidence
-    from endolab.reconstruction.plausible import warnings
+    from endolab.reconstruction.sentences import notes, of_evidence
+    from endolab.reconstruction.warnings import warnings
     from endolab.workbench.reports.result import summarise_uncertainty
 
     nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.frames.surround import SURE, field_of_view
+from endolab.frames.surround import SURROUND, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
@@ -17,17 +17,27 @@ from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import mask_array, readonly_copy, real_array
 from endolab.numerics.side_by_side import by_rows
 
-DARK = 4 / 255  # below this rounding and noise say more than the surface does
-MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
-MISPLACED = 0.05  # of a mask that lies beyond what the endoscope shows, from which on it is no rounded edge
-EDGE = (
-    0.03  # of the shorter side, within which a mask may lie beyond the field all the same
-)
-BRIGHT = 254.5 / 255  # from here on it is saturated
-LEVELS = 64  # of a mask, or of some other drawing, there are fewer
-REMEMBERED = 3  # sizes of a frame
-CONSTANT = 1e-6  # range of stored values
-QUIET = 0.3 / 255  # the noise of rounding to 8 bits
+
+@dataclass(frozen=True)
+class FrameLimits:
+    """What pixels and masks must be to be used; stored values are shares of their maximum."""
+
+    dark: float = 4 / 255  # below this rounding and noise say more than the surface does
+    bright: float = 254.5 / 255  # from here on it is saturated
+    rounding: float = 0.3 / 255  # noise: that of rounding to 8 bits
+    least_range: float = 1e-6  # of stored values; a picture with less is constant
+    # Degrees; beyond, cos^k α is so small that noise divided by it looks near.
+    max_alpha: float = 80.0
+    # Share of a mask beyond what the endoscope shows, from which on it is no rounded
+    # edge.
+    misplaced: float = 0.05
+    # Of the shorter side, within which a mask may lie beyond the field all the same.
+    edge: float = 0.03
+    levels: int = 64  # of a mask, or of some other drawing, there are fewer
+    remembered: int = 3  # sizes of a frame
+
+
+FRAME_LIMITS = FrameLimits()
 
 
 @dataclass(frozen=True)
@@ -116,26 +126,30 @@ class Frame:
         """Rows, px."""
         return self.image.shape[0]
 
-    def seen(self) -> BoolArray:
+    def pixels_to_use(self) -> BoolArray:
         """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only."""
-        return self._seen
+        return self._pixels_to_use
 
     @property
     def misplaced(self) -> float:
-        """Share of a mask that `seen` leaves out, as it surely lies beyond what the endoscope shows."""
-        return 0.0 if self.mask.all() else 1 - float(self._seen.sum() / self.mask.sum())
+        """Share of a mask that is left out, as it surely lies beyond what the endoscope shows."""
+        return (
+            0.0
+            if self.mask.all()
+            else 1 - float(self._pixels_to_use.sum() / self.mask.sum())
+        )
 
     @cached_property
-    def _seen(self) -> BoolArray:
+    def _pixels_to_use(self) -> BoolArray:
         if self.mask.all():
             return frozen(field_of_view(self.image))
-        field = field_of_view(self.image, SURE)
+        field = field_of_view(self.image, SURROUND.sure)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
-        reach = 2 * round(EDGE * min(field.shape)) + 1
+        reach = 2 * round(FRAME_LIMITS.edge * min(field.shape)) + 1
         around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
-        return frozen(seen) if beyond > MISPLACED and seen.any() else self.mask
+        return frozen(seen) if beyond > FRAME_LIMITS.misplaced and seen.any() else self.mask
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".
@@ -165,24 +179,24 @@ class Frame:
         key = (width, height, gamma)
         resized = self._resized  # never changed: other threads read it
         if key not in resized:
-            resized = dict([*resized.items()][1 - REMEMBERED :]) | {
-                key: self._shrunk(width, height, gamma)
+            resized = dict([*resized.items()][1 - FRAME_LIMITS.remembered :]) | {
+                key: self._shrink(width, height, gamma)
             }
             object.__setattr__(self, "_resized", resized)
         return resized[key]
 
-    def _shrunk(self, width: int, height: int, gamma: float) -> Frame:
+    def _shrink(self, width: int, height: int, gamma: float) -> Frame:
         if not (1 <= width <= self.width and 1 <= height <= self.height):
             raise ValueError(
                 f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
             )
 
-        def shrunk(a: FloatArray | BoolArray) -> FloatArray:
+        def shrink(a: FloatArray | BoolArray) -> FloatArray:
             whole = a.astype(np.float64, copy=False)  # of twelve million pixels, 0.3 GB
             resized = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
             return np.asarray(resized, dtype=np.float64)
 
-        share = shrunk(self.mask)
+        share = shrink(self.mask)
         kept = share >= 0.5
         whole = self.mask.all()
         if not kept.any():
@@ -192,13 +206,13 @@ class Frame:
         part = np.where(kept, share, 1.0)
 
         def average_light(channel: FloatArray) -> FloatArray:
-            light = shrunk(
+            light = shrink(
                 power(channel if whole else np.where(self.mask, channel, 0.0), gamma)
             )
             plain = (
                 light
                 if kept.all()
-                else shrunk(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
+                else shrink(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
             )
             return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
 
@@ -206,12 +220,12 @@ class Frame:
         channels = [
             average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)
         ]
-        silent = None if self.silent is None else shrunk(self.silent) > 0
+        silent = None if self.silent is None else shrink(self.silent) > 0
         image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
         return Frame(image, kept, self.name, silent)
 
 
-def shrunk_bytes(
+def shrink_bytes(
     stored: NDArray[np.uint8], width: int, height: int, gamma: float
 ) -> FloatArray:
     """What `Frame.resize` makes of a picture of bytes without a mask, in the time between a camera's frames.
@@ -232,7 +246,7 @@ def check_size(
         raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {expected}")
 
 
-def usable(
+def usable_pixels(
     image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame"
 ) -> BoolArray:
     """Pixels of a channel (stored values) from which a distance can be had.
@@ -241,20 +255,20 @@ def usable(
     axis or as good as black (below 4 of 255). ValueError that names the frame, if none is left, or if what
     is left is constant or all saturated.
     """
-    field = mask & (cos_alpha > np.cos(np.deg2rad(MAX_ALPHA)))
+    field = mask & (cos_alpha > np.cos(np.deg2rad(FRAME_LIMITS.max_alpha)))
     if not field.any():
         raise ValueError(
             f"{name}: the mask and the camera's field of view have no pixel in common"
         )
-    bright = field & (image > DARK)
+    bright = field & (image > FRAME_LIMITS.dark)
     if not bright.any():
         raise ValueError(
             f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "
             "it may use fewer bits than the file, such as 10 of 16"
         )
-    if np.all(image[bright] >= BRIGHT):
+    if np.all(image[bright] >= FRAME_LIMITS.bright):
         raise ValueError(f"{name}: the picture is fully saturated")
-    if np.ptp(image[bright]) < CONSTANT:  # shrinking rounds
+    if np.ptp(image[bright]) < FRAME_LIMITS.least_range:  # shrinking rounds
         raise ValueError(
             f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere"
         )
@@ -297,7 +311,10 @@ def looks_like_depth(image: FloatArray) -> bool:
     if image.ndim == 3:
         return False
     noise = noise_level(image, image > 0)
-    return 0 < noise < QUIET / 3 and len(np.unique(image)) > LEVELS
+    return (
+        0 < noise < FRAME_LIMITS.rounding / 3
+        and len(np.unique(image)) > FRAME_LIMITS.levels
+    )
 
 
 def smooth_light(
@@ -320,12 +337,12 @@ def smooth_light(
     )
     out = np.empty(image.shape)
 
-    def stored(rows: slice) -> None:
+    def store(rows: slice) -> None:
         inside = mask[rows]
         mean = np.maximum(light[rows] / np.where(inside, share[rows], 1.0), 0.0)
         out[rows] = np.where(inside, mean ** (1 / gamma), image[rows])
 
-    by_rows(stored, mask.shape)
+    by_rows(store, mask.shape)
     return out
 
 

@@ -8,45 +8,54 @@ lies at the end of a slope or has the tissue's colour, and what lies between ves
 no paler than the tissue elsewhere.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 import scipy
 
-from endolab.frames.frame import QUIET, noise_level, power
+from endolab.frames.frame import FRAME_LIMITS, noise_level, power
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-# Sizes are shares of the longer side of what is shown, amounts are mirrored light over the tissue's.
-# half the width of highlights: most, and the largest
-SMALL = 1 / 100
-LARGE = 1 / 30
-AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
-COARSE = 80  # pixels across what the endoscope shows, at which that colour is sought
-COLOUR_STEPS = 200  # of a colour over red, in one
-SKIRT_WIDTH = 1 / 320  # a highlight's faint rim
-# where a small highlight begins and ends
-SEED = 0.3
-SKIRT = 0.12
-# the same of large ones, as folds bulge at that scale
-LARGE_SEED = 1.5
-LARGE_SKIRT = 0.75
-GREY = 2.5  # without colour there is but half the evidence, so seeds must be brighter by this factor
-# of seeds and skirts, in standard deviations of the noise
-SURE = 4.0
-LIKELY = 2.0
-STEEPEST = (
-    0.7  # change of log light over twice a highlight's width that still counts as a slope
-)
-COLOURLESS = 0.8  # green or blue over red, from which on tissue can't be told from lamps
-STRAY = 0.02  # linear light that scatters into every pixel: in the dark, ratios say little
-ROUNDING = 0.5 / 255
-HIGHLIGHTS = (
-    "keep",
-    "ignore",
-    "inpaint",
-)  # as they are, as no evidence, filled in from around
+
+@dataclass(frozen=True)
+class HighlightSearch:
+    """What a highlight looks like.
+
+    Sizes are shares of the longer side of what is shown, amounts are mirrored light over the tissue's.
+    """
+
+    small: float = 1 / 100  # half the width of most highlights
+    large: float = 1 / 30  # half the width of the largest
+    # Half the neighbourhood whose palest quarter is the tissue's colour.
+    around: float = 1 / 8
+    # Pixels across what the endoscope shows, at which that colour is sought.
+    coarse: int = 80
+    colour_steps: int = 200  # of a colour over red, in one
+    skirt_width: float = 1 / 320  # a highlight's faint rim
+    seed: float = 0.3  # where a small highlight begins
+    skirt: float = 0.12  # where it ends
+    large_seed: float = 1.5  # the same of large ones, as folds bulge at that scale
+    large_skirt: float = 0.75
+    # Seeds must be brighter by this factor without colour, which is half the evidence.
+    grey: float = 2.5
+    sure: float = 4.0  # of seeds, standard deviations of the noise
+    likely: float = 2.0  # of skirts, likewise
+    # Change of log light over twice a highlight's width that still counts as a slope.
+    steepest: float = 0.7
+    # Green or blue over red, from which on tissue can't be told from lamps.
+    colourless: float = 0.8
+    # Linear light that scatters into every pixel: in the dark, ratios say little.
+    stray: float = 0.02
+
+
+HIGHLIGHT_SEARCH = HighlightSearch()
+
+
+# What is done with them: as they are, as no evidence, filled in from around.
+HIGHLIGHTS = ("keep", "ignore", "inpaint")
 
 
 def _odd(size: float) -> int:
@@ -89,19 +98,19 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     from skimage.filters import rank
 
     high, across = light.shape[:2]
-    step = max(1.0, wide / COARSE)
+    step = max(1.0, wide / HIGHLIGHT_SEARCH.coarse)
     size = (max(1, round(across / step)), max(1, round(high / step)))
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
-    width = _odd(AROUND * wide / step)
+    width = _odd(HIGHLIGHT_SEARCH.around * wide / step)
     window = np.ones((width, width), np.uint8)
     reach = width // 2
-    levels = np.clip(COLOUR_STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
+    levels = np.clip(HIGHLIGHT_SEARCH.colour_steps * ratio + 0.5, 0, 255).astype(np.uint8)
     framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
     pale = np.stack(
         [rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)], axis=-1
     )
-    pale = pale[reach:-reach, reach:-reach] / COLOUR_STEPS
+    pale = pale[reach:-reach, reach:-reach] / HIGHLIGHT_SEARCH.colour_steps
     return np.asarray(
         cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64
     )
@@ -124,22 +133,27 @@ def _white_part(
     return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
 
 
-def _led_to(tissue: FloatArray, step: int) -> FloatArray:
+def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
     log_tissue = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
     edge, (rows, columns) = 2 * step, log_tissue.shape
     padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
 
-    def moved(reach: int, turn: float) -> Any:
+    def window_at(reach: int, turn: float) -> Any:
         down = edge + round(reach * np.sin(turn))
         across = edge + round(reach * np.cos(turn))
         return padded[down : down + rows, across : across + columns]
 
     for turn in np.arange(8) * np.pi / 4:
-        ahead = moved(step, turn)
-        beside = moved(edge, turn)
+        ahead = window_at(step, turn)
+        beside = window_at(edge, turn)
         np.maximum(
-            log_tissue, ahead + np.clip(ahead - beside, -STEEPEST, STEEPEST), out=log_tissue
+            log_tissue,
+            ahead
+            + np.clip(
+                ahead - beside, -HIGHLIGHT_SEARCH.steepest, HIGHLIGHT_SEARCH.steepest
+            ),
+            out=log_tissue,
         )
     return np.exp(log_tissue.astype(np.float64))
 
@@ -149,7 +163,7 @@ def dilate(region: BoolArray, reach: float) -> BoolArray:
     return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
 
 
-def _holding(seed: BoolArray, skirt: BoolArray) -> BoolArray:
+def _parts_with_seed(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     """Return the connected parts of the skirt that hold a seed."""
     return scipy.ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
 
@@ -184,14 +198,17 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     filled = extend(np.clip(np.nan_to_num(image), 0, 1), mask)
     light = power(filled, gamma)
     calm = cv2.medianBlur(light.astype(np.float32), 3)
-    noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
+    noise = max(
+        noise_level(filled if filled.ndim == 2 else filled[..., 1], mask),
+        FRAME_LIMITS.rounding,
+    )
     spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
     white = np.full(mask.shape, np.inf)
     doubt = np.ones(mask.shape)
     coloured = False
     if image.ndim == 3:
         colour = _palest_colour(calm.astype(np.float64), wide)
-        coloured = np.median(colour.min(axis=-1)[mask]) < COLOURLESS
+        coloured = np.median(colour.min(axis=-1)[mask]) < HIGHLIGHT_SEARCH.colourless
         if coloured:
             white, doubt = _white_part(light, colour, spread)
         # Blue and green differ most between lamp and tissue; red may be saturated.
@@ -200,23 +217,30 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
 
     def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
         excess = light - base
-        much = np.minimum(excess, white) > over * (base + STRAY)
+        much = np.minimum(excess, white) > over * (base + HIGHLIGHT_SEARCH.stray)
         return mask & much & (np.minimum(excess / spread, white / doubt) > sigmas)
 
     mirrored = np.zeros(mask.shape, dtype=bool)
-    demand = 1.0 if coloured else GREY
-    for reach, seed, skirt in ((SMALL, SEED, SKIRT), (LARGE, LARGE_SEED, LARGE_SKIRT)):
+    demand = 1.0 if coloured else HIGHLIGHT_SEARCH.grey
+    for reach, seed, skirt in (
+        (HIGHLIGHT_SEARCH.small, HIGHLIGHT_SEARCH.seed, HIGHLIGHT_SEARCH.skirt),
+        (HIGHLIGHT_SEARCH.large, HIGHLIGHT_SEARCH.large_seed, HIGHLIGHT_SEARCH.large_skirt),
+    ):
         lowest = cv2.morphologyEx(
             calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8)
         )
         lowest = cv2.GaussianBlur(lowest, (0, 0), max(0.25 * reach * wide, 0.5))
         opened = np.asarray(lowest, dtype=np.float64)
-        base = _led_to(opened, 2 * max(1, round(reach * wide)))
-        certain = evidence(base, demand * seed, SURE)
-        mirrored |= _holding(certain, evidence(base, demand * skirt, LIKELY))
-        if reach == SMALL:
-            around = dilate(certain, SKIRT_WIDTH * wide)
-            mirrored |= _holding(certain, around & evidence(opened, demand * skirt, LIKELY))
+        base = _extrapolate(opened, 2 * max(1, round(reach * wide)))
+        certain = evidence(base, demand * seed, HIGHLIGHT_SEARCH.sure)
+        mirrored |= _parts_with_seed(
+            certain, evidence(base, demand * skirt, HIGHLIGHT_SEARCH.likely)
+        )
+        if reach == HIGHLIGHT_SEARCH.small:
+            around = dilate(certain, HIGHLIGHT_SEARCH.skirt_width * wide)
+            mirrored |= _parts_with_seed(
+                certain, around & evidence(opened, demand * skirt, HIGHLIGHT_SEARCH.likely)
+            )
     # Small holes are the highlights' own tops, where even white is clipped.
     closed = (
         cv2.morphologyEx(
@@ -250,7 +274,7 @@ def inpaint(
     if not known.any():
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
     log = np.log(
-        np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), ROUNDING)
+        np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), 0.5 / 255)
     )
     number = np.arange(holes.size).reshape(holes.shape)
     shown = shown.ravel()

@@ -6,14 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from endolab.frames.frame import (
-    DARK,
-    MAX_ALPHA,
-    Frame,
-    check_size,
-    large_parts,
-    noise_level,
-)
+from endolab.frames.frame import FRAME_LIMITS, Frame, check_size, large_parts, noise_level
 from endolab.frames.highlights import (
     check_highlights,
     dilate,
@@ -24,19 +17,25 @@ from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-LEAST_SIGNAL = (
-    5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
-)
-COMBED = 0.05  # combing from which on a frame is taken for interlaced
-HALO = (
-    2 / 320
-)  # of the longer side: colour fringes around highlights, which inpainting must not spread
-# of text: least value, most colour, contrast
-PAPER_WHITE = 0.6
-PALE = 0.08
-STANDS_OUT = 0.2
-APART = 32 / 255  # of signs in the surround, their contrast to it
-LETTERS = 4  # as many of one height and colour in a row make a text
+
+@dataclass(frozen=True)
+class PreparationLimits:
+    """What in a real frame is no tissue."""
+
+    # Signal over noise below which noise alone moves a distance by γ/10, about a fifth.
+    least_signal: float = 5.0
+    combed: float = 0.05  # combing from which on a frame is taken for interlaced
+    # Of the longer side: colour fringes around highlights, which inpainting must not
+    # spread.
+    halo: float = 2 / 320
+    paper_white: float = 0.6  # least value of text
+    pale: float = 0.08  # most colour of text
+    stands_out: float = 0.2  # contrast of text
+    apart: float = 32 / 255  # of signs in the surround, their contrast to it
+    letters: int = 4  # as many of one height and colour in a row make a text
+
+
+PREPARATION = PreparationLimits()
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
     distance is there uncertain by γ/10 from noise alone. Specks are left alone.
     """
     green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
-    limit = max(DARK, LEAST_SIGNAL * noise_level(green, mask))
+    limit = max(FRAME_LIMITS.dark, PREPARATION.least_signal * noise_level(green, mask))
     share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
     calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(
         mask, share, 1.0
@@ -105,7 +104,7 @@ def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list
                 break
         else:
             rows.append([index])
-    return [row for row in rows if len(row) >= LETTERS]
+    return [row for row in rows if len(row) >= PREPARATION.letters]
 
 
 def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
@@ -118,12 +117,16 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     shade = np.nan_to_num(_brightest(image))
     apart = ~dilate(mask, 4)
     if apart.any():
-        apart &= np.abs(shade - np.median(shade[apart])) > APART
+        apart &= np.abs(shade - np.median(shade[apart])) > PREPARATION.apart
     text = dilate(apart, 1) & ~mask if apart.any() else apart
     pale = image if image.ndim == 2 else np.nan_to_num(image).min(axis=-1)
     reach = 2 * max(4, max(image.shape[:2]) // 60) + 1
     stroke = cv2.morphologyEx(pale, cv2.MORPH_OPEN, np.ones((reach, reach), np.uint8))
-    marks = (pale > PAPER_WHITE) & (shade - pale < PALE) & (pale - stroke > STANDS_OUT)
+    marks = (
+        (pale > PREPARATION.paper_white)
+        & (shade - pale < PREPARATION.pale)
+        & (pale - stroke > PREPARATION.stands_out)
+    )
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
         marks.astype(np.uint8), connectivity=8
     )
@@ -149,7 +152,7 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     return text
 
 
-def interlaced(image: FloatArray, mask: BoolArray) -> bool:
+def is_interlaced(image: FloatArray, mask: BoolArray) -> bool:
     """Tell whether a frame is made of two fields that show a moving scene, as its odd and even rows differ.
 
     By the share of the picture in which neighbouring rows of green differ more than every second, less the
@@ -165,7 +168,7 @@ def interlaced(image: FloatArray, mask: BoolArray) -> bool:
         of_rows = cv2.blur((rows[1:-1] - rows[:-2]) ** 2, (15, 15))
         two = cv2.blur((rows[2:] - rows[:-2]) ** 2, (15, 15))
         shares.append(float((of_rows > 1.2 * two + (1 / 255) ** 2)[known[1:-1]].mean()))
-    return shares[0] - shares[1] >= COMBED
+    return shares[0] - shares[1] >= PREPARATION.combed
 
 
 def deinterlace(image: FloatArray) -> FloatArray:
@@ -177,7 +180,7 @@ def deinterlace(image: FloatArray) -> FloatArray:
     return image
 
 
-def undistorted(
+def undistort_frame(
     frame: Frame, camera: Camera, fov: float = 90.0, *, crop: bool = False
 ) -> tuple[Frame, Pinhole]:
     """Show a frame as a pinhole camera in its place would; returns the new frame and its camera.
@@ -201,17 +204,17 @@ def undistorted(
     )
     maps = columns.astype(np.float32), rows.astype(np.float32)
 
-    def seen(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
+    def remap(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
         remapped = cv2.remap(
             a.astype(np.float64), *maps, cv2.INTER_LINEAR, borderMode=border
         )
         return np.asarray(remapped, dtype=np.float64)
 
-    image = np.clip(seen(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
-    mask = seen(frame.mask) > 0.999
+    image = np.clip(remap(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
+    mask = remap(frame.mask) > 0.999
     if not mask.any():
         raise ValueError(f"{frame.name}: the pinhole camera sees none of the frame's mask")
-    silent = None if frame.silent is None else seen(frame.silent) > 0
+    silent = None if frame.silent is None else remap(frame.silent) > 0
     if not crop:
         return Frame(image, mask, frame.name, silent), new
     left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
@@ -230,7 +233,9 @@ def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
     """
     photometry = calibration.photometry.simplify()
     cosine = calibration.camera.field.cos_alpha
-    seen = frame.mask & (np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
+    seen = frame.mask & (
+        np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(FRAME_LIMITS.max_alpha))
+    )
     if not seen.any():
         raise ValueError(
             f"{frame.name}: the mask and the camera's field of view have no pixel in common"
@@ -292,14 +297,14 @@ def prepare(
     check_size(frame.name, (frame.width, frame.height), camera)
     notes = []
     image = np.nan_to_num(frame.image)
-    field = frame.seen()
+    field = frame.pixels_to_use()
     if not field.any():
         raise ValueError(f"{frame.name}: the frame shows nothing but black")
     notes.append(f"The endoscope shows {100 * field.mean():.0f} % of the picture.")
     if frame.misplaced:
         beyond = f"{100 * frame.misplaced:.0f} % of the mask"
         notes.append(f"{beyond} lies beyond what the endoscope shows, and is left out.")
-    fields = interlaced(image, field)
+    fields = is_interlaced(image, field)
     if fields:
         image = deinterlace(image)
         notes.append(
@@ -332,14 +337,16 @@ def prepare(
     inpainted = highlights == "inpaint" and bool(mirrored.any())
     if inpainted:
         image = inpaint(
-            image, dilate(mirrored, HALO * max(frame.width, frame.height)) & tissue, tissue
+            image,
+            dilate(mirrored, PREPARATION.halo * max(frame.width, frame.height)) & tissue,
+            tissue,
         )
     silent = frame.silent
     if highlights == "ignore" and mirrored.any():
         silent = mirrored if silent is None else silent | mirrored
     ready = Frame(image, mask, frame.name, silent)
     if undistort:
-        ready, camera = undistorted(ready, camera)
+        ready, camera = undistort_frame(ready, camera)
         notes.append(
             f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across."
         )

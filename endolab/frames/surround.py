@@ -4,17 +4,23 @@ What differs from the corners' colours is the field, but for text and boxes, and
 dark as the surround. So several outlines are tried: the convex hull of what differs, the box and the disc
 around it, and what one, two or three of its four mirror images share, which completes a dark side from the
 other and drops a box over the edge. Across each point of an outline runs a profile of the contrast to the
-surround; at a field's edge it rises within REACH px and little after, while shading goes on rising:
+surround; at a field's edge it rises within RISE px and little after, while shading goes on rising:
 
     contrast           .----------
                       /
     surround ________/   |       |
-               -REACH  0 REACH  2 REACH   px into the field
+               -RISE   0 RISE   2 RISE    px into the field
+
+So of the contrast c(s), s px into the field, a point is at an edge if
+
+    c(-RISE/5) is the surround's,  c(RISE/5) is more,  c(RISE/2) is more by `step`, and
+    c(RISE) - c(-RISE/5) > shading · (c(2 RISE) - c(RISE)).
 
 The outline with most points at an edge counts. If too small a share of its points is, there is no surround.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -22,27 +28,43 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, SingleArray
 
-SIDE = 480  # px of the longer side, of what is looked at
-REACH = 10  # px of what is looked at, within which an edge rises
-MARGIN = 2  # px of the picture that are left out along an edge at least, since lenses and codecs blur it
-CORNER = (
-    0.03  # of the shorter side, the legs of the triangle in a corner that tells a colour
-)
-STUB = 0.15  # of the shorter side, the width of what is no part of a field, such as text
-SMALL = 0.1  # of the picture, below which nothing is a field
-ROUNDING = 3.0  # grey levels from the surround's colour that tell nothing
-BLACK = 8  # grey levels; a single corner as dark as this may be of a surround
-UNEVEN = 10  # grey levels of spread in a corner that is no surround
-GLOW = 0.0, 0.1, 0.25  # of the usual contrast, what may be stray light around the field
-STEP = 5  # grey levels that an edge rises in REACH / 2
-SHADING = 1.2  # an edge rises more than so many times what shading adds from there on
-NAMED = (
-    0.02  # of a mask that lies in what may be a surround, from which on it is worth a word
-)
-# of an outline that is at an edge, if it is a field's
-POSSIBLE = 0.52
-LIKELY = 0.55
-SURE = 0.8
+
+@dataclass(frozen=True)
+class SurroundSearch:
+    """What a surround and the edge of a field look like.
+
+    Grey levels are of 255; px are of what is looked at, `side` px along its longer side.
+    """
+
+    side: int = 480  # px of the longer side, of what is looked at
+    # px of the picture that are left out along an edge at least, since lenses and codecs
+    # blur it.
+    margin: int = 2
+    # Of the shorter side, the legs of the triangle in a corner that tells a colour.
+    corner: float = 0.03
+    # Of the shorter side, the width of what is no part of a field, such as text.
+    stub: float = 0.15
+    small: float = 0.1  # of the picture, below which nothing is a field
+    rounding: float = 3.0  # grey levels from the surround's colour that tell nothing
+    black: int = 8  # grey levels; a single corner as dark as this may be of a surround
+    uneven: int = 10  # grey levels of spread in a corner that is no surround
+    # Of the usual contrast, what may be stray light around the field.
+    glow: tuple[float, float, float] = (0.0, 0.1, 0.25)
+    step: int = 5  # grey levels that an edge rises in RISE / 2
+    # An edge rises more than so many times what shading adds from there on.
+    shading: float = 1.2
+    # Of a mask that lies in what may be a surround, from which on it is worth a word.
+    named: float = 0.02
+    # Share of an outline that is at an edge, if it is a field's.
+    possible: float = 0.52
+    likely: float = 0.55
+    sure: float = 0.8
+
+
+SURROUND = SurroundSearch()
+
+
+RISE = 10  # px of what is looked at, within which an edge rises
 
 
 class Field(NamedTuple):
@@ -54,7 +76,7 @@ class Field(NamedTuple):
     width: float  # of the edge within the outline, px
 
 
-def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
+def field_of_view(image: FloatArray, least: float = SURROUND.likely) -> BoolArray:
     """Find what an endoscope shows: all but the flat surround that fills corners of the picture.
 
     `image` is (H, W) or (H, W, 3), in [0, 1]; colours tell more. The surround may be of any colour, with
@@ -63,25 +85,25 @@ def field_of_view(image: FloatArray, least: float = LIKELY) -> BoolArray:
     pixels at least.
     """
     high, wide = image.shape[:2]
-    scale = max(high, wide) / SIDE
-    field = _find_field(_scaled(image))
+    scale = max(high, wide) / SURROUND.side
+    field = _find_field(_scale_down(image))
     if field is None or field.share < least:
         return np.ones((high, wide), dtype=bool)
     inside = cv2.distanceTransform(
         field.inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
     depth = cv2.resize(inside - field.width, (wide, high), interpolation=cv2.INTER_LINEAR)
-    shown = depth * scale > MARGIN
+    shown = depth * scale > SURROUND.margin
     box = np.ix_(shown.any(axis=1), shown.any(axis=0))
     if shown[box].all():  # bars, which may frame a surround of another colour
-        shown[box] = field_of_view(image[box], SURE)
+        shown[box] = field_of_view(image[box], SURROUND.sure)
     return shown
 
 
 def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     """Whether a mask keeps what may be a surround."""
-    field = _find_field(_scaled(image))
-    if field is None or field.share < POSSIBLE:
+    field = _find_field(_scale_down(image))
+    if field is None or field.share < SURROUND.possible:
         return False
     inside = (
         cv2.resize(
@@ -89,13 +111,15 @@ def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
         )
         > 0
     )
-    return bool((mask & ~inside).sum() > NAMED * mask.sum())
+    return bool((mask & ~inside).sum() > SURROUND.named * mask.sum())
 
 
-def _scaled(image: FloatArray) -> SingleArray:
-    """Return a picture (h, w, channels) of SIDE px, grey levels; a median takes noise and keeps edges."""
+def _scale_down(image: FloatArray) -> SingleArray:
+    """Return a picture (h, w, channels) of `side` px, grey levels; a median takes noise and keeps edges."""
     high, wide = image.shape[:2]
-    size = [max(1, round(length * SIDE / max(high, wide))) for length in (wide, high)]
+    size = [
+        max(1, round(length * SURROUND.side / max(high, wide))) for length in (wide, high)
+    ]
     scaled = cv2.resize(
         cv2.convertScaleAbs(image, alpha=255), size, interpolation=cv2.INTER_AREA
     )
@@ -107,20 +131,20 @@ def _find_field(picture: SingleArray) -> Field | None:
     contrast = _contrast(picture)
     differs = contrast[contrast > 0]
     fields: list[Field] = []
-    for glow in GLOW:
+    for glow in SURROUND.glow:
         least = glow * float(np.median(differs)) if differs.size else 0.0
-        fields += _fields(contrast, least)
-        if any(field.share > SURE for field in fields):
+        fields += _try_outlines(contrast, least)
+        if any(field.share > SURROUND.sure for field in fields):
             break
     most = max((len(field.edge) for field in fields), default=0)
-    best = [field for field in fields if len(field.edge) > max(0.97 * most, 10 * REACH)]
+    best = [field for field in fields if len(field.edge) > max(0.97 * most, 10 * RISE)]
     return max(best, key=lambda field: int(field.inside.sum()), default=None)
 
 
 def _contrast(picture: SingleArray) -> SingleArray:
     """Return the contrast (h, w) to the flat colours of two corners, or black; 0 within their noise."""
     shorter = min(picture.shape[:2])
-    legs = max(4, round(CORNER * shorter))
+    legs = max(4, round(SURROUND.corner * shorter))
     contrast = np.full(picture.shape[:2], 255, np.float32)
     if shorter < 2 * legs:
         return contrast
@@ -132,13 +156,13 @@ def _contrast(picture: SingleArray) -> SingleArray:
     ]
     colours = np.median(corners, axis=1)
     spread = np.percentile(np.abs(corners - colours[:, None]).max(axis=-1), 90, axis=1)
-    noise = ROUNDING + 2 * spread
-    even = spread <= UNEVEN
+    noise = SURROUND.rounding + 2 * spread
+    even = spread <= SURROUND.uneven
     apart = np.abs(colours[:, None] - colours).max(axis=-1)
     alike = even & (apart <= np.maximum(noise[:, None], noise))
     for corner in np.flatnonzero(even):
         first = alike[corner].argmax() == corner
-        if first and (alike[corner].sum() > 1 or colours[corner].max() <= BLACK):
+        if first and (alike[corner].sum() > 1 or colours[corner].max() <= SURROUND.black):
             planes = np.abs(
                 np.moveaxis(picture, -1, 0)
                 - colours[corner, :, None, None].astype(np.float32)
@@ -149,16 +173,16 @@ def _contrast(picture: SingleArray) -> SingleArray:
     return contrast
 
 
-def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
+def _try_outlines(contrast: SingleArray, least: float) -> Iterator[Field]:
     """Yield what may be the field in a surround that has no more contrast than `least`."""
     hull = _hull(contrast > least)
     if (
-        hull.sum() < SMALL * hull.size
+        hull.sum() < SURROUND.small * hull.size
         or hull.all()
         or not hull[hull.shape[0] // 2, hull.shape[1] // 2]
     ):
         return
-    first = _field(hull, contrast, least)
+    first = _measure_outline(hull, contrast, least)
     yield first
     outlines = [_disc(first.edge, hull.shape)]
     box = np.ix_(hull.any(axis=1), hull.any(axis=0))
@@ -170,7 +194,9 @@ def _fields(contrast: SingleArray, least: float) -> Iterator[Field]:
             outline[window] = images >= share
             outlines.append(outline)
     yield from (
-        _field(outline, contrast, least) for outline in outlines if not outline.all()
+        _measure_outline(outline, contrast, least)
+        for outline in outlines
+        if not outline.all()
     )
 
 
@@ -178,7 +204,7 @@ def _hull(differs: BoolArray) -> BoolArray:
     """Return the convex hull of a region that is surrounded, without text and other narrow parts."""
     region = np.pad((~differs).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(region, None, (0, 0), 2)
-    square = np.ones((2 * round(STUB / 2 * min(differs.shape)) + 1,) * 2, np.uint8)
+    square = np.ones((2 * round(SURROUND.stub / 2 * min(differs.shape)) + 1,) * 2, np.uint8)
     body = cv2.morphologyEx((region != 2).astype(np.uint8), cv2.MORPH_OPEN, square)[
         1:-1, 1:-1
     ]
@@ -200,7 +226,7 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
     radius = 0.0
     centre = [0.0, 0.0]
     for _ in range(4):
-        if len(points) >= 2 * REACH:
+        if len(points) >= 2 * RISE:
             system = np.column_stack(
                 [2 * points, np.ones(len(points))]
             )  # |p|² = 2 c·p + r² - |c|²
@@ -212,7 +238,7 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
     return np.asarray(np.hypot(row - centre[1], column - centre[0]) <= radius + 0.3)
 
 
-def _field(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
+def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
     """Return how much of an outline is at an edge."""
     contours = cv2.findContours(
         outline.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
@@ -228,20 +254,23 @@ def _field(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
     if not inner.any():
         return Field(outline, points[:0], 0.0, 0.0)
     at = (
-        points[inner, None]
-        + inwards[inner, None] * np.arange(-REACH, 2 * REACH + 1)[:, None]
+        points[inner, None] + inwards[inner, None] * np.arange(-RISE, 2 * RISE + 1)[:, None]
     )
     x, y = np.moveaxis(at.astype(np.float32), -1, 0)
     profiles = np.asarray(cv2.remap(contrast, x, y, cv2.INTER_LINEAR))
     before, after, soon, end, beyond = profiles[
-        :, REACH * np.array([8, 12, 15, 20, 30]) // 10
+        :, RISE * np.array([8, 12, 15, 20, 30]) // 10
     ].T
     starts = (before <= least + 1) & (after > least)
-    edge = starts & (soon > least + STEP) & (end - before > SHADING * (beyond - end))
+    edge = (
+        starts
+        & (soon > least + SURROUND.step)
+        & (end - before > SURROUND.shading * (beyond - end))
+    )
     if not edge.any():
         return Field(outline, points[:0], 0.0, 0.0)
-    profile = np.median(profiles[edge], axis=0)[REACH:]
-    top = profile[REACH] - max(0.0, profile[2 * REACH] - profile[REACH])  # without shading
+    profile = np.median(profiles[edge], axis=0)[RISE:]
+    top = profile[RISE] - max(0.0, profile[2 * RISE] - profile[RISE])  # without shading
     half = int(
         (profile > (profile[0] + top) / 2).argmax()
     )  # the edge's half height lies just before

@@ -13,8 +13,7 @@ from typing import Any
 
 PathLike = str | os.PathLike[str]
 REPORT = "report.json"  # by which a folder of results is known: a JSON object with the key "endolab"
-LISTED = "files"  # key of a report: names in its folder, which go when another report takes its place
-MOST_JSON = 10_000_000  # bytes; a calibration with its evidence has some kB
+FILES_KEY = "files"  # key of a report: names in its folder, which go when another report takes its place
 ASK = "or replace it with overwrite=True"  # the command line says --overwrite
 _TEMPORARY = ".endolab-"  # how the names of what is on its way begin
 
@@ -107,7 +106,7 @@ def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
 
 def files_of_report(folder: Path, report: str = REPORT) -> list[Path]:
     """Find the files that an earlier run wrote into a folder, by its report; all others are the user's."""
-    names = _own_report(folder, report).get(LISTED)
+    names = _own_report(folder, report).get(FILES_KEY)
     files: list[Path] = []
     if isinstance(names, list):
         for path in folder.iterdir():
@@ -177,7 +176,7 @@ def _move_in(
     for path in files:
         if path.name == report:
             content = json.loads(path.read_bytes())
-            content.setdefault(LISTED, [path.name for path in files])
+            content.setdefault(FILES_KEY, [path.name for path in files])
             path.write_bytes(as_json(content))
         _sync(path)
     read = {Path(path).resolve() for path in inputs if path is not None}
@@ -274,7 +273,8 @@ def as_json(content: dict[str, Any]) -> bytes:
 
 def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
-    content = read_bytes(path, what, MOST_JSON)
+    most = 10_000_000  # bytes; a calibration with its evidence has some kB
+    content = read_bytes(path, what, most)
     try:
         return json.loads(
             content.decode(json.detect_encoding(content))

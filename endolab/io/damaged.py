@@ -9,18 +9,13 @@ import numpy as np
 
 PNG = b"\x89PNG\r\n\x1a\n"
 JPEG = b"\xff\xd8"
-NEEDED = re.compile(
+NEEDED_CHUNKS = re.compile(
     b"IHDR|PLTE|tRNS|IDAT|IEND"
 )  # chunks of a PNG, without which it shows something else
-LAST = b"IEND\xaeB`\x82"  # and its checksum
-CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG, by its colour type
 ENOUGH = 0.8  # of the rows
-MOST_BYTES = 2**31  # of a picture's rows
 # of a JPEG: before its pixels, and after them
 SCAN = b"\xff\xda"
 END = b"\xff\xd9"
-LAST_SCAN = rb"(?s)\x00\x08\x01\x01..\x3f[\x00\x10]"  # how that of a progressive JPEG begins, the finest grey
-FILLED = b"\x55" * 64  # enough to be seen in place of what is cut off
 
 
 def mend(content: bytes) -> tuple[bytes, int, int]:
@@ -45,12 +40,12 @@ def _chunks(content: bytes) -> dict[bytes, bytearray]:
         name = content[at : at + 4]
         end = at + 4 + int.from_bytes(content[at - 4 : at])
         is_whole = zlib.crc32(content[at:end]) == int.from_bytes(content[end : end + 4])
-        if NEEDED.fullmatch(name):
+        if NEEDED_CHUNKS.fullmatch(name):
             if not is_whole and end + 4 <= len(content):
                 raise ValueError
             chunks.setdefault(name, bytearray()).extend(content[at + 4 : end])
         elif not is_whole:  # its length may be wrong, too
-            found = NEEDED.search(content, at)
+            found = NEEDED_CHUNKS.search(content, at)
             end = found.start() - 8 if found else len(content)
         at = end + 8
     return chunks
@@ -68,8 +63,9 @@ def _as_png(chunks: dict[bytes, bytearray]) -> bytes:
 def _mend_png(content: bytes) -> tuple[bytes, int, int]:
     chunks = _chunks(content)
     columns, rows, bits, kind, interlaced = struct.unpack(">IIBBxxB", chunks[b"IHDR"])
-    stride = 1 + (columns * bits * CHANNELS[kind] + 7) // 8  # bytes of a row
-    if rows * stride > MOST_BYTES:
+    channels = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[kind]  # by its colour type
+    stride = 1 + (columns * bits * channels + 7) // 8  # bytes of a row
+    if rows * stride > 2**31:
         raise ValueError
     unpacking = zlib.decompressobj()
     raw = unpacking.decompress(chunks[b"IDAT"], 2 * rows * stride)  # a bomb has more
@@ -88,19 +84,22 @@ def _mend_jpeg(content: bytes) -> tuple[bytes, int, int]:
     from PIL import Image
 
     content = content.rstrip(b"\xff")  # half a marker
-    files = (io.BytesIO(content + filled + END) for filled in (b"", FILLED))
-    one, other = (Image.open(file, formats=["JPEG"]) for file in files)
+    something = b"\x55" * 64  # enough to be seen in place of what is cut off
+    files = (io.BytesIO(content + filled + END) for filled in (b"", something))
+    first, second = (Image.open(file, formats=["JPEG"]) for file in files)
     differ = (
-        np.any(np.asarray(one) != np.asarray(other), axis=1)
-        .reshape(one.height, -1)
+        np.any(np.asarray(first) != np.asarray(second), axis=1)
+        .reshape(first.height, -1)
         .any(axis=1)
     )
     whole = int(np.argmax([*differ, True]))
     if (
-        whole < one.height
+        whole < first.height
     ):  # the colours of its last row are mixed with those below, however these are filled
         whole = max(whole - 1, 0)
     scan = content[content.rfind(SCAN) + 2 :]
-    if whole < one.height and "progressive" in one.info and not re.match(LAST_SCAN, scan):
+    # How the last scan of a progressive JPEG begins, the finest grey.
+    finest = rb"(?s)\x00\x08\x01\x01..\x3f[\x00\x10]"
+    if whole < first.height and "progressive" in first.info and not re.match(finest, scan):
         whole = 0  # all of it is coarse
-    return content + END, whole, one.height
+    return content + END, whole, first.height

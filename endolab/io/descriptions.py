@@ -85,7 +85,6 @@ def make_calibration(
 KINDS: dict[str, type[Target]] = {
     make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)
 }
-WHOLE = ("columns", "rows", "fold", "seed")
 
 
 def read_target(name_or_path: PathLike) -> Target:
@@ -112,7 +111,8 @@ def read_target(name_or_path: PathLike) -> Target:
         elif part.name == "dictionary":
             values[part.name] = str(top.take(part.name))
         else:
-            read = top.integer if part.name in WHOLE else top.positive
+            is_integer = part.name in ("columns", "rows", "fold", "seed")
+            read = top.integer if is_integer else top.positive
             values[part.name] = read(part.name)
     return top.build(KINDS[kind], **values)
 

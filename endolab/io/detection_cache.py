@@ -22,9 +22,6 @@ from endolab.io.atomic import (
 from endolab.io.video import Frames
 from endolab.model.cameras import KannalaBrandt
 
-MARK = '{"endolab_detections": '  # which every such file begins with
-VERSION = 4  # of the file, and of the detector: another one detects anew
-
 Found = dict[str, Detection]  # by the name of the frame
 
 
@@ -75,19 +72,19 @@ def detect_cached(
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
     The file's first line says of which frames and which target it is; one that says otherwise is begun
-    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
+    again. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
     `detect_all`; `say` is told, in a sentence, how many frames were searched before. An interrupt says
     what is kept.
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}
-    head = json.dumps(
-        {"endolab_detections": VERSION, "target": sheet, "files": frames.stamp}
-    )
+    # The version of the file, and of the detector: another one detects again.
+    head = json.dumps({"endolab_detections": 4, "target": sheet, "files": frames.stamp})
     known: Found = {}
     size = None
     if path.exists():
-        check_file(path, overwrite=overwrite or read_bytes(path).startswith(MARK.encode()))
+        begin = b'{"endolab_detections": '
+        check_file(path, overwrite=overwrite or read_bytes(path).startswith(begin))
         known, size = read_detections(path, head, leave_out)
     if known and say is not None:
         say(

@@ -9,7 +9,6 @@ import cv2
 
 # Looked at when a process opens its first video, and never again: FFmpeg then stays as silent as it says.
 FFMPEG_LEVEL = "OPENCV_FFMPEG_LOGLEVEL"
-_NOWHERE = logging.NullHandler()
 
 
 class _Quiet:
@@ -19,6 +18,7 @@ class _Quiet:
         self._lock = threading.Lock()
         self._inside = 0
         self._undo = ExitStack()
+        self._nowhere = logging.NullHandler()
 
     def __enter__(self) -> None:
         with self._lock:
@@ -28,8 +28,8 @@ class _Quiet:
                 self._undo.callback(
                     levels.setLogLevel, levels.setLogLevel(levels.LOG_LEVEL_SILENT)
                 )
-                pillow.addHandler(_NOWHERE)
-                self._undo.callback(pillow.removeHandler, _NOWHERE)
+                pillow.addHandler(self._nowhere)
+                self._undo.callback(pillow.removeHandler, self._nowhere)
                 if FFMPEG_LEVEL not in os.environ:  # else it is the user's
                     os.environ[FFMPEG_LEVEL] = "-8"
                     self._undo.callback(os.environ.pop, FFMPEG_LEVEL, None)

@@ -46,7 +46,7 @@ class SolvingSettings:
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
 
-    def believed(self, calibration: Calibration) -> Calibration:
+    def apply(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""
         light = dict(self.photometry)
         if "albedo" in light:
@@ -73,7 +73,7 @@ def read_settings(path: PathLike) -> SolvingSettings:
         raise top.error(FORMAT, f"expected version {VERSION}, found {quote(version)}")
     light: dict[str, Any] = {}
     if "photometry" in top.content:
-        light = _read(top.section("photometry"), LIGHT)
+        light = _read(top.section("photometry"), PHOTOMETRY_READERS)
     top.asked["photometry"] = None
     return SolvingSettings(_read(top, _keywords()), light)
 
@@ -150,4 +150,6 @@ READERS: dict[str, Callable[[Section, str], Any]] = {
     DISTANCE: _distance,
     DIAMETER: _diameter,
 }
-LIGHT = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {"albedo": _albedo}
+PHOTOMETRY_READERS = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {
+    "albedo": _albedo
+}

@@ -24,8 +24,7 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 
-TRUTH = "truth.json"
-MOST_FRAMES = 1_000_000  # frames, whose names have six digits
+SHEET_TRUTH = "truth.json"
 
 
 def save_sheet_video(
@@ -46,13 +45,14 @@ def save_sheet_video(
     `simulate_video`. What is there already is replaced as by `stage_folder`. ValueError, if other pictures
     are there than an earlier call's: they would be taken for more of these frames.
     """
-    if not 1 <= count <= MOST_FRAMES:
-        raise ValueError(f"count must be from 1 to {MOST_FRAMES}, got {count}")
+    most = 1_000_000  # whose names have six digits
+    if not 1 <= count <= most:
+        raise ValueError(f"count must be from 1 to {most}, got {count}")
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
     out = Path(folder)
     there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]
     others = {*there}.difference(
-        files_of_report(out, TRUTH), [out / name for name in files]
+        files_of_report(out, SHEET_TRUTH), [out / name for name in files]
     )
     if others:
         raise ValueError(
@@ -74,7 +74,9 @@ def save_sheet_video(
             progress("rendering", len(truth), count)
             yield frame.image
 
-    with stage_folder(folder, overwrite=overwrite, inputs=inputs, report=TRUTH) as staging:
+    with stage_folder(
+        folder, overwrite=overwrite, inputs=inputs, report=SHEET_TRUTH
+    ) as staging:
         if video:
             write_video(staging / files[0], images())
         else:
@@ -87,4 +89,4 @@ def save_sheet_video(
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
         fold = options.get("movement", MOVEMENT).fold
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
-        write_atomically(staging / TRUTH, as_json(facts))
+        write_atomically(staging / SHEET_TRUTH, as_json(facts))

@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from endolab.solvers.result import Result
     from endolab.synthetic.rendering import Rendered
 
-FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]
-MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
+DEPTH_MAPS = {
+    "distance": (),
+    "z": (),
+    "normals": (3,),
+}  # what a depth.npz holds for each pixel
 TRUSTED = (
     "sigma",
     "sigma_shape",
@@ -42,7 +45,7 @@ def save_depth(
     With `uncertainty` also sigma and sigma_shape (H, W), and dominant_source, uint8: 0 outside, 1 data,
     2 border or contour, 3 prior.
     """
-    maps = {name: getattr(surface, name).astype(np.float32) for name in MAPS}
+    maps = {name: getattr(surface, name).astype(np.float32) for name in DEPTH_MAPS}
     flags: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
     if uncertainty is not None:
         maps |= {name: getattr(uncertainty, name).astype(np.float32) for name in TRUSTED}
@@ -59,15 +62,15 @@ def read_depth(
 
     ValueError or OSError in one sentence, if it is something else, or holds what no surface has.
     """
-    known = (*MAPS, *TRUSTED, "dominant_source", "mask", "metric")
+    known = (*DEPTH_MAPS, *TRUSTED, "dominant_source", "mask", "metric")
     maps = read_arrays(path, "a depth.npz that endolab wrote", known)
     for name in needed:
         if name not in maps:
             raise ValueError(f"{path}: {name} is missing")
     size = maps["distance"].shape if "distance" in maps else ()
     for name, values in maps.items():
-        is_real = name in (*MAPS, *TRUSTED)
-        expected = () if name == "metric" else (*size, *MAPS.get(name, ()))
+        is_real = name in (*DEPTH_MAPS, *TRUSTED)
+        expected = () if name == "metric" else (*size, *DEPTH_MAPS.get(name, ()))
         if (
             values.dtype.kind not in ("f" if is_real else "biu")
             or values.shape != expected
@@ -159,7 +162,7 @@ def as_ply(
 def _comments(mesh: Mesh) -> tuple[str, ...]:
     return (
         f"unit: {mesh.unit}",
-        FRAME,
+        "camera frame: x right, y down, z forward",
         *((f"colours: {mesh.legend}",) if mesh.legend else ()),
     )
 

@@ -30,13 +30,20 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-VIDEOS = (".mjpeg", ".mjpg")  # which begin as pictures do
-STREAM_TIMEOUT = 5000  # ms after which a stream that does not answer is given up
-USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
-BLACK = 1.0  # grey levels, on average, of memory that nothing was written into
-LONGEST_BREAK = (
-    1000  # frames, one after the other, that cannot be decoded before a video is at its end
-)
+
+
+@dataclass(frozen=True)
+class VideoLimits:
+    """What is waited for, and taken for what, while a video is read."""
+
+    stream_timeout: int = 5000  # ms after which a stream that does not answer is given up
+    usual_rate: float = 25.0  # frames per second of a video that does not tell its own
+    black: float = 1.0  # grey levels, on average, of memory that nothing was written into
+    # Frames, one after the other, that cannot be decoded before a video is at its end.
+    longest_break: int = 1000
+
+
+VIDEO = VideoLimits()
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
@@ -142,7 +149,7 @@ def _check_scan(path: Path) -> None:
     if first is None or other is not None:
         return
     again = _next(_open(path))  # into other memory, as the first is still in use
-    if first.mean() < BLACK or again is None or not np.array_equal(first, again):
+    if first.mean() < VIDEO.black or again is None or not np.array_equal(first, again):
         remedy = "make it progressive first, as by ffmpeg's filter yadif"
         raise ValueError(
             f"{path}: black, or interlaced, which OpenCV cannot read; {remedy}"
@@ -167,7 +174,7 @@ def _count(path: Path) -> int:
     count = tried = 0
     end = 0.0  # s, of a rate that varies
     with quiet:
-        while tried - count < LONGEST_BREAK:
+        while tried - count < VIDEO.longest_break:
             tried += 1
             if capture.grab():
                 count = tried
@@ -186,7 +193,7 @@ def is_sequence(path: PathLike) -> bool:
     if suffix in PICTURES:
         return False
     return (
-        suffix in VIDEOS
+        suffix in (".mjpeg", ".mjpg")  # videos that begin as pictures do
         or os.path.isdir(source)
         or (os.path.isfile(source) and not is_picture(source))
     )
@@ -275,16 +282,16 @@ class Stream:
         self._closed = threading.Event()
 
     def __iter__(self) -> Iterator[tuple[str, FloatArray]]:
-        for name, stored in self.stored():
+        for name, stored in self.raw_frames():
             yield name, as_image(stored)
 
-    def stored(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    def raw_frames(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
         """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
         started = time.perf_counter()
         last = -1
         longest = (
-            1 if self.rate is None else LONGEST_BREAK
-        )  # of a stream, each takes `STREAM_TIMEOUT`
+            1 if self.rate is None else VIDEO.longest_break
+        )  # of a stream, each takes `stream_timeout`
         for number in numbers():
             if self._closed.is_set() or number - last > longest:
                 break
@@ -336,13 +343,13 @@ def open_stream(source: int | PathLike) -> Stream:
         _check_scan(path)
         capture = _open(path)
         rate = capture.get(cv2.CAP_PROP_FPS)
-        return Stream(capture, str(path), rate if 1 <= rate <= 1000 else USUAL_RATE)
+        return Stream(capture, str(path), rate if 1 <= rate <= 1000 else VIDEO.usual_rate)
     text = str(source)
     limits = [
         cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
-        STREAM_TIMEOUT,
+        VIDEO.stream_timeout,
         cv2.CAP_PROP_READ_TIMEOUT_MSEC,
-        STREAM_TIMEOUT,
+        VIDEO.stream_timeout,
     ]
     if is_url(text):
         name = without_secrets(text)

@@ -20,8 +20,6 @@ from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
 from endolab.numerics.side_by_side import by_rows
 
-KEPT = 2  # sizes to which a camera was resampled last, with their ray fields: one wanted, and a coarse one
-
 
 @dataclass(frozen=True)
 class RayField:
@@ -202,7 +200,8 @@ class Camera:
                 return camera
         scale = np.array([width / self.width, height / self.height])
         camera = self._transform(scale, 0.5 * scale - 0.5, width, height)
-        vars(self)["_resized"] = (camera, *resized[: KEPT - 1])
+        # The last two with their ray fields: one wanted, and a coarse one.
+        vars(self)["_resized"] = (camera, *resized[:1])
         return camera
 
     def crop(self, left: int, top: int, width: int, height: int) -> Self:

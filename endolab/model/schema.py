@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-LARGEST_WHOLE = 2**53  # of whole numbers; beyond, a float holds them no more
 LONGEST_VALUE = 80  # characters of a value of a file in a sentence
 
 
@@ -114,7 +113,7 @@ class Section:
     def integer(self, key: str, default: Any = ..., low: int = 0) -> int:
         """Take out a whole number of at least `low`."""
         value = self.number(key, default, low)
-        if value != int(value) or value > LARGEST_WHOLE:
+        if value != int(value) or value > 2**53:  # a float holds no larger ones
             raise self.error(key, f"expected a whole number, found {value:g}")
         return int(value)
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from endolab.frames.frame import (
-    BRIGHT,
+    FRAME_LIMITS,
     Frame,
     check_size,
     noise_level,
     smooth_light,
-    usable,
+    usable_pixels,
 )
 from endolab.frames.highlights import find_highlights, inpaint
 from endolab.model.endoscope import Calibration
@@ -36,12 +36,24 @@ from endolab.solvers.provenance import (
 )
 from endolab.solvers.result import Iterate
 
-# px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
-SMALL = 240
-LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
-# At the peak of a whole run of gauss_newton with its recording and its files, measured at 3 and 9 Mpx.
-RUN_BYTES = 400e6
-BYTES_PER_PIXEL = {1: 920, 3: 1400}  # of one channel, and of three
+
+@dataclass(frozen=True)
+class ProblemSizes:
+    """How large problems are. Memory is that at the peak of a whole run of gauss_newton.
+
+    It was measured with its recording and its files, at 3 and 9 Mpx.
+    """
+
+    # px of the longer side; what is smooth, as light that has bounced, and long, as
+    # contours, need not be fine.
+    small: int = 240
+    least_side: int = 8  # px; derivatives and noise take their neighbours
+    run_bytes: float = 400e6  # of any run
+    bytes_per_pixel: int = 920  # of one channel
+    bytes_per_colour_pixel: int = 1400  # of three
+
+
+SIZES = ProblemSizes()
 
 
 @dataclass(frozen=True)
@@ -138,7 +150,7 @@ def make_channels(
     if settings.smooth is not None and settings.smooth > frame.width:
         most = f"the frame's width of {frame.width} px"
         raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
-    known = frame.seen() & camera.field.valid
+    known = frame.pixels_to_use() & camera.field.valid
     no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
     highlights = settings.highlights or "keep"
     mirrored = no_evidence
@@ -155,7 +167,7 @@ def make_channels(
         name, image = treated.channel(wanted)
         called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
         own = photometry.simplify().channel(name)
-        saturated = image >= BRIGHT
+        saturated = image >= FRAME_LIMITS.bright
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = settings.smooth
@@ -166,7 +178,7 @@ def make_channels(
         evidence[no_evidence] = NONE
         problem = Problem(
             image=image,
-            mask=usable(image, known, camera.field.cos_alpha, called),
+            mask=usable_pixels(image, known, camera.field.cos_alpha, called),
             camera=camera,
             photometry=own if own.gain is not None else replace(own, gain=1.0),
             metric=own.gain is not None,
@@ -213,20 +225,21 @@ def _in_two_sizes(
     """Make channels on all pixels, and on few."""
     full = make_channels(frame, endoscope, settings, names)
     camera = full[0].problem.camera
-    share = SMALL / max(camera.width, camera.height)
-    if share >= 1 or share * min(camera.width, camera.height) < LEAST_SIDE:
+    share = SIZES.small / max(camera.width, camera.height)
+    if share >= 1 or share * min(camera.width, camera.height) < SIZES.least_side:
         return full, full
     less = replace(settings, width=round(share * camera.width), cuts=None)
     return full, make_channels(frame, endoscope, less, names)
 
 
 def _check_frame(width: int, height: int, channels: int) -> None:
-    if min(width, height) < LEAST_SIDE:
-        least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
+    if min(width, height) < SIZES.least_side:
+        least = f"expected {SIZES.least_side}x{SIZES.least_side} px or more"
         raise ValueError(
             f"a frame of {width}x{height} px is too small to be solved: {least}"
         )
-    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
+    per_pixel = SIZES.bytes_per_pixel if channels == 1 else SIZES.bytes_per_colour_pixel
+    needed = SIZES.run_bytes + width * height * per_pixel
     check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
 
 

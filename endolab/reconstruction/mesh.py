@@ -9,11 +9,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.derivatives import links
 from endolab.solvers.result import Iterate, Result
 
-JUMP = 1.08  # corners whose distances differ by more may lie on two surfaces …
-GRAZING = 85.0  # … and do if what would join them is seen at more than this angle, degrees
-NEUTRAL = 0.7  # grey of a mesh without a picture
-OFTEN = 98  # %, of the pixels are within the scale of σ, as in figures
-
 
 def make_mesh(
     shown: Result | Iterate | FloatArray,
@@ -21,8 +16,8 @@ def make_mesh(
     *,
     sigma: FloatArray | None = None,
     cuts: BoolArray | None = None,
-    jump: float = JUMP,
-    grazing: float = GRAZING,
+    jump: float = 1.08,
+    grazing: float = 85.0,
 ) -> Mesh:
     """Join the surface points of neighbouring pixels by triangles.
 
@@ -37,12 +32,12 @@ def make_mesh(
         colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
     cuts : (2, H, W) bool array, optional
-        Steps to the right and lower neighbour over which the surface is torn, as
+        Steps to the right and lower neighbour over which the surface is cut, as
         `metrics.depth_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
         than the factor `jump` and the angle between its normal and the line of sight is more
-        than `grazing`, degrees. (The factor alone would tear a slanted wall in a small frame, the
+        than `grazing`, degrees. (The factor alone would cut a slanted wall in a small frame, the
         angle alone a smooth one seen at its limb.)
 
     Returns
@@ -86,7 +81,7 @@ def make_mesh(
         raise ValueError(
             f"cuts must be a bool array of shape {(2, *shape)}, found {cuts.dtype} of shape {cuts.shape}"
         )
-    colours = np.full(shape, NEUTRAL) if colours is None else colours
+    colours = np.full(shape, 0.7) if colours is None else colours  # grey
     if colours.shape not in (shape, (*shape, 3)):
         raise ValueError(
             f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}"
@@ -123,7 +118,8 @@ def _certainty(
     if sigma.shape != shown.mask.shape:
         raise ValueError(f"sigma has shape {sigma.shape}, the result {shown.mask.shape}")
     percent = np.where(shown.mask, 100 * sigma / shown.distance, 0.0)
-    most = float(f"{np.percentile(percent[shown.mask], OFTEN):.2g}") or 1.0
+    # As in figures, 98 % of the pixels are within the scale.
+    most = float(f"{np.percentile(percent[shown.mask], 98):.2g}") or 1.0
     places = np.round(255 * np.clip(percent / most, 0, 1)).astype(np.uint8)
     scale = (
         np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)[..., ::-1]
@@ -177,11 +173,11 @@ def _joins_two_surfaces(
 ) -> BoolArray:
     """Triangles that would join two surfaces."""
     distance = np.linalg.norm(points, axis=-1)[triangles]
-    torn = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
-    corners = points[triangles[torn]]
+    apart = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
+    corners = points[triangles[apart]]
     normal = triangle_normals(corners)
     sight = corners.mean(axis=1)
     size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
     cosine = np.abs(np.einsum("ni,ni->n", normal, sight))
-    torn[torn] = cosine < np.cos(np.deg2rad(grazing)) * size
-    return torn
+    apart[apart] = cosine < np.cos(np.deg2rad(grazing)) * size
+    return apart

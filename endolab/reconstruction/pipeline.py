@@ -109,7 +109,7 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
     taken = options_of(settings.solver)
     options = {name: value for name, value in helpful.items() if name in taken}
     options |= settings.solver_options
-    asked = settings.listed() | {"regulariser": regulariser}
+    asked = settings.as_dict() | {"regulariser": regulariser}
     provenance = replace(task.provenance, asked=asked)
     steps = with_provenance(solve(problem, settings.solver, **options), provenance)
     if "max_iterations" not in taken:
@@ -137,6 +137,6 @@ def to_scale(answer: Iterate, channels: Channels, settings: Settings) -> Iterate
     """Return the answer in mm, if a length is known; on the frame's pixels, if it was stopped on the way."""
     if answer.stage != SOLUTION:
         problem = channels.middle.problem
-        provenance = replace(answer.provenance, asked=settings.listed())
+        provenance = replace(answer.provenance, asked=settings.as_dict())
         answer = Iterate.of(problem, start_from(answer, problem), provenance=provenance)
     return scale_by_length(answer, **settings.lengths)

@@ -20,7 +20,7 @@ KnownDistance = tuple[float, float, float]  # mm, column, row
 KnownDiameter = tuple[float, Pixel, Pixel]  # mm, two of (column, row)
 
 NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
-APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
+LEAST_APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
 
 
 def scale_by_length(
@@ -66,14 +66,14 @@ def factor_of_diameter(
     """What distances must be multiplied by so that two points of the surface are this far apart, mm.
 
     The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
-    diameter. The pixels are as for `factor_of_distance`, at least `APART` of the result apart.
+    diameter. The pixels are as for `factor_of_distance`, at least `LEAST_APART` of the result apart.
     """
     check_scale(known_diameter=(mm, start, end))
     apart = float(np.hypot(*(own_pixel(result, start) - own_pixel(result, end))))
-    if apart < APART:
+    if apart < LEAST_APART:
         raise ValueError(
             f"the pixels {pixel_name(start)} and {pixel_name(end)} are {apart:.2g} px apart "
-            f"in the depth map, too near to measure by; at least {APART} are needed"
+            f"in the depth map, too near to measure by; at least {LEAST_APART} are needed"
         )
     return mm / float(np.linalg.norm(_surface_at(result, start) - _surface_at(result, end)))
 
@@ -116,10 +116,10 @@ def check_scale(
         "known_distance": (known_distance, "(mm, column, row)", 3),
         "known_diameter": (known_diameter, "(mm, (column, row), (column, row))", 5),
     }
-    there = [name for name, (value, _, _) in given.items() if value is not None]
-    if len(there) > 1:
-        raise ValueError(f"{' and '.join(there)} exclude each other; give one")
-    for name in there:
+    given_names = [name for name, (value, _, _) in given.items() if value is not None]
+    if len(given_names) > 1:
+        raise ValueError(f"{' and '.join(given_names)} exclude each other; give one")
+    for name in given_names:
         value, form, count = given[name]
         try:
             outer = np.atleast_1d(np.asarray(value, dtype=object))

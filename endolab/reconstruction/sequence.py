@@ -21,29 +21,32 @@ from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
+from endolab.reconstruction.settings import LENGTHS
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import ContourOutcome, ContourReport, Provenance, Scale
 from endolab.solvers.result import Iterate, Result
 from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
-WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
-REFRESH = 25  # frames after which a cold start is tried anyway
-GAIN_STEP = 0.1  # standard deviation of the change of log gain from frame to frame
-MOTION_STEP = 0.05  # of the camera's motion: median distances, and rad
-# Pixels that are compared, whose link is that of all within 1e-4, and how many tell their own story.
-SAMPLES = 8000
-INDEPENDENT = 100.0
-# of reweighting, and the change of its unknowns after which there is no other
-ROUNDS = 20
-SETTLED = 1e-5
-SCALES = (
-    "median_distance",
-    "known_distance",
-    "known_diameter",
-)  # options that fix a frame's scale
-GRAZING = (
-    0.25  # cosine between ray and normal below which a surface says little of its place
-)
+
+@dataclass(frozen=True)
+class Linking:
+    """How much neighbouring frames are believed to share."""
+
+    # Times the energy of the last cold start: then a warm start is not trusted.
+    worse: float = 1.3
+    refresh: int = 25  # frames after which a cold start is tried anyway
+    # Standard deviation of the change of log gain from frame to frame.
+    gain_step: float = 0.1
+    motion_step: float = 0.05  # of the camera's motion: median distances, and rad
+    samples: int = 8000  # pixels that are compared; their link is that of all within 1e-4
+    independent: float = 100.0  # as many of them tell their own story
+    rounds: int = 20  # of reweighting
+    settled: float = 1e-5  # change of the unknowns after which there is no other round
+    # Cosine between ray and normal below which a surface says little of its place.
+    grazing: float = 0.25
+
+
+LINKING = Linking()
 
 
 @dataclass(frozen=True)
@@ -66,22 +69,25 @@ class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
     result: (
-        Result  # of which `again` knows only the surface, its unit, and whether it is torn
+        Result  # of which `take_up` knows only the surface, its unit, and whether it is cut
     )
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
     age: int  # frames since
 
     @classmethod
-    def again(
+    def take_up(
         cls,
         surface: Surface,
         frame: Frame,
         calibration: Calibration,
-        bar: float,
+        min_steepness: float,
         least: float,
     ) -> Self:
-        """Take up a surface that was kept: of a frame, with the energy `least`, torn over a bar, or 0."""
+        """Take up a surface that was kept: of a frame, with the energy `least`.
+
+        It was cut at lines steeper than `min_steepness`; 0 if it was not cut.
+        """
         v = np.log(surface.distance)
         camera = calibration.camera
         if v.shape != (camera.height, camera.width):
@@ -93,9 +99,11 @@ class Carried:
             camera,
             photometry,
             metric=surface.metric,
-            cuts=np.zeros((2, *v.shape), dtype=bool) if bar else None,
+            cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
         )
-        contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=bar or None)
+        contours = ContourReport(
+            ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
+        )
         iterate = Iterate(
             problem, 0, frozen(v), {}, provenance=Provenance(contours=contours)
         )
@@ -128,8 +136,8 @@ def reconstruct_sequence(
     """Reconstruct the frames of a video, one after the other.
 
     A frame starts from the last one's result if the solver can. Its result is kept if the solver
-    got on and the energy is at most `WORSE` times that of the last cold start; otherwise, and
-    every `REFRESH` frames, it is begun anew and the lower energy wins: an error is not passed on
+    got on and the energy is at most `LINKING.worse` times that of the last cold start; otherwise, and
+    every `LINKING.refresh` frames, it is begun again and the lower energy wins: an error is not passed on
     for long. Where the gain is unknown, scales are linked by `scale_between`.
 
     Parameters
@@ -158,7 +166,7 @@ def reconstruct_sequence(
     ValueError
         If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
-    lengths = {name: options.pop(name, None) for name in SCALES[1:]}
+    lengths = {name: options.pop(name, None) for name in LENGTHS[1:]}
     check_scale(options.get("median_distance"), **lengths)
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     known_gain = calibration.photometry.gain is not None
@@ -167,12 +175,12 @@ def reconstruct_sequence(
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         try:
-            frame = framed(name, picture)
+            frame = as_frame(name, picture)
             light = _light(frame, calibration.photometry.gamma)
             own = (
                 options
                 if surface is None
-                else {k: v for k, v in options.items() if k not in SCALES}
+                else {k: v for k, v in options.items() if k not in LENGTHS}
             )
             result = None
             warm = False
@@ -187,8 +195,8 @@ def reconstruct_sequence(
                 result = reconstruct(frame, calibration, start=start, **own)
                 warm = result.status is Status.STOPPED or (
                     result.status is Status.CONVERGED
-                    and result.energy <= WORSE * least
-                    and age < REFRESH
+                    and result.energy <= LINKING.worse * least
+                    and age < LINKING.refresh
                 )
             if result is None or not warm:
                 cold = reconstruct(frame, calibration, **own)
@@ -230,7 +238,7 @@ def reconstruct_sequence(
             return
 
 
-def framed(name: str, picture: Frame | FloatArray | None) -> Frame:
+def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
     """Make a frame of a picture that has no mask; ValueError in one sentence, if there is none."""
     if picture is None:
         raise ValueError(f"{name}: cannot be read")
@@ -271,10 +279,10 @@ def scale_between(before: Surface, result: Result) -> float:
 
         log D - log d = c + (n·T/D + ω·(u × n))/(n·u) + error.
 
-    Prior beliefs are that log gain makes a random walk of `GAIN_STEP` a frame, and that T, in
-    median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
+    Prior beliefs are that log gain makes a random walk of `LINKING.gain_step` a frame, and that T, in
+    median distances, and ω, in rad, are of the order `LINKING.motion_step`. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
-    pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
+    pixels' errors are alike, so that all count as `LINKING.independent` ones. Coming straight at a flat wall
     and turning up the gain look the same: then the priors share the change between them.
     """
     gain = result.problem.photometry.gain or 1.0
@@ -282,7 +290,9 @@ def scale_between(before: Surface, result: Result) -> float:
     if before.distance.shape != result.mask.shape:
         return float(np.exp(prior))
     field = result.problem.field
-    thin = (slice(None, None, max(1, int(np.sqrt(result.mask.size / SAMPLES)))),) * 2
+    thin = (
+        slice(None, None, max(1, int(np.sqrt(result.mask.size / LINKING.samples)))),
+    ) * 2
     old = before.distance[thin]
     new = result.distance[thin]
     n = thin_normals(
@@ -291,8 +301,8 @@ def scale_between(before: Surface, result: Result) -> float:
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
-        good = (old > 0) & (new > 0) & (facing < -GRAZING)
-    if good.sum() < INDEPENDENT:
+        good = (old > 0) & (new > 0) & (facing < -LINKING.grazing)
+    if good.sum() < LINKING.independent:
         return float(np.exp(prior))
     old = old[good]
     new = new[good]
@@ -302,18 +312,18 @@ def scale_between(before: Surface, result: Result) -> float:
     y = np.log(old / new)
     by_motion = n * (np.median(old) / old)[:, None] / facing
     a = np.concatenate([np.ones_like(facing), by_motion, np.cross(u, n) / facing], axis=-1)
-    prior_weight = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
+    prior_weight = np.array([2 / LINKING.gain_step, *[1 / LINKING.motion_step] * 6]) ** 2
     x = np.array([np.median(y), *[0.0] * 6])
-    for _ in range(ROUNDS):
+    for _ in range(LINKING.rounds):
         residual = y - a @ x
         last = x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
-        weight *= min(1.0, INDEPENDENT / len(y))
+        weight *= min(1.0, LINKING.independent / len(y))
         information = (a * weight[:, None]).T @ a + np.diag(prior_weight)
         x = np.linalg.solve(
             information, a.T @ (weight * y) + prior_weight * np.array([prior, *[0.0] * 6])
         )
-        if np.abs(x - last).max() < SETTLED:
+        if np.abs(x - last).max() < LINKING.settled:
             break
     return float(np.exp(x[0]))

@@ -241,7 +241,7 @@ class Settings:
         """What may fix the scale."""
         return {name: getattr(self, name) for name in LENGTHS}
 
-    def listed(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """All options but arrays, by name."""
         return {
             part.name: getattr(self, part.name)
@@ -289,7 +289,6 @@ def _check(part: Field[Any], value: Any) -> Any:
 # The keywords of functions that take settings -------------------------------------------
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-LINE = 100  # characters of a docstring's line
 ANCHOR = "    **options\n"  # of a docstring, before which the options are listed
 
 
@@ -322,7 +321,5 @@ def _describe_options() -> str:
             f" {facts.more}." if facts.more else ""
         )
         lines.append(f"    {part.name} : {kind}, by default {part.default!r}")
-        lines += textwrap.wrap(
-            text, LINE, initial_indent=" " * 8, subsequent_indent=" " * 8
-        )
+        lines += textwrap.wrap(text, 100, initial_indent=" " * 8, subsequent_indent=" " * 8)
     return "\n".join(lines) + "\n"

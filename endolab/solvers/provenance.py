@@ -1,6 +1,6 @@
 """Where a surface comes from: facts that no solver needs, and that reports and the next solve do.
 
-Each stage of a reconstruction adds its own. Sentences are made of them in `reconstruction.assumptions`.
+Each stage of a reconstruction adds its own. Sentences are made of them in `reconstruction.sentences`.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from endolab import datasets
 from endolab.metrics.depth_errors import compare
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.light.unknown_light import USUAL
+from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
 from tests.benchmarks.colon import at_width
 from tests.benchmarks.report import table
 from tests.benchmarks.unseen import FOLDER
@@ -86,7 +86,7 @@ def row(name: str, frames: Sequence[Known]) -> tuple[list[str], list[float]]:
     """Say what frames of one endoscope tell, and what it is worth."""
     one = frames[0]
     found = el.estimate_light([each.frame for each in frames], one.camera, gamma=one.gamma)
-    ks = [one.k, found.photometry.k, USUAL]
+    ks = [one.k, found.photometry.k, EXPONENT_SEARCH.usual]
     errors = [
         float(np.mean([error(each, k) for each in frames])) if np.isfinite(k) else np.nan
         for k in ks
@@ -105,7 +105,15 @@ def row(name: str, frames: Sequence[Known]) -> tuple[list[str], list[float]]:
 
 def main(arguments: Sequence[str]) -> None:
     """Print a table for each set: ``python -m tests.benchmarks.light open c3vd``."""
-    heads = ["frames", "k", "told", "", "% with k", "with what was told", f"with {USUAL:g}"]
+    heads = [
+        "frames",
+        "k",
+        "told",
+        "",
+        "% with k",
+        "with what was told",
+        f"with {EXPONENT_SEARCH.usual:g}",
+    ]
     for what in arguments or ["open"]:
         frames = list(of(what))
         rows, figures = zip(*(row(one.frame.name, [one]) for one in frames), strict=True)

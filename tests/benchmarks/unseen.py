@@ -20,7 +20,7 @@ import numpy as np
 import endolab as el
 from endolab.metrics.depth_errors import Errors, compare, depth_cuts
 from endolab.model.photometry import CHANNELS
-from endolab.reconstruction.assumptions import notes
+from endolab.reconstruction.sentences import notes
 from tests.benchmarks.report import table
 from tests.tools.random_frames import SETS, RandomFrame, make, read
 

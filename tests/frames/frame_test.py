@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab import datasets
-from endolab.frames.frame import noise_level, smooth_light, usable
+from endolab.frames.frame import noise_level, smooth_light, usable_pixels
 from endolab.frames.surround import field_of_view
 
 GAMMA = 2.2
@@ -110,7 +110,7 @@ def test_a_frame_is_not_enlarged_nor_shrunk_away(size):
 )
 def test_a_picture_of_no_use(image, cosine, message):
     with pytest.raises(ValueError, match=message):
-        usable(image, ALL, np.full(ALL.shape, cosine), "pig")
+        usable_pixels(image, ALL, np.full(ALL.shape, cosine), "pig")
 
 
 def disc(radius, rows=90, columns=120):

@@ -12,10 +12,10 @@ from endolab import datasets
 from endolab.frames.prepare import (
     dark_lumen,
     deinterlace,
-    interlaced,
+    is_interlaced,
     overlay_text,
     prepare,
-    undistorted,
+    undistort_frame,
 )
 from endolab.workbench.plots.preparation import prepare_figure
 
@@ -77,10 +77,10 @@ def test_signs_in_the_black_are_found(colon):
 
 def test_fields_are_told_and_plain_frames_are_plain(colon, wet):
     for seen in (colon, wet):
-        assert not interlaced(seen.image, seen.mask)
-        assert interlaced(combed(seen.image), seen.mask)
+        assert not is_interlaced(seen.image, seen.mask)
+        assert is_interlaced(combed(seen.image), seen.mask)
         turned = combed(seen.image.swapaxes(0, 1)).swapaxes(0, 1)
-        assert not interlaced(turned, seen.mask)
+        assert not is_interlaced(turned, seen.mask)
 
 
 @pytest.mark.parametrize("rows", [1, 2, 6, 7])
@@ -116,7 +116,7 @@ def test_undistorted_pixels_are_where_the_cameras_say(known):
         [columns / camera.width, rows / camera.height, np.zeros_like(rows)], axis=-1
     )
     frame = el.Frame(places, np.isfinite(camera.field.cos_alpha))
-    made, pinhole = undistorted(frame, camera)
+    made, pinhole = undistort_frame(frame, camera)
     assert np.isclose(np.rad2deg(2 * np.arctan(pinhole.width / 2 / pinhole.fx)), 90)
     true = camera.project(pinhole.field.rays) / (camera.width, camera.height)
     assert made.mask.mean() > 0.9
@@ -191,8 +191,8 @@ def test_what_does_not_fit_is_said(known, colon):
     for call, message in (
         (lambda: prepare(frame, known, highlights="paint"), "paint"),
         (lambda: prepare(frame, other), "480x360"),
-        (lambda: undistorted(frame, known.camera, 180), "fov"),
-        (lambda: undistorted(frame, other.camera), "320x240"),
+        (lambda: undistort_frame(frame, known.camera, 180), "fov"),
+        (lambda: undistort_frame(frame, other.camera), "320x240"),
     ):
         with pytest.raises(ValueError, match=message):
             call()

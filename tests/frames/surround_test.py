@@ -7,7 +7,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.frames.surround import field_of_view
-from endolab.reconstruction.plausible import warnings
+from endolab.reconstruction.warnings import warnings
 
 HIGH = 360
 WIDE = 480
@@ -176,8 +176,8 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall, rng):
     inside = shape("disc")
     shifted = np.roll(inside, -40, axis=1)
     frame = el.Frame(framed(wall, inside, 16, rng), shifted)
-    assert (frame.seen() & ~inside).sum() <= 0.004 * inside.sum()
-    assert frame.seen().sum() > 0.94 * (inside & shifted).sum()
+    assert (frame.pixels_to_use() & ~inside).sum() <= 0.004 * inside.sum()
+    assert frame.pixels_to_use().sum() > 0.94 * (inside & shifted).sum()
     assert frame.misplaced == pytest.approx(
         (shifted & ~inside).sum() / shifted.sum(), abs=0.03
     )
@@ -197,5 +197,5 @@ def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     image = 16 / 255 + (seen.image - 16 / 255) * share[..., None]
     frame = el.Frame(np.clip(image, 0, 1), np.ones_like(seen.mask))
     result = el.reconstruct(frame, calibration, solver="fast_marching")
-    assert frame.seen().all() == (soft > 0)
+    assert frame.pixels_to_use().all() == (soft > 0)
     assert any("flat colour" in doubt for doubt in warnings(result)) == named

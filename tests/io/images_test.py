@@ -422,7 +422,7 @@ def test_black_around_what_is_opaque_is_still_left_out(tmp_path):
     stored[:, :48, :3] = 0
     stored[:, 204:] = [255, 255, 255, 0]
     png(tmp_path / "a.png", stored, 8)
-    seen = el.read_frame(tmp_path / "a.png").seen()
+    seen = el.read_frame(tmp_path / "a.png").pixels_to_use()
     assert not seen[:, :48].any()
     assert not seen[:, 204:].any()
     assert seen[12:-12, 60:190].all()

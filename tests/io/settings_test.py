@@ -7,7 +7,7 @@ import pytest
 
 import endolab as el
 from endolab.io.settings import (
-    LIGHT,
+    PHOTOMETRY_READERS,
     SolvingSettings,
     read_settings,
     write_settings,
@@ -39,7 +39,7 @@ def test_everything_comes_back_as_it_was(tmp_path):
         "cuts"
     }  # an array, which no file holds
     assert set(EVERY) == options
-    assert set(BELIEFS) == set(LIGHT)
+    assert set(BELIEFS) == set(PHOTOMETRY_READERS)
     for settings in (SolvingSettings(EVERY, BELIEFS), SolvingSettings({}, {"albedo": 0.5})):
         write_settings(settings, tmp_path / "s.json")
         assert read_settings(tmp_path / "s.json") == settings
@@ -52,12 +52,12 @@ def test_everything_comes_back_as_it_was(tmp_path):
 
 def test_the_light_is_believed():
     known = el.Calibration(el.Pinhole(32, 24, 16, 16, 15.5, 11.5), el.Photometry(gain=1.0))
-    believed = SolvingSettings({}, BELIEFS).believed(known)
+    believed = SolvingSettings({}, BELIEFS).apply(known)
     assert believed.camera == known.camera
     assert believed.photometry == el.Photometry(
         2.4, 1.0 / 3 + 2, 12.5, el.Lambertian((0.5, 0.3, 0.2))
     )
-    assert SolvingSettings().believed(known) == known
+    assert SolvingSettings().apply(known) == known
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Meshes: whole where the surface is, torn where it is torn, written as they are, measured rightly."""
+"""Meshes: whole where the surface is, cut where it is cut, written as they are, measured rightly."""
 
 import re
 import sys
@@ -77,7 +77,7 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
 def test_no_triangle_crosses_a_cut():
     points = wall(6, 8)
     cuts = np.zeros((2, 6, 8), dtype=bool)
-    cuts[0, :, 3] = True  # columns 3 and 4 are torn apart
+    cuts[0, :, 3] = True  # columns 3 and 4 are cut apart
     cuts[1, 2, :4] = True  # and rows 2 and 3 on the left
     mesh = make_mesh(points, cuts=cuts)
     left, upper = np.moveaxis(mesh.vertices[mesh.triangles][..., :2] < 0.5, -1, 0)
@@ -117,7 +117,7 @@ def test_normals_face_the_camera_and_are_the_scenes(name):
     assert np.rad2deg(np.median(np.arccos(cosine))) < 1.0
 
 
-def test_a_step_needs_both_a_jump_and_a_grazing_view_to_be_torn():
+def test_a_step_needs_both_a_jump_and_a_grazing_view_to_be_cut():
     points = wall(4, 6)
     points[:, 3:] *= 1.5
     assert len(make_mesh(points).triangles) == 2 * 3 * 4

@@ -8,8 +8,8 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.assumptions import notes
 from endolab.reconstruction.channels import make_problem
+from endolab.reconstruction.sentences import notes
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.solvers import SOLVERS, solve
 from tests.tools.problems import Shot
@@ -391,7 +391,7 @@ def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
 
 @pytest.mark.parametrize("contours", [False, None])
 def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
-    """Rounding grew in the inner solver: up to 2.6 % at the 99th percentile where it was torn, once 30 %."""
+    """Rounding grew in the inner solver: up to 2.6 % at the 99th percentile where it was cut, once 30 %."""
     sample = el.load_traced("matt")
     frame = sample.frame.resize(240, 180, 2.2)
     calibration = sample.calibration.resize(240, 180)
@@ -407,7 +407,7 @@ def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
         assert np.percentile(off, 99) < 1e-4, turn
 
 
-def test_a_frame_that_is_solved_again_is_torn_at_the_same_lines():
+def test_a_frame_that_is_solved_again_is_cut_at_the_same_lines():
     """Once new ones came of the light that had been taken out behind the old, and the error doubled."""
     sample = el.load_traced("matt")
     frame = sample.frame.resize(240, 180, 2.2)

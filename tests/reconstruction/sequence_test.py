@@ -12,7 +12,7 @@ from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import (
     Carried,
     Surface,
-    framed,
+    as_frame,
     reconstruct_sequence,
     scale_between,
 )
@@ -106,9 +106,9 @@ def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(
     whole = list(reconstruct_sequence(frames, calibration, **options))
     assert [step.result is None for step in whole] == [False, True, False, False]
     last = whole[2].result
-    bar = min_steepness_of(last) or 0
-    frame = framed(*frames[2])
-    kept = Carried.again(Surface.of(last), frame, calibration, bar, last.energy)
+    min_steepness = min_steepness_of(last) or 0
+    frame = as_frame(*frames[2])
+    kept = Carried.take_up(Surface.of(last), frame, calibration, min_steepness, last.energy)
     (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, **options)
     assert rest.warm == whole[3].warm
     off = np.abs(rest.result.distance / whole[3].result.distance - 1)[rest.result.mask]
@@ -134,7 +134,7 @@ def test_a_start_from_the_last_is_as_good_as_a_cold_one():
         assert step.result.status is el.Status.CONVERGED
 
 
-def test_a_cut_in_the_film_is_begun_anew():
+def test_a_cut_in_the_film_is_begun_again():
     seen = shots([Plane(85, 20), Plane(84, 20), Colon(), moved_colon(1)])
     steps = list(reconstruct_sequence(named(seen), KNOWN))
     cold = el.reconstruct(el.Frame(seen[2].image, seen[2].mask), KNOWN)

@@ -51,7 +51,7 @@ def test_an_option_is_one_field_that_is_seen_everywhere(one_more, tmp_path):
     (tmp_path / "s.json").write_text('{"endolab_settings": 1, "speckle": 0.7}')
     assert read_settings(tmp_path / "s.json").keywords == {"speckle": 0.7}
     assert "speckle" in {spec["name"] for spec in knob_specs()}
-    assert one_more.of({"speckle": 0.7}).listed()["speckle"] == 0.7
+    assert one_more.of({"speckle": 0.7}).as_dict()["speckle"] == 0.7
     with pytest.raises(ValueError, match="speckle"):
         one_more(speckle=2.0)
 

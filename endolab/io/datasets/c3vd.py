@@ -14,7 +14,7 @@ _PLACES = {"": "", "color_raw": "depth_raw", "color": "depth", "rgb": "depth"}
 _SECOND = "rgb"  # C3VDv2's
 
 
-def _numbered(folder: Path, ending: str) -> dict[int, str]:
+def _files_by_number(folder: Path, ending: str) -> dict[int, str]:
     """Find the files whose names are a number and a pattern, in the order of the numbers."""
     matches = (re.fullmatch(rf"(\d+){ending}", entry.name) for entry in folder.glob("*"))
     return dict(sorted((int(match[1]), match[0]) for match in matches if match))
@@ -23,7 +23,7 @@ def _numbered(folder: Path, ending: str) -> dict[int, str]:
 def list_c3vd(folder: PathLike) -> dict[int, str]:
     """Name the colour pictures of a sequence, as paths from its folder, by their numbers."""
     for place in _PLACES:
-        names = _numbered(
+        names = _files_by_number(
             Path(folder) / place, r"\.png" if place == _SECOND else r"_color\.png"
         )
         if names:
@@ -74,7 +74,7 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
     """
     colour = list_c3vd(folder).get(index, f"{index:04d}_color.png")
     place = Path(colour).parent.name
-    depths = _numbered(Path(folder) / _PLACES[place], r"_depth\.(?:png|tiff)")
+    depths = _files_by_number(Path(folder) / _PLACES[place], r"_depth\.(?:png|tiff)")
     depth = Path(_PLACES[place]) / depths.get(index, f"{index:04d}_depth.tiff")
     known_as = CALIBRATIONS["c3vd_v2" if place == _SECOND else "c3vd"]
     return load_sample(

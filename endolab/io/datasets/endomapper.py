@@ -31,10 +31,6 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.model.schema import shorten
 
-MAX_BYTES = 1_000_000  # of an XML file; real ones have 1 kB
-FIELD = math.radians(
-    60.0
-)  # off the light's direction: where sheets are seen well, so the light is known
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
 
 _CAMERA_TYPES = {
@@ -50,7 +46,7 @@ def read_xml(path: PathLike, root: str) -> ElementTree.Element:
     A `<!DOCTYPE>` or `<!ENTITY>` is refused: it can blow up in memory or open other files.
     """
     source = Path(path)
-    content = read_bytes(source, "calibration XML", MAX_BYTES)
+    content = read_bytes(source, "calibration XML", 1_000_000)  # real ones have 1 kB
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -79,7 +75,7 @@ class _Part:
             f"{self.file}: {'/'.join(filter(None, (self.where, name)))}: {what}"
         )
 
-    def all(self, name: str) -> list[_Part]:
+    def children(self, name: str) -> list[_Part]:
         """Return the children of a name, at least one."""
         elements = self.element.findall(name)
         if not elements:
@@ -87,9 +83,9 @@ class _Part:
         where = "/".join(filter(None, (self.where, name)))
         return [_Part(element, where, self.file) for element in elements]
 
-    def one(self, name: str) -> _Part:
+    def child(self, name: str) -> _Part:
         """Return the only child of a name."""
-        elements = self.all(name)
+        elements = self.children(name)
         if len(elements) > 1:
             raise self.error(name, f"expected one, found {len(elements)}")
         return elements[0]
@@ -105,7 +101,7 @@ class _Part:
 
     def numbers(self, name: str, count: int) -> tuple[float, ...]:
         """Read `[ a; b; … ]`, or one bare number."""
-        text = (self.one(name).element.text or "").strip()
+        text = (self.child(name).element.text or "").strip()
         inner = re.fullmatch(r"\[([^\[\]]*)\]|([^\[\]]*)", text)
         parts = (
             re.split(r"[;,]", (inner[1] if inner[1] is not None else inner[2]))
@@ -138,7 +134,7 @@ def read_vicalib(path: PathLike) -> Camera:
     `down` and `forward` and the `pose` concern a rig's world frame, and are not needed.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    model = top.one("camera").one("camera_model")
+    model = top.child("camera").child("camera_model")
     count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
     width, height = (model.number(name) for name in ("width", "height"))
     fu, fv, u0, v0, *distortion = model.numbers("params", count)
@@ -195,7 +191,8 @@ def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
             "D", f"expected a unit vector that looks forward (z > 0), found {direction}"
         )
     cos_psi = rays @ np.asarray(direction)
-    lit = cos_psi[cos_psi > math.cos(FIELD)]
+    # Up to 60° off the light's direction sheets are seen well, so the light is known.
+    lit = cos_psi[cos_psi > math.cos(math.radians(60.0))]
     if lit.size < 2:
         raise part.error(
             "D", f"the light does not shine where the camera looks, found {direction}"
@@ -229,13 +226,13 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     from it at worst: the relative error of a distance, %.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    model = top.one("camera").one("camera_model")
+    model = top.child("camera").child("camera_model")
     model.kind(("gamma",))
     gamma = model.number("gamma")
     k = model.number("vignetting") if model.element.find("vignetting") is not None else 0.0
     field = camera.resize(160, max(1, round(camera.height * 160 / camera.width))).field
     rays = field.rays[field.valid & (field.cos_alpha > 0)]
-    made = [_light(light.one("light_model"), rays) for light in top.all("light")]
+    made = [_light(light.child("light_model"), rays) for light in top.children("light")]
     lights = tuple(light for light, _ in made)
     evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
     if (

@@ -17,9 +17,6 @@ from endolab.model.cameras import Camera
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
-_SIMCOL3D = re.compile(r"FrameBuffer_(\d{4})\.png")
-_UCL2019 = re.compile(r"(.+)_FrameBuffer_(\d{4})\.png")
-
 Readers = dict[
     str, Callable[[], Sample]
 ]  # of frames, by the names of their colour pictures, in order
@@ -62,9 +59,9 @@ def _find_frames(place: Path, camera: Camera | None) -> dict[str, Readers]:
     with one_sentence(f"{place}: cannot be read"):
         names = sorted(entry.name for entry in place.iterdir())
     for name in names:
-        if match := _SIMCOL3D.fullmatch(name):
+        if match := re.fullmatch(r"FrameBuffer_(\d{4})\.png", name):
             found["simcol3d"][name] = partial(read_simcol3d, place, int(match[1]))
-        elif match := _UCL2019.fullmatch(name):
+        elif match := re.fullmatch(r"(.+)_FrameBuffer_(\d{4})\.png", name):
             if camera is None:
                 raise ValueError(
                     f"{place}: the camera of UCL 2019 is not published; give one"

@@ -12,14 +12,21 @@ from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
 from endolab.numerics.checks import number
 
-NOMINAL = {
+NOMINAL_EVIDENCE = {
     "photometry": {"nominal": True}
 }  # evidence of a light that was taken from the paper
 C3VD_PHOTOMETRY = Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.34)))
 # Evidence for C3VD's: one scene, so that its errors are large.
-C3VD_ERRORS = {"k": 0.376, "gamma": 0.158, "red": 0.085, "green": 0.103, "blue": 0.092}
 C3VD_LIGHT = {
-    "photometry": {"standard_errors": C3VD_ERRORS},
+    "photometry": {
+        "standard_errors": {
+            "k": 0.376,
+            "gamma": 0.158,
+            "red": 0.085,
+            "green": 0.103,
+            "blue": 0.092,
+        }
+    },
     "known_surface": {
         "frames": ["0001_color.png", "0006_color.png"],
         "misfit_grey_levels": 4.59,
@@ -85,18 +92,16 @@ CALIBRATIONS: dict[str, Calibration] = {
             -1.83e-4,
         ),
         C3VD_PHOTOMETRY,
-        NOMINAL,
+        NOMINAL_EVIDENCE,
     ),
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5. Its light, a game
     # engine's, is no endoscope's: of k from 0.7 to 2.5, this one's depths are nearest to five frames' truth.
     "simcol3d": Calibration(
         Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0),
         Photometry(k=1.5, gamma=2.2),
-        NOMINAL,
+        NOMINAL_EVIDENCE,
     ),
 }
-
-WIDEST = 100_000  # px
 
 
 def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibration:
@@ -137,7 +142,7 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
         return calibration
     height = (
         calibration.camera.height
-        * number("width", width, 1, WIDEST)
+        * number("width", width, 1, 100_000)
         / calibration.camera.width
     )
     return calibration.resize(width, round(height))

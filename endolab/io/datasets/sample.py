@@ -18,8 +18,6 @@ from endolab.io.images import read_image, read_stored
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-NEAREST = 2.0  # no endoscope has all it sees nearer, mm
-
 
 @dataclass(frozen=True)
 class Sample:
@@ -52,7 +50,7 @@ def read_stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
             f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
         )
     deepest = float(stored.max()) * step
-    if deepest < NEAREST:
+    if deepest < 2.0:  # mm; no endoscope has all it sees nearer
         raise ValueError(
             f"{path}: expected depths in steps of {step:.4g} mm, found none beyond {deepest:.2g} mm; "
             "they may be in another unit"

@@ -18,9 +18,6 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-STEP = 200 / 255  # mm
-SIZE = 256  # px
-
 
 def read_ucl2019_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     """Read a depth map of UCL 2019.
@@ -37,12 +34,13 @@ def read_ucl2019_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     known : (256, 256) bool array
         Where the value is neither 0 nor 255, 200 mm or more.
     """
-    stored = read_stored_depth(path, "uint8", STEP)
-    if stored.shape != (SIZE, SIZE):
+    step = 200 / 255  # mm
+    stored = read_stored_depth(path, "uint8", step)
+    if stored.shape != (256, 256):
         raise ValueError(
-            f"{path}: expected {SIZE}x{SIZE} px, found {stored.shape[1]}x{stored.shape[0]} px"
+            f"{path}: expected 256x256 px, found {stored.shape[1]}x{stored.shape[0]} px"
         )
-    return stored * STEP, (stored > 0) & (stored < 255)
+    return stored * step, (stored > 0) & (stored < 255)
 
 
 def read_ucl2019(folder: PathLike, series: str, index: int, camera: Camera) -> Sample:

@@ -36,7 +36,6 @@ from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
 
 SMOOTH = "smooth"  # stage: before anything is cut
 CONTOURS = "contours"  # stage: cut
-HALFWAY = 1e-9  # share of a pixel within which it is halfway between two
 
 
 @dataclass(frozen=True)
@@ -179,7 +178,7 @@ def enlarge_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
 
     def source(fewer: int, more: int) -> np.ndarray:
         middle = np.arange(more) + 0.5 - more / 2
-        return np.floor(fewer / 2 + (1 - HALFWAY) * fewer / more * middle).astype(int)
+        return np.floor(fewer / 2 + (1 - 1e-9) * fewer / more * middle).astype(int)
 
     rows = source(cuts.shape[1], shape[0])
     columns = source(cuts.shape[2], shape[1])

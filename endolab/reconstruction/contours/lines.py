@@ -1,18 +1,26 @@
-"""Lines along which a picture's walls may be torn: where a fold hides what lies behind it.
+r"""Lines along which a picture's walls may be cut: where a fold hides what lies behind it.
 
 Over an occluding contour the distance jumps, and with it log d₀ = -½ log I_c; a march that crosses it
-puts all behind it too near. Seen from above, the slope of log d₀ is a landscape whose ridges are such
-jumps, and its watersheds are closed lines one step thin, without a gap for a march to leak through
-(Vincent and Soille, "Watersheds in digital spaces", 1991). Steep ones are contours, most likely; vessels
-and noise make lines, too, of less slope. Basins are kept small, so that a line is steep all along or
-nowhere: a fold fades into the wall, and a long line would be torn where there is none any more.
+puts all behind it too near. The slope of that, |∇ log d₀|, is a landscape whose ridges are such jumps:
+
+    log d₀           .---------      slope          /\
+                    /                              /  \
+    _______________/                 ______.______/    \_______
+     near wall   fold   far wall      basin    watershed   basin
+
+Its watersheds are closed lines one step thin, without a gap for a march to leak through (Vincent and
+Soille, "Watersheds in digital spaces", 1991). A line between two regions is as steep as the median of
+the slope along it. Steep ones are contours, most likely; vessels and noise make lines, too, of less
+slope. Basins are kept small, so that a line is steep all along or nowhere: a fold fades into the wall,
+and a long line would be cut where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
-neighbour, and what is torn is the strip's other side. Beside a tube's dark end the watersheds of noise run
-up the slope: nothing rises across them, so they are no contours either. A strip along the picture's own rim
-is torn off by nothing: the rim is dark, too, and such a strip hangs by nothing.
+neighbour, and what is cut is the strip's other side. Beside a tube's dark end the watersheds of noise
+run up the slope: nothing rises across them, so they are no contours either. A strip along the picture's
+own rim is cut off by nothing: the rim is dark, too, and nothing holds such a strip.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -23,13 +31,28 @@ from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import px_per_reference
 from endolab.numerics.side_by_side import side_by_side
 
-BLUR = 1.5  # of log d₀, in 1/320 of the longer side
-SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the longer side
-SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
-LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
-ACROSS = 0.1  # share of a line's slope that must lie across it, on the whole
-RIM = 4.0  # a strip that is nowhere farther from the picture's rim is torn off by no line; likewise
-DIGITS = 10  # of a slope that count: what rounding makes of equals does not say which comes first
+
+@dataclass(frozen=True)
+class LineSearch:
+    """Which watersheds may be contours.
+
+    Lengths are in 1/320 of the longer side, slopes in log d₀ per such a length.
+    """
+
+    blur: float = 1.5  # of log d₀
+    shallow: float = 0.005  # basins of the slope less deep than this are one
+    # Of the way from a strip's lightest neighbour to its own log d₀: who is nearer is
+    # light.
+    limb_share: float = 0.25
+    limb_width: float = 8.0  # a strip that is thinner than this may be a limb
+    across: float = 0.1  # share of a line's slope that must lie across it, on the whole
+    # A strip that is nowhere farther from the picture's rim is cut off by no line.
+    rim_width: float = 4.0
+    # Of a slope that count: what rounding makes of equals does not say which comes first.
+    digits: int = 10
+
+
+LINE_SEARCH = LineSearch()
 
 
 @kernel
@@ -106,7 +129,11 @@ def basins(slope: FloatArray, mask: BoolArray) -> tuple[Any, int]:
     inside = np.flatnonzero(np.isfinite(flat))
     region = np.full(flat.size, -1, np.int32)
     count = _flood(
-        inside[np.argsort(flat[inside], kind="stable")], flat, steps, SHALLOW, region
+        inside[np.argsort(flat[inside], kind="stable")],
+        flat,
+        steps,
+        LINE_SEARCH.shallow,
+        region,
     )
     return region.reshape(rimmed.shape)[1:-1, 1:-1], count
 
@@ -143,7 +170,7 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     has them.
     """
     unit = px_per_reference(mask.shape)
-    blur = max(BLUR * unit, 0.3)
+    blur = max(LINE_SEARCH.blur * unit, 0.3)
     steepness = np.zeros((2, *mask.shape))
     maps = (np.where(mask, log_d0, 0.0), mask.astype(np.float64))
     light, share = side_by_side(
@@ -155,7 +182,7 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
         if min(mask.shape) > 1
         else np.zeros(mask.shape)
     )
-    slope = slope.round(DIGITS)
+    slope = slope.round(LINE_SEARCH.digits)
     region, count = basins(slope, mask)
     places = []
     pairs = []
@@ -177,19 +204,20 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
     both = np.stack(np.divmod(both, count))
     steep = _medians(np.concatenate(slopes), line, both.shape[1])
-    across, along = (np.bincount(line, np.concatenate(those)) for those in (rises, slopes))
-    steep[np.abs(across) < ACROSS * along] = 0.0
+    across, along = (np.bincount(line, np.concatenate(parts)) for parts in (rises, slopes))
+    steep[np.abs(across) < LINE_SEARCH.across * along] = 0.0
     within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[
         1:-1, 1:-1
     ]
-    at_rim = _largest(within, region, count) <= RIM * unit
+    at_rim = _largest(within, region, count) <= LINE_SEARCH.rim_width * unit
     steep[
-        at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_d0, LIMB * unit)
+        at_rim[both].any(axis=0)
+        | _joins_a_limb(both, region, count, log_d0, LINE_SEARCH.limb_width * unit)
     ] = 0.0
-    for by_axis, where, those in zip(
+    for by_axis, where, steep_of_axis in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
     ):
-        by_axis[where] = those
+        by_axis[where] = steep_of_axis
     return steepness
 
 
@@ -207,7 +235,7 @@ def _joins_a_limb(
     lightest = far.copy()
     for end, far_end in (both, both[::-1]):
         np.minimum.at(lightest, end, far[far_end])
-    limit = lightest + SHARE * (far - lightest)
+    limit = lightest + LINE_SEARCH.limb_share * (far - lightest)
     end, far_end = both
     return (is_thin[end] & (far[far_end] < limit[end])) | (
         is_thin[far_end] & (far[end] < limit[far_end])

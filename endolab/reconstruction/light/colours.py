@@ -27,17 +27,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from endolab.frames.frame import QUIET
+from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_light_and_slope
+from endolab.reconstruction.light.walls import WALL_MODEL, Walls, bounced_light_and_slope
 from endolab.solvers.problem import EXACT, Problem
 from endolab.solvers.provenance import LightOutcome
 
-TISSUE = (0.7, 0.35, 0.28)  # red, green and blue albedo of mucosa, before anything is known
-ALBEDOS = (0.02, 0.95)  # least and greatest
-LEAST_PATCHES = 30  # patches that show all three colours
-ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
 LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
 
 
@@ -83,6 +79,11 @@ class LightFit:
     # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
     width_per_pixel: float = 0.25
     outlier: float = 1.5
+    # Red, green and blue albedo of mucosa, before anything is known.
+    tissue: tuple[float, float, float] = (0.7, 0.35, 0.28)
+    albedos: tuple[float, float] = (0.02, 0.95)  # least and greatest
+    alike: float = 0.1  # albedos that differ by no more, as a share, tell nothing
+    least_patches: int = 30  # patches that show all three colours
 
 
 FIT = LightFit()
@@ -100,13 +101,13 @@ class AlbedoPrior:
     @classmethod
     def of(cls, given: ArrayLike | None) -> AlbedoPrior:
         """Make it of three albedos, of green's alone, or of nothing but that the wall is tissue."""
-        tissue = np.array(TISSUE)
+        tissue = np.array(FIT.tissue)
         if given is None:
             return cls(tissue, FIT.unknown)
         albedo = np.asarray(given, dtype=np.float64)
         if albedo.ndim == 1:
             return cls(albedo, FIT.given)
-        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * ALBEDOS[1]), FIT.green)
+        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * FIT.albedos[1]), FIT.green)
 
     @property
     def is_given(self) -> bool:
@@ -137,9 +138,9 @@ def known_albedo(endoscope: Calibration) -> FloatArray | None:
     """Return albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
     albedo = np.asarray(getattr(endoscope.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     if albedo.ndim == 0:
-        return albedo if ALBEDOS[0] < albedo < ALBEDOS[1] else None
+        return albedo if FIT.albedos[0] < albedo < FIT.albedos[1] else None
     possible = np.all((albedo > 0) & (albedo < 1))
-    differ = np.ptp(albedo) >= ALIKE * albedo.max()
+    differ = np.ptp(albedo) >= FIT.alike * albedo.max()
     return albedo if possible and differ else None
 
 
@@ -182,7 +183,7 @@ class Patches:
 
     light: FloatArray  # (P, 3), log q_c
     direct: FloatArray  # (L, P), E under each of LAMPS
-    orders: list[FloatArray]  # (BOUNCES, P) under each, see `Walls.orders`
+    orders: list[FloatArray]  # (bounces, P) under each, see `Walls.orders`
     lobe: FloatArray  # (P,), M
 
     @classmethod
@@ -217,8 +218,8 @@ class Patches:
             bounced, slope = bounced_light_and_slope(self.orders[index], albedo)
             direct = self.direct[index][:, None]
             ratio = bounced / direct
-            ratios.append(np.minimum(ratio, MOST_INDIRECT))
-            slopes.append(np.where(ratio < MOST_INDIRECT, slope / direct, 0.0))
+            ratios.append(np.minimum(ratio, WALL_MODEL.most_indirect))
+            slopes.append(np.where(ratio < WALL_MODEL.most_indirect, slope / direct, 0.0))
         change = ratios[1] - ratios[0]
         ratio = ratios[0] + (place - low) * change
         by_albedo = slopes[0] + (place - low) * (slopes[1] - slopes[0])
@@ -256,7 +257,7 @@ def refine_per_pixel(
         return indirect_ratio
     ratio = indirect_ratio[exact]
     picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
-    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, QUIET))
+    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, FRAME_LIMITS.rounding))
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
     tint = wall @ _tint_whitening().T
     sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)
@@ -361,7 +362,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
 
     Raises `NoColour` if albedos that are not given come out as good as equal.
     """
-    if len(patches.light) < LEAST_PATCHES:
+    if len(patches.light) < FIT.least_patches:
         return replace(prior.light, reason="too little of the picture shows all three")
 
     def log_direct(x: FloatArray) -> FloatArray:
@@ -369,8 +370,10 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         ratio, _ = patches.ratio_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])
         return patches.light - np.log1p(ratio) - x[3:]
 
-    low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
-    high = np.array([FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [ALBEDOS[1]])])
+    low = np.array([0.0, 0.0, 0.0, *np.log(3 * [FIT.albedos[0]])])
+    high = np.array(
+        [FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [FIT.albedos[1]])]
+    )
     tint = _tint_whitening()
     x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
     sigma = 1.0
@@ -394,7 +397,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     estimate = Light(
         LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), float(x[2]), misfit
     )
-    if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():
+    if not prior.is_given and np.ptp(albedo) < FIT.alike * albedo.max():
         raise NoColour("they are as good as equal")
     reason = _why_unlikely(estimate)
     if reason:
@@ -413,7 +416,10 @@ def _why_unlikely(estimate: Light) -> str:
     if estimate.film > FIT.at_bound * FIT.largest_film:
         return "more mirrored light than a film returns"
     albedo = estimate.albedo
-    if albedo.max() > FIT.at_bound * ALBEDOS[1] or albedo.min() < ALBEDOS[0] / FIT.at_bound:
+    if (
+        albedo.max() > FIT.at_bound * FIT.albedos[1]
+        or albedo.min() < FIT.albedos[0] / FIT.at_bound
+    ):
         return "albedos that no tissue has"
     if estimate.misfit > FIT.most_misfit:
         return "the channels disagree on the direct light"

@@ -23,33 +23,41 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.frames.frame import BRIGHT, Frame, check_size
+from endolab.frames.frame import FRAME_LIMITS, Frame, check_size
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.light.colours import ALBEDOS, LEAST_PATCHES, TISSUE
+from endolab.reconstruction.light.colours import FIT
 from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
 
-WIDTH = 225  # px, of what is fitted
-WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
-LAMP = 0.8  # b, share of the light's fall that is the lamp's
-EXPONENTS = np.linspace(0.0, 4.0, 9)  # k for which light is computed, to be interpolated
-GAMMA = 2.2, 0.2  # γ of cameras, and its standard deviation
-TINT = 0.35  # standard deviation of the logarithm of tissue's albedos
-MODEL = (
-    0.1,
-    0.15,
-    0.1,
-    0.3,
-    0.3,
-)  # errors of k, γ and albedos' logarithms that computed bounces make
-GAMMAS = 1.2, 4.5  # least and greatest
-USUAL = 8.0  # grey levels that the model leaves; larger ones count as lines, not squares
+
+@dataclass(frozen=True)
+class SurfaceFit:
+    """How the light is fitted to known surfaces, and what is believed of it beforehand."""
+
+    width: int = 225  # px, of what is fitted
+    widest: float = 60.0  # degrees from the axis: beyond, few cameras are known well enough
+    lamp: float = 0.8  # b, share of the light's fall that is the lamp's
+    gamma: tuple[float, float] = (2.2, 0.2)  # of cameras, and its standard deviation
+    gammas: tuple[float, float] = (1.2, 4.5)  # least and greatest
+    tint: float = 0.35  # standard deviation of the logarithm of tissue's albedos
+    # Of k, γ and albedos' logarithms, that computed bounces make.
+    model_errors: tuple[float, float, float, float, float] = (0.1, 0.15, 0.1, 0.3, 0.3)
+    # Grey levels that the model leaves; larger ones count as lines, not squares.
+    usual_misfit: float = 8.0
+    sectors: int = 4  # around the axis, each with a near and a far part
+
+
+SURFACE_FIT = SurfaceFit()
+
+
+LIT_EXPONENTS = np.linspace(
+    0.0, 4.0, 9
+)  # k for which light is computed, to be interpolated
 TOO_LITTLE = "too little of {} and its surface is known to measure the light"
-SECTORS = 4  # around the axis, each with a near and a far part
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,7 @@ def measure_light(
     camera: Camera,
     distances: Sequence[FloatArray],
     *,
-    lamp: float = LAMP,
+    lamp: float = SURFACE_FIT.lamp,
 ) -> MeasuredLight:
     """Measure k, γ and the wall's albedos on colour frames whose surface is known.
 
@@ -109,15 +117,19 @@ def measure_light(
         _Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)
     ]
     fitted = _fit(seen, lamp)
-    parts = [_fit(seen, lamp, fitted, part) for part in range(2 * SECTORS)]
+    parts = [_fit(seen, lamp, fitted, part) for part in range(2 * SURFACE_FIT.sectors)]
     apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
-    covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(np.square(MODEL))
-    usual = np.array([GAMMA[0], *np.log(TISSUE)])
-    width = np.array([GAMMA[1], TINT, TINT, TINT])
+    covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(
+        np.square(SURFACE_FIT.model_errors)
+    )
+    usual = np.array([SURFACE_FIT.gamma[0], *np.log(FIT.tissue)])
+    width = np.array(
+        [SURFACE_FIT.gamma[1], SURFACE_FIT.tint, SURFACE_FIT.tint, SURFACE_FIT.tint]
+    )
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
-    albedo = np.clip(np.exp(logs), *ALBEDOS)
+    albedo = np.clip(np.exp(logs), *FIT.albedos)
     red, green, blue = (round(float(rho), 2) for rho in albedo)
     errors = dict(
         zip(("k", "gamma", *CHANNELS), [*spread[:2], *(albedo * spread[2:])], strict=True)
@@ -143,8 +155,8 @@ class _Patches:
 
     grey: FloatArray  # (P, 3), stored values, grey levels of 255
     aside: FloatArray  # (P,), log cos α
-    direct: FloatArray  # (K, P), log E under each of EXPONENTS
-    orders: FloatArray  # (K, BOUNCES, P), see `Walls.orders`
+    direct: FloatArray  # (K, P), log E under each of LIT_EXPONENTS
+    orders: FloatArray  # (K, bounces, P), see `Walls.orders`
     part: FloatArray  # (P,), number of the part of the scene
 
     @classmethod
@@ -160,36 +172,42 @@ class _Patches:
             raise ValueError(
                 f"the distance of {frame.name} has shape {distance.shape}, not {frame.mask.shape}"
             )
-        height = max(1, round(frame.height * WIDTH / frame.width))
-        small = frame.resize(WIDTH, height, GAMMA[0])
-        clipped = frame.image.max(axis=-1) >= BRIGHT
+        height = max(1, round(frame.height * SURFACE_FIT.width / frame.width))
+        small = frame.resize(SURFACE_FIT.width, height, SURFACE_FIT.gamma[0])
+        clipped = frame.image.max(axis=-1) >= FRAME_LIMITS.bright
         clipped = (
-            cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA)
+            cv2.resize(
+                clipped.astype(float),
+                (SURFACE_FIT.width, height),
+                interpolation=cv2.INTER_AREA,
+            )
             > 0
         )
-        known = resample_truth(distance, (height, WIDTH))
-        field = camera.resize(WIDTH, height).field
+        known = resample_truth(distance, (height, SURFACE_FIT.width))
+        field = camera.resize(SURFACE_FIT.width, height).field
         mask = np.isfinite(known) & field.valid & small.mask
-        if mask.sum() < LEAST_PATCHES:
+        if mask.sum() < FIT.least_patches:
             raise ValueError(TOO_LITTLE.format(frame.name))
         v = np.log(np.where(mask, known, 1.0))
         walls = Walls.of(v, mask, field, 0.0, depth_cuts(np.where(mask, known, np.nan)))
-        mirrored = find_highlights(small.image, mask, GAMMA[0])
+        mirrored = find_highlights(small.image, mask, SURFACE_FIT.gamma[0])
         usable = mask & ~clipped & ~mirrored & (walls.direct > 0)
-        usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
-        lit = [walls.under(lamp * k) for k in EXPONENTS]
+        usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(
+            np.deg2rad(SURFACE_FIT.widest)
+        )
+        lit = [walls.under(lamp * k) for k in LIT_EXPONENTS]
         aside = np.log(np.where(usable, field.cos_alpha, 1.0))
         maps = np.dstack(
             [usable, 255 * small.image, aside, *(lit_colour.direct for lit_colour in lit)]
         )
         sums = walls.sums(np.where(usable[..., None], maps, 0.0))
         full = sums[:, 0] > walls.full / 2
-        if full.sum() < LEAST_PATCHES:
+        if full.sum() < FIT.least_patches:
             raise ValueError(TOO_LITTLE.format(frame.name))
         means = sums[full, 1:] / sums[full, :1]
         points = walls.points[: walls.count][full]
         around = (
-            np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SECTORS
+            np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SURFACE_FIT.sectors
         ).astype(int)
         far = np.linalg.norm(points, axis=-1)
         orders = np.array(
@@ -205,8 +223,8 @@ class _Patches:
 
     def light(self, k: float, albedo: FloatArray, lamp: float) -> FloatArray:
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
-        place = k / (EXPONENTS[1] - EXPONENTS[0])
-        low = min(int(place), len(EXPONENTS) - 2)
+        place = k / (LIT_EXPONENTS[1] - LIT_EXPONENTS[0])
+        low = min(int(place), len(LIT_EXPONENTS) - 2)
         shares = (low, 1 - place + low), (low + 1, place - low)
         direct = sum(share * self.direct[i] for i, share in shares)
         bounced = sum(
@@ -238,28 +256,28 @@ def _fit(
 ) -> FloatArray:
     """Fit the model to frames, `but` for one part of the scene."""
     if start is None:
-        albedo = np.array(TISSUE)
+        albedo = np.array(FIT.tissue)
         levels = [
             np.median(
-                GAMMA[0] * np.log(np.maximum(patches.grey, 1) / 255)
+                SURFACE_FIT.gamma[0] * np.log(np.maximum(patches.grey, 1) / 255)
                 - patches.light(1.5, albedo, lamp),
                 axis=0,
             )
             for patches in seen
         ]
-        start = np.concatenate([[1.5, GAMMA[0]], np.log(albedo), *levels])
+        start = np.concatenate([[1.5, SURFACE_FIT.gamma[0]], np.log(albedo), *levels])
 
     def residual(x: FloatArray) -> FloatArray:
         left = [
             r[patches.part != but].ravel()
             for r, patches in zip(_residuals(x, seen, lamp), seen, strict=True)
         ]
-        return np.concatenate(left) / USUAL
+        return np.concatenate(left) / SURFACE_FIT.usual_misfit
 
     low = np.full(len(start), -np.inf)
     high = np.full(len(start), np.inf)
-    low[:5] = [0, GAMMAS[0], *np.log(3 * [ALBEDOS[0]])]
-    high[:5] = [4, GAMMAS[1], *np.log(3 * [ALBEDOS[1]])]
+    low[:5] = [0, SURFACE_FIT.gammas[0], *np.log(3 * [FIT.albedos[0]])]
+    high[:5] = [4, SURFACE_FIT.gammas[1], *np.log(3 * [FIT.albedos[1]])]
     inside = np.clip(start, low + 1e-3, high - 1e-3)
     fitted: FloatArray = scipy.optimize.least_squares(
         residual, inside, bounds=(low, high), loss="soft_l1"

@@ -3,7 +3,7 @@
 A wall of albedo a shows I_c = g a/π (E + S), the lamp's light E and light S from other walls. The three
 colours see one E, but the more a colour is reflected, the more of it bounces. From a surface that is known
 roughly follows ι = S/E for each colour (`walls`, `colours`); divided by 1 + ι, the three pictures are three
-measurements of E, which are merged and solved, and ι follows anew from a better surface:
+measurements of E, which are merged and solved, and ι follows again from a better surface:
 
                  surface ----> ι of red, green, blue
                     ^                  |
@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.frames.frame import BRIGHT, QUIET, noise_level
+from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.side_by_side import by_rows
@@ -72,9 +72,6 @@ from endolab.solvers.provenance import (
 from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
 
 BOUNCED = "bounced light"  # stage
-SAME = (
-    0.01  # median difference of stored values, as a share, up to which two colours are one
-)
 
 
 @dataclass(frozen=True)
@@ -93,9 +90,11 @@ class Rounds:
     first_guess: float = 0.5  # s in ι = s a/(1 - s a), before there is a surface
     # Lines of a picture without as much light everywhere are so much less steep.
     guessed_steepness: float = 0.8
+    # Median difference of stored values, as a share, up to which two colours are one.
+    same_colour: float = 0.01
 
 
-ROUNDS = Rounds()
+SEPARATION_ROUNDS = Rounds()
 
 
 @dataclass(frozen=True)
@@ -220,9 +219,11 @@ def separate(
     ratio = _guess(colours, prior)
     light = prior.light
     first = merge(colours, ratio, prior.albedo)
-    steps = with_provenance(gauss_newton(first, max_iterations=ROUNDS.uncut[0]), provenance)
+    steps = with_provenance(
+        gauss_newton(first, max_iterations=SEPARATION_ROUNDS.uncut[0]), provenance
+    )
     surface = yield from name_stage(steps, BOUNCED, 1)
-    for number, count in enumerate(ROUNDS.uncut[1:], 2):
+    for number, count in enumerate(SEPARATION_ROUNDS.uncut[1:], 2):
         ratio, light = estimate_indirect(colours, surface, prior)
         surface = yield from solve_direct(colours, ratio, light, surface, number, count)
     if contours is False:
@@ -243,7 +244,7 @@ def separate(
     if light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, ratio, light)
         surface = yield from solve_direct(
-            colours, ratio, light, surface, number + 1, ROUNDS.refined
+            colours, ratio, light, surface, number + 1, SEPARATION_ROUNDS.refined
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     return Separation(ratio, light, surface, report)
@@ -274,14 +275,16 @@ def _try_contours(
 
     trials = [judge(surface, None)]
     lines = find_contours(surface.problem.log_d0, surface.problem.mask)
-    number = len(ROUNDS.uncut)
+    number = len(SEPARATION_ROUNDS.uncut)
     for min_steepness in CHOICE.steepnesses(trials[0].facts):
         last = trials[-1].facts.surface
         problem = cut_at_contours(last.problem, min_steepness, lines)
         if problem.cuts is None:
             continue
         number += 1
-        solver = gauss_newton(problem, start=last.log_distance, max_iterations=ROUNDS.cut)
+        solver = gauss_newton(
+            problem, start=last.log_distance, max_iterations=SEPARATION_ROUNDS.cut
+        )
         steps = with_provenance(solver, last.provenance)
         surface = yield from name_stage(steps, CONTOURS, number)
         trials.append(judge(surface, min_steepness))
@@ -307,7 +310,7 @@ def separate_from(
     prior = AlbedoPrior.of(albedo)
     if searched is None:
         searched = SearchedPicture(
-            _guess(colours, prior), prior.albedo, ROUNDS.guessed_steepness
+            _guess(colours, prior), prior.albedo, SEPARATION_ROUNDS.guessed_steepness
         )
     cuts = None
     if min_steepness is not None:
@@ -316,7 +319,9 @@ def separate_from(
     provenance = Provenance(preparation=channels[1].report)
     surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
-    surface = yield from solve_direct(colours, ratio, light, surface, 1, ROUNDS.uncut[0])
+    surface = yield from solve_direct(
+        colours, ratio, light, surface, 1, SEPARATION_ROUNDS.uncut[0]
+    )
     outcome = ContourOutcome.NONE_CLEAR if cuts is None else ContourOutcome.AS_BEFORE
     report = ContourReport(outcome, min_steepness=min_steepness, searched=searched)
     return Separation(ratio, light, surface, report)
@@ -363,7 +368,7 @@ def solve_direct(
 
 def _guess(colours: Sequence[Problem], prior: AlbedoPrior) -> FloatArray:
     """Return ι before there is a surface, (H, W, 3): one number a colour."""
-    share = ROUNDS.first_guess * prior.albedo
+    share = SEPARATION_ROUNDS.first_guess * prior.albedo
     return np.broadcast_to(share / (1 - share), (*colours[1].mask.shape, 3))
 
 
@@ -447,7 +452,10 @@ def merge(
     mask = np.any([colour.mask for colour in colours], axis=0)
     kinds = np.stack([np.where(colour.mask, _evidence(colour), NONE) for colour in colours])
     evidence = kinds.min(axis=0).astype(np.int8)  # EXACT before LOWER_BOUND before NONE
-    noises = [max(noise_level(colour.image, colour.mask), QUIET) for colour in colours]
+    noises = [
+        max(noise_level(colour.image, colour.mask), FRAME_LIMITS.rounding)
+        for colour in colours
+    ]
     image = np.empty(mask.shape)
 
     def merge_rows(rows: slice) -> None:
@@ -458,7 +466,7 @@ def merge(
             counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
             shade = np.maximum(colour.image[rows], noises[c])
             by_noise = (gamma * noises[c] / shade) ** 2
-            by_ratio = (ROUNDS.ratio_doubt * ratio / (1 + ratio)) ** 2
+            by_ratio = (SEPARATION_ROUNDS.ratio_doubt * ratio / (1 + ratio)) ** 2
             weight = np.where(counts, 1 / (by_noise + by_ratio + FIT.texture[c] ** 2), 0.0)
             log_direct = (
                 gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
@@ -490,8 +498,8 @@ def _evidence(problem: Problem) -> NDArray[np.int8]:
 def _signal(problem: Problem) -> float:
     """Return median grey level over noise; less where much is saturated."""
     image = problem.image[problem.mask]
-    noise = max(noise_level(problem.image, problem.mask), QUIET)
-    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
+    noise = max(noise_level(problem.image, problem.mask), FRAME_LIMITS.rounding)
+    return float(np.median(image) * np.mean(image < FRAME_LIMITS.bright)) / noise
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:
@@ -500,5 +508,8 @@ def _check_colours(colours: Sequence[Problem]) -> None:
     if not mask.any():
         return
     green = colours[1].image[mask]
-    if max(np.median(np.abs(colour.image[mask] / green - 1)) for colour in colours) < SAME:
+    if (
+        max(np.median(np.abs(colour.image[mask] / green - 1)) for colour in colours)
+        < SEPARATION_ROUNDS.same_colour
+    ):
         raise NoColour("red, green and blue are one")

@@ -3,7 +3,7 @@
 Any k explains any frame: what it says too much of the light's fall to the side, a surface that comes
 nearer at the side makes good. But that surface bends as walls do not, and the energy says so. So a frame
 is solved for every k of `EXPONENTS`, each from the surface before with its sides moved by what the change
-of k is worth, ½ Δk log cos α, bounced light found anew each time (`separation`): a step or two each.
+of k is worth, ½ Δk log cos α, bounced light found again each time (`separation`): a step or two each.
 
 The regulariser likes little contrast, and the less k, the less of it has the surface. Charged is therefore
 
@@ -12,7 +12,7 @@ The regulariser likes little contrast, and the less k, the less of it has the su
 which is least at the truth on average over frames whose light never bounced; without the second term it is
 a third too low. One frame seldom tells k, for its wall may well bend like another k, the more so the less
 of the light's fall the camera sees. How well it does was measured on path-traced frames of many cavities
-and lamps: as a likelihood, exp(-c/T), blurred by `ASIDE` over the spread of log cos α. Frames that show
+and lamps: as a likelihood, exp(-c/T), blurred by `aside` over the spread of log cos α. Frames that show
 other places err independently, and their likelihoods multiply; what is common to all, a smooth straight
 tube everywhere, say, blurs the product once more. The middle of what is left, its width, and a verdict
 are the answer. It is one for cavities: a single flat wall before a pinhole looks like a k that is 2 larger.
@@ -49,28 +49,41 @@ from endolab.solvers.result import Iterate, Observer, name_stage, with_provenanc
 
 LIGHT = "light"  # stage
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
-FIRST = 4  # of them, with which to begin: 2
-WIDTH = 200  # px; it is the surface's large shape that tells
-SMOOTH = 1.0  # px, of that width; more blur, against noise, makes dark lumens brighter and k smaller
-USUAL = 2.5  # k of the paper's endoscope, taken if nothing is found
-CONTRAST = 0.5  # power of it by which the energy is divided
-TEMPERATURE = (
-    0.03  # T, of c; like the widths it makes the true k of 31 path-traced frames likeliest
-)
-# What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
-# share of the spread of that; and of k, for all frames of an endoscope together. In colour, and without.
-ASIDE = (0.08, 0.15)
-ALIKE = (0.3, 0.5)
-USUAL_ERROR = (
-    1.0  # standard deviation of the usual k, which what is found roughly is averaged with
-)
-WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
-SAME = 8.0  # power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others
-FINE = 0.05  # step of the k whose likelihood is told
-# standard errors up to which k is found, or found roughly; knowing nothing: 1.7
-FOUND = 0.5
-ROUGHLY = 1.0
-EDGE = 0.5  # from the greatest k, within which the likeliest is at a bound
+
+
+@dataclass(frozen=True)
+class ExponentSearch:
+    """How k is found. T and the widths make the true k of 31 path-traced frames likeliest.
+
+    Pairs are for frames in colour, and without.
+    """
+
+    first: int = 4  # of the exponents that are tried, with which to begin: 2
+    width: int = 200  # px; it is the surface's large shape that tells
+    # px, of that width; more blur, against noise, makes dark lumens brighter and k
+    # smaller.
+    smooth: float = 1.0
+    usual: float = 2.5  # k of the paper's endoscope, taken if nothing is found
+    # Standard deviation of the usual k, which what is found roughly is averaged with.
+    usual_error: float = 1.0
+    contrast: float = 0.5  # power of it by which the energy is divided
+    # T, of c.
+    temperature: float = 0.03
+    # What shapes pretend: standard deviation of the part of a frame's log light that looks like
+    # log cos α, as a share of the spread of that; and of k, for all frames of an endoscope together.
+    aside: tuple[float, float] = (0.08, 0.15)
+    alike: tuple[float, float] = (0.3, 0.5)
+    wrong: float = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
+    # Power of two shapes' correlation to which they are one place; 0.98 of neighbours,
+    # 0.5 of others.
+    same: float = 8.0
+    step: float = 0.05  # of the k whose likelihood is told
+    found: float = 0.5  # standard error up to which k is found; knowing nothing: 1.7
+    roughly: float = 1.0  # likewise, found roughly
+    edge: float = 0.5  # from the greatest k, within which the likeliest is at a bound
+
+
+EXPONENT_SEARCH = ExponentSearch()
 
 
 @dataclass(frozen=True)
@@ -113,7 +126,7 @@ def estimate_light(
     *,
     gamma: float = 2.2,
     albedo: ArrayLike | None = None,
-    otherwise: float = USUAL,
+    otherwise: float = EXPONENT_SEARCH.usual,
     observers: Iterable[Observer] = (),
     progress: Callable[[int, str], object] | None = None,
 ) -> LightEstimate:
@@ -214,9 +227,9 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
     if not coloured:
         surfaces = yield from _surfaces_of_grey(frame, calibration)
     costs = np.array([_cost(surface) for surface in surfaces])
-    mask = surfaces[FIRST].mask
-    v = surfaces[FIRST].log_distance
-    fall = np.log(surfaces[FIRST].problem.field.cos_alpha[mask])
+    mask = surfaces[EXPONENT_SEARCH.first].mask
+    v = surfaces[EXPONENT_SEARCH.first].log_distance
+    fall = np.log(surfaces[EXPONENT_SEARCH.first].problem.field.cos_alpha[mask])
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
         raise ValueError(f"{frame.name}: its surface has no contrast")
     line = np.polyfit(fall, v[mask], 1)
@@ -232,7 +245,11 @@ def _surfaces_of_colours(
     frame: Frame, calibration: Calibration
 ) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, indirect light removed each time."""
-    settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH, highlights="ignore")
+    settings = Settings(
+        width=min(EXPONENT_SEARCH.width, frame.width),
+        smooth=EXPONENT_SEARCH.smooth,
+        highlights="ignore",
+    )
     colours = make_channels(frame, calibration, settings, CHANNELS)
     albedo = known_albedo(calibration)
 
@@ -251,7 +268,9 @@ def _surfaces_of_grey(
     frame: Frame, calibration: Calibration
 ) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
-    settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH)
+    settings = Settings(
+        width=min(EXPONENT_SEARCH.width, frame.width), smooth=EXPONENT_SEARCH.smooth
+    )
     (channel,) = make_channels(frame, calibration, settings, [None])
     provenance = Provenance(preparation=channel.report)
 
@@ -268,12 +287,12 @@ def _solve_for_all_k(
     solve: Callable[[float, Iterate | None], Chain],
 ) -> Generator[Iterate, None, list[Iterate]]:
     """Solve for every k, from FIRST outwards, each from its neighbour's surface."""
-    first = yield from solve(float(EXPONENTS[FIRST]), None)
+    first = yield from solve(float(EXPONENTS[EXPONENT_SEARCH.first]), None)
     up = [first]
     down = [first]
-    for k in EXPONENTS[FIRST + 1 :]:
+    for k in EXPONENTS[EXPONENT_SEARCH.first + 1 :]:
         up.append((yield from solve(float(k), up[-1])))
-    for k in EXPONENTS[:FIRST][::-1]:
+    for k in EXPONENTS[: EXPONENT_SEARCH.first][::-1]:
         down.append((yield from solve(float(k), down[-1])))
     return [*down[:0:-1], *up]
 
@@ -297,7 +316,8 @@ def _cost(surface: Iterate) -> float:
     nearness = 1 / surface.distance[surface.mask]
     with np.errstate(divide="ignore"):
         return float(
-            np.log(surface.energy) - CONTRAST * np.log(nearness.std() / nearness.mean())
+            np.log(surface.energy)
+            - EXPONENT_SEARCH.contrast * np.log(nearness.std() / nearness.mean())
         )
 
 
@@ -316,7 +336,8 @@ def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
             )
             if both.sum() > 1 and min(shape[both].std(), other[both].std()) > 0:
                 correlation[i, j] = correlation[j, i] = (
-                    max(np.corrcoef(shape[both], other[both])[0, 1], 0.0) ** SAME
+                    max(np.corrcoef(shape[both], other[both])[0, 1], 0.0)
+                    ** EXPONENT_SEARCH.same
                 )
     return np.asarray(1 / correlation.sum(axis=1))
 
@@ -324,21 +345,30 @@ def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
 def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> FloatArray:
     """How likely every k is, (N, 2): k, and per unit of k."""
     k = np.linspace(
-        EXPONENTS[0], EXPONENTS[-1], round((EXPONENTS[-1] - EXPONENTS[0]) / FINE) + 1
+        EXPONENTS[0],
+        EXPONENTS[-1],
+        round((EXPONENTS[-1] - EXPONENTS[0]) / EXPONENT_SEARCH.step) + 1,
     )
 
-    def blurred(density: FloatArray, width: float) -> FloatArray:
-        smooth = np.asarray(gaussian_filter1d(density, width / FINE, mode="constant"))
-        return smooth / (smooth.sum() * FINE)
+    def blur(density: FloatArray, width: float) -> FloatArray:
+        smooth = np.asarray(
+            gaussian_filter1d(density, width / EXPONENT_SEARCH.step, mode="constant")
+        )
+        return smooth / (smooth.sum() * EXPONENT_SEARCH.step)
 
     total = np.zeros(len(k))
     for scan, weight in zip(scans, weights, strict=True):
         cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
-        says = blurred(
-            np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE[not coloured] / scan.spread
+        says = blur(
+            np.exp(-(cost - cost.min()) / EXPONENT_SEARCH.temperature),
+            EXPONENT_SEARCH.aside[not coloured] / scan.spread,
         )
-        total += weight * np.log((1 - WRONG) * says + WRONG / (k[-1] - k[0]))
-    return np.stack([k, blurred(np.exp(total - total.max()), ALIKE[not coloured])], axis=1)
+        total += weight * np.log(
+            (1 - EXPONENT_SEARCH.wrong) * says + EXPONENT_SEARCH.wrong / (k[-1] - k[0])
+        )
+    return np.stack(
+        [k, blur(np.exp(total - total.max()), EXPONENT_SEARCH.alike[not coloured])], axis=1
+    )
 
 
 def _estimate(
@@ -349,14 +379,14 @@ def _estimate(
     weights = _weights([scan.shape for scan in scans])
     likelihood = _likelihood(scans, weights, coloured)
     k = likelihood[:, 0]
-    share = np.cumsum(likelihood[:, 1]) * FINE
+    share = np.cumsum(likelihood[:, 1]) * EXPONENT_SEARCH.step
     low, below, middle, above, high = np.interp(
         [0.025, 0.16, 0.5, 0.84, 0.975], share, k
     ).tolist()
     error = (above - below) / 2
-    at_bound = k[np.argmax(likelihood[:, 1])] > k[-1] - EDGE
+    at_bound = k[np.argmax(likelihood[:, 1])] > k[-1] - EXPONENT_SEARCH.edge
     frames = f"{len(scans)} frame{'' if len(scans) == 1 else 's'}"
-    if at_bound or error > ROUGHLY:
+    if at_bound or error > EXPONENT_SEARCH.roughly:
         outcome = "not found"
         why = (
             f"it would be {k[-1]:g} or more"
@@ -365,13 +395,15 @@ def _estimate(
         )
         verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
     else:
-        outcome = "found" if error <= FOUND else "roughly"
+        outcome = "found" if error <= EXPONENT_SEARCH.found else "roughly"
         taken = middle
         roughly = ""
         instead = ""
         if outcome == "roughly":
             taken = float(
-                np.average([middle, usual.k], weights=[error**-2, USUAL_ERROR**-2])
+                np.average(
+                    [middle, usual.k], weights=[error**-2, EXPONENT_SEARCH.usual_error**-2]
+                )
             )
             roughly = "roughly "
             instead = f"; with {usual.k:g} in mind, {taken:.1f} is taken"

@@ -1,4 +1,4 @@
-"""Light that has bounced: how much of what a wall shows came from other walls, not from the lamp.
+r"""Light that has bounced: how much of what a wall shows came from other walls, not from the lamp.
 
 In a colon it is a quarter of the green light and half of the red, more than any other error of the
 model I_c = cos θ / d². Once a surface is known roughly, it follows: patches of the surface exchange
@@ -7,9 +7,18 @@ SIGGRAPH 1984),
 
     S_i = Σ_j F_ij a (E_j + S_j),     F_ij = cos θ_ij cos θ_ji A_j / (π r_ij²)  where i sees j,
 
-E being the irradiance straight from the lamp and S that of bounced light. Both fall with the square
-of the scene's size, so that the share ι = S/E asks for its shape only. A picture divided by 1 + ι is
-one that the model explains: solve it, compute ι anew, and so on; two rounds do.
+E being the irradiance straight from the lamp and S that of bounced light:
+
+      drawn back  |  in the picture
+    ======j=======|=======i=========.
+           \      |      / \        |    lamp to i:  E_i
+            `-----|-----'   \       |    j to i:     F_ij a (E_j + S_j), a term of S_i,
+    - - - - - - - lamp ------'- - - |    unless a nearer wall stands between them
+                  |                 |
+    ==============|================='
+
+Both fall with the square of the scene's size, so that the share ι = S/E asks for its shape only. A
+picture divided by 1 + ι is one that the model explains: solve it, compute ι again; two rounds do.
 
 The walls beside and behind the camera are not in the picture, but half of the bounced light comes
 from them: the picture's rim is drawn back along the axis, as a colon goes on as it came. Behind folds,
@@ -36,20 +45,33 @@ from endolab.numerics.derivatives import gradient
 from endolab.numerics.resampling import resample
 from endolab.numerics.threads import on_cores
 
-PATCHES = 500  # of the picture; twice as many change ι by a hundredth
-STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
-SECTORS = 20  # of the rim
-BACK = 2.0  # how far behind the camera the wall goes on, in radii
-RINGS = 100  # of it at most, as many as a view of 5° to the side needs
-NEARER = (
-    1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
-)
+
+@dataclass(frozen=True)
+class WallModel:
+    """How a surface becomes patches, and which walls are taken to be where none is seen."""
+
+    patches: int = 500  # of the picture; twice as many change ι by a hundredth
+    # cos θ below which a pixel's surface is a fold's edge rather than a wall.
+    least_cosine: float = 0.1
+    grazing: float = 1e-3  # cos α below which a lamp's light no longer falls
+    rim_sectors: int = 20  # of the rim
+    back: float = 2.0  # how far behind the camera the wall goes on, in radii
+    rings: int = 100  # of it at most, as many as a view of 5° to the side needs
+    # A wall must be nearer than a chord by this factor to block it: patches are coarse.
+    nearer: float = 1.1
+    # Of what a patch does not see, how much is a wall; so red and green say one E of
+    # traced colons.
+    hidden: float = 0.75
+    bounces: int = 16  # counted one by one; those after them fall by a constant share
+    lasting: float = 0.98  # share that a further bounce may leave
+    # ι, beyond which it says that the lamp hardly reaches the wall.
+    most_indirect: float = 20.0
+
+
+WALL_MODEL = WallModel()
+
+
 TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is, or in both
-HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
-BOUNCES = 16  # counted one by one; those after them fall by a constant share
-LASTING = 0.98  # share that a further bounce may leave
-GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
-MOST_INDIRECT = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
 
 
 @on_cores(cost=9)
@@ -138,7 +160,7 @@ def _exchange(
     factors = np.zeros((len(x), len(x)))
     maps = (np.ascontiguousarray(a.T) for a in (x, n))
     places = np.ascontiguousarray(cell.T, dtype=np.int64)
-    _fill_exchange(factors, *maps, area, places, 1 / (NEARER * nearest))
+    _fill_exchange(factors, *maps, area, places, 1 / (WALL_MODEL.nearer * nearest))
     return factors
 
 
@@ -169,7 +191,7 @@ class Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
         k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
-        surface is torn, see `Problem`.
+        surface is cut, see `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
         f_u, f_v = gradient(v, mask, cuts)
@@ -177,13 +199,13 @@ class Walls:
         solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
         cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
         distance = np.where(mask, np.exp(v), 1.0)
-        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, GRAZING), 1.0)
+        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, WALL_MODEL.grazing), 1.0)
         light = np.where(mask, cos_alpha**k, 0.0)
         rays = np.where(mask[..., None], field.rays, 0.0)
         facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
-        area = solid * distance**2 / np.maximum(cosine, STEEPEST)
+        area = solid * distance**2 / np.maximum(cosine, WALL_MODEL.least_cosine)
 
-        step = max(1.0, np.sqrt(mask.sum() / PATCHES))
+        step = max(1.0, np.sqrt(mask.sum() / WALL_MODEL.patches))
         cells = tuple(max(1, round(length / step)) for length in mask.shape)
         weighted = np.concatenate(
             [(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1
@@ -220,8 +242,10 @@ class Walls:
         """Return the same walls under a lamp of another spread."""
         points = self.points[self.count :]
         normals = self.normals[self.count :]
-        here = self.points[: self.count]
-        cos_alpha = np.maximum(here[:, 2] / np.linalg.norm(here, axis=-1), GRAZING)
+        seen_points = self.points[: self.count]
+        cos_alpha = np.maximum(
+            seen_points[:, 2] / np.linalg.norm(seen_points, axis=-1), WALL_MODEL.grazing
+        )
         lit = [
             self.lit[: self.count] * cos_alpha ** (k - self.k),
             _lamp(points, normals, k),
@@ -249,14 +273,14 @@ class Walls:
 
     @cached_property
     def orders(self) -> FloatArray:
-        """What every patch receives after one bounce, two, ..., (BOUNCES, N), of walls of albedo 1."""
-        hidden = HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
+        """What every patch receives after one bounce, two, ..., (bounces, N), of walls of albedo 1."""
+        hidden = WALL_MODEL.hidden * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
         orders = [self.exchange @ self.lit]
-        for _ in range(BOUNCES - 1):
+        for _ in range(WALL_MODEL.bounces - 1):
             orders.append(self.exchange @ orders[-1] + hidden * orders[-1])
         return np.stack(orders)
 
-    def bounced(self, albedo: ArrayLike) -> FloatArray:
+    def bounced_light(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
         rho = np.asarray(albedo, dtype=np.float64)
         return bounced_light_and_slope(self.orders, rho.ravel())[0].reshape(
@@ -265,7 +289,7 @@ class Walls:
 
     def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
-        light = self.bounced(np.atleast_1d(albedo))
+        light = self.bounced_light(np.atleast_1d(albedo))
         shape = (*self.seen.shape, light.shape[1])
         coarse = np.zeros(shape)
         known = self.seen.astype(np.float64)
@@ -282,7 +306,7 @@ class Walls:
         share = (
             resample(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
         )
-        ratio = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
+        ratio = np.where(lit[..., None], np.minimum(share, WALL_MODEL.most_indirect), 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
@@ -298,9 +322,9 @@ def bounced_light_and_slope(
     last = orders[-1]
     before = orders[-2]
     share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
-    kept = 1 - np.minimum(share, LASTING)
+    kept = 1 - np.minimum(share, WALL_MODEL.lasting)
     tail = last[:, None] * powers[-1] * share / kept
-    growth = len(orders) + 1 + np.where(share < LASTING, share / kept, 0.0)
+    growth = len(orders) + 1 + np.where(share < WALL_MODEL.lasting, share / kept, 0.0)
     return orders.T @ powers + tail, orders.T @ (number * powers) + tail * growth
 
 
@@ -330,7 +354,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     """
     across = np.hypot(points[:, 0], points[:, 1])
     sector = (
-        (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0) * SECTORS
+        (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0)
+        * WALL_MODEL.rim_sectors
     ).astype(int)
     alpha = np.arctan2(across, points[:, 2])
     rim = np.array(
@@ -341,8 +366,12 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
-    deep = (np.median(start[:, 2]) + BACK * np.median(radius)) / step if step > 0 else 0.0
-    rings = int(np.ceil(min(deep, RINGS)))
+    deep = (
+        (np.median(start[:, 2]) + WALL_MODEL.back * np.median(radius)) / step
+        if step > 0
+        else 0.0
+    )
+    rings = int(np.ceil(min(deep, WALL_MODEL.rings)))
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
     back = (
         (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])

@@ -9,6 +9,7 @@ leaves. The residual around a pixel over that share is how strong such a field m
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -24,12 +25,26 @@ from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import LightOutcome
 from endolab.solvers.result import Iterate
 
-LENGTH = 12.0  # of a wall's texture, standard deviation of its Gaussian, per 320 px of the longer side
-AROUND = 10.0  # of the residuals that count for a pixel, likewise
-LEAST_LEFT = 0.5  # of the median of what fits leave, below which a pixel's own is not taken
-GRAZING = 0.05  # cos θ below which a lamp's place tells nothing more
-OFF = 1.0  # of the light's logarithm, that a lamp beside the optical centre changes at most
-MAYBE = 0.03  # steepness from which on every second line is a contour: log d₀ per 1/320 of the longer side
+
+@dataclass(frozen=True)
+class CauseLimits:
+    """How random fields and changes of light are made.
+
+    Lengths are standard deviations of Gaussians, per 320 px of the longer side.
+    """
+
+    length: float = 12.0  # of a wall's texture
+    around: float = 10.0  # of the residuals that count for a pixel
+    # Of the median of what fits leave, below which a pixel's own is not taken.
+    least_left: float = 0.5
+    grazing: float = 0.05  # cos θ below which a lamp's place tells nothing more
+    # Of the light's logarithm, that a lamp beside the optical centre changes at most.
+    lamp_change: float = 1.0
+    # From which on every second line is a contour: log d₀ per 1/320 of the longer side.
+    possible_steepness: float = 0.03
+
+
+CAUSES = CauseLimits()
 
 
 def correlated_field(
@@ -52,7 +67,7 @@ def _blur(a: FloatArray, sigma: float) -> FloatArray:
     return np.asarray(blurred, dtype=np.float64)
 
 
-def around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
+def rms_around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
     """Root mean square around each pixel of those that are said."""
     share = np.maximum(_blur(weight, sigma), 1e-6)
     return np.asarray(np.sqrt(np.maximum(_blur(weight * values**2, sigma), 0.0) / share))
@@ -73,16 +88,20 @@ class Texture:
         )  # change of I per change of log light
         self._left: list[FloatArray] = []
 
-    def field(self) -> FloatArray:
+    def draw(self) -> FloatArray:
         """One of unit variance."""
-        return correlated_field(self._rng, self._informative.shape, LENGTH * self._scale)
+        return correlated_field(
+            self._rng, self._informative.shape, CAUSES.length * self._scale
+        )
 
-    def try_one(self) -> None:
+    def try_field(self) -> None:
         """See what a fit leaves of a field of unit variance."""
-        field = self.field()
-        change = self._surface.applied(self._surface.to_light(field))
+        field = self.draw()
+        change = self._surface.apply(self._surface.to_light(field))
         left = field - self._in_light(change)
-        self._left.append(around(left, self._informative, AROUND * self._scale) ** 2)
+        self._left.append(
+            rms_around(left, self._informative, CAUSES.around * self._scale) ** 2
+        )
 
     def _in_light(self, change: FloatArray | float) -> FloatArray:
         """A change of the picture as one of the light's logarithm; 0 where there is none."""
@@ -102,12 +121,12 @@ class Texture:
         unexplained = self._in_light(self._surface.residual)
         by_noise = self._in_light(noise)
         squares = [
-            around(square, self._informative, AROUND * self._scale) ** 2
+            rms_around(square, self._informative, CAUSES.around * self._scale) ** 2
             for square in (unexplained, by_noise)
         ]
         strength = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
         return np.hypot(
-            strength / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least
+            strength / np.maximum(left, CAUSES.least_left * max(usual, 1e-6)), self._least
         )
 
 
@@ -133,14 +152,20 @@ def light_changes(
     if prior_sigma.lamp and problem.metric:
         rays = np.where(mask[..., None], field.rays, 0.0)
         normal = np.nan_to_num(normals(np.where(mask, log_distance, np.nan), field, mask))
-        cosine = np.maximum(-(normal * rays).sum(axis=-1), GRAZING)
+        cosine = np.maximum(-(normal * rays).sum(axis=-1), CAUSES.grazing)
         distance = np.exp(np.where(mask, log_distance, 0.0))
         for axis in range(2):
             # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
             slope = (3 * rays[..., axis] + normal[..., axis] / cosine) / distance
             yield (
                 f"lamp {'xy'[axis]}",
-                np.where(mask, np.clip(prior_sigma.lamp * slope, -OFF, OFF), 0.0),
+                np.where(
+                    mask,
+                    np.clip(
+                        prior_sigma.lamp * slope, -CAUSES.lamp_change, CAUSES.lamp_change
+                    ),
+                    0.0,
+                ),
             )
 
 
@@ -171,9 +196,9 @@ def bounced_light(iterate: Iterate) -> FloatArray:
 
 def possible_cuts(problem: Problem) -> BoolArray | None:
     """Cuts at every line of the picture that may be a contour, beside those of the problem."""
-    cuts = (find_contours(problem.log_d0, problem.mask) > MAYBE) & links(
-        problem.mask, problem.cuts
-    )
+    cuts = (
+        find_contours(problem.log_d0, problem.mask) > CAUSES.possible_steepness
+    ) & links(problem.mask, problem.cuts)
     if not cuts.any():
         return problem.cuts
     return cuts if problem.cuts is None else cuts | problem.cuts

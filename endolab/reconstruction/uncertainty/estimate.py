@@ -2,8 +2,8 @@
 
 Every uncertain cause is a change of the picture's light that the surface answers to linearly (`linearised`):
 one solve for a cause with a name, some dozen for random fields, whose mean square is taken. λ and contours,
-which are choices, are made otherwise, and the frame solved anew (`anew`). Variances add up. What all pixels
-share is a scale, and told apart from the shape.
+which are choices, are made otherwise, and the frame solved again (`re_solve`). Variances add up. What all
+pixels share is a scale, and told apart from the shape.
 
 Which causes there are, the length of the texture and what `PriorSigma` takes by default were chosen with
 path-traced and real frames and their truth in view.
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
-from endolab.frames.frame import QUIET, noise_level
+from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
@@ -26,28 +26,41 @@ from endolab.numerics.derivatives import links, px_per_reference, shift
 from endolab.numerics.iteration import Status, Stopped, check_observers, closing, drive
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.scale import Pixel, own_pixel
-from endolab.reconstruction.uncertainty.anew import LARGEST_CHANGE, re_solve
 from endolab.reconstruction.uncertainty.causes import (
     Texture,
     correlated_field,
     light_changes,
     possible_cuts,
 )
-from endolab.reconstruction.uncertainty.fewer_pixels import enlarged, thinned
+from endolab.reconstruction.uncertainty.fewer_pixels import enlarge, thin
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
+from endolab.reconstruction.uncertainty.re_solve import re_solve
 from endolab.reconstruction.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
 from endolab.solvers.problem import NONE, Problem
 from endolab.solvers.result import Iterate, Result
 
-# of each random field: by default, below which nothing is told
-DRAWS = 24
-LEAST_DRAWS = 4
-ALONG = 40.0  # of what enters along a rim, per 320 px of the longer side: values of one wall go together
-FEW_DRAWS = 8  # of those that are smooth, or matter little
-TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
-LARGEST_SIGMA = 1.0  # σ of log d at most: what is worse is not known at all
-SHARP = 0.5  # px, blur that is none
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many random fields are drawn, and what is taken of them."""
+
+    draws: int = 24  # of each random field
+    least_draws: int = 4  # below which nothing is told
+    few_draws: int = 8  # of those that are smooth, or matter little
+    # Of random fields that tell what a fit leaves, and what it does not find.
+    tries: int = 6
+    # Of what enters along a rim, per 320 px of the longer side: values of one wall go
+    # together.
+    along: float = 40.0
+    largest_sigma: float = 1.0  # σ of log d at most: what is worse is not known at all
+    largest_change: float = 1.0  # of an answer, in log d: what goes farther is lost anyway
+    sharp: float = 0.5  # px, blur that is none
+
+
+SAMPLING = Sampling()
+
+
 WITHOUT = ("facing", "fast_marching")  # solvers that do not minimise the energy
 
 
@@ -93,7 +106,7 @@ def uncertainty_of(
     calibration: Calibration | None = None,
     *,
     prior_sigma: PriorSigma | None = None,
-    draws: int = DRAWS,
+    draws: int = SAMPLING.draws,
     observers: Iterable[Callable[[Progress], bool | None]] = (),
     threads: int | None = None,
 ) -> Uncertainty:
@@ -140,20 +153,20 @@ def uncertainty_of(
         raise ValueError(f"result must be a Result, got {excerpt(result)}")
     if not isinstance(prior_sigma, PriorSigma | None):
         raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
-    draws = check_int("draws", draws, LEAST_DRAWS)
+    draws = check_int("draws", draws, SAMPLING.least_draws)
     check_solver(result.provenance.asked.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = check_observers(observers)
     with limit_threads(threads), closing(watching):
-        estimate = _Estimate(thinned(iterate), prior_sigma, draws)
+        estimate = _Estimate(thin(iterate), prior_sigma, draws)
         status = drive(
             estimate.steps(),
             watching,
             lambda step, seconds: None,
-            lambda step: step.done >= LEAST_DRAWS,
+            lambda step: step.done >= SAMPLING.least_draws,
         )
-    if estimate.done < LEAST_DRAWS:
+    if estimate.done < SAMPLING.least_draws:
         raise Stopped(
             "how far the result can be trusted: stopped before there was anything to tell"
         )
@@ -191,8 +204,8 @@ class _Estimate:
         rng = np.random.default_rng(0)
         yield None
         bumps = Bumps(surface, rng)
-        for _ in range(TRIES):
-            yield "bumps", prior_sigma.bumps * bumps.try_one()
+        for _ in range(SAMPLING.tries):
+            yield "bumps", prior_sigma.bumps * bumps.try_field()
         self._shares = bumps.shares(v)
         yield None
         for cause, light in light_changes(self._iterate, prior_sigma):
@@ -212,24 +225,27 @@ class _Estimate:
         still = (yield from re_solve(problem, v)) if choices else v
         for cause, (share, other) in choices.items():
             moved = (yield from re_solve(other, v)) - still
-            yield cause, share * np.clip(moved, -LARGEST_CHANGE, LARGEST_CHANGE)
+            yield (
+                cause,
+                share * np.clip(moved, -SAMPLING.largest_change, SAMPLING.largest_change),
+            )
         entering = Rim(loose, v)
         doubt = np.where(
             _at_contours(loose.problem), prior_sigma.behind, prior_sigma.border
         )
         texture = Texture(surface, rng, prior_sigma.texture)
-        for _ in range(TRIES):
-            texture.try_one()
+        for _ in range(SAMPLING.tries):
+            texture.try_field()
             yield None
         noise, blur = noise_left(self._iterate)
         strength = texture.strength(noise)
         for draw in range(self._asked):
-            yield "texture", surface.to_light(strength * texture.field())
-            if draw < FEW_DRAWS:
+            yield "texture", surface.to_light(strength * texture.draw())
+            if draw < SAMPLING.few_draws:
                 along = correlated_field(
-                    rng, mask.shape, ALONG * px_per_reference(mask.shape)
+                    rng, mask.shape, SAMPLING.along * px_per_reference(mask.shape)
                 )
-                yield "border", entering.moved(doubt * along)
+                yield "border", entering.follow(doubt * along)
                 white = correlated_field(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
             self.done = draw + 1
@@ -239,14 +255,16 @@ class _Estimate:
         """Sum up, on the pixels of the whole frame."""
         mask = self._iterate.mask
         lost = _without_evidence(self._iterate.problem)
-        parts = enlarged(self._shares, mask, whole.mask)
+        parts = enlarge(self._shares, mask, whole.mask)
         squares = {
             cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()
         }
 
         def sigma(squares: Iterable[FloatArray]) -> FloatArray:
-            capped = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
-            return enlarged(np.where(lost, LARGEST_SIGMA, capped), mask, whole.mask)
+            capped = np.minimum(
+                np.sqrt(sum(squares, np.zeros(mask.shape))), SAMPLING.largest_sigma
+            )
+            return enlarge(np.where(lost, SAMPLING.largest_sigma, capped), mask, whole.mask)
 
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
@@ -307,10 +325,15 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     prepared = result.provenance.preparation
     blur = 0.0 if prepared is None else prepared.smooth
     level = max(
-        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET
+        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask),
+        FRAME_LIMITS.rounding,
     )
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
-    return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
+    return (
+        (level / (2 * np.sqrt(np.pi) * blur), blur)
+        if blur >= SAMPLING.sharp
+        else (level, 0.0)
+    )
 
 
 def _at_contours(problem: Problem) -> BoolArray:

@@ -13,12 +13,12 @@ from endolab.numerics.resampling import resample
 from endolab.solvers.grid import Grid
 from endolab.solvers.result import Iterate
 
-ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
+MOST_COLUMNS = 400  # columns: a texture's Gaussian then has σ of 7 px and more
 
 
-def thinned(iterate: Iterate) -> Iterate:
-    """The same on half the pixels along both sides, as often as it takes to have `ENOUGH` columns at most."""
-    while max(iterate.mask.shape) > ENOUGH:
+def thin(iterate: Iterate) -> Iterate:
+    """The same on half the pixels along both sides, until there are at most `MOST_COLUMNS`."""
+    while max(iterate.mask.shape) > MOST_COLUMNS:
         iterate = _halve(iterate)
     return iterate
 
@@ -58,8 +58,8 @@ def _halve(iterate: Iterate) -> Iterate:
     return Iterate.of(smaller, np.where(smaller.mask, v, 0.0), provenance=provenance)
 
 
-def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
-    """Maps (..., h, w), known in a mask, on the pixels that were `thinned`, (..., H, W); nan outside them."""
+def enlarge(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
+    """Maps (..., h, w), known in a mask, on the pixels that were `thin`, (..., H, W); nan outside them."""
     if known.shape == mask.shape:
         return np.where(mask, a, np.nan)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)

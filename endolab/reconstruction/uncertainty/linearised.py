@@ -22,12 +22,18 @@ from endolab.solvers.multigrid import Multigrid
 from endolab.solvers.normal_equations import Coefficients
 from endolab.solvers.problem import Problem
 
-# of a solve: residual left, a tenth of what draws scatter by; steps
-PRECISION = 3e-2
-MOST_INNER_STEPS = 15
-DAMPING = (
-    1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
-)
+
+@dataclass(frozen=True)
+class LinearSolve:
+    """How well H x = b is solved."""
+
+    precision: float = 3e-2  # residual left, a tenth of what draws scatter by
+    most_steps: int = 15
+    # Share of the data's diagonal that is added to H, for pixels that nothing holds.
+    damping: float = 1e-3
+
+
+LINEAR_SOLVE = LinearSolve()
 
 
 @dataclass(frozen=True)
@@ -51,7 +57,13 @@ class Linearised:
         coefficients = Coefficients(coefficients.parts, grid.structure(grid.free))
         model = np.where(mask, model_image(problem, v), 0.0)
         residual = np.where(mask, model - problem.image, 0.0)
-        return cls(grid, coefficients, Multigrid(coefficients, DAMPING), model, residual)
+        return cls(
+            grid,
+            coefficients,
+            Multigrid(coefficients, LINEAR_SOLVE.damping),
+            model,
+            residual,
+        )
 
     @property
     def problem(self) -> Problem:
@@ -76,7 +88,7 @@ class Linearised:
         root = inner(self.coefficients.by_v_u) * (1 - 0.5 * right * left)
         return root, inner(self.coefficients.by_v_v) * (1 - 0.5 * below * above)
 
-    def applied(self, x: FloatArray) -> FloatArray:
+    def apply(self, x: FloatArray) -> FloatArray:
         """J x: how the picture changes with v."""
         right, left, below, above = self._sides()
         by_u, by_w = self._by_slopes()
@@ -98,16 +110,18 @@ class Linearised:
 
     # H⁻¹ ------------------------------------------------------------------------------
 
-    def solved(self, b: FloatArray) -> FloatArray:
+    def solve(self, b: FloatArray) -> FloatArray:
         """H⁻¹ b."""
         x = self.multigrid.solve(
-            pad_maps(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS
+            pad_maps(np.where(self.problem.mask, b, 0.0)),
+            LINEAR_SOLVE.precision,
+            LINEAR_SOLVE.most_steps,
         )[0]
         return inner(x).astype(np.float64)
 
     def to_picture(self, change: FloatArray) -> FloatArray:
         """How v answers to a change of the picture, of stored values."""
-        return self.solved(self.adjoint(self.weight * change))
+        return self.solve(self.adjoint(self.weight * change))
 
     def to_light(self, change: FloatArray) -> FloatArray:
         """How v answers to light that is brighter by this share, a change of its logarithm.

@@ -16,7 +16,7 @@ import numpy as np
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
 
-NOMINAL = {"k": 1.0, "gamma": 0.2}  # of a light that was taken from another endoscope
+NOMINAL_SIGMA = {"k": 1.0, "gamma": 0.2}  # of a light that was taken from another endoscope
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class PriorSigma:
         errors = _standard_errors(evidence)
         nominal = _is_nominal(evidence)
         if nominal:
-            stated = replace(stated, k=NOMINAL["k"], gamma=NOMINAL["gamma"])
+            stated = replace(stated, k=NOMINAL_SIGMA["k"], gamma=NOMINAL_SIGMA["gamma"])
         notes = []
         if errors:
             listed = ", ".join(f"{name} ± {value:.2g}" for name, value in errors.items())

@@ -13,13 +13,8 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import px_per_reference
-from endolab.reconstruction.uncertainty.causes import LENGTH, around, correlated_field
-from endolab.reconstruction.uncertainty.linearised import (
-    DAMPING,
-    MOST_INNER_STEPS,
-    PRECISION,
-    Linearised,
-)
+from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field, rms_around
+from endolab.reconstruction.uncertainty.linearised import LINEAR_SOLVE, Linearised
 from endolab.solvers.multigrid import Multigrid, multiply
 from endolab.solvers.normal_equations import Coefficients
 
@@ -32,17 +27,21 @@ class Rim:
     def __init__(self, surface: Linearised, log_distance: FloatArray) -> None:
         coefficients = surface.coefficients
         self._held = surface.grid.inflow_pixels(pad_maps(log_distance))
-        self._matrix = coefficients.matrix(DAMPING)
+        self._matrix = coefficients.matrix(LINEAR_SOLVE.damping)
         self._free = coefficients.active * pad_maps((~self._held).astype(np.int8))
         rest = replace(coefficients.structure, active=self._free)
-        self._multigrid = Multigrid(Coefficients(coefficients.parts, rest), DAMPING)
+        self._multigrid = Multigrid(
+            Coefficients(coefficients.parts, rest), LINEAR_SOLVE.damping
+        )
 
-    def moved(self, change: FloatArray) -> FloatArray:
+    def follow(self, change: FloatArray) -> FloatArray:
         """How log d answers to a change of it at the rim."""
         given = pad_maps(np.where(self._held, change, 0.0))
         pulled = np.zeros_like(given)
         multiply(self._matrix, given, pulled)
-        x = self._multigrid.solve(-pulled * self._free, PRECISION, MOST_INNER_STEPS)[0]
+        x = self._multigrid.solve(
+            -pulled * self._free, LINEAR_SOLVE.precision, LINEAR_SOLVE.most_steps
+        )[0]
         return np.asarray(inner(given + x))
 
 
@@ -53,28 +52,28 @@ class Bumps:
         self._surface = surface
         self._rng = rng
         mask = surface.problem.mask
-        self._length = LENGTH * px_per_reference(mask.shape)
+        self._length = CAUSES.length * px_per_reference(mask.shape)
         self._there = mask.astype(np.float64)
-        self._seen = np.zeros(mask.shape)
-        self._whole = np.zeros(mask.shape)
+        self._recovered = np.zeros(mask.shape)
+        self._true = np.zeros(mask.shape)
 
-    def try_one(self) -> FloatArray:
+    def try_field(self) -> FloatArray:
         """What is not found of a field of bumps of unit variance."""
         bump = self._there * correlated_field(self._rng, self._there.shape, self._length)
-        answer = self._surface.to_picture(self._surface.applied(bump))
+        answer = self._surface.to_picture(self._surface.apply(bump))
         here = self._there
         length = self._length
-        self._seen += (
-            around(bump + answer, here, length) ** 2
-            - around(bump - answer, here, length) ** 2
+        self._recovered += (
+            rms_around(bump + answer, here, length) ** 2
+            - rms_around(bump - answer, here, length) ** 2
         )
-        self._whole += 4 * around(bump, here, length) ** 2
+        self._true += 4 * rms_around(bump, here, length) ** 2
         return np.asarray(bump - answer)
 
     def shares(self, log_distance: FloatArray) -> FloatArray:
         """Shares of data, border or contour, and prior, (3, H, W): 1 in all in the mask, 0 outside."""
-        follows = Rim(self._surface, log_distance).moved(np.ones(log_distance.shape))
+        follows = Rim(self._surface, log_distance).follow(np.ones(log_distance.shape))
         border = np.clip(follows, 0.0, 1.0)
-        share = np.clip(self._seen / np.maximum(self._whole, 1e-12), 0.0, 1.0)
+        share = np.clip(self._recovered / np.maximum(self._true, 1e-12), 0.0, 1.0)
         data = (1 - border) * share
         return self._there * np.stack([data, border, 1 - border - data])

@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.sentences import meaning
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots import style

@@ -13,7 +13,7 @@ import rerun as rr
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.assumptions import notes
+from endolab.reconstruction.sentences import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import DECIDERS, common_limits, in_colour
 from endolab.workbench.recording.layouts import TIMELINE, Shown, comparison, reconstruction

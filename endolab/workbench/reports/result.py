@@ -12,10 +12,10 @@ import numpy as np
 from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
-from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
-from endolab.reconstruction.plausible import warnings
 from endolab.reconstruction.scale import scale_of
+from endolab.reconstruction.sentences import meaning
+from endolab.reconstruction.warnings import warnings
 from endolab.solvers.result import Result
 from endolab.workbench.plots.maps import overview
 from endolab.workbench.plots.preparation import prepare_figure

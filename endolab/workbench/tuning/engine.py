@@ -250,7 +250,7 @@ class Tuner:
 
         def job(is_stale: IsStale) -> None:
             known = answer.settings.saved(answer.subject.calibration, answer.subject.grey)
-            believed = known.believed(answer.subject.calibration)
+            believed = known.apply(answer.subject.calibration)
             with suppress(Stopped):  # only a wish that came since does that
                 uncertainty = uncertainty_of(
                     answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()]
@@ -305,7 +305,7 @@ class Tuner:
         started = time.perf_counter()
         saved = settings.saved(subject.calibration, subject.grey)
         keywords = {**saved.keywords, **options}
-        known = saved.believed(subject.calibration)
+        known = saved.apply(subject.calibration)
         result = reconstruct(subject.frame, known, observers=observers, **keywords)
         return Answer(settings, FINAL, time.perf_counter() - started, subject, result)
 

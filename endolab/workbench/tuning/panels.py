@@ -11,7 +11,7 @@ import numpy as np
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contours.lines import find_contours
-from endolab.reconstruction.uncertainty.causes import MAYBE, bounced_light
+from endolab.reconstruction.uncertainty.causes import CAUSES, bounced_light
 from endolab.reconstruction.uncertainty.estimate import noise_left
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.workbench.plots.scales import DECIDERS, common_limits
@@ -156,7 +156,9 @@ def _contours(answer: Answer, view: View) -> Panel:
     problem = answer.result.problem
     grey = np.asarray(problem.shown, float)
     picture = grey_or_colour(0.35 + 0.5 * (grey if grey.ndim == 2 else grey.mean(axis=-1)))
-    maybe = (find_contours(problem.log_d0, problem.mask) > MAYBE).any(axis=0)
+    maybe = (find_contours(problem.log_d0, problem.mask) > CAUSES.possible_steepness).any(
+        axis=0
+    )
     evidence = (
         np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
     )

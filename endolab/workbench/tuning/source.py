@@ -71,7 +71,7 @@ class Knobs(Settings):
         They are for a frame, which may be `grey`, and its calibration; of the light they hold what the
         solver believes otherwise than the calibration.
         """
-        chosen = self.listed()
+        chosen = self.as_dict()
         chosen["channel"] = self.channel or ("grey" if grey else "green")
         chosen["width"] = min(self.width, known.camera.width)
         light = {"k": self.k, "gamma": self.gamma, "albedo": self.albedo}

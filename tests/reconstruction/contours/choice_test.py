@@ -1,4 +1,4 @@
-"""Where the surface is torn: at steep lines, if the energy says so, on frames whose light obeys the model."""
+"""Where the surface is cut: at steep lines, if the energy says so, on frames whose light obeys the model."""
 
 import numpy as np
 import pytest
@@ -39,14 +39,14 @@ def error(surface, truth):
 @pytest.mark.parametrize(
     ("name", "most"), [("matt", 6.0), ("diffuse-1", 8.0), ("diffuse-3", 11.5)]
 )
-def test_what_is_torn_is_nearer_the_truth(name, most):
-    """Measured in %, smooth and torn: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
+def test_what_is_cut_is_nearer_the_truth(name, most):
+    """Measured in %, smooth and cut: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
     problem, truth = direct(name)
     smooth = solved(problem)
-    torn = finish(solve_cut(smooth, ContourChoice(price=0.03)))
-    assert torn.problem.cuts is not None
-    assert error(torn, truth) < min(most, error(smooth, truth) - 1.5)
-    assert torn.energy < smooth.energy
+    cut = finish(solve_cut(smooth, ContourChoice(price=0.03)))
+    assert cut.problem.cuts is not None
+    assert error(cut, truth) < min(most, error(smooth, truth) - 1.5)
+    assert cut.energy < smooth.energy
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
@@ -58,14 +58,14 @@ def test_a_wall_without_folds_is_left_whole(scene):
 
 
 def test_a_tube_loses_nothing():
-    """Its dark end may be torn. Measured 1.5 and 2.5 %; where the energies are least, 2.6 and 3.1 %."""
+    """Its dark end may be cut. Measured 1.5 and 2.5 %; where the energies are least, 2.6 and 3.1 %."""
     problem, seen = problem_of("tube", 160)
     smooth = solved(problem)
-    torn = finish(solve_cut(smooth))
-    assert percent_off(torn, seen) < percent_off(smooth, seen) + 1.1
+    cut = finish(solve_cut(smooth))
+    assert percent_off(cut, seen) < percent_off(smooth, seen) + 1.1
 
 
-def test_what_was_torn_before_is_torn_again_without_asking():
+def test_what_was_cut_before_is_cut_again_without_asking():
     problem, _ = direct("matt")
     task = Task(problem, problem, Provenance())
     first = finish(choose_contours(task, True))
@@ -80,7 +80,7 @@ def test_what_was_torn_before_is_torn_again_without_asking():
 
 
 def test_with_a_channel_of_its_own_and_without_contours():
-    """`contours=True` tears a single channel, too, and says so; a plane has no contours."""
+    """`contours=True` cuts a single channel, too, and says so; a plane has no contours."""
     calibration = el.load_calibration("simple", 160)
     for scene, expected in (("colon", True), ("plane", False)):
         seen = el.render(
@@ -92,8 +92,8 @@ def test_with_a_channel_of_its_own_and_without_contours():
         assert (result.problem.cuts is not None) is expected
 
 
-def test_lines_that_the_energy_chose_are_those_that_are_torn(data):
-    """Lines are chosen on fewer pixels. Measured 5.7 %; 7.5 when they were looked for anew in full."""
+def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
+    """Lines are chosen on fewer pixels. Measured 5.7 %; 7.5 when they were looked for again in full."""
     place = data / "rendered" / "clean_pinhole"
     known = el.load_calibration(place.with_suffix(".json"))
     frame = el.read_frame(place.with_suffix(".png"), known, mask=f"{place}_mask.png")

@@ -14,7 +14,7 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
+from endolab.reconstruction.contours.lines import LINE_SEARCH, basins, find_contours
 
 
 def seen(scene, width=320, **options):
@@ -55,7 +55,7 @@ def test_smooth_walls_have_none(scene):
     assert not (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any()
 
 
-def test_a_tube_is_not_torn_along_its_wall():
+def test_a_tube_is_not_cut_along_its_wall():
     """Lines that ran up the dark wall before its end cut pieces off it, 87 % too far."""
     known = datasets.load_calibration("simple", 160)
     seen = el.render(el.SCENES["tube"], known.camera, known.photometry, noise=1, bits=8)
@@ -66,7 +66,7 @@ def test_a_tube_is_not_torn_along_its_wall():
 
 
 def test_a_step_is_one_closed_line_one_step_thin():
-    """A disc that is farther: its rim is torn, all around, and nothing else."""
+    """A disc that is farther: its rim is cut, all around, and nothing else."""
     rows, columns = np.indices((120, 160))
     inside = np.hypot(rows - 60, columns - 75) < 30
     steepness = find_contours(
@@ -90,14 +90,14 @@ def test_basins_are_those_of_scikit_image():
     """Of few values none of which is twice there, so that all agree on who is flooded first."""
     slope = ndimage.gaussian_filter(np.random.default_rng(0).random((60, 80)), 2)
     region, count = basins(slope, np.ones(slope.shape, bool))
-    pits, number = ndimage.label(h_minima(slope, SHALLOW))
+    pits, number = ndimage.label(h_minima(slope, LINE_SEARCH.shallow))
     expected = watershed(slope, pits)
     assert abs(count - number) <= 0.05 * number
     both = np.unique(region * (number + 1) + expected, return_counts=True)[1]
     assert np.sort(both)[-number:].sum() > 0.97 * slope.size
 
 
-def test_a_limb_is_torn_on_its_far_side():
+def test_a_limb_is_cut_on_its_far_side():
     """Near wall, its dark rim, far wall: from left to right, and from right to left."""
     log_d0 = np.full((120, 320), 0.5)
     log_d0[:, 100:] = 1.0
@@ -105,9 +105,9 @@ def test_a_limb_is_torn_on_its_far_side():
     for flip in (False, True):
         picture = log_d0[:, ::-1].copy() if flip else log_d0
         cuts = find_contours(picture, np.ones(picture.shape, bool)) > 0.05
-        torn = np.flatnonzero(cuts[0].mean(axis=0) > 0.5)
-        assert torn.size == 1
-        at = 319 - torn[0] - 1 if flip else torn[0]
+        cut = np.flatnonzero(cuts[0].mean(axis=0) > 0.5)
+        assert cut.size == 1
+        at = 319 - cut[0] - 1 if flip else cut[0]
         assert abs(at - 99) <= 1  # between the rim and the far wall, not at 95
 
 

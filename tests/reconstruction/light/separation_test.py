@@ -9,9 +9,9 @@ import endolab as el
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.assumptions import notes
 from endolab.reconstruction.channels import make_channels
 from endolab.reconstruction.light.separation import merge, separate
+from endolab.reconstruction.sentences import notes
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.problem import NONE
 from tests.tools.problems import finish

@@ -64,8 +64,8 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     walls = Walls(x, n, area, lit, exchange, one > 0, one, one, one, 0.0)
     for albedo in (0.3, 0.6):
         expected = lit.mean() * albedo / (1 - albedo)
-        assert np.mean(walls.bounced(albedo)) == pytest.approx(expected, rel=0.04)
-        assert np.ptp(walls.bounced(albedo)) < 0.05 * expected
+        assert np.mean(walls.bounced_light(albedo)) == pytest.approx(expected, rel=0.04)
+        assert np.ptp(walls.bounced_light(albedo)) < 0.05 * expected
 
 
 def test_light_is_exchanged_both_ways_and_none_is_made(colon):
@@ -77,10 +77,10 @@ def test_light_is_exchanged_both_ways_and_none_is_made(colon):
     assert_allclose(given, given.T, rtol=1e-9)
     for albedo in (0.3, 0.75):
         # Of the lamp's light, bounces can give back ρ/(1 - ρ) at most.
-        assert walls.area @ walls.bounced(albedo) < walls.area @ walls.lit * albedo / (
-            1 - albedo
-        )
-        assert walls.bounced(albedo).min() >= 0
+        assert walls.area @ walls.bounced_light(
+            albedo
+        ) < walls.area @ walls.lit * albedo / (1 - albedo)
+        assert walls.bounced_light(albedo).min() >= 0
 
 
 def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
@@ -103,7 +103,7 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
             np.rint(place + 1e-9 * (middle - place)).astype(int).T
         )  # halves, towards the middle
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
-        if (chord > walls_module.NEARER * nearest[row, column]).any():
+        if (chord > walls_module.WALL_MODEL.nearer * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
     assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
     found = _exchange(x, n, area, cells, nearest)
@@ -154,12 +154,14 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
     """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
     v, field = colon
     walls = Walls.of(v, np.isfinite(v), field, 2.5)
-    hidden = walls_module.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
+    hidden = walls_module.WALL_MODEL.hidden * np.maximum(
+        1 - walls.exchange.sum(axis=1), 0.0
+    )
     assert hidden.max() > 0.05
     for albedo in (0.1, 0.38, 0.75):
         left = np.eye(len(hidden)) - albedo * (walls.exchange + np.diag(hidden))
         expected = np.linalg.solve(left, albedo * walls.exchange @ walls.lit)
-        assert_allclose(walls.bounced(albedo), expected, rtol=0.01)
+        assert_allclose(walls.bounced_light(albedo), expected, rtol=0.01)
 
 
 @pytest.mark.parametrize("albedo", [0.05, 0.4, 0.93])
@@ -167,7 +169,7 @@ def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
     v, field = colon
     walls = Walls.of(v, np.isfinite(v), field, 2.5)
     step = 1e-5
-    more, less = (walls.bounced([albedo * np.exp(one)]) for one in (step, -step))
+    more, less = (walls.bounced_light([albedo * np.exp(one)]) for one in (step, -step))
     slope = bounced_light_and_slope(walls.orders, np.array([albedo]))[1]
     assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
 

@@ -8,15 +8,11 @@ import pytest
 import endolab as el
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
-from endolab.reconstruction.light.unknown_light import USUAL_ERROR
-from endolab.reconstruction.uncertainty.causes import LENGTH, correlated_field
-from endolab.reconstruction.uncertainty.estimate import (
-    LARGEST_SIGMA,
-    LEAST_DRAWS,
-    uncertainty_of,
-)
+from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
+from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field
+from endolab.reconstruction.uncertainty.estimate import SAMPLING, uncertainty_of
 from endolab.reconstruction.uncertainty.linearised import Linearised
-from endolab.reconstruction.uncertainty.prior_sigma import NOMINAL, PriorSigma
+from endolab.reconstruction.uncertainty.prior_sigma import NOMINAL_SIGMA, PriorSigma
 from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
@@ -87,7 +83,7 @@ def test_a_noise_that_is_known_is_covered():
 def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
     """A wall whose albedo varies by 10 %: the answer to the very field, and how strong it is found to be."""
     clean, seen = problem_of("curved", 80)
-    field = correlated_field(np.random.default_rng(0), clean.mask.shape, LENGTH / 4)
+    field = correlated_field(np.random.default_rng(0), clean.mask.shape, CAUSES.length / 4)
     image = np.clip(clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999)
     result = solved(replace(clean, image=np.where(clean.mask, image, 0.0)))
     mask = result.mask
@@ -179,13 +175,13 @@ def test_light_that_bounced_and_was_left_in_counts_whole(curved):
     problem, _, result, uncertainty = curved
     here = problem.mask
     half = uncertainty_of(
-        result, prior_sigma=PriorSigma(left_in=0.5), draws=LEAST_DRAWS
+        result, prior_sigma=PriorSigma(left_in=0.5), draws=SAMPLING.least_draws
     ).causes["bounced light"]
     assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
     asked = replace(
         result.iterate, provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED))
     )
-    assert "bounced light" not in uncertainty_of(asked, draws=LEAST_DRAWS).causes
+    assert "bounced light" not in uncertainty_of(asked, draws=SAMPLING.least_draws).causes
 
 
 def test_what_a_picture_does_not_say_is_the_priors():
@@ -217,7 +213,7 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     result = solved(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
     share = uncertainty_of(result).sigma / result.distance
     lost = lost & mask
-    assert share[lost] == pytest.approx(LARGEST_SIGMA)
+    assert share[lost] == pytest.approx(SAMPLING.largest_sigma)
     assert np.median(share[mask & ~lost]) < 0.2
 
 
@@ -232,21 +228,22 @@ def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
 
     def interrupt(progress):
-        if progress.done == LEAST_DRAWS:
+        if progress.done == SAMPLING.least_draws:
             raise KeyboardInterrupt
 
-    assert uncertainty_of(result, observers=[interrupt]).draws == LEAST_DRAWS
+    assert uncertainty_of(result, observers=[interrupt]).draws == SAMPLING.least_draws
 
 
 def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     """σ of the named causes alone would be too small."""
     with pytest.raises(Stopped, match="before there was anything"):
         uncertainty_of(
-            curved[2], observers=[lambda progress: progress.done == LEAST_DRAWS - 1]
+            curved[2],
+            observers=[lambda progress: progress.done == SAMPLING.least_draws - 1],
         )
 
     def interrupt(progress):
-        if progress.done == LEAST_DRAWS - 1:
+        if progress.done == SAMPLING.least_draws - 1:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):  # which is no observer's wish
@@ -255,9 +252,9 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
     problem, _ = problem_of("colon", 120)
-    torn = cut_at_contours(problem)
-    assert torn.cuts is not None
-    result = solved(torn)
+    cut = cut_at_contours(problem)
+    assert cut.cuts is not None
+    result = solved(cut)
     uncertainty = uncertainty_of(result)
     assert np.all(np.isfinite(uncertainty.sigma[result.mask]))
     assert uncertainty.causes["contours"][result.mask].max() > 0.05
@@ -272,16 +269,20 @@ def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
             0.011,
             PriorSigma.gamma,
         ),
-        ({"photometry": {"nominal": True}}, USUAL_ERROR, NOMINAL["gamma"]),
+        (
+            {"photometry": {"nominal": True}},
+            EXPONENT_SEARCH.usual_error,
+            NOMINAL_SIGMA["gamma"],
+        ),
         (
             {"photometry": {"nominal": True, "standard_errors": {"k": 0.02}}},
             0.02,
-            NOMINAL["gamma"],
+            NOMINAL_SIGMA["gamma"],
         ),
         (
             {"photometry": [1], "unknown_light": {"standard_error": 0.4}},
             0.4,
-            NOMINAL["gamma"],
+            NOMINAL_SIGMA["gamma"],
         ),
         (
             {"photometry": {"nominal": "no", "standard_errors": 3}},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.reconstruction.uncertainty.estimate import uncertainty_of
-from endolab.reconstruction.uncertainty.fewer_pixels import ENOUGH, enlarged, thinned
+from endolab.reconstruction.uncertainty.fewer_pixels import MOST_COLUMNS, enlarge, thin
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import PreparationReport, Provenance
@@ -16,7 +16,7 @@ from tests.tools.problems import problem_of
 
 @pytest.fixture(scope="module")
 def large():
-    problem, _ = problem_of("tube", 2 * ENOUGH + 2, noise=1.0)
+    problem, _ = problem_of("tube", 2 * MOST_COLUMNS + 2, noise=1.0)
     mask = problem.mask.copy()
     mask[:50, :90] = False
     problem = replace(problem, mask=mask)
@@ -24,10 +24,10 @@ def large():
 
 
 def test_a_frame_is_halved_until_it_is_small(large):
-    small = thinned(large.iterate)
+    small = thin(large.iterate)
     assert small.mask.shape[1] == 202
-    assert thinned(small) is small
-    back = enlarged(np.where(small.mask, small.distance, 0.0), small.mask, large.mask)
+    assert thin(small) is small
+    back = enlarge(np.where(small.mask, small.distance, 0.0), small.mask, large.mask)
     inside = large.mask
     assert np.isnan(back[~inside]).all()
     assert np.abs(back / large.distance - 1)[inside].max() < 0.05
@@ -36,7 +36,7 @@ def test_a_frame_is_halved_until_it_is_small(large):
 
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
     uncertainty = uncertainty_of(large)
-    small = thinned(large.iterate)
+    small = thin(large.iterate)
     other = uncertainty_of(small)
     for share, shape in (
         (uncertainty.sigma / large.distance, large.mask),
@@ -60,15 +60,15 @@ def test_cuts_evidence_and_blur_go_along(large):
     evidence[200:300, 300:500] = NONE
     cuts = np.zeros((2, *problem.mask.shape), bool)
     cuts[0, :, 399] = True
-    torn = replace(problem, evidence=evidence, cuts=cuts)
+    cut = replace(problem, evidence=evidence, cuts=cuts)
     report = PreparationReport(
         "frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep"
     )
-    thin = thinned(
-        replace(large.iterate, problem=torn, provenance=Provenance(preparation=report))
+    fewer = thin(
+        replace(large.iterate, problem=cut, provenance=Provenance(preparation=report))
     )
-    assert thin.provenance.preparation.smooth == 0.5
-    small = thin.problem
+    assert fewer.provenance.preparation.smooth == 0.5
+    small = fewer.problem
     assert small.evidence is not None
     assert (small.evidence[52:73, 77:123] == NONE).all()
     assert small.cuts is not None

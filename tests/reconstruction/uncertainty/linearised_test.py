@@ -7,7 +7,7 @@ import pytest
 
 from endolab.numerics.compiled import inner
 from endolab.reconstruction.uncertainty import linearised
-from endolab.reconstruction.uncertainty.linearised import DAMPING, Linearised
+from endolab.reconstruction.uncertainty.linearised import LINEAR_SOLVE, Linearised
 from tests.solvers.gauss_newton_model import GaussNewtonModel
 from tests.tools.problems import at_truth
 
@@ -15,8 +15,8 @@ from tests.tools.problems import at_truth
 @pytest.fixture(params=["first", "second", "curvature"])
 def tiny(request, rng, monkeypatch):
     """A worn tube of 16x12 px linearised at a rough map, solved exactly; and its readable twin."""
-    monkeypatch.setattr(linearised, "PRECISION", 1e-9)
-    monkeypatch.setattr(linearised, "MOST_INNER_STEPS", 1000)
+    exact = replace(LINEAR_SOLVE, precision=1e-9, most_steps=1000)
+    monkeypatch.setattr(linearised, "LINEAR_SOLVE", exact)
     problem, truth = at_truth("tube", 16, regulariser=request.param)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
     problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.97)
@@ -39,7 +39,7 @@ def hessian(twin):
 def test_it_is_the_readable_model(tiny):
     surface, twin = tiny
     mask = surface.problem.mask
-    applied = dense(surface.applied, mask)
+    applied = dense(surface.apply, mask)
     adjoint = dense(surface.adjoint, mask)
     assert np.abs(adjoint - applied.T).max() < 1e-12
     data = replace(twin, xi_slope=0 * twin.xi_slope)
@@ -52,8 +52,8 @@ def test_probing_finds_the_same_inverse(tiny):
     """One solve for each pixel tells H⁻¹ exactly, H being damped."""
     surface, twin = tiny
     mask = surface.problem.mask
-    damping = DAMPING * (twin.data_weight * twin.by_v**2)[mask]
-    found = dense(surface.solved, mask)
+    damping = LINEAR_SOLVE.damping * (twin.data_weight * twin.by_v**2)[mask]
+    found = dense(surface.solve, mask)
     expected = np.linalg.inv(hessian(twin) + np.diag(damping))
     assert found == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
 

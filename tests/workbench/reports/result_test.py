@@ -9,7 +9,7 @@ from PIL import Image
 
 import endolab as el
 from endolab.io.surfaces import read_depth, write_cloud
-from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.sentences import meaning
 from endolab.solvers.solvers import DEFAULT_SOLVER
 from endolab.workbench.reports import result as result_module
 

@@ -60,7 +60,7 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
         settings.saved(shown.subject.calibration, shown.subject.grey), tmp_path / "s.json"
     )
     written = read_settings(tmp_path / "s.json")
-    believed = written.believed(shown.subject.calibration)
+    believed = written.apply(shown.subject.calibration)
     again = el.reconstruct(shown.subject.frame, believed, **written.keywords)
     assert np.array_equal(again.distance, shown.result.distance, equal_nan=True)
 

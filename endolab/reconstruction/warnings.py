@@ -1,6 +1,7 @@
 """What makes a result doubtful, a sentence each. Nothing is refused: a frame may be a rare one."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,13 +10,22 @@ from endolab.frames.surround import unclear_surround
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.result import Result
 
-NARROW = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
-DISTANCES = 2.0, 300.0  # mm, of the median
-EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
-DIM = (
-    0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
-)
-BLACKEST = 0.05  # albedo of tissue and of phantoms
+
+@dataclass(frozen=True)
+class Plausible:
+    """What frames of endoscopes usually show."""
+
+    # Degrees from the axis to the picture's rim; endoscopes see 35 to 85.
+    least_angle: float = 5.0
+    distances: tuple[float, float] = (2.0, 300.0)  # mm, of the median
+    # Of the picture's variance; frames of cavities have 0.99 and more.
+    explained: float = 0.97
+    # Of what the file can hold; the brightest pixel of a usual frame has 0.8 and more.
+    dim: float = 0.1
+    darkest_albedo: float = 0.05  # of tissue and of phantoms
+
+
+PLAUSIBLE = Plausible()
 
 
 def warnings(result: Result) -> tuple[str, ...]:
@@ -29,13 +39,13 @@ def _warnings(result: Result) -> Iterator[str]:
     widest = float(
         np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1)))
     )
-    if widest < NARROW:
+    if widest < PLAUSIBLE.least_angle:
         yield f"The camera sees only {widest:.2g}° to the side: its focal length may be wrong."
     median = float(np.median(result.distance[mask]))
-    if result.metric and not DISTANCES[0] <= median <= DISTANCES[1]:
+    if result.metric and not PLAUSIBLE.distances[0] <= median <= PLAUSIBLE.distances[1]:
         yield (
-            f"The median distance is {median:.3g} mm, where endoscopes see {DISTANCES[0]:g} to "
-            f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
+            f"The median distance is {median:.3g} mm, where endoscopes see {PLAUSIBLE.distances[0]:g} to "
+            f"{PLAUSIBLE.distances[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
         )
     left = model_image(problem, result.iterate.log_distance) - problem.image
     compared = mask & contradicts(problem, left)
@@ -45,7 +55,7 @@ def _warnings(result: Result) -> Iterator[str]:
     explained = (
         1 - (float(np.var(left[compared])) + noise**2) / spread if spread > 0 else 1.0
     )
-    if explained < EXPLAINED:
+    if explained < PLAUSIBLE.explained:
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; 99 % is usual. "
             "This may not be an endoscope's frame, or λ is too large."
@@ -57,7 +67,7 @@ def _warnings(result: Result) -> Iterator[str]:
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
     brightest = float(picture[mask].max())
-    if brightest < DIM:
+    if brightest < PLAUSIBLE.dim:
         yield (
             f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
             "bits than the file, such as 12 of 16."
@@ -73,6 +83,8 @@ def _warnings(result: Result) -> Iterator[str]:
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."
         )
-    albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", BLACKEST)))
-    if albedo < BLACKEST:
+    albedo = float(
+        np.min(getattr(problem.photometry.brdf, "albedo", PLAUSIBLE.darkest_albedo))
+    )
+    if albedo < PLAUSIBLE.darkest_albedo:
         yield f"An albedo of {albedo:.2g} is too dark for tissue, which has 0.1 to 0.8."

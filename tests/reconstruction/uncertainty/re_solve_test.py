@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.reconstruction.contours.choice import cut_at_contours
-from endolab.reconstruction.uncertainty.anew import re_solve
+from endolab.reconstruction.uncertainty.re_solve import re_solve
 from endolab.solvers.gauss_newton import gauss_newton
 from tests.tools.problems import finish, problem_of
 

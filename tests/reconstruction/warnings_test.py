@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.plausible import warnings
+from endolab.reconstruction.warnings import warnings
 
 WIDTH = 160
 
