@@ -17,7 +17,7 @@ pixel out is accepted and lower, else of first. Other BRDFs change the right-han
 
 Where the march enters the picture from its border, or from behind an occluding contour, the
 true value is not in the picture: `inflow` gives it where it is known. Over a contour the surface
-is torn, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
+is cut, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
 far side starts from its own local minima of y₀.
 """
 
@@ -288,11 +288,13 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
     beside = (shift(mask, 1, 1, False), shift(mask, -1, 1, False))
     to_right, to_left = (mask & shift(side, 1, 0, False) for side in beside)
     if cuts is not None:
-        torn = cuts[0] | shift(cuts[0], 1, 0, False) | cuts[1] | shift(cuts[1], 1, 1, False)
+        near_cut = (
+            cuts[0] | shift(cuts[0], 1, 0, False) | cuts[1] | shift(cuts[1], 1, 1, False)
+        )
         around = right & shift(lower, 1, 1, False) | lower & shift(right, 1, 0, False)
-        to_right &= around | ~torn
+        to_right &= around | ~near_cut
         around = left & shift(lower, -1, 1, False) | lower & shift(left, 1, 0, False)
-        to_left &= around | ~shift(torn, -1, 1, False)
+        to_left &= around | ~shift(near_cut, -1, 1, False)
     from_right = shift(to_right, -1, 0, False)
     from_left = shift(to_left, -1, 0, False)
     up_left = shift(from_right, -1, 1, False)

@@ -47,7 +47,7 @@ SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
 ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 # Added to the diagonal, as a share of what the data put there without slant: at least; once less than half
 # of a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a
-# whole one. Torn surfaces need it: what hangs together by little is to move far otherwise.
+# whole one. Cut surfaces need it: what hangs together by little is to move far otherwise.
 DAMPING = 1e-3
 HELD = 1.0
 MOST_DAMPING = 1e3
@@ -191,7 +191,7 @@ def _begin_march(
     The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
     so it is in noise, the more so the finer the grid: once it has lost there is no need to `march`
     on finer ones. The first march crosses cuts: what lies behind them then comes loose only as far as the
-    energy wants, while regions that are held by little would stay where a torn march puts them.
+    energy wants, while regions that are held by little would stay where a cut march puts them.
     """
     if guess is None:
         return _State.at(grid, replace(grid, link=grid.uncut_links).march(), lam), True

@@ -1,9 +1,24 @@
 """A problem on a grid of its own or fewer pixels, and the way from one grid to the next.
 
-A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see
-`numerics.compiled`), such that a grid of half the rows and columns has the same form: block means,
-and a metric in its own pixels. Maps of log-distance go down as means too; up by their own
-gradient, which is right to the second order to the very rim and never reaches over a cut.
+A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see `numerics.compiled`),
+such that a grid of half the rows and columns has the same form:
+
+    . . . . . . . .
+    . . . . . . . .               . . . . . .
+    . . a a b b . .   `coarser`   . . . . . .
+    . . a a b b . .   -------->   . . A B . .
+    . . c c d d . .   <--------   . . C D . .
+    . . c c d d . .    `finer`    . . . . . .
+    . . . . . . . .               . . . . . .
+    . . . . . . . .
+
+Maps go down as means of blocks. A slope per pixel is twice as large there, so that with s the unit of
+derivatives of ξ the energy,
+
+    Σ ρ(I_model(v, ∇vᵀ G⁻¹ ∇v) - I) + λ Σ g ‖s D ξ‖_ε,
+
+takes G⁻¹/4, and s/2 for first or s/4 for second derivatives. Log-distances go up by their own gradient,
+which is right to the second order to the very rim and never reaches over a cut.
 """
 
 from __future__ import annotations
@@ -24,6 +39,7 @@ from endolab.numerics.compiled import (
     pad_maps,
 )
 from endolab.numerics.derivatives import links
+from endolab.solvers.cuts import Cells, coarser_links, largest_fragments
 from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
@@ -55,7 +71,6 @@ from endolab.solvers.problem import (
     REGULARISERS,
     Problem,
 )
-from endolab.solvers.tears import Cells, coarser_links, largest_fragments
 
 ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
 NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is drawn to it
@@ -107,7 +122,7 @@ class Grid:
     link: (
         ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
     )
-    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is torn
+    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is cut
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
     rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: (
@@ -124,7 +139,7 @@ class Grid:
         field = problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
         uncut_links = pad_maps(links(mask).astype(np.int8))
-        torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
+        is_cut = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
             problem,
             pad_maps(np.where(mask, problem.image, 0.0)),
@@ -136,7 +151,7 @@ class Grid:
             ),
             pad_maps(problem.edge_weight),
             pad_maps(mask.astype(np.int8)),
-            pad_maps(links(mask, problem.cuts).astype(np.int8)) if torn else uncut_links,
+            pad_maps(links(mask, problem.cuts).astype(np.int8)) if is_cut else uncut_links,
             uncut_links,
             np.empty((0, 0), np.int8)
             if problem.evidence is None
@@ -235,7 +250,7 @@ class Grid:
 
     @cached_property
     def main(self) -> ByteArray:
-        """Pixels for which the coarser grid's blocks stand, see `tears`; the mask, where nothing is torn."""
+        """Pixels for which the coarser grid's blocks stand, see `cuts`; the mask, where nothing is cut."""
         return largest_fragments(self.active, self.link, self.uncut_links)
 
     @property

@@ -1,9 +1,20 @@
 """The way between a grid and that of half its pixels: linear interpolation, and its adjoint.
 
-A pixel amid four blocks of its own side has their mean by distance, 9 : 3 : 3 : 1 (twice over, that makes
-quadratic splines: what is smooth on a coarse grid is smooth on a fine one). At a rim of the mask, and
-beside a cut (see `tears`), it has the value of the block next to it and that block's differences
-with others of its side, so that no straight map is bent there: second differences would find that dear.
+Blocks of 2×2 pixels have their centres (o) two pixels apart, and a pixel (x) is half a pixel from its own's:
+
+      own o - - - - - - o beside
+          |  x          |             x = (9 own + 3 beside + 3 below + 1 diagonal) / 16
+          |             |
+    below o - - - - - - o diagonal
+
+amid four blocks of its own side. Twice over, that makes quadratic splines: what is smooth on a coarse grid
+is smooth on a fine one. At a rim of the mask, and beside a cut (see `cuts`), it has the value of the block
+next to it, a = ±¼ block from it along an axis, and that block's differences Δ with others of its side,
+
+    x = own + a_u Δ_u + a_v Δ_v,
+
+so that no straight map is bent there: second differences would find that dear. The weights are the rows of a
+matrix P; steps go up by P and residuals down by Pᵀ.
 """
 
 from __future__ import annotations
@@ -15,7 +26,7 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
-from endolab.solvers.tears import Cells, nearest, same_side
+from endolab.solvers.cuts import Cells, nearest, same_side
 
 Strands = tuple[
     IntArray, IntArray, FloatArray

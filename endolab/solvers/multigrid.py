@@ -1,18 +1,22 @@
-"""Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
+"""Solving the normal equations M x = b of a Gauss-Newton step in a time proportional to the pixels.
 
-Conjugate gradients solve them, preconditioned by one V-cycle: smoothing steps, a coarse correction,
-smoothing steps. Coarse levels are the same equations written down on a grid of half the pixels, from
-averaged coefficients (Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10).
+Conjugate gradients solve them, preconditioned by one V-cycle. Coarse levels are the same equations written
+down on half the rows and columns, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
+tutorial", 2000, chapters 3 and 10); P is that of `interpolation`:
 
-A smoothing step changes all pixels at once, so that none comes first: a mirrored picture has the mirrored
-solution. Chebyshev's polynomials of the fourth kind make most of such steps (Lottes, "Optimal polynomial
-smoothers for multigrid V-cycles", 2023); a row's sum of sizes bounds what they must hold.
+    all pixels     smooth                  smooth
+    a quarter        Pᵀr ↘ smooth    smooth ↗ x + P x
+    ...                        ↘    ↗
+    at most 96                 invert
 
-Behind cuts little holds a surface: there rounding grew a million times within one solve, and mirrored
-frames differed by per cents. So all is in double precision, and each residual is made orthogonal to earlier
-ones once more, as it would be without rounding (Saad, "Iterative methods for sparse linear systems", 2003).
+Smoothing changes all pixels at once, so that a mirrored picture has the mirrored solution. It is Chebyshev's
+of the fourth kind (Lottes, "Optimal polynomial smoothers for multigrid V-cycles", 2023) by rows' sums,
 
-Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
+    x += s,   r -= M s,   s ← max(2n-1, 0)/(2n+3) s + (8n+4)/(2n+3) r / Σ_j |M_ij|,    n = 0, 1, 2, ...
+
+Behind cuts little holds a surface: there rounding grew a million times within one solve. So all is in double
+precision, and each residual is made orthogonal to earlier ones once more (Saad, "Iterative methods for sparse
+linear systems", 2003). Vectors are padded (see `numerics.compiled`) and zero outside the mask.
 """
 
 from __future__ import annotations

@@ -1,9 +1,22 @@
 """The matrix of a Gauss-Newton step, and the same on half the pixels.
 
-It couples a pixel to the twelve that the squared central differences and the squared Hessian
-reach, two steps along rows and columns, one along diagonals; where a form of all second differences is
-squared, to all that are two rows and two columns away at most. It is symmetric, so seven numbers a pixel
-hold it, or thirteen. The same matrix, readably: tests/solvers/gauss_newton_model.py.
+With J, W and r the slopes, weights and residuals of the data, ξ the regularised map, X its slope by v, D the
+differences and Q their weights, the step δ solves
+
+    (Jᵀ W J + X Dᵀ Q D X + C) δ = -Jᵀ W r - X Dᵀ Q D ξ,
+
+C being what is charged for slopes and sizes of the step itself. So a pixel (*) is coupled to the twelve that
+the squared central differences and the squared Hessian reach; where a form of all second differences is
+squared, to all that are two rows and two columns away at most. The matrix is symmetric, so that a pixel
+holds its own entry and those towards later pixels: seven numbers, or with those in brackets thirteen.
+
+      ·      ·     o     ·      ·
+      ·      o     o     o      ·
+      o      o     *     E      EE
+    (SWW)    SW    S     SE   (SEE)
+    (SW2)  (SSW)   SS  (SSE)  (SE2)
+
+The same matrix, readably: tests/solvers/gauss_newton_model.py.
 """
 
 from __future__ import annotations
@@ -18,9 +31,9 @@ from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 from endolab.solvers.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
+from endolab.solvers.cuts import Cells, coarser_links, held_pixels, largest_fragments
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.problem import CURVATURE, FIRST
-from endolab.solvers.tears import Cells, coarser_links, held_pixels, largest_fragments
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
@@ -323,7 +336,7 @@ class Structure:
 
     active: ByteArray
     link: ByteArray
-    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is torn
+    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is cut
     rays: FloatArray  # see `grid.Grid`
     kind: int  # which of `problem.REGULARISERS`
 
@@ -339,7 +352,7 @@ class Structure:
 
     @cached_property
     def main(self) -> ByteArray:
-        """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
+        """Pixels for which the coarser grid's blocks stand, see `cuts`; all, where nothing is cut."""
         return largest_fragments(self.active, self.link, self.uncut_links)
 
     @cached_property

@@ -46,7 +46,7 @@ class Problem:
         0.05  # where the data's Huber penalty becomes a line; stored value, positive
     )
     metric: bool = True  # whether distances are in mm; else in relative units
-    # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is torn, as
+    # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is cut, as
     # at an occluding contour: no derivative and no march takes them.
     cuts: BoolArray | None = None
     # (H, W): what the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright as

@@ -16,7 +16,7 @@ from endolab.solvers.curvature import (
     TWOFOLD,
     second_form,
     size_and_twofold,
-    whole,
+    valid_stencil,
 )
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.problem import Problem
@@ -138,7 +138,7 @@ def sizes_and_twofolds(problem, v):
     w = np.where(problem.mask, np.exp(-v), 0.0) / problem.xi_median
     form = second_form(w, problem.field, problem.mask, problem.cuts)
     return size_and_twofold(
-        form, problem.field.inverse_metric, whole(problem.mask, problem.cuts)
+        form, problem.field.inverse_metric, valid_stencil(problem.mask, problem.cuts)
     )
 
 

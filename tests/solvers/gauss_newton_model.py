@@ -16,7 +16,7 @@ from endolab.solvers.curvature import (
     plane_shares,
     second_form,
     size_and_twofold,
-    whole,
+    valid_stencil,
 )
 from endolab.solvers.energy import contradicts, energy_terms
 from endolab.solvers.grid import Grid
@@ -40,7 +40,7 @@ def _second_form(xi, mask, cuts, field):
 
 def _second_form_adjoint(p, mask, cuts, field):
     return second_form_adjoint(
-        p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts
+        p, plane_shares(field, mask, cuts), valid_stencil(mask, cuts), mask, cuts
     )
 
 
@@ -152,7 +152,7 @@ class GaussNewtonModel:
     @staticmethod
     def _bending_weights(problem, form):
         """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
-        known = whole(problem.mask, problem.cuts)
+        known = valid_stencil(problem.mask, problem.cuts)
         metric = problem.field.inverse_metric
         size, twofold = size_and_twofold(form, metric, known)
         inverse = metric[..., [[0, 1], [1, 2]]]
