@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-REFERENCE = 320  # px of a picture's longer side: what thresholds and weights are told for
-
 
 def px_per_reference(shape: tuple[int, ...]) -> float:
-    """How many pixels of a picture (H, W, ...) are one of those that thresholds are told for."""
-    return max(shape[:2]) / REFERENCE
+    """How many pixels of a picture (H, W, ...) are 1/320 of its longer side, the unit of thresholds."""
+    return max(shape[:2]) / 320
 
 
 def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:

@@ -26,8 +26,8 @@ from endolab.numerics.checks import check_int
 from endolab.numerics.compiled import kernel
 
 VARIABLE = "ENDOLAB_THREADS"
-ROWS = 16  # of a band, see `on_cores`
-WORTH = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
+BAND_ROWS = 16  # of a band, see `on_cores`
+WORTH_A_CORE = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
@@ -90,11 +90,11 @@ class _OnCores:
         def work(part: Span, now: Span) -> None:
             self.loop(part, *([] if turns is None else [now]), first, *others)
 
-        count = 1 if rows * first.shape[-1] * self.cost < WORTH else threads()
+        count = 1 if rows * first.shape[-1] * self.cost < WORTH_A_CORE else threads()
         if count == 1 or not _cores.acquire(blocking=False):
             work((0, rows), (0, turns or 1))
             return
-        step = -(-rows // (2 * ROWS * count)) * 2 * ROWS
+        step = -(-rows // (2 * BAND_ROWS * count)) * 2 * BAND_ROWS
         parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
         try:
             for turn in range(turns or 1):

@@ -31,8 +31,8 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
 from endolab.numerics.compiled import (
     PAD,
+    active_blocks,
     block_sums,
-    halved,
     inner,
     kernel,
     leads,
@@ -44,20 +44,20 @@ from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
     Wall,
-    be_cautious,
     fill_slants,
+    fill_slope_damping,
     fill_xi,
-    finish,
     linearise,
     shading_table,
     slopes_row,
+    subtract_smooth,
     sums,
 )
 from endolab.solvers.fast_marching import March
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.normal_equations import (
-    CAUTION_U,
-    CAUTION_W,
+    SLOPE_DAMPING_U,
+    SLOPE_DAMPING_W,
     SMOOTHNESS,
     Coefficients,
     Structure,
@@ -72,8 +72,18 @@ from endolab.solvers.problem import (
     Problem,
 )
 
-ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
-NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is drawn to it
+
+@dataclass(frozen=True)
+class Ceiling:
+    """How far a surface may go where cuts leave islands; chosen by hand."""
+
+    # Of log d above d₀, which is an upper bound: a factor of two, more than noise and mottles ask for.
+    height: float = 0.7
+    # Of log d below that, where a pixel is held that is drawn to it.
+    margin: float = 0.008
+
+
+CEILING = Ceiling()
 
 
 @kernel
@@ -179,7 +189,7 @@ class Grid:
             metric=np.stack([self.restrict(component) for component in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
-            active=halved(self.active),
+            active=active_blocks(self.active),
             link=link,
             uncut_links=uncut_links,
             evidence=evidence,
@@ -187,7 +197,7 @@ class Grid:
             rays=np.stack([self.restrict(component) for component in self.rays])
             if self.rays.size
             else self.rays,
-            inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
+            inflow=np.where(inner(active_blocks(given)) > 0, inflow, np.nan),
             scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )
 
@@ -270,7 +280,7 @@ class Grid:
         if not self.is_cut:
             return np.empty((0, 0))
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
-        return pad_maps(np.where(silent, np.inf, self.log_d0 + ABOVE))
+        return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING.height))
 
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
@@ -298,7 +308,7 @@ class Grid:
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
         metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
-        march = March.seeded(log_d0, mask, metric, table, inflow, self.cuts)
+        march = March.start(log_d0, mask, metric, table, inflow, self.cuts)
         march.advance(mask.size)
         return pad_maps(np.where(mask, march.log_distance, 0.0))
 
@@ -382,12 +392,14 @@ class Grid:
         free = self.free
         if self.is_cut:
             slope = sign * xi
-            free = free * ~((v > self.ceiling - NEARLY) & (descent > slope * smooth))
-        finish(descent, smooth, xi, sign, free, parts)
+            free = free * ~(
+                (v > self.ceiling - CEILING.margin) & (descent > slope * smooth)
+            )
+        subtract_smooth(descent, smooth, xi, sign, free, parts)
         if slants is None:
-            parts[CAUTION_U : CAUTION_W + 1] = 0.0
+            parts[SLOPE_DAMPING_U : SLOPE_DAMPING_W + 1] = 0.0
         else:
-            be_cautious(parts, v, self.metric, self.link, slants)
+            fill_slope_damping(parts, v, self.metric, self.link, slants)
         return Coefficients(
             parts, self.structure(free, None if old is None else old.structure)
         ), descent

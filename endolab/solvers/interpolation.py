@@ -154,14 +154,14 @@ def _fill_strands(
             if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
                 share[i, j] = 1 / 16
                 continue
-            one, other = nearest(of_side)
-            if one == 4:
+            nearest_block, last = nearest(of_side)
+            if nearest_block == 4:
                 continue
-            share_of_each = 1.0 if one == other else 0.5
-            for k in range(one, other + 1):
+            share_of_each = 1.0 if nearest_block == last else 0.5
+            for k in range(nearest_block, last + 1):
                 row, column, down, right = _place(i - top, j - first, k)
                 own = 1.0
-                here = row * wide + column
+                centre = row * wide + column
                 for axis, aside, step in ((0, right, 1), (1, down, wide)):
                     ahead = 1 if aside > 0 else -1
                     for way in (ahead, -ahead):
@@ -169,13 +169,13 @@ def _fill_strands(
                         c = column + way * (1 - axis)
                         if across[axis, min(r, row), min(c, column)] and known[r, c]:
                             pixel[count] = i * active.shape[1] + j
-                            block[count] = here + way * step
+                            block[count] = centre + way * step
                             weight[count] = share_of_each * aside * way
                             own = own - aside * way
                             count = count + 1
                             break
                 pixel[count] = i * active.shape[1] + j
-                block[count] = here
+                block[count] = centre
                 weight[count] = share_of_each * own
                 count += 1
     return count

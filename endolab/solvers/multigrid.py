@@ -31,7 +31,7 @@ from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.normal_equations import (
     CENTRE,
     EE,
-    REACH,
+    OFFSETS,
     SE,
     SE2,
     SEE,
@@ -47,10 +47,19 @@ from endolab.solvers.normal_equations import (
     Structure,
 )
 
-COARSEST = 96  # pixels; there the equations are solved
-RIDGE = 1e-4  # of the diagonal, added to it there, where islands that nothing holds would let rounding grow
-DEGREE = 4  # smoothing steps before and after a coarser grid
-KEPT = 8_000_000  # numbers of earlier residuals that are kept, at most
+
+@dataclass(frozen=True)
+class Cycle:
+    """How a V-cycle is made, and what conjugate gradients keep; chosen by hand."""
+
+    coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
+    # Share of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
+    ridge: float = 1e-4
+    degree: int = 4  # smoothing steps before and after a coarser grid
+    residual_memory: int = 8_000_000  # numbers that earlier residuals may take
+
+
+CYCLE = Cycle()
 
 
 @kernel
@@ -257,14 +266,16 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     number = np.full(active.shape, -1)
     dense = np.zeros((i.size, i.size))
     number[i, j] = np.arange(i.size)
-    for entry, (down, right) in enumerate(REACH[: len(m)]):
+    for entry, (down, right) in enumerate(OFFSETS[: len(m)]):
         other = number[i + down, j + right]
         known = other >= 0
         here = number[i, j][known]
         there = other[known]
         dense[here, there] = dense[there, here] = m[entry, i, j][known]
     diagonal = np.diag(dense)
-    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
+    dense[np.diag_indices(i.size)] = np.where(
+        diagonal > 0, (1 + CYCLE.ridge) * diagonal, 1.0
+    )
     return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
@@ -278,19 +289,19 @@ class _Level:
     x: FloatArray
     b: FloatArray
     r: FloatArray
-    steps: FloatArray  # (DEGREE + 1, ...), of smoothing
+    steps: FloatArray  # (`Cycle.degree` + 1, ...), of smoothing
 
     @classmethod
     def on(cls, structure: Structure) -> _Level:
         """Make room."""
         shape = structure.active.shape
         inverse, x, b, r = np.zeros((4, *shape))
-        steps = np.zeros((DEGREE + 1, *shape))
+        steps = np.zeros((CYCLE.degree + 1, *shape))
         return cls(
             structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps
         )
 
-    def began(self) -> None:
+    def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
         _begin(self.x, self.r, self.b, self.inverse, self.steps)
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
@@ -330,7 +341,7 @@ class Multigrid:
         while True:
             level = self.levels[depth]
             coefficients.matrix(damping, level.matrix)
-            if coefficients.structure.pixels <= COARSEST:
+            if coefficients.structure.pixels <= CYCLE.coarsest:
                 self.solution = _invert(level.matrix, coefficients.active)
                 break
             _invert_sums(level.inverse, level.matrix, coefficients.active)
@@ -349,7 +360,7 @@ class Multigrid:
             known = at.structure.active > 0
             at.x[known] = self.solution @ at.b[known]
             return
-        at.began()
+        at.begin()
         below = self.levels[depth + 1]
         at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
@@ -373,14 +384,14 @@ class Multigrid:
         start = 0.0
         last = 1.0
         done = 0.0
-        kept: list[tuple[FloatArray, FloatArray, float]] = []
+        earlier: list[tuple[FloatArray, FloatArray, float]] = []
         for step in range(most + 1):
-            for past, answer, size in kept:
-                _add(r, -dot(r, answer) / size, past)
+            for residual, answer, size in earlier:
+                _add(r, -dot(r, answer) / size, residual)
             self._cycle()
             now = max(dot(r, top.x), 0.0)
-            if now > 0 and (len(kept) + 1) * r.size <= KEPT:
-                kept.append((r.copy(), top.x.copy(), now))
+            if now > 0 and (len(earlier) + 1) * r.size <= CYCLE.residual_memory:
+                earlier.append((r.copy(), top.x.copy(), now))
             start = now if step == 0 else start
             left = now / done if done > 0 else np.inf if now > 0 else 0.0
             if (now <= tolerance**2 * start and left <= tolerance) or step == most:

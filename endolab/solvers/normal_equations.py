@@ -28,8 +28,15 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
-from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.numerics.compiled import (
+    PAD,
+    active_blocks,
+    block_sums,
+    clear_row,
+    kernel,
+    lead,
+)
+from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
 from endolab.solvers.cuts import Cells, coarser_links, held_pixels, largest_fragments
 from endolab.solvers.interpolation import Interpolation
@@ -37,19 +44,19 @@ from endolab.solvers.problem import CURVATURE, FIRST
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
-REACH = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
-REACH += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
 # Of each pair of the nine pixels of `curvature_kernels`, the entry, and which of the two holds it, the first:
 # that above or, in a row, that on the left.
 PAIRS = [
-    (k, other, REACH.index((DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])))
+    (k, other, OFFSETS.index((DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])))
     for k in range(9)
     for other in range(9)
-    if (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k]) in REACH
+    if (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k]) in OFFSETS
 ]
 # Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
 # those of a row of J, which comes fourth, are the first five.
-TAKEN = [
+STENCILS = [
     [{0, 1}, set[int](), {0, 3}],
     [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
     [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5, 6, 7, 8}, {0, 1, 2, 3, 4}],
@@ -57,7 +64,7 @@ TAKEN = [
 
 
 class Form(NamedTuple):
-    """A regulariser's kind, its entries of `TAKEN` as (term, pixel), and which products of them there are."""
+    """A regulariser's kind, the entries of its `STENCILS` as (term, pixel), and which products they have."""
 
     kind: int
     entries: IntArray
@@ -66,20 +73,20 @@ class Form(NamedTuple):
     @classmethod
     def of(cls, kind: int) -> Form:
         """List them; the form's Q mixes terms."""
-        taken = TAKEN[kind]
+        taken = STENCILS[kind]
         products = [
             (k, other, entry, term)
             for k, other, entry in PAIRS
-            for term, those in enumerate([*taken, {0, 1, 2, 3, 4}])
-            if k in those and (other in those or (kind == CURVATURE and term < 3))
+            for term, pixels in enumerate([*taken, {0, 1, 2, 3, 4}])
+            if k in pixels and (other in pixels or (kind == CURVATURE and term < 3))
         ]
         entries = [(term, k) for term in range(3) for k in sorted(taken[term])]
         return cls(kind, np.array(entries), np.array(products))
 
 
-FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
+FORMS = [Form.of(kind) for kind in range(len(STENCILS))]
 # The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
-BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
+BY_V, BY_U, BY_W, WEIGHT, SLOPE, SLOPE_DAMPING_U, SLOPE_DAMPING_W, SMOOTHNESS = range(8)
 
 
 @kernel
@@ -113,9 +120,9 @@ def _data_row(
     by_u = parts[BY_U, i]
     by_w = parts[BY_W, i]
     weight = parts[WEIGHT, i]
-    cautious_u = parts[CAUTION_U, i]
-    cautious_w = parts[CAUTION_W, i]
-    beneath_w = parts[CAUTION_W, i + 1]
+    damping_u = parts[SLOPE_DAMPING_U, i]
+    damping_w = parts[SLOPE_DAMPING_W, i]
+    beneath_w = parts[SLOPE_DAMPING_W, i + 1]
     count = t.shape[2]
     for j in range(count):
         right = float(across[j + 2])
@@ -141,15 +148,13 @@ def _data_row(
     for j in range(count):
         centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
-        u = 0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        u = 0.5 * float(across[j + 2]) * (damping_u[j + 2] + damping_u[j + 3])
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += (
-            0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
-        )
+        centre[j + 3] += 0.5 * float(across[j + 2]) * (damping_u[j + 2] + damping_u[j + 3])
     for j in range(count):
-        w = 0.5 * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
+        w = 0.5 * float(below[j + 2]) * (damping_w[j + 2] + beneath_w[j + 2])
         centre[j + 2] += w
         beneath[j + 2] += w
         s[j + 2] -= w
@@ -157,7 +162,7 @@ def _data_row(
 
 @kernel
 def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
-    """Weights of the nine pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
+    """Weights of the nine pixels for the gradient or the Hessian, on a row: those in its `STENCILS`."""
     across = link[0, i]
     below = link[1, i]
     above = link[1, i - 1]
@@ -266,8 +271,8 @@ def _assemble(
         odd = (
             turn - 1
         )  # every second band: what a row adds to its neighbours' must not meet
-        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
-            first, last = rows_within((start, start + ROWS), PAD, m.shape[1] - PAD)
+        for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
+            first, last = rows_within((start, start + BAND_ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):
                 _smooth_row(parts, link, shares, form, i, t, qt)
                 _data_row(parts, link, i, damping, t, qt, m)
@@ -348,7 +353,7 @@ class Structure:
     @property
     def entries(self) -> int:
         """How many numbers a pixel hold the matrix."""
-        return len(REACH) if self.kind == CURVATURE else SEE
+        return len(OFFSETS) if self.kind == CURVATURE else SEE
 
     @cached_property
     def main(self) -> ByteArray:
@@ -364,7 +369,7 @@ class Structure:
     def coarser(self) -> Structure:
         """The same on half the pixels."""
         link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
-        active = halved(self.main)
+        active = active_blocks(self.main)
         if link is not uncut_links:
             active = active & held_pixels(link, self.kind != FIRST)
         rays = self.rays

@@ -17,11 +17,9 @@ from endolab.numerics.derivatives import differences, px_per_reference
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
-EDGE_SCALE = 0.05  # image gradient, per 1/320 of the longer side, at which g falls to 1/e
-# what a pixel's value says of the surface's: see `Problem`
-EXACT = 0
-LOWER_BOUND = 1
-NONE = 2
+EXACT, LOWER_BOUND, NONE = range(
+    3
+)  # what a pixel's value says of the surface's: see `Problem`
 
 
 @dataclass(frozen=True)
@@ -124,6 +122,7 @@ class Problem:
     def edge_weight(self) -> FloatArray:
         """g, (H, W): near 1 in smooth parts of the image, less at its edges.
 
+        It falls to 1/e where the image changes by 0.05 per 1/320 of the longer side.
         Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
         """
         scale = px_per_reference(self.mask.shape)
@@ -131,7 +130,7 @@ class Problem:
             self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
         )
         size = np.linalg.norm(differences(self.image, informative), axis=0) * scale
-        return np.exp(-size / EDGE_SCALE)
+        return np.exp(-size / 0.05)
 
     @property
     def derivative_scale(self) -> float:
