@@ -130,18 +130,18 @@ def hessian(
     """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
 
     f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per
-    pixel squared; 0 where the stencil (three in a row, or a square of four) is not whole.
+    pixel squared; 0 where the stencil (three in a row, or a square of four) is not valid.
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
-    whole_uu, whole_uv, whole_vv = hessian_stencils(link)
+    valid_uu, valid_uv, valid_vv = hessian_stencils(link)
     along_u, along_v = (shift(f, 1, axis, 0.0) - f for axis in (1, 0))
-    mixed = whole_uv * (shift(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
+    mixed = valid_uv * (shift(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
     above = shift(mixed, -1, 0, 0.0)
     return np.stack(
         [
-            whole_uu * (along_u - shift(along_u, -1, 1, 0.0)),
-            whole_vv * (along_v - shift(along_v, -1, 0, 0.0)),
+            valid_uu * (along_u - shift(along_u, -1, 1, 0.0)),
+            valid_vv * (along_v - shift(along_v, -1, 0, 0.0)),
             *(mixed, shift(mixed, -1, 1, 0.0)),
             *(above, shift(above, -1, 1, 0.0)),
         ]

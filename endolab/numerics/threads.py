@@ -25,7 +25,7 @@ from endolab.numerics.arrays import Span
 from endolab.numerics.checks import check_int
 from endolab.numerics.compiled import kernel
 
-VARIABLE = "ENDOLAB_THREADS"
+THREADS_VARIABLE = "ENDOLAB_THREADS"
 BAND_ROWS = 16  # of a band, see `on_cores`
 WORTH_A_CORE = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
 
@@ -44,13 +44,13 @@ def cores() -> int:
 def threads() -> int:
     """How many threads compiled loops take; ValueError if `ENDOLAB_THREADS` is no such number."""
     limit = _limit.get()
-    wanted = os.environ.get(VARIABLE)
+    wanted = os.environ.get(THREADS_VARIABLE)
     most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     count = min(cores(), most)
     if wanted:
         if not (wanted.isascii() and wanted.isdigit() and int(wanted) > 0):
             raise ValueError(
-                f"{VARIABLE} must be a positive number of threads, found {wanted!r}"
+                f"{THREADS_VARIABLE} must be a positive number of threads, found {wanted!r}"
             )
         count = min(int(wanted), most)
     return count if limit is None else min(count, limit)

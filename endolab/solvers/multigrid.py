@@ -116,15 +116,15 @@ def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) ->
 def _dots(rows: Span, a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
     width = a.shape[1]
-    whole = width - width % 4
+    even = width - width % 4
     for i in range(rows[0], rows[1]):
         one = two = three = four = 0.0
-        for j in range(0, whole, 4):
+        for j in range(0, even, 4):
             one += a[i, j] * b[i, j]
             two += a[i, j + 1] * b[i, j + 1]
             three += a[i, j + 2] * b[i, j + 2]
             four += a[i, j + 3] * b[i, j + 3]
-        for j in range(whole, width):
+        for j in range(even, width):
             one += a[i, j] * b[i, j]
         out[i] = (one + two) + (three + four)
 
@@ -245,17 +245,17 @@ def _begin(
 
 @on_cores(cost=10)
 def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) -> None:
-    """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
+    """The reciprocal of each row's absolute sum; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
-    one = np.ones((1, 2 * PAD + 1, out.shape[1]))
+    ones = np.ones((1, 2 * PAD + 1, out.shape[1]))
     sizes = np.empty((len(m), PAD + 1, out.shape[1]))  # of this row and those above
     for i in range(first, last):
         for k in range(len(m)):
             for above in range(PAD + 1):
                 for j in range(out.shape[1]):
                     sizes[k, PAD - above, j] = abs(m[k, i - above, j])
-        _row_times(sizes, one, 0, PAD, row)
+        _row_times(sizes, ones, 0, PAD, row)
         for j in range(row.size):
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
@@ -269,9 +269,9 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     for entry, (down, right) in enumerate(OFFSETS[: len(m)]):
         other = number[i + down, j + right]
         known = other >= 0
-        here = number[i, j][known]
-        there = other[known]
-        dense[here, there] = dense[there, here] = m[entry, i, j][known]
+        row = number[i, j][known]
+        column = other[known]
+        dense[row, column] = dense[column, row] = m[entry, i, j][known]
     diagonal = np.diag(dense)
     dense[np.diag_indices(i.size)] = np.where(
         diagonal > 0, (1 + CYCLE.ridge) * diagonal, 1.0

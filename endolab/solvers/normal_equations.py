@@ -46,14 +46,6 @@ from endolab.solvers.problem import CURVATURE, FIRST
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
 OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
 OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
-# Of each pair of the nine pixels of `curvature_kernels`, the entry, and which of the two holds it, the first:
-# that above or, in a row, that on the left.
-PAIRS = [
-    (k, other, OFFSETS.index((DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])))
-    for k in range(9)
-    for other in range(9)
-    if (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k]) in OFFSETS
-]
 # Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
 # those of a row of J, which comes fourth, are the first five.
 STENCILS = [
@@ -72,15 +64,23 @@ class Form(NamedTuple):
 
     @classmethod
     def of(cls, kind: int) -> Form:
-        """List them; the form's Q mixes terms."""
-        taken = STENCILS[kind]
-        products = [
-            (k, other, entry, term)
-            for k, other, entry in PAIRS
-            for term, pixels in enumerate([*taken, {0, 1, 2, 3, 4}])
-            if k in pixels and (other in pixels or (kind == CURVATURE and term < 3))
-        ]
-        entries = [(term, k) for term in range(3) for k in sorted(taken[term])]
+        """List them: the two pixels, the first of which holds the entry, the entry, and the term.
+
+        A form's Q mixes terms.
+        """
+        stencils = STENCILS[kind]
+        products = []
+        for k in range(9):
+            for other in range(9):
+                step = (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])
+                if step not in OFFSETS:
+                    continue
+                entry = OFFSETS.index(step)
+                for term, pixels in enumerate([*stencils, {0, 1, 2, 3, 4}]):
+                    mixes = kind == CURVATURE and term < 3
+                    if k in pixels and (other in pixels or mixes):
+                        products.append((k, other, entry, term))
+        entries = [(term, k) for term in range(3) for k in sorted(stencils[term])]
         return cls(kind, np.array(entries), np.array(products))
 
 
@@ -256,7 +256,7 @@ def _assemble(
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
     forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
-    step itself come in with the weights of caution, a² W once more by `damping`.
+    step itself come in with the damping of slopes, a² W once more by `damping`.
     """
     products = form[2]
     count = m.shape[2] - 2 * PAD
@@ -435,16 +435,6 @@ class Coefficients:
     def weight(self) -> FloatArray:
         """W."""
         return self.parts[WEIGHT]
-
-    @property
-    def slope(self) -> FloatArray:
-        """X."""
-        return self.parts[SLOPE]
-
-    @property
-    def smoothness(self) -> FloatArray:
-        """Q, (1 or 6, ...)."""
-        return self.parts[SMOOTHNESS:]
 
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""

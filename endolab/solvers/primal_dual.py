@@ -74,9 +74,9 @@ PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, tim
 # 1/χc of pixels that nothing limits; a size above 0
 FREE = SINGLE(1 / 999)
 TINY = SINGLE(1e-30)
-STRIP = 128  # columns that are averaged together, at least
+STRIP_COLUMNS = 128  # columns that are averaged together, at least
 PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
-BRDF_TABLE_SIZE = 4096  # of a BRDF
+BRDF_TABLE_SIZE = 4096
 Rows = tuple[SingleArray, SingleArray, SingleArray]
 
 
@@ -296,7 +296,7 @@ def _down_columns(
 ) -> None:
     """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
     height, width = p.shape[1:]
-    several = max(width // STRIP, 1)
+    several = max(width // STRIP_COLUMNS, 1)
     for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
         first = strip // 2 * width // several
         last = (strip // 2 + 1) * width // several

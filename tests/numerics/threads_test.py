@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from endolab.numerics import threads
-from endolab.numerics.threads import BAND_ROWS, VARIABLE, limit_threads
+from endolab.numerics.threads import BAND_ROWS, THREADS_VARIABLE, limit_threads
 from tests.tools.loops import blurred, plainly_blurred
 
 SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
@@ -33,7 +33,7 @@ def output_of(code, **environment):
     plain = {
         name: value
         for name, value in os.environ.items()
-        if name not in (VARIABLE, "NUMBA_NUM_THREADS")
+        if name not in (THREADS_VARIABLE, "NUMBA_NUM_THREADS")
     }
     command = [
         sys.executable,
@@ -60,13 +60,13 @@ def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_co
 
 @pytest.mark.parametrize("wrong", ["0", "two", "1.5", "²"])
 def test_a_number_of_threads_that_is_none_is_said_to_be_so(monkeypatch, wrong, start):
-    monkeypatch.setenv(VARIABLE, wrong)
+    monkeypatch.setenv(THREADS_VARIABLE, wrong)
     with pytest.raises(ValueError, match="ENDOLAB_THREADS"):
         blur_rounds(start)
 
 
 def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
-    monkeypatch.setenv(VARIABLE, str(SEVERAL))
+    monkeypatch.setenv(THREADS_VARIABLE, str(SEVERAL))
     with limit_threads(1):
         assert threads.threads() == 1
         with limit_threads(None):
