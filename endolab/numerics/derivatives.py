@@ -23,11 +23,11 @@ def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     out = np.full_like(a, fill)
     length = a.shape[axis]
     if abs(step) < length:
-        here = [slice(None)] * a.ndim
-        there = [slice(None)] * a.ndim
-        here[axis] = slice(max(0, -step), length - max(0, step))
-        there[axis] = slice(max(0, step), length - max(0, -step))
-        out[tuple(here)] = a[tuple(there)]
+        target = [slice(None)] * a.ndim
+        source = [slice(None)] * a.ndim
+        target[axis] = slice(max(0, -step), length - max(0, step))
+        source[axis] = slice(max(0, step), length - max(0, -step))
+        out[tuple(target)] = a[tuple(source)]
     return out
 
 

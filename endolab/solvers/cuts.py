@@ -106,8 +106,8 @@ def coarser_links(
     coarse = halve_links(uncut_links)
     if link is uncut_links:
         return coarse, coarse
-    there = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
-    return halve_links(link & main & there), coarse
+    next_main = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
+    return halve_links(link & main & next_main), coarse
 
 
 def held_pixels(link: ByteArray, second: bool) -> BoolArray:
@@ -181,7 +181,7 @@ def same_side(
 
 
 @kernel
-def nearest(of_side: tuple[bool, bool, bool, bool]) -> tuple[int, int]:
+def nearest_blocks(of_side: tuple[bool, bool, bool, bool]) -> tuple[int, int]:
     """The first and the last of the blocks that are reached and nearest, which may be two; 4 if none is."""
     own, beside, below, diagonal = of_side
     if own or not (beside or below):

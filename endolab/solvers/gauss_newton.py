@@ -177,15 +177,15 @@ class _State:
         """
         lowest = self
         share = 1.0
-        there = np.empty_like(self.v)
+        moved = np.empty_like(self.v)
         while share >= DESCENT.shortest_share:
-            advance(self.v, delta, share, DESCENT.longest_step, self.grid.ceiling, there)
+            advance(self.v, delta, share, DESCENT.longest_step, self.grid.ceiling, moved)
             tried = replace(
-                self, v=there, terms=self.grid.terms(there, self.lam), share=share
+                self, v=moved, terms=self.grid.terms(moved, self.lam), share=share
             )
             if tried.energy < lowest.energy:
                 lowest = tried
-                there = np.empty_like(self.v)
+                moved = np.empty_like(self.v)
             elif lowest is not self:
                 break
             if self.energy - lowest.energy > 0.75 * promise:

@@ -26,7 +26,7 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
-from endolab.solvers.cuts import Cells, nearest, same_side
+from endolab.solvers.cuts import Cells, nearest_blocks, same_side
 
 Strands = tuple[
     IntArray, IntArray, FloatArray
@@ -154,11 +154,11 @@ def _fill_strands(
             if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
                 share[i, j] = 1 / 16
                 continue
-            nearest_block, last = nearest(of_side)
-            if nearest_block == 4:
+            first_block, last_block = nearest_blocks(of_side)
+            if first_block == 4:
                 continue
-            share_of_each = 1.0 if nearest_block == last else 0.5
-            for k in range(nearest_block, last + 1):
+            share_of_each = 1.0 if first_block == last_block else 0.5
+            for k in range(first_block, last_block + 1):
                 row, column, down, right = _place(i - top, j - first, k)
                 own = 1.0
                 centre = row * wide + column

@@ -94,7 +94,7 @@ class Problem:
             unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, LOWER_BOUND, NONE))
             if unknown.size:
                 raise ValueError(
-                    f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}"
+                    f"evidence must be 0 (exact), 1 (lower bound) or 2 (none), found {unknown[0]}"
                 )
 
     @property
