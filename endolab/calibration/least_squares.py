@@ -31,7 +31,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import scipy
 
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, frozen
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, freeze
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
@@ -346,7 +346,7 @@ def _descend(
             last,
             k=last.k + 1,
             unknowns=unknowns,
-            residual=frozen(residual),
+            residual=freeze(residual),
             cost=cost,
             change=length,
         )
@@ -391,7 +391,7 @@ def iterate_fit(
                 stage,
                 choice.number,
                 unknowns,
-                frozen(residual),
+                freeze(residual),
                 choice.used,
                 choice.sigma,
                 cost,

@@ -13,7 +13,7 @@ from endolab.frames.surround import SURROUND, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
-from endolab.numerics.arrays import BoolArray, FloatArray, frozen
+from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import mask_array, readonly_copy, real_array
 from endolab.numerics.side_by_side import by_rows
 
@@ -142,14 +142,14 @@ class Frame:
     @cached_property
     def _pixels_to_use(self) -> BoolArray:
         if self.mask.all():
-            return frozen(field_of_view(self.image))
+            return freeze(field_of_view(self.image))
         field = field_of_view(self.image, SURROUND.sure)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
         reach = 2 * round(FRAME_LIMITS.edge * min(field.shape)) + 1
         around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
-        return frozen(seen) if beyond > FRAME_LIMITS.misplaced and seen.any() else self.mask
+        return freeze(seen) if beyond > FRAME_LIMITS.misplaced and seen.any() else self.mask
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

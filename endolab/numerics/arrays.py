@@ -12,7 +12,7 @@ ByteArray = NDArray[np.int8]  # marks of pixels: 0 or 1, or a kind of evidence
 Span = tuple[int, int]  # the first, and the one after the last
 
 
-def frozen(array: np.ndarray) -> np.ndarray:
+def freeze(array: np.ndarray) -> np.ndarray:
     """Make an array read-only: an observer that writes into it would change the result."""
     array.flags.writeable = False
     return array

@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-
-LONGEST_EXCERPT = 60  # characters of a value that a sentence repeats
+from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 
 
 def excerpt(value: object) -> str:
@@ -18,7 +16,8 @@ def excerpt(value: object) -> str:
         text = repr(value.item() if isinstance(value, np.ndarray | np.generic) else value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits
         text = type(value).__name__
-    return text if len(text) <= LONGEST_EXCERPT else f"{text[:LONGEST_EXCERPT]}…"
+    most = 60  # characters
+    return text if len(text) <= most else f"{text[:most]}…"
 
 
 def number(
@@ -83,6 +82,6 @@ def readonly_copy(array: np.ndarray) -> np.ndarray:
     base: Any = array
     while isinstance(base, np.ndarray):
         if base.flags.writeable:
-            return frozen(array.copy())
+            return freeze(array.copy())
         base = base.base
     return array

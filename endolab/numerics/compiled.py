@@ -83,7 +83,7 @@ def inner(a: Any) -> Any:
     return a[..., PAD:-PAD, PAD:-PAD]
 
 
-def framed(array: Any, fill: float = 0.0) -> FloatArray:
+def add_frame(array: Any, fill: float = 0.0) -> FloatArray:
     """Float copy of (..., H, W) with a frame of one pixel."""
     around = [(0, 0)] * (np.ndim(array) - 2) + [(1, 1), (1, 1)]
     return np.ascontiguousarray(
@@ -135,7 +135,7 @@ def leads(fine: Any) -> tuple[int, int]:
     return down, across
 
 
-def halved(active: Any) -> Any:
+def active_blocks(active: Any) -> Any:
     """Blocks of which at least one pixel is active."""
     return (block_sums(active) > 0).astype(np.int8)
 
@@ -146,4 +146,4 @@ def halve_links(link: Any) -> Any:
     down, across = leads(link[0])
     inner(outer)[0, :, across::2] = 0
     inner(outer)[1, down::2] = 0
-    return np.stack([halved(outer[0]), halved(outer[1])])
+    return np.stack([active_blocks(outer[0]), active_blocks(outer[1])])

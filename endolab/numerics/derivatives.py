@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-REFERENCE = 320  # px of a picture's longer side: what thresholds and weights are told for
-
 
 def px_per_reference(shape: tuple[int, ...]) -> float:
-    """How many pixels of a picture (H, W, ...) are one of those that thresholds are told for."""
-    return max(shape[:2]) / REFERENCE
+    """How many pixels of a picture (H, W, ...) are 1/320 of its longer side, the unit of thresholds."""
+    return max(shape[:2]) / 320
 
 
 def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
@@ -25,11 +23,11 @@ def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     out = np.full_like(a, fill)
     length = a.shape[axis]
     if abs(step) < length:
-        here = [slice(None)] * a.ndim
-        there = [slice(None)] * a.ndim
-        here[axis] = slice(max(0, -step), length - max(0, step))
-        there[axis] = slice(max(0, step), length - max(0, -step))
-        out[tuple(here)] = a[tuple(there)]
+        target = [slice(None)] * a.ndim
+        source = [slice(None)] * a.ndim
+        target[axis] = slice(max(0, -step), length - max(0, step))
+        source[axis] = slice(max(0, step), length - max(0, -step))
+        out[tuple(target)] = a[tuple(source)]
     return out
 
 
@@ -132,18 +130,18 @@ def hessian(
     """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
 
     f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per
-    pixel squared; 0 where the stencil (three in a row, or a square of four) is not whole.
+    pixel squared; 0 where the stencil (three in a row, or a square of four) is not valid.
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
-    whole_uu, whole_uv, whole_vv = hessian_stencils(link)
+    valid_uu, valid_uv, valid_vv = hessian_stencils(link)
     along_u, along_v = (shift(f, 1, axis, 0.0) - f for axis in (1, 0))
-    mixed = whole_uv * (shift(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
+    mixed = valid_uv * (shift(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
     above = shift(mixed, -1, 0, 0.0)
     return np.stack(
         [
-            whole_uu * (along_u - shift(along_u, -1, 1, 0.0)),
-            whole_vv * (along_v - shift(along_v, -1, 0, 0.0)),
+            valid_uu * (along_u - shift(along_u, -1, 1, 0.0)),
+            valid_vv * (along_v - shift(along_v, -1, 0, 0.0)),
             *(mixed, shift(mixed, -1, 1, 0.0)),
             *(above, shift(above, -1, 1, 0.0)),
         ]

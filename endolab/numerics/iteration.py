@@ -105,7 +105,7 @@ def check_observers(observers: Any) -> list[Any]:
 
 
 @contextmanager
-def closing(observers: Iterable[object]) -> Iterator[None]:
+def close_observers(observers: Iterable[object]) -> Iterator[None]:
     """Close every observer that can be closed at the end, even if another fails to."""
     with ExitStack() as ending:
         for observer in observers:

@@ -2,7 +2,7 @@
 
 import psutil
 
-RENDERING = 500  # bytes a pixel, at least, to render a picture of a known scene
+RENDERING_BYTES = 500  # bytes a pixel, at least, to render a picture of a known scene
 
 
 def check_memory(needed: float, what: str, remedy: str = "") -> None:

@@ -8,18 +8,12 @@ from numpy.typing import ArrayLike
 
 from endolab.numerics.arrays import FloatArray
 
-NEGLIGIBLE = (
-    1e-20  # share of the largest term below which a polynomial's highest terms are none
-)
-TABLE = 4096  # places at which an increasing function is looked up
-NEWTON_STEPS = 12  # of Newton: two are enough where the slope is not 0
-
 
 def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
     """Return a polynomial's first positive real root, `limit` if none is below it; lowest degree first."""
     c = np.asarray(coefficients, dtype=np.float64)
     size = np.abs(c) * float(limit) ** np.arange(c.size)
-    degree = np.flatnonzero(size >= NEGLIGIBLE * size.max())[-1]
+    degree = np.flatnonzero(size >= 1e-20 * size.max())[-1]  # smaller terms are none
     roots = polynomial.polyroots(c[: degree + 1])
     real = roots.real[
         (np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))) & (roots.real > 0)
@@ -38,11 +32,11 @@ def invert_increasing(
     The function returns f and its derivative; f increases on [low, high], and the targets lie between f(low)
     and f(high). To rounding where f has a slope.
     """
-    places = np.linspace(low, high, TABLE)
+    places = np.linspace(low, high, 4096)
     values = function(places)[0]
-    cell = np.clip(np.searchsorted(values, target), 1, TABLE - 1)
+    cell = np.clip(np.searchsorted(values, target), 1, places.size - 1)
     x = np.interp(target, values, places)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(12):  # two are enough where the slope is not 0
         value, slope = function(x)
         step = (value - target) / np.where(slope > 0, slope, np.inf)
         x = np.clip(x - step, places[cell - 1], places[cell])

@@ -12,7 +12,6 @@ from typing import TypeVar
 from endolab.numerics.threads import threads
 
 WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
-BAND = 30_000  # pixels of a band, at least; a map of 8 bytes each and a few more like it fit the cache
 
 Item = TypeVar("Item")
 Found = TypeVar("Found")
@@ -42,7 +41,8 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
     if rows * columns < WORTH_THREADS:
         function(slice(0, rows))
         return
-    step = max(1, BAND // columns)
+    # With 30 000 pixels a map of 8 bytes each and a few more like it fit the cache.
+    step = max(1, 30_000 // columns)
     side_by_side(
         function,
         [slice(i, min(i + step, rows)) for i in range(0, rows, step)],

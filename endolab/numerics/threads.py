@@ -25,9 +25,9 @@ from endolab.numerics.arrays import Span
 from endolab.numerics.checks import check_int
 from endolab.numerics.compiled import kernel
 
-VARIABLE = "ENDOLAB_THREADS"
-ROWS = 16  # of a band, see `on_cores`
-WORTH = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
+THREADS_VARIABLE = "ENDOLAB_THREADS"
+BAND_ROWS = 16  # of a band, see `on_cores`
+WORTH_A_CORE = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
@@ -44,13 +44,13 @@ def cores() -> int:
 def threads() -> int:
     """How many threads compiled loops take; ValueError if `ENDOLAB_THREADS` is no such number."""
     limit = _limit.get()
-    wanted = os.environ.get(VARIABLE)
+    wanted = os.environ.get(THREADS_VARIABLE)
     most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     count = min(cores(), most)
     if wanted:
         if not (wanted.isascii() and wanted.isdigit() and int(wanted) > 0):
             raise ValueError(
-                f"{VARIABLE} must be a positive number of threads, found {wanted!r}"
+                f"{THREADS_VARIABLE} must be a positive number of threads, found {wanted!r}"
             )
         count = min(int(wanted), most)
     return count if limit is None else min(count, limit)
@@ -90,11 +90,11 @@ class _OnCores:
         def work(part: Span, now: Span) -> None:
             self.loop(part, *([] if turns is None else [now]), first, *others)
 
-        count = 1 if rows * first.shape[-1] * self.cost < WORTH else threads()
+        count = 1 if rows * first.shape[-1] * self.cost < WORTH_A_CORE else threads()
         if count == 1 or not _cores.acquire(blocking=False):
             work((0, rows), (0, turns or 1))
             return
-        step = -(-rows // (2 * ROWS * count)) * 2 * ROWS
+        step = -(-rows // (2 * BAND_ROWS * count)) * 2 * BAND_ROWS
         parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
         try:
             for turn in range(turns or 1):

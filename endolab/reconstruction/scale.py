@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from endolab.model.ranges import RANGES
-from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import number
 from endolab.solvers.provenance import Scale
 from endolab.solvers.result import SCALED, Iterate, Result
@@ -91,7 +91,7 @@ def in_unit(
     problem = replace(old, photometry=photometry, metric=metric)
     if scale is not None:
         provenance = replace(provenance, scale=scale)
-    moved = frozen(iterate.log_distance + np.log(factor))
+    moved = freeze(iterate.log_distance + np.log(factor))
     return replace(
         iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance
     )

@@ -17,7 +17,7 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.model.thinned import thin_normals
-from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
@@ -105,7 +105,7 @@ class Carried:
             ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
         )
         iterate = Iterate(
-            problem, 0, frozen(v), {}, provenance=Provenance(contours=contours)
+            problem, 0, freeze(v), {}, provenance=Provenance(contours=contours)
         )
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)

@@ -64,8 +64,10 @@ def plane_shares(
 ) -> FloatArray:
     """a, b and c of each second difference of the rays, (uu, uv, vv; a, b, c; H, W); 0 where not known."""
     rays = np.where(mask[..., None], field.rays, 0.0)
-    each = [_derivatives(rays[..., i], mask, cuts) for i in range(3)]
-    (ray_u, ray_v), second = (np.stack(parts, axis=-1) for parts in zip(*each, strict=True))
+    pairs = [_derivatives(rays[..., i], mask, cuts) for i in range(3)]
+    (ray_u, ray_v), second = (
+        np.stack(parts, axis=-1) for parts in zip(*pairs, strict=True)
+    )
     known = valid_stencil(mask, cuts)
     basis = np.stack([ray_u, ray_v, rays], axis=-1)
     basis[~known.any(axis=0)] = np.eye(3)

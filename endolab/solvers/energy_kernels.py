@@ -14,7 +14,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
 from endolab.numerics.elementary import exp, log
-from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.curvature_kernels import (
     add_bending_row,
     add_unbent_row,
@@ -24,15 +24,13 @@ from endolab.solvers.curvature_kernels import (
 )
 from endolab.solvers.normal_equations import (
     BY_V,
-    CAUTION_U,
-    CAUTION_W,
     SLOPE,
+    SLOPE_DAMPING_U,
+    SLOPE_DAMPING_W,
     SMOOTHNESS,
     WEIGHT,
 )
 from endolab.solvers.problem import CURVATURE, EXACT, FIRST, LOWER_BOUND
-
-TABLE_SIZE = 4096
 
 
 class Picture(NamedTuple):
@@ -351,8 +349,8 @@ def _fill_sums(
     counts = work[1]
     data = totals[0]
     rough = totals[1]
-    for start in range(rows[0], rows[1], ROWS):
-        first, last = rows_within((start, start + ROWS), PAD, v.shape[0] - PAD)
+    for start in range(rows[0], rows[1], BAND_ROWS):
+        first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
         totals[:] = 0.0
         for i in range(first, last):
             _predict_row(v, picture, wall, i, work)
@@ -370,15 +368,15 @@ def _fill_sums(
                 size = scale * form[0, j]
                 small = min(size, epsilon)
                 rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
-        out[start // ROWS, 0] = data.sum()
-        out[start // ROWS, 1] = rough.sum()
+        out[start // BAND_ROWS, 0] = data.sum()
+        out[start // BAND_ROWS, 1] = rough.sum()
 
 
 def sums(
     v: FloatArray, xi: FloatArray, picture: Picture, wall: Wall, penalties: Penalties
 ) -> tuple[float, float]:
     """Sums over the mask of the data's penalty and of the regulariser's without λ."""
-    parts = np.zeros((-(-v.shape[0] // ROWS), 2))
+    parts = np.zeros((-(-v.shape[0] // BAND_ROWS), 2))
     _fill_sums(v, xi, picture, wall, penalties, parts)
     data, rough = parts.sum(axis=0)
     return float(data), float(rough)
@@ -505,8 +503,8 @@ def linearise(
         odd = (
             turn - 1
         )  # every second band: what a row adds to its neighbours' must not meet
-        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
-            first, last = rows_within((start, start + ROWS), PAD, v.shape[0] - PAD)
+        for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
+            first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
             for i in range(first, last):
                 _predict_row(v, picture, wall, i, work)
                 _differentiate_row(work, gamma, threshold, factors)
@@ -529,7 +527,7 @@ def linearise(
 
 
 @on_cores(cost=0.5)
-def finish(
+def subtract_smooth(
     rows: Span,
     descent: FloatArray,
     smooth: FloatArray,
@@ -551,7 +549,7 @@ def finish(
 
 
 @on_cores(cost=3)
-def be_cautious(
+def fill_slope_damping(
     rows: Span,
     parts: FloatArray,
     v: FloatArray,
@@ -570,8 +568,8 @@ def be_cautious(
         by_v = parts[BY_V, i]
         weight = parts[WEIGHT, i]
         likely = slants[i]
-        u = parts[CAUTION_U, i]
-        w = parts[CAUTION_W, i]
+        u = parts[SLOPE_DAMPING_U, i]
+        w = parts[SLOPE_DAMPING_W, i]
         guu = metric[0, i]
         gvv = metric[2, i]
         for j in range(count):
@@ -583,9 +581,7 @@ def be_cautious(
             w[j + 2] = charged * gvv[j + 2]
 
 
-def shading_table(
-    photometry: Photometry, size: int = TABLE_SIZE
-) -> tuple[FloatArray, float]:
+def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:
     """Shading of a BRDF against slant, for `_shade_row`: table (2, size) and the step between its nodes.
 
     The rows are log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which

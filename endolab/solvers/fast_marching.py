@@ -17,7 +17,7 @@ pixel out is accepted and lower, else of first. Other BRDFs change the right-han
 
 Where the march enters the picture from its border, or from behind an occluding contour, the
 true value is not in the picture: `inflow` gives it where it is known. Over a contour the surface
-is torn, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
+is cut, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
 far side starts from its own local minima of y₀.
 """
 
@@ -34,7 +34,9 @@ from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import links, shift
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
-_AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
+_NEIGHBOURS = np.array(
+    [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]
+)
 # else a pixel's entry in `place` is its index in the heap
 _FAR = -1
 _ACCEPTED = -2
@@ -154,7 +156,7 @@ def _difference(
     can be stepped to, is accepted and lower.
     """
     if ways[neighbour] >> k & 1:
-        far = neighbour + _AROUND[k, 0] * width + _AROUND[k, 1]
+        far = neighbour + _NEIGHBOURS[k, 0] * width + _NEIGHBOURS[k, 1]
         if place[far] == _ACCEPTED and value[far] <= value[neighbour]:
             return (-1.5, 2 * value[neighbour] - 0.5 * value[far]), value[neighbour]
     return (-1.0, value[neighbour]), value[neighbour]
@@ -223,7 +225,7 @@ def _advance(
         for k in range(8):
             if not seen >> (k + 4 & 7) & 1:
                 continue
-            pixel = np.int64(accepted) - _AROUND[k, 0] * width - _AROUND[k, 1]
+            pixel = np.int64(accepted) - _NEIGHBOURS[k, 0] * width - _NEIGHBOURS[k, 1]
             if (
                 pixel < 0
             ):  # never; but numba, told so, compiles indices without their wrap from the end
@@ -235,7 +237,7 @@ def _advance(
             guv = inverse_metric[pixel, 1]
             gvv = inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
-            a = (_AROUND[k, 1], _AROUND[k, 0])
+            a = (_NEIGHBOURS[k, 1], _NEIGHBOURS[k, 0])
             step_a, ya = _difference(value, place, ways, accepted, k, width)
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
@@ -252,10 +254,10 @@ def _advance(
                 third = k + side * (2 + (k & 1)) & 7
                 if not ways[pixel] >> j & seen >> third & 1:
                     continue
-                other = pixel + _AROUND[j, 0] * width + _AROUND[j, 1]
+                other = pixel + _NEIGHBOURS[j, 0] * width + _NEIGHBOURS[j, 1]
                 if place[other] != _ACCEPTED:
                     continue
-                b = (_AROUND[j, 1], _AROUND[j, 0])
+                b = (_NEIGHBOURS[j, 1], _NEIGHBOURS[j, 0])
                 step_b, yb = _difference(value, place, ways, other, j, width)
                 low = max(ya, yb)
                 y = _across_triangle(a, b, step_a, step_b, low, g, limit, table)
@@ -274,7 +276,7 @@ def _advance(
 
 
 def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
-    """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_AROUND`) may see each other.
+    """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_NEIGHBOURS`) may see each other.
 
     A diagonal step cuts the corner of two steps: where there are cuts, one of the two ways around
     must be there. A contour of cuts that passes the point where four pixels meet sets them apart,
@@ -288,11 +290,13 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
     beside = (shift(mask, 1, 1, False), shift(mask, -1, 1, False))
     to_right, to_left = (mask & shift(side, 1, 0, False) for side in beside)
     if cuts is not None:
-        torn = cuts[0] | shift(cuts[0], 1, 0, False) | cuts[1] | shift(cuts[1], 1, 1, False)
+        near_cut = (
+            cuts[0] | shift(cuts[0], 1, 0, False) | cuts[1] | shift(cuts[1], 1, 1, False)
+        )
         around = right & shift(lower, 1, 1, False) | lower & shift(right, 1, 0, False)
-        to_right &= around | ~torn
+        to_right &= around | ~near_cut
         around = left & shift(lower, -1, 1, False) | lower & shift(left, 1, 0, False)
-        to_left &= around | ~shift(torn, -1, 1, False)
+        to_left &= around | ~shift(near_cut, -1, 1, False)
     from_right = shift(to_right, -1, 0, False)
     from_left = shift(to_left, -1, 0, False)
     up_left = shift(from_right, -1, 1, False)
@@ -306,7 +310,7 @@ def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: BitArray) -> BoolAr
     padded = np.pad(y0, 1)
     height, width = y0.shape
     lowest = mask.copy()
-    for k, (r, c) in enumerate(_AROUND):
+    for k, (r, c) in enumerate(_NEIGHBOURS):
         lowest &= (y0 <= padded[1 + r : 1 + r + height, 1 + c : 1 + c + width]) | (
             ways >> k & 1 == 0
         )
@@ -328,7 +332,7 @@ class March:
     size: int  # of the heap
 
     @classmethod
-    def seeded(
+    def start(
         cls,
         log_d0: FloatArray,
         mask: BoolArray,

@@ -41,31 +41,43 @@ from endolab.solvers.normal_equations import Coefficients
 from endolab.solvers.problem import Problem, check_maps
 from endolab.solvers.result import Iterate, Solver
 
-LONGEST_STEP = 0.5  # of a step, in log d: a factor of 1.65 in distance
-RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was taken whole
-SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
-ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
-# Added to the diagonal, as a share of what the data put there without slant: at least; once less than half
-# of a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a
-# whole one. Torn surfaces need it: what hangs together by little is to move far otherwise.
-DAMPING = 1e-3
-HELD = 1.0
-MOST_DAMPING = 1e3
-CHANGE = 4.0
-# of the inner solver: residual left, steps
-PRECISION = 0.1
-MOST_INNER_STEPS = 20
-# of a fall, how much is taken to follow: at first, at most
-RATE = 0.65
-SLOWEST = 0.95
-COARSEST = 24  # rows and columns of the coarsest grid, at least
-CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
-COARSE_STEPS = 4  # on each of the coarser grids
-LOOK = 2  # times the grid is halved to see whether a start is near
-NEARLY_BEST = 1.2  # it is if its energy there is at most this many times what a step leaves
-SAME_ENERGY = (
-    1e-9  # share by which energies of one map differ, once distances were in another unit
-)
+
+@dataclass(frozen=True)
+class Descent:
+    """The constants of the method, chosen by hand; the tests of this module hold what they lead to.
+
+    Damping is added to the diagonal, as a share of what the data put there without slant. It grows by
+    `damping_factor` with every step of which less than half lowered the energy, and falls by it with a whole
+    one. Cut surfaces need it: what hangs together by little is to move far otherwise.
+    """
+
+    # log d that a pixel moves in a step, at most: a factor of 1.65 in distance.
+    longest_step: float = 0.5
+    shortest_share: float = 2.0**-6  # of a step, below which the search along it gives up
+    slope_relief: float = 0.25  # what remains of the damping of slopes after a whole step
+    rounding: float = 1e-24  # an energy as small as that of residuals of 1e-12
+    least_damping: float = 1e-3
+    raised_damping: float = 1.0  # the least after less than half of a step
+    most_damping: float = 1e3
+    damping_factor: float = 4.0
+    inner_precision: float = 0.1  # residual that conjugate gradients leave
+    inner_steps: int = 20  # of conjugate gradients, at most
+    # Of a fall of the energy, how much is taken to follow it: at first, and at most.
+    first_rate: float = 0.65
+    most_rate: float = 0.95
+    least_size: int = 24  # rows and columns of the coarsest grid
+    # Multiples of λ on the coarsest grid, one after the other.
+    continuation: tuple[float, ...] = (10.0, 3.0, 1.0)
+    coarse_steps: int = 4  # on each of the coarser grids
+    # How often the grid is halved to see whether a start is near. It is near if its energy there is at most
+    # so many times what a step leaves of it.
+    start_halvings: int = 2
+    start_excess: float = 1.2
+    # Share by which energies of one map differ, once distances were in another unit.
+    same_energy: float = 1e-9
+
+
+DESCENT = Descent()
 
 
 @dataclass(frozen=True)
@@ -79,9 +91,9 @@ class _State:
     share: float = 1.0  # of the last step that was taken; 0 if no share lowered the energy
     left: float = np.inf  # how much the energy may still fall, as the last step tells
     fall: float = np.nan  # of the energy, by the last step
-    rate: float = RATE  # of a fall to the one before, lately
+    rate: float = DESCENT.first_rate  # of a fall to the one before, lately
     steps: int = 0  # of the inner solver
-    damping: float = DAMPING
+    damping: float = DESCENT.least_damping
     slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
     coefficients: Coefficients | None = None  # of the last step, as is the multigrid
     multigrid: Multigrid | None = None
@@ -101,12 +113,16 @@ class _State:
 
     @property
     def next_damping(self) -> float:
+        factor = DESCENT.damping_factor
         if self.share < 0.5:
-            return min(max(CHANGE * self.damping, HELD), MOST_DAMPING)
-        return max(self.damping / CHANGE, DAMPING) if self.share == 1 else self.damping
+            raised = max(factor * self.damping, DESCENT.raised_damping)
+            return min(raised, DESCENT.most_damping)
+        if self.share < 1:
+            return self.damping
+        return max(self.damping / factor, DESCENT.least_damping)
 
     def has_converged(self, tolerance: float) -> bool:
-        return self.left <= tolerance * self.energy + ROUNDING
+        return self.left <= tolerance * self.energy + DESCENT.rounding
 
     def take_step(self) -> _State:
         """Take one Gauss-Newton step, halved until the energy falls no further.
@@ -120,17 +136,19 @@ class _State:
             self.v, self.lam, self.slants, self.coefficients
         )
         multigrid = self.multigrid
-        for damping in (self.next_damping, max(10 * self.next_damping, HELD)):
+        retried_damping = max(10 * self.next_damping, DESCENT.raised_damping)
+        for damping in (self.next_damping, retried_damping):
             multigrid = Multigrid(coefficients, damping, multigrid)
-            delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST_INNER_STEPS)
+            delta, steps, unsolved = multigrid.solve(
+                descent, DESCENT.inner_precision, DESCENT.inner_steps
+            )
             promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
             slants = self.grid.slants(delta)
             lowest = self._along(delta, promise)
             longest = float(np.abs(delta).max())
-            if (
-                lowest is self and longest > LONGEST_STEP
-            ):  # cut off at its longest, it was another step
-                lowest = self._along(delta * (LONGEST_STEP / longest), promise)
+            # Cut off at its longest, it was another step.
+            if lowest is self and longest > DESCENT.longest_step:
+                lowest = self._along(delta * (DESCENT.longest_step / longest), promise)
             if lowest is not self:
                 break
         room: dict[str, Any] = {"coefficients": coefficients, "multigrid": multigrid}
@@ -141,12 +159,14 @@ class _State:
         if self.slants is not None:
             slants = np.sqrt(slants * self.slants)
         if lowest.share == 1:
-            slants *= RELIEF
+            slants *= DESCENT.slope_relief
         fall = self.energy - lowest.energy
-        before = self.rate if np.isnan(self.fall) else min(fall / self.fall, SLOWEST)
+        before = self.rate
+        if not np.isnan(self.fall):
+            before = min(fall / self.fall, DESCENT.most_rate)
         slow = rate = (self.rate + before) / 2
         if lowest.share == 1 and fall > promise > 0:
-            slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
+            slow = max(rate, min(fall / promise - 1, DESCENT.most_rate) ** 2)
         left = max(left, fall * slow / (1 - slow))
         return replace(lowest, left=left, fall=fall, rate=rate, slants=slants, **room)
 
@@ -157,15 +177,15 @@ class _State:
         """
         lowest = self
         share = 1.0
-        there = np.empty_like(self.v)
-        while share >= SHORTEST:
-            advance(self.v, delta, share, LONGEST_STEP, self.grid.ceiling, there)
+        moved = np.empty_like(self.v)
+        while share >= DESCENT.shortest_share:
+            advance(self.v, delta, share, DESCENT.longest_step, self.grid.ceiling, moved)
             tried = replace(
-                self, v=there, terms=self.grid.terms(there, self.lam), share=share
+                self, v=moved, terms=self.grid.terms(moved, self.lam), share=share
             )
             if tried.energy < lowest.energy:
                 lowest = tried
-                there = np.empty_like(self.v)
+                moved = np.empty_like(self.v)
             elif lowest is not self:
                 break
             if self.energy - lowest.energy > 0.75 * promise:
@@ -174,9 +194,9 @@ class _State:
         return lowest
 
     def descend(self, tolerance: float) -> _State:
-        """Take up to `COARSE_STEPS` steps."""
+        """Take up to `Descent.coarse_steps` steps."""
         state = self
-        for _ in range(COARSE_STEPS):
+        for _ in range(DESCENT.coarse_steps):
             state = state.take_step()
             if state.share == 0 or state.has_converged(tolerance):
                 break
@@ -191,7 +211,7 @@ def _begin_march(
     The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
     so it is in noise, the more so the finer the grid: once it has lost there is no need to `march`
     on finer ones. The first march crosses cuts: what lies behind them then comes loose only as far as the
-    energy wants, while regions that are held by little would stay where a torn march puts them.
+    energy wants, while regions that are held by little would stay where a cut march puts them.
     """
     if guess is None:
         return _State.at(grid, replace(grid, link=grid.uncut_links).march(), lam), True
@@ -213,7 +233,7 @@ def _guesses(
     for level in range(len(grids) - 1, 0, -1):
         state, march = _begin_march(grids[level], guess, lam, march)
         v = state.v
-        for factor in CONTINUATION if guess is None else (1.0,):
+        for factor in DESCENT.continuation if guess is None else (1.0,):
             v = _State.at(grids[level], v, factor * lam).descend(tolerance).v
         shown = guess = grids[level].finer(v, grids[level - 1])
         for coarse in range(level - 1, 0, -1):
@@ -224,7 +244,7 @@ def _guesses(
 def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
     """Return the grid and those of fewer pixels, at most so many."""
     grids = [grid]
-    while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * COARSEST:
+    while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * DESCENT.least_size:
         grids.append(grids[-1].coarser())
     return grids
 
@@ -232,7 +252,7 @@ def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
 def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
     """Return the start if it is near, or what ever finer grids make of it."""
     lam = finest.problem.lam
-    grids = _coarsen(finest, LOOK)
+    grids = _coarsen(finest, DESCENT.start_halvings)
     starts = [start]
     if len(grids) == 1:
         return start
@@ -240,7 +260,7 @@ def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArra
         starts.append(grid.restrict(starts[-1]))
     begun = _State.at(grids[-1], starts[-1], lam)
     state = begun.take_step()
-    if begun.energy <= NEARLY_BEST * state.energy:
+    if begun.energy <= DESCENT.start_excess * state.energy:
         return start
     state = state.descend(tolerance)
     for level in range(len(grids) - 2, -1, -1):
@@ -290,17 +310,12 @@ def gauss_newton(
     check_int("max_iterations", max_iterations)
     finest = Grid.of(problem, inflow)
     if start is not None:
-        v = pad_maps(
-            np.where(
-                mask,
-                start if inflow is None else np.where(np.isnan(inflow), start, inflow),
-                0.0,
-            )
-        )
+        given = start if inflow is None else np.where(np.isnan(inflow), start, inflow)
+        v = pad_maps(np.where(mask, given, 0.0))
         state = _State.at(finest, v, problem.lam)
         iterate = Iterate.of(problem, inner(v), terms=state.terms)
         yield iterate
-        again = abs(state.energy - converged_at) <= SAME_ENERGY * state.energy
+        again = abs(state.energy - converged_at) <= DESCENT.same_energy * state.energy
         if max_iterations > 0 and again:
             tried = state.take_step()
             moved = Iterate.of(problem, inner(tried.v), iterate, terms=tried.terms).change

@@ -1,9 +1,24 @@
 """A problem on a grid of its own or fewer pixels, and the way from one grid to the next.
 
-A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see
-`numerics.compiled`), such that a grid of half the rows and columns has the same form: block means,
-and a metric in its own pixels. Maps of log-distance go down as means too; up by their own
-gradient, which is right to the second order to the very rim and never reaches over a cut.
+A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see `numerics.compiled`),
+such that a grid of half the rows and columns has the same form:
+
+    . . . . . . . .
+    . . . . . . . .               . . . . . .
+    . . a a b b . .   `coarser`   . . . . . .
+    . . a a b b . .   -------->   . . A B . .
+    . . c c d d . .   <--------   . . C D . .
+    . . c c d d . .    `finer`    . . . . . .
+    . . . . . . . .               . . . . . .
+    . . . . . . . .
+
+Maps go down as means of blocks. A slope per pixel is twice as large there, so that with s the unit of
+derivatives of ξ the energy,
+
+    Σ ρ(I_model(v, ∇vᵀ G⁻¹ ∇v) - I) + λ Σ g ‖s D ξ‖_ε,
+
+takes G⁻¹/4, and s/2 for first or s/4 for second derivatives. Log-distances go up by their own gradient,
+which is right to the second order to the very rim and never reaches over a cut.
 """
 
 from __future__ import annotations
@@ -16,32 +31,33 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
 from endolab.numerics.compiled import (
     PAD,
+    active_blocks,
     block_sums,
-    halved,
     inner,
     kernel,
     leads,
     pad_maps,
 )
 from endolab.numerics.derivatives import links
+from endolab.solvers.cuts import Cells, coarser_links, largest_fragments
 from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
     Wall,
-    be_cautious,
     fill_slants,
+    fill_slope_damping,
     fill_xi,
-    finish,
     linearise,
     shading_table,
     slopes_row,
+    subtract_smooth,
     sums,
 )
 from endolab.solvers.fast_marching import March
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.normal_equations import (
-    CAUTION_U,
-    CAUTION_W,
+    SLOPE_DAMPING_U,
+    SLOPE_DAMPING_W,
     SMOOTHNESS,
     Coefficients,
     Structure,
@@ -55,10 +71,19 @@ from endolab.solvers.problem import (
     REGULARISERS,
     Problem,
 )
-from endolab.solvers.tears import Cells, coarser_links, largest_fragments
 
-ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
-NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is drawn to it
+
+@dataclass(frozen=True)
+class Ceiling:
+    """How far a surface may go where cuts leave islands; chosen by hand."""
+
+    # Of log d above d₀, which is an upper bound: a factor of two, more than noise and mottles ask for.
+    height: float = 0.7
+    # Of log d below that, where a pixel is held that is drawn to it.
+    margin: float = 0.008
+
+
+CEILING = Ceiling()
 
 
 @kernel
@@ -107,7 +132,7 @@ class Grid:
     link: (
         ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
     )
-    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is torn
+    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is cut
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
     rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: (
@@ -124,7 +149,7 @@ class Grid:
         field = problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
         uncut_links = pad_maps(links(mask).astype(np.int8))
-        torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
+        is_cut = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
             problem,
             pad_maps(np.where(mask, problem.image, 0.0)),
@@ -136,7 +161,7 @@ class Grid:
             ),
             pad_maps(problem.edge_weight),
             pad_maps(mask.astype(np.int8)),
-            pad_maps(links(mask, problem.cuts).astype(np.int8)) if torn else uncut_links,
+            pad_maps(links(mask, problem.cuts).astype(np.int8)) if is_cut else uncut_links,
             uncut_links,
             np.empty((0, 0), np.int8)
             if problem.evidence is None
@@ -164,7 +189,7 @@ class Grid:
             metric=np.stack([self.restrict(component) for component in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
-            active=halved(self.active),
+            active=active_blocks(self.active),
             link=link,
             uncut_links=uncut_links,
             evidence=evidence,
@@ -172,7 +197,7 @@ class Grid:
             rays=np.stack([self.restrict(component) for component in self.rays])
             if self.rays.size
             else self.rays,
-            inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
+            inflow=np.where(inner(active_blocks(given)) > 0, inflow, np.nan),
             scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )
 
@@ -235,7 +260,7 @@ class Grid:
 
     @cached_property
     def main(self) -> ByteArray:
-        """Pixels for which the coarser grid's blocks stand, see `tears`; the mask, where nothing is torn."""
+        """Pixels for which the coarser grid's blocks stand, see `cuts`; the mask, where nothing is cut."""
         return largest_fragments(self.active, self.link, self.uncut_links)
 
     @property
@@ -255,7 +280,7 @@ class Grid:
         if not self.is_cut:
             return np.empty((0, 0))
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
-        return pad_maps(np.where(silent, np.inf, self.log_d0 + ABOVE))
+        return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING.height))
 
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
@@ -283,7 +308,7 @@ class Grid:
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
         metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
-        march = March.seeded(log_d0, mask, metric, table, inflow, self.cuts)
+        march = March.start(log_d0, mask, metric, table, inflow, self.cuts)
         march.advance(mask.size)
         return pad_maps(np.where(mask, march.log_distance, 0.0))
 
@@ -367,12 +392,14 @@ class Grid:
         free = self.free
         if self.is_cut:
             slope = sign * xi
-            free = free * ~((v > self.ceiling - NEARLY) & (descent > slope * smooth))
-        finish(descent, smooth, xi, sign, free, parts)
+            free = free * ~(
+                (v > self.ceiling - CEILING.margin) & (descent > slope * smooth)
+            )
+        subtract_smooth(descent, smooth, xi, sign, free, parts)
         if slants is None:
-            parts[CAUTION_U : CAUTION_W + 1] = 0.0
+            parts[SLOPE_DAMPING_U : SLOPE_DAMPING_W + 1] = 0.0
         else:
-            be_cautious(parts, v, self.metric, self.link, slants)
+            fill_slope_damping(parts, v, self.metric, self.link, slants)
         return Coefficients(
             parts, self.structure(free, None if old is None else old.structure)
         ), descent

@@ -1,9 +1,20 @@
 """The way between a grid and that of half its pixels: linear interpolation, and its adjoint.
 
-A pixel amid four blocks of its own side has their mean by distance, 9 : 3 : 3 : 1 (twice over, that makes
-quadratic splines: what is smooth on a coarse grid is smooth on a fine one). At a rim of the mask, and
-beside a cut (see `tears`), it has the value of the block next to it and that block's differences
-with others of its side, so that no straight map is bent there: second differences would find that dear.
+Blocks of 2×2 pixels have their centres (o) two pixels apart, and a pixel (x) is half a pixel from its own's:
+
+      own o - - - - - - o beside
+          |  x          |             x = (9 own + 3 beside + 3 below + 1 diagonal) / 16
+          |             |
+    below o - - - - - - o diagonal
+
+amid four blocks of its own side. Twice over, that makes quadratic splines: what is smooth on a coarse grid
+is smooth on a fine one. At a rim of the mask, and beside a cut (see `cuts`), it has the value of the block
+next to it, a = ±¼ block from it along an axis, and that block's differences Δ with others of its side,
+
+    x = own + a_u Δ_u + a_v Δ_v,
+
+so that no straight map is bent there: second differences would find that dear. The weights are the rows of a
+matrix P; steps go up by P and residuals down by Pᵀ.
 """
 
 from __future__ import annotations
@@ -15,7 +26,7 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
-from endolab.solvers.tears import Cells, nearest, same_side
+from endolab.solvers.cuts import Cells, nearest_blocks, same_side
 
 Strands = tuple[
     IntArray, IntArray, FloatArray
@@ -143,14 +154,14 @@ def _fill_strands(
             if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
                 share[i, j] = 1 / 16
                 continue
-            one, other = nearest(of_side)
-            if one == 4:
+            first_block, last_block = nearest_blocks(of_side)
+            if first_block == 4:
                 continue
-            share_of_each = 1.0 if one == other else 0.5
-            for k in range(one, other + 1):
+            share_of_each = 1.0 if first_block == last_block else 0.5
+            for k in range(first_block, last_block + 1):
                 row, column, down, right = _place(i - top, j - first, k)
                 own = 1.0
-                here = row * wide + column
+                centre = row * wide + column
                 for axis, aside, step in ((0, right, 1), (1, down, wide)):
                     ahead = 1 if aside > 0 else -1
                     for way in (ahead, -ahead):
@@ -158,13 +169,13 @@ def _fill_strands(
                         c = column + way * (1 - axis)
                         if across[axis, min(r, row), min(c, column)] and known[r, c]:
                             pixel[count] = i * active.shape[1] + j
-                            block[count] = here + way * step
+                            block[count] = centre + way * step
                             weight[count] = share_of_each * aside * way
                             own = own - aside * way
                             count = count + 1
                             break
                 pixel[count] = i * active.shape[1] + j
-                block[count] = here
+                block[count] = centre
                 weight[count] = share_of_each * own
                 count += 1
     return count

@@ -1,18 +1,22 @@
-"""Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
+"""Solving the normal equations M x = b of a Gauss-Newton step in a time proportional to the pixels.
 
-Conjugate gradients solve them, preconditioned by one V-cycle: smoothing steps, a coarse correction,
-smoothing steps. Coarse levels are the same equations written down on a grid of half the pixels, from
-averaged coefficients (Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10).
+Conjugate gradients solve them, preconditioned by one V-cycle. Coarse levels are the same equations written
+down on half the rows and columns, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
+tutorial", 2000, chapters 3 and 10); P is that of `interpolation`:
 
-A smoothing step changes all pixels at once, so that none comes first: a mirrored picture has the mirrored
-solution. Chebyshev's polynomials of the fourth kind make most of such steps (Lottes, "Optimal polynomial
-smoothers for multigrid V-cycles", 2023); a row's sum of sizes bounds what they must hold.
+    all pixels     smooth                  smooth
+    a quarter        Pᵀr ↘ smooth    smooth ↗ x + P x
+    ...                        ↘    ↗
+    at most 96                 invert
 
-Behind cuts little holds a surface: there rounding grew a million times within one solve, and mirrored
-frames differed by per cents. So all is in double precision, and each residual is made orthogonal to earlier
-ones once more, as it would be without rounding (Saad, "Iterative methods for sparse linear systems", 2003).
+Smoothing changes all pixels at once, so that a mirrored picture has the mirrored solution. It is Chebyshev's
+of the fourth kind (Lottes, "Optimal polynomial smoothers for multigrid V-cycles", 2023) by rows' sums,
 
-Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
+    x += s,   r -= M s,   s ← max(2n-1, 0)/(2n+3) s + (8n+4)/(2n+3) r / Σ_j |M_ij|,    n = 0, 1, 2, ...
+
+Behind cuts little holds a surface: there rounding grew a million times within one solve. So all is in double
+precision, and each residual is made orthogonal to earlier ones once more (Saad, "Iterative methods for sparse
+linear systems", 2003). Vectors are padded (see `numerics.compiled`) and zero outside the mask.
 """
 
 from __future__ import annotations
@@ -27,7 +31,7 @@ from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.normal_equations import (
     CENTRE,
     EE,
-    REACH,
+    OFFSETS,
     SE,
     SE2,
     SEE,
@@ -43,10 +47,19 @@ from endolab.solvers.normal_equations import (
     Structure,
 )
 
-COARSEST = 96  # pixels; there the equations are solved
-RIDGE = 1e-4  # of the diagonal, added to it there, where islands that nothing holds would let rounding grow
-DEGREE = 4  # smoothing steps before and after a coarser grid
-KEPT = 8_000_000  # numbers of earlier residuals that are kept, at most
+
+@dataclass(frozen=True)
+class Cycle:
+    """How a V-cycle is made, and what conjugate gradients keep; chosen by hand."""
+
+    coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
+    # Share of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
+    ridge: float = 1e-4
+    degree: int = 4  # smoothing steps before and after a coarser grid
+    residual_memory: int = 8_000_000  # numbers that earlier residuals may take
+
+
+CYCLE = Cycle()
 
 
 @kernel
@@ -103,15 +116,15 @@ def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) ->
 def _dots(rows: Span, a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
     width = a.shape[1]
-    whole = width - width % 4
+    even = width - width % 4
     for i in range(rows[0], rows[1]):
         one = two = three = four = 0.0
-        for j in range(0, whole, 4):
+        for j in range(0, even, 4):
             one += a[i, j] * b[i, j]
             two += a[i, j + 1] * b[i, j + 1]
             three += a[i, j + 2] * b[i, j + 2]
             four += a[i, j + 3] * b[i, j + 3]
-        for j in range(whole, width):
+        for j in range(even, width):
             one += a[i, j] * b[i, j]
         out[i] = (one + two) + (three + four)
 
@@ -232,17 +245,17 @@ def _begin(
 
 @on_cores(cost=10)
 def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) -> None:
-    """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
+    """The reciprocal of each row's absolute sum; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
-    one = np.ones((1, 2 * PAD + 1, out.shape[1]))
+    ones = np.ones((1, 2 * PAD + 1, out.shape[1]))
     sizes = np.empty((len(m), PAD + 1, out.shape[1]))  # of this row and those above
     for i in range(first, last):
         for k in range(len(m)):
             for above in range(PAD + 1):
                 for j in range(out.shape[1]):
                     sizes[k, PAD - above, j] = abs(m[k, i - above, j])
-        _row_times(sizes, one, 0, PAD, row)
+        _row_times(sizes, ones, 0, PAD, row)
         for j in range(row.size):
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
@@ -253,14 +266,16 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     number = np.full(active.shape, -1)
     dense = np.zeros((i.size, i.size))
     number[i, j] = np.arange(i.size)
-    for entry, (down, right) in enumerate(REACH[: len(m)]):
+    for entry, (down, right) in enumerate(OFFSETS[: len(m)]):
         other = number[i + down, j + right]
         known = other >= 0
-        here = number[i, j][known]
-        there = other[known]
-        dense[here, there] = dense[there, here] = m[entry, i, j][known]
+        row = number[i, j][known]
+        column = other[known]
+        dense[row, column] = dense[column, row] = m[entry, i, j][known]
     diagonal = np.diag(dense)
-    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
+    dense[np.diag_indices(i.size)] = np.where(
+        diagonal > 0, (1 + CYCLE.ridge) * diagonal, 1.0
+    )
     return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
@@ -274,19 +289,19 @@ class _Level:
     x: FloatArray
     b: FloatArray
     r: FloatArray
-    steps: FloatArray  # (DEGREE + 1, ...), of smoothing
+    steps: FloatArray  # (`Cycle.degree` + 1, ...), of smoothing
 
     @classmethod
     def on(cls, structure: Structure) -> _Level:
         """Make room."""
         shape = structure.active.shape
         inverse, x, b, r = np.zeros((4, *shape))
-        steps = np.zeros((DEGREE + 1, *shape))
+        steps = np.zeros((CYCLE.degree + 1, *shape))
         return cls(
             structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps
         )
 
-    def began(self) -> None:
+    def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
         _begin(self.x, self.r, self.b, self.inverse, self.steps)
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
@@ -326,7 +341,7 @@ class Multigrid:
         while True:
             level = self.levels[depth]
             coefficients.matrix(damping, level.matrix)
-            if coefficients.structure.pixels <= COARSEST:
+            if coefficients.structure.pixels <= CYCLE.coarsest:
                 self.solution = _invert(level.matrix, coefficients.active)
                 break
             _invert_sums(level.inverse, level.matrix, coefficients.active)
@@ -345,7 +360,7 @@ class Multigrid:
             known = at.structure.active > 0
             at.x[known] = self.solution @ at.b[known]
             return
-        at.began()
+        at.begin()
         below = self.levels[depth + 1]
         at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
@@ -369,14 +384,14 @@ class Multigrid:
         start = 0.0
         last = 1.0
         done = 0.0
-        kept: list[tuple[FloatArray, FloatArray, float]] = []
+        earlier: list[tuple[FloatArray, FloatArray, float]] = []
         for step in range(most + 1):
-            for past, answer, size in kept:
-                _add(r, -dot(r, answer) / size, past)
+            for residual, answer, size in earlier:
+                _add(r, -dot(r, answer) / size, residual)
             self._cycle()
             now = max(dot(r, top.x), 0.0)
-            if now > 0 and (len(kept) + 1) * r.size <= KEPT:
-                kept.append((r.copy(), top.x.copy(), now))
+            if now > 0 and (len(earlier) + 1) * r.size <= CYCLE.residual_memory:
+                earlier.append((r.copy(), top.x.copy(), now))
             start = now if step == 0 else start
             left = now / done if done > 0 else np.inf if now > 0 else 0.0
             if (now <= tolerance**2 * start and left <= tolerance) or step == most:

@@ -1,9 +1,22 @@
 """The matrix of a Gauss-Newton step, and the same on half the pixels.
 
-It couples a pixel to the twelve that the squared central differences and the squared Hessian
-reach, two steps along rows and columns, one along diagonals; where a form of all second differences is
-squared, to all that are two rows and two columns away at most. It is symmetric, so seven numbers a pixel
-hold it, or thirteen. The same matrix, readably: tests/solvers/gauss_newton_model.py.
+With J, W and r the slopes, weights and residuals of the data, ξ the regularised map, X its slope by v, D the
+differences and Q their weights, the step δ solves
+
+    (Jᵀ W J + X Dᵀ Q D X + C) δ = -Jᵀ W r - X Dᵀ Q D ξ,
+
+C being what is charged for slopes and sizes of the step itself. So a pixel (*) is coupled to the twelve that
+the squared central differences and the squared Hessian reach; where a form of all second differences is
+squared, to all that are two rows and two columns away at most. The matrix is symmetric, so that a pixel
+holds its own entry and those towards later pixels: seven numbers, or with those in brackets thirteen.
+
+      ·      ·     o     ·      ·
+      ·      o     o     o      ·
+      o      o     *     E      EE
+    (SWW)    SW    S     SE   (SEE)
+    (SW2)  (SSW)   SS  (SSE)  (SE2)
+
+The same matrix, readably: tests/solvers/gauss_newton_model.py.
 """
 
 from __future__ import annotations
@@ -15,28 +28,27 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
-from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.numerics.compiled import (
+    PAD,
+    active_blocks,
+    block_sums,
+    clear_row,
+    kernel,
+    lead,
+)
+from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
+from endolab.solvers.cuts import Cells, coarser_links, held_pixels, largest_fragments
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.problem import CURVATURE, FIRST
-from endolab.solvers.tears import Cells, coarser_links, held_pixels, largest_fragments
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
-REACH = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
-REACH += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
-# Of each pair of the nine pixels of `curvature_kernels`, the entry, and which of the two holds it, the first:
-# that above or, in a row, that on the left.
-PAIRS = [
-    (k, other, REACH.index((DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])))
-    for k in range(9)
-    for other in range(9)
-    if (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k]) in REACH
-]
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
 # Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
 # those of a row of J, which comes fourth, are the first five.
-TAKEN = [
+STENCILS = [
     [{0, 1}, set[int](), {0, 3}],
     [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
     [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5, 6, 7, 8}, {0, 1, 2, 3, 4}],
@@ -44,7 +56,7 @@ TAKEN = [
 
 
 class Form(NamedTuple):
-    """A regulariser's kind, its entries of `TAKEN` as (term, pixel), and which products of them there are."""
+    """A regulariser's kind, the entries of its `STENCILS` as (term, pixel), and which products they have."""
 
     kind: int
     entries: IntArray
@@ -52,21 +64,29 @@ class Form(NamedTuple):
 
     @classmethod
     def of(cls, kind: int) -> Form:
-        """List them; the form's Q mixes terms."""
-        taken = TAKEN[kind]
-        products = [
-            (k, other, entry, term)
-            for k, other, entry in PAIRS
-            for term, those in enumerate([*taken, {0, 1, 2, 3, 4}])
-            if k in those and (other in those or (kind == CURVATURE and term < 3))
-        ]
-        entries = [(term, k) for term in range(3) for k in sorted(taken[term])]
+        """List them: the two pixels, the first of which holds the entry, the entry, and the term.
+
+        A form's Q mixes terms.
+        """
+        stencils = STENCILS[kind]
+        products = []
+        for k in range(9):
+            for other in range(9):
+                step = (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])
+                if step not in OFFSETS:
+                    continue
+                entry = OFFSETS.index(step)
+                for term, pixels in enumerate([*stencils, {0, 1, 2, 3, 4}]):
+                    mixes = kind == CURVATURE and term < 3
+                    if k in pixels and (other in pixels or mixes):
+                        products.append((k, other, entry, term))
+        entries = [(term, k) for term in range(3) for k in sorted(stencils[term])]
         return cls(kind, np.array(entries), np.array(products))
 
 
-FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
+FORMS = [Form.of(kind) for kind in range(len(STENCILS))]
 # The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
-BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
+BY_V, BY_U, BY_W, WEIGHT, SLOPE, SLOPE_DAMPING_U, SLOPE_DAMPING_W, SMOOTHNESS = range(8)
 
 
 @kernel
@@ -100,9 +120,9 @@ def _data_row(
     by_u = parts[BY_U, i]
     by_w = parts[BY_W, i]
     weight = parts[WEIGHT, i]
-    cautious_u = parts[CAUTION_U, i]
-    cautious_w = parts[CAUTION_W, i]
-    beneath_w = parts[CAUTION_W, i + 1]
+    damping_u = parts[SLOPE_DAMPING_U, i]
+    damping_w = parts[SLOPE_DAMPING_W, i]
+    beneath_w = parts[SLOPE_DAMPING_W, i + 1]
     count = t.shape[2]
     for j in range(count):
         right = float(across[j + 2])
@@ -128,15 +148,13 @@ def _data_row(
     for j in range(count):
         centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
-        u = 0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        u = 0.5 * float(across[j + 2]) * (damping_u[j + 2] + damping_u[j + 3])
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += (
-            0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
-        )
+        centre[j + 3] += 0.5 * float(across[j + 2]) * (damping_u[j + 2] + damping_u[j + 3])
     for j in range(count):
-        w = 0.5 * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
+        w = 0.5 * float(below[j + 2]) * (damping_w[j + 2] + beneath_w[j + 2])
         centre[j + 2] += w
         beneath[j + 2] += w
         s[j + 2] -= w
@@ -144,7 +162,7 @@ def _data_row(
 
 @kernel
 def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
-    """Weights of the nine pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
+    """Weights of the nine pixels for the gradient or the Hessian, on a row: those in its `STENCILS`."""
     across = link[0, i]
     below = link[1, i]
     above = link[1, i - 1]
@@ -238,7 +256,7 @@ def _assemble(
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
     forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
-    step itself come in with the weights of caution, a² W once more by `damping`.
+    step itself come in with the damping of slopes, a² W once more by `damping`.
     """
     products = form[2]
     count = m.shape[2] - 2 * PAD
@@ -253,8 +271,8 @@ def _assemble(
         odd = (
             turn - 1
         )  # every second band: what a row adds to its neighbours' must not meet
-        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
-            first, last = rows_within((start, start + ROWS), PAD, m.shape[1] - PAD)
+        for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
+            first, last = rows_within((start, start + BAND_ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):
                 _smooth_row(parts, link, shares, form, i, t, qt)
                 _data_row(parts, link, i, damping, t, qt, m)
@@ -323,7 +341,7 @@ class Structure:
 
     active: ByteArray
     link: ByteArray
-    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is torn
+    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is cut
     rays: FloatArray  # see `grid.Grid`
     kind: int  # which of `problem.REGULARISERS`
 
@@ -335,11 +353,11 @@ class Structure:
     @property
     def entries(self) -> int:
         """How many numbers a pixel hold the matrix."""
-        return len(REACH) if self.kind == CURVATURE else SEE
+        return len(OFFSETS) if self.kind == CURVATURE else SEE
 
     @cached_property
     def main(self) -> ByteArray:
-        """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
+        """Pixels for which the coarser grid's blocks stand, see `cuts`; all, where nothing is cut."""
         return largest_fragments(self.active, self.link, self.uncut_links)
 
     @cached_property
@@ -351,7 +369,7 @@ class Structure:
     def coarser(self) -> Structure:
         """The same on half the pixels."""
         link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
-        active = halved(self.main)
+        active = active_blocks(self.main)
         if link is not uncut_links:
             active = active & held_pixels(link, self.kind != FIRST)
         rays = self.rays
@@ -417,16 +435,6 @@ class Coefficients:
     def weight(self) -> FloatArray:
         """W."""
         return self.parts[WEIGHT]
-
-    @property
-    def slope(self) -> FloatArray:
-        """X."""
-        return self.parts[SLOPE]
-
-    @property
-    def smoothness(self) -> FloatArray:
-        """Q, (1 or 6, ...)."""
-        return self.parts[SMOOTHNESS:]
 
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""

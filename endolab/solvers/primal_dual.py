@@ -48,17 +48,15 @@ from endolab.numerics.arrays import (
     Span,
 )
 from endolab.numerics.checks import check_int, number
-from endolab.numerics.compiled import framed, kernel, pad_maps
+from endolab.numerics.compiled import add_frame, kernel, pad_maps
 from endolab.numerics.derivatives import gradient, hessian_stencils, links, px_per_reference
 from endolab.numerics.iteration import Status
-from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem, check_maps
 from endolab.solvers.result import Iterate, Solver
 
 BALANCE = 0.1  # τ_p in units of 1/c at the start; χ is 1
-SAFETY = 0.7  # share of the bound on τ that is taken
-NORMS = {"first": 8, "second": 64}  # ‖K‖² of differences per pixel, at most
 
 
 # Numbers of single precision keep a loop's so.
@@ -76,9 +74,9 @@ PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, tim
 # 1/χc of pixels that nothing limits; a size above 0
 FREE = SINGLE(1 / 999)
 TINY = SINGLE(1e-30)
-STRIP = 128  # columns that are averaged together, at least
+STRIP_COLUMNS = 128  # columns that are averaged together, at least
 PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
-TABLE_SIZE = 4096  # of a BRDF
+BRDF_TABLE_SIZE = 4096
 Rows = tuple[SingleArray, SingleArray, SingleArray]
 
 
@@ -146,7 +144,7 @@ class State(NamedTuple):
     other: SingleArray
 
 
-class Given(NamedTuple):
+class Setup(NamedTuple):
     """What steps need and do not change, and room to work in."""
 
     slopes: Slopes
@@ -298,7 +296,7 @@ def _down_columns(
 ) -> None:
     """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
     height, width = p.shape[1:]
-    several = max(width // STRIP, 1)
+    several = max(width // STRIP_COLUMNS, 1)
     for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
         first = strip // 2 * width // several
         last = (strip // 2 + 1) * width // several
@@ -431,8 +429,8 @@ def _tilt(
         turn[j] = HALF * dark[j]
     if table.size > 0:
         for j in range(dark.size):
-            place = SINGLE(TABLE_SIZE - 1) * np.sqrt(max(ONE - np.sqrt(dark[j]), TINY))
-            k = min(int(place), TABLE_SIZE - 2)
+            place = SINGLE(BRDF_TABLE_SIZE - 1) * np.sqrt(max(ONE - np.sqrt(dark[j]), TINY))
+            k = min(int(place), BRDF_TABLE_SIZE - 2)
             part = place - SINGLE(k)
             dark[j] *= table[0, k] + part * (table[0, k + 1] - table[0, k])
             turn[j] *= table[1, k] + part * (table[1, k + 1] - table[1, k])
@@ -506,14 +504,14 @@ def _primal(
 
 @on_cores(cost=3)
 def _advance(
-    rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, given: Given
+    rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, setup: Setup
 ) -> None:
-    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `given` is that of `_Path`."""
+    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `setup` is that of `_Path`."""
     x, _, ahead, q, _, p, other = state
-    slopes, along, down, rule, data, table, room = given
+    slopes, along, down, rule, data, table, room = setup
     sign, steps, offsets, metric = slopes
     works, lines, line_sums, running, sums = room
-    band = rows[0] // ROWS
+    band = rows[0] // BAND_ROWS
     pull = works[band, 0]
     dark = works[band, 1]
     turn_by = works[band, 2]
@@ -575,7 +573,9 @@ def _brdf_table(photometry: Photometry) -> SingleArray:
     """Factors of C² and -∂(log C)/∂P, (2, n) at equal steps of √(1 - cos θ); (2, 0) if Lambertian."""
     if photometry.slant_table() is None:
         return np.empty((2, 0), SINGLE)
-    cosine = np.maximum(1 - np.linspace(0, 1, TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9)))
+    cosine = np.maximum(
+        1 - np.linspace(0, 1, BRDF_TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9))
+    )
     f = photometry.brdf.value(cosine, cosine)
     slope = sum(photometry.brdf.derivative(cosine, cosine))
     return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
@@ -592,11 +592,11 @@ class _Path:
 
     problem: Problem
     state: State
-    given: Given
+    setup: Setup
 
     @classmethod
     def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
-        """Begin at a depth map, the dual at rest."""
+        """Begin at a depth map, the dual at rest; `safety` is the share of the bound on τ that is taken."""
         mask = problem.mask
         cosine = problem.field.cos_alpha
         scale = problem.derivative_scale
@@ -605,7 +605,7 @@ class _Path:
 
         def frame_xi(v: FloatArray) -> FloatArray:
             xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
-            return framed(np.where(mask, xi, 1.0), 1.0)
+            return add_frame(np.where(mask, xi, 1.0), 1.0)
 
         joined = links(mask, problem.cuts)
         steps = np.pad(joined, ((0, 0), (1, 1), (1, 1)))
@@ -619,23 +619,22 @@ class _Path:
         if problem.xi == "1/z":
             beside = -np.log(np.where(mask, cosine, 1.0))
             offsets = np.nan_to_num(
-                framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1)))
+                add_frame(np.stack(gradient(beside, mask, problem.cuts, edge_order=1)))
             )
-        metric = framed(
+        metric = add_frame(
             np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0)
         )
 
         x = frame_xi(start)
-        image = framed(np.where(mask, problem.image, 1.0), 1.0)
+        image = add_frame(np.where(mask, problem.image, 1.0), 1.0)
         tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
         # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
-        widest = framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
+        widest = add_frame(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
         for axis in (0, 1):
             widest = np.max([np.roll(widest, k, axis) for k in (-1, 0, 1)], axis=0)
-        sigma = 1 / (
-            NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0)
-        )
-        bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
+        norm = 8 if first else 64  # ‖K‖² of differences per pixel, at most
+        sigma = 1 / (norm * scale**2 * np.where(widest > 0, widest, 1.0))
+        bound = add_frame(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
         valid_stencil = joined if first else np.stack(hessian_stencils(joined))
         evidence = (
@@ -645,7 +644,7 @@ class _Path:
         )
 
         height, width = x.shape
-        several = -(-height // ROWS)
+        several = -(-height // BAND_ROWS)
         slopes = np.zeros((2, 2, height, width), SINGLE)
         resting = np.zeros((2 if first else 6, height, width), SINGLE)
         limit = np.zeros((height, width), SINGLE)
@@ -653,7 +652,7 @@ class _Path:
         lost = (x - x.astype(SINGLE)).astype(SINGLE)
         rate, reluctance, most = _single(sigma * scale, shrink, bound)
         picture, unit, pace = _single(image, 1 / frame_xi(problem.log_d0), 1 / tau_p)
-        given = Given(
+        setup = Setup(
             Slopes(
                 SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)
             ),
@@ -687,12 +686,12 @@ class _Path:
             ),
         )
         state = State(start_xi, lost, start_xi.copy(), resting, limit, slopes[0], slopes[1])
-        return cls(problem, state, given)
+        return cls(problem, state, setup)
 
     def advance(self, count: int, theta: float = 1.0) -> None:
         """Take steps with χ, in units of 1/c at the start."""
         _advance(
-            self.state.x, theta / BALANCE, self.state, self.given, turns=count * PHASES
+            self.state.x, theta / BALANCE, self.state, self.setup, turns=count * PHASES
         )
 
     @property
@@ -752,7 +751,7 @@ def primal_dual(
     check_maps(problem.mask, start)
     v = problem.log_d0 if start is None else start
     radius = round(patch * px_per_reference(problem.mask.shape))
-    path = _Path.at(problem, v, radius, SAFETY)
+    path = _Path.at(problem, v, radius, safety=0.7)
     steps = 0
     grid = Grid.of(problem)
     iterate = Iterate.of(problem, v)

@@ -17,11 +17,9 @@ from endolab.numerics.derivatives import differences, px_per_reference
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
-EDGE_SCALE = 0.05  # image gradient, per 1/320 of the longer side, at which g falls to 1/e
-# what a pixel's value says of the surface's: see `Problem`
-EXACT = 0
-LOWER_BOUND = 1
-NONE = 2
+EXACT, LOWER_BOUND, NONE = range(
+    3
+)  # what a pixel's value says of the surface's: see `Problem`
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Problem:
         0.05  # where the data's Huber penalty becomes a line; stored value, positive
     )
     metric: bool = True  # whether distances are in mm; else in relative units
-    # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is torn, as
+    # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is cut, as
     # at an occluding contour: no derivative and no march takes them.
     cuts: BoolArray | None = None
     # (H, W): what the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright as
@@ -96,7 +94,7 @@ class Problem:
             unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, LOWER_BOUND, NONE))
             if unknown.size:
                 raise ValueError(
-                    f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}"
+                    f"evidence must be 0 (exact), 1 (lower bound) or 2 (none), found {unknown[0]}"
                 )
 
     @property
@@ -124,6 +122,7 @@ class Problem:
     def edge_weight(self) -> FloatArray:
         """g, (H, W): near 1 in smooth parts of the image, less at its edges.
 
+        It falls to 1/e where the image changes by 0.05 per 1/320 of the longer side.
         Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
         """
         scale = px_per_reference(self.mask.shape)
@@ -131,7 +130,7 @@ class Problem:
             self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
         )
         size = np.linalg.norm(differences(self.image, informative), axis=0) * scale
-        return np.exp(-size / EDGE_SCALE)
+        return np.exp(-size / 0.05)
 
     @property
     def derivative_scale(self) -> float:

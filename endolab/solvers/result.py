@@ -17,9 +17,9 @@ import numpy as np
 
 from endolab.model.ranges import RANGES
 from endolab.model.surface import normals, points
-from endolab.numerics.arrays import BoolArray, FloatArray, frozen
+from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import check_int
-from endolab.numerics.iteration import Status, check_observers, closing, drive
+from endolab.numerics.iteration import Status, check_observers, close_observers, drive
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Provenance
@@ -63,9 +63,9 @@ class Iterate:
         **shown: Any,
     ) -> Iterate:
         """Make the iterate that follows `previous`: evaluate the energy if not known, freeze the arrays."""
-        v = frozen(np.where(problem.mask, log_distance, np.nan))
+        v = freeze(np.where(problem.mask, log_distance, np.nan))
         for array in shown.get("maps", {}).values():
-            frozen(array)
+            freeze(array)
         change = float("nan")
         if previous is not None:
             change = float(np.sqrt(np.mean((v - previous.log_distance)[problem.mask] ** 2)))
@@ -92,22 +92,22 @@ class Iterate:
     @cached_property
     def distance(self) -> FloatArray:
         """Euclidean distance from the optical centre, (H, W), mm or relative; nan outside the mask."""
-        return frozen(np.exp(self.log_distance))
+        return freeze(np.exp(self.log_distance))
 
     @cached_property
     def z(self) -> FloatArray:
         """z of the surface, (H, W), mm or relative; nan outside the mask."""
-        return frozen(self.distance * self.problem.field.cos_alpha)
+        return freeze(self.distance * self.problem.field.cos_alpha)
 
     @cached_property
     def normals(self) -> FloatArray:
         """Unit normals in the camera frame, towards the camera, (H, W, 3); nan outside the mask."""
-        return frozen(normals(self.log_distance, self.problem.field, self.mask))
+        return freeze(normals(self.log_distance, self.problem.field, self.mask))
 
     @cached_property
     def points(self) -> FloatArray:
         """Surface points in the camera frame, (H, W, 3), mm or relative; nan outside the mask."""
-        return frozen(points(self.log_distance, self.problem.field))
+        return freeze(points(self.log_distance, self.problem.field))
 
 
 Observer = Callable[[Iterate], bool | None]
@@ -202,7 +202,7 @@ class Result:
         return self.iterate.points
 
 
-class _Kept:
+class _StageLog:
     """What is kept of one stage: its history, its last iterate and the one of least energy."""
 
     def __init__(self, first: Iterate) -> None:
@@ -261,19 +261,19 @@ def name_stage(
     steps: Solver, stage: str, round: int = 0
 ) -> Generator[Iterate, None, Iterate]:
     """Pass a solver's iterates on as those of a stage, and return the answer."""
-    kept: list[_Kept] = []
+    logs: list[_StageLog] = []
 
     def keep(iterate: Iterate) -> Iterate:
         named = replace(iterate, stage=stage, round=round)
-        if not kept:
-            kept.append(_Kept(named))
-        kept[0].add(named, 0.0)
+        if not logs:
+            logs.append(_StageLog(named))
+        logs[0].add(named, 0.0)
         return named
 
     status = yield from limit_steps(steps, change=keep)
-    if not kept:
+    if not logs:
         raise ValueError(NOTHING)
-    return kept[0].answer(status)
+    return logs[0].answer(status)
 
 
 def run(
@@ -303,24 +303,24 @@ def run(
     """
     if max_iterations is not None:
         check_int("max_iterations", max_iterations)
-    kept: list[_Kept] = []
+    logs: list[_StageLog] = []
     stages: list[Stage] = []
 
     def keep(iterate: Iterate, seconds: float) -> None:
-        if not kept or (kept[-1].last.stage, kept[-1].last.round) != (
+        if not logs or (logs[-1].last.stage, logs[-1].last.round) != (
             iterate.stage,
             iterate.round,
         ):
-            kept.append(_Kept(iterate))
-        kept[-1].add(iterate, seconds)
+            logs.append(_StageLog(iterate))
+        logs[-1].add(iterate, seconds)
 
     watching = check_observers(observers)
-    with closing(watching):
+    with close_observers(watching):
         status = drive(limit_steps(iterates, max_iterations), watching, keep)
-        if not kept:
+        if not logs:
             raise ValueError(NOTHING)
         before = 0.0
-        for stage in kept:
+        for stage in logs:
             shown = stage.last
             after = stage.history[-1]["seconds"]
             stages.append(
@@ -329,9 +329,9 @@ def run(
                 )
             )
             before = after
-        result = kept[-1].answer(status)
+        result = logs[-1].answer(status)
         answer = result if last is None else last(result)
         if answer is not result:
             for observer in watching:
                 observer(answer)
-    return Result(answer, status, kept[-1].history, before, tuple(stages))
+    return Result(answer, status, logs[-1].history, before, tuple(stages))

@@ -48,19 +48,19 @@ def fast_marching(
     metric = problem.field.inverse_metric
     grid = Grid.of(problem)
     table = problem.photometry.slant_table()
-    march = March.seeded(problem.log_d0, mask, metric, table, inflow, problem.cuts)
+    march = March.start(problem.log_d0, mask, metric, table, inflow, problem.cuts)
 
-    def shown(previous: Iterate | None) -> Iterate:
+    def make_iterate(previous: Iterate | None) -> Iterate:
         v = march.log_distance
         terms = grid.terms(pad_maps(np.where(mask, v, 0.0)), problem.lam)
         return Iterate.of(problem, v, previous, terms, maps={"arrived": march.arrived})
 
-    iterate = shown(None)
+    iterate = make_iterate(None)
     yield iterate
     count = -(-int(mask.sum()) // snapshots)
     while march.size:
         march.advance(count)
-        iterate = shown(iterate)
+        iterate = make_iterate(iterate)
         yield iterate
     return Status.CONVERGED
 

@@ -10,7 +10,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
-from endolab.numerics.memory import RENDERING, check_memory
+from endolab.numerics.memory import RENDERING_BYTES, check_memory
 from endolab.synthetic.scenes import Scene
 
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
@@ -79,7 +79,7 @@ def develop(
 def truth_of(scene: Scene, camera: Camera) -> dict[str, Any]:
     """What a frame of a scene has beside its picture and light, see `Rendered`."""
     check_memory(
-        RENDERING * camera.width * camera.height,
+        RENDERING_BYTES * camera.width * camera.height,
         f"a picture of {camera.width}x{camera.height} px",
     )
     rays = camera.field.rays

@@ -15,10 +15,10 @@ def test_every_row_is_worked_on_once(rng, shape):
     a = rng.uniform(size=shape)
     out = np.zeros(shape)
 
-    def added(rows):
+    def add_squares(rows):
         out[rows] += a[rows] ** 2
 
-    by_rows(added, shape)
+    by_rows(add_squares, shape)
     assert_array_equal(out, a**2)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from endolab.numerics import threads
-from endolab.numerics.threads import ROWS, VARIABLE, limit_threads
+from endolab.numerics.threads import BAND_ROWS, THREADS_VARIABLE, limit_threads
 from tests.tools.loops import blurred, plainly_blurred
 
 SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
@@ -19,21 +19,21 @@ SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
 
 @pytest.fixture
 def start(rng):
-    return rng.normal(size=(20 * ROWS + 5, 90))
+    return rng.normal(size=(20 * BAND_ROWS + 5, 90))
 
 
-def solved(start, rounds=7):
+def blur_rounds(start, rounds=7):
     a = start.copy()
     blurred(a, np.zeros(a.shape), turns=2 * rounds)
     return a
 
 
-def printed(code, **environment):
+def output_of(code, **environment):
     """What a fresh Python prints."""
     plain = {
         name: value
         for name, value in os.environ.items()
-        if name not in (VARIABLE, "NUMBA_NUM_THREADS")
+        if name not in (THREADS_VARIABLE, "NUMBA_NUM_THREADS")
     }
     command = [
         sys.executable,
@@ -51,22 +51,22 @@ def printed(code, **environment):
 def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_cores):
     assert SEVERAL > 1, "this machine has one core, and the test says nothing"
     with limit_threads(1):
-        alone = solved(start)
+        alone = blur_rounds(start)
     with limit_threads(SEVERAL):
-        together = solved(start)
+        together = blur_rounds(start)
     np.testing.assert_array_equal(alone, together)
     np.testing.assert_allclose(alone, plainly_blurred(start, 7), rtol=1e-12)
 
 
 @pytest.mark.parametrize("wrong", ["0", "two", "1.5", "²"])
 def test_a_number_of_threads_that_is_none_is_said_to_be_so(monkeypatch, wrong, start):
-    monkeypatch.setenv(VARIABLE, wrong)
+    monkeypatch.setenv(THREADS_VARIABLE, wrong)
     with pytest.raises(ValueError, match="ENDOLAB_THREADS"):
-        solved(start)
+        blur_rounds(start)
 
 
 def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
-    monkeypatch.setenv(VARIABLE, str(SEVERAL))
+    monkeypatch.setenv(THREADS_VARIABLE, str(SEVERAL))
     with limit_threads(1):
         assert threads.threads() == 1
         with limit_threads(None):
@@ -81,13 +81,13 @@ def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
 
 def test_two_threads_of_a_process_at_once_both_get_it_right(start, rng):
     other = rng.normal(size=start.shape)
-    expected = [solved(one, 30) for one in (start, other)]
+    expected = [blur_rounds(one, 30) for one in (start, other)]
     right = []
     gate = threading.Barrier(2)
 
     def work(one, wanted):
         gate.wait()
-        right.extend(np.array_equal(solved(one, 30), wanted) for _ in range(10))
+        right.extend(np.array_equal(blur_rounds(one, 30), wanted) for _ in range(10))
 
     both = [
         threading.Thread(target=work, args=given)
@@ -121,7 +121,7 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(solved(
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_goes_on_by_itself():
-    assert printed(FORK) == "0 True"
+    assert output_of(FORK) == "0 True"
 
 
 def test_a_worker_of_joblib_takes_its_share():

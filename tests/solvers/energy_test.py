@@ -38,7 +38,7 @@ def tiny(rng):
 
 
 @pytest.fixture
-def holed(rng):
+def problem_with_holes(rng):
     """A frame of 9×7 px that a rough surface nearly explains, with holes and cuts."""
     shape = (7, 9)
     mask = np.ones(shape, dtype=bool)
@@ -51,15 +51,15 @@ def holed(rng):
     return replace(problem, image=np.clip(model_image(problem, v) + noise, 0.05, 0.95)), v
 
 
-def smoothed(problem, xi, regulariser):
-    """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
+def with_regulariser(problem, xi, regulariser):
+    """A problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
     lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 6e-5)}[
         regulariser
     ]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 
-def straight(problem, xi, regulariser):
+def costless_surface(problem, xi, regulariser):
     """A surface that costs nothing: of constant ξ, or a plane."""
     cosine = problem.field.cos_alpha
     if regulariser == "curvature":
@@ -251,8 +251,8 @@ def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
 
 
 @pytest.mark.parametrize("outside", [np.nan, np.inf, -np.inf, 0.0, 50.0])
-def test_what_lies_outside_the_mask_moves_no_step(holed, outside):
-    problem, v = holed
+def test_what_lies_outside_the_mask_moves_no_step(problem_with_holes, outside):
+    problem, v = problem_with_holes
     image = np.where(problem.mask, problem.image, outside)
     spoilt = GaussNewtonModel.at(
         replace(problem, image=image), np.where(problem.mask, v, outside)
@@ -273,11 +273,11 @@ def test_a_tear_in_the_surface_is_free_where_it_is_cut():
     right = np.indices(v.shape)[1] >= 40
     cuts = np.zeros((2, *v.shape), dtype=bool)
     cuts[0, :, 39] = True
-    torn_v = v + 0.3 * right
+    jump_v = v + 0.3 * right
     canonical = np.exp(-2 * 0.3 * right) ** (1 / problem.photometry.gamma)
-    torn = replace(problem, image=problem.image * canonical)
-    dear = energy_terms(torn, torn_v)
-    free = energy_terms(replace(torn, cuts=cuts), torn_v)
+    cut_problem = replace(problem, image=problem.image * canonical)
+    dear = energy_terms(cut_problem, jump_v)
+    free = energy_terms(replace(cut_problem, cuts=cuts), jump_v)
     assert free["data"] < 1e-3 * dear["data"]
     assert free["data"] < 5 * energy_terms(problem, v)["data"]
     assert free["regulariser"] < 0.5 * dear["regulariser"]
@@ -291,10 +291,10 @@ def matrix_of(model, mask):
 
 
 @every_variant
-def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
+def test_the_slope_of_the_quadratic_is_the_energys(problem_with_holes, xi, regulariser):
     """Pixel by pixel, with residuals and roughness on both sides of their Huber thresholds."""
-    problem, v = holed
-    problem = smoothed(problem, xi, regulariser)
+    problem, v = problem_with_holes
+    problem = with_regulariser(problem, xi, regulariser)
     model = GaussNewtonModel.at(problem, v)
     assert 5 < np.sum(model.data_weight[problem.mask] < 1) < 50  # of 58 pixels
     if regulariser == "curvature":
@@ -318,17 +318,17 @@ def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
 
 
 @every_variant
-def test_the_matrix_is_symmetric_and_bends_upwards(holed, xi, regulariser):
-    problem, v = holed
-    problem = smoothed(problem, xi, regulariser)
+def test_the_matrix_is_symmetric_and_bends_upwards(problem_with_holes, xi, regulariser):
+    problem, v = problem_with_holes
+    problem = with_regulariser(problem, xi, regulariser)
     matrix = matrix_of(GaussNewtonModel.at(problem, v), problem.mask)
     np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-14 * np.abs(matrix).max())
     assert np.linalg.eigvalsh(matrix)[0] > -1e-13 * np.abs(matrix).max()
 
 
-def test_the_model_image_is_linear_along_its_derivatives(rng, holed):
+def test_the_model_image_is_linear_along_its_derivatives(rng, problem_with_holes):
     """I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ."""
-    problem, v = holed
+    problem, v = problem_with_holes
     model = GaussNewtonModel.at(problem, v)
     delta = rng.normal(size=v.shape)
     delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
@@ -348,13 +348,15 @@ def check_the_matrix(problem, v, rng):
 
 @every_variant
 def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
-    rng, holed, xi, regulariser
+    rng, problem_with_holes, xi, regulariser
 ):
     """At no residual and straight ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
-    problem, _ = holed
-    v = straight(problem, xi, regulariser)
+    problem, _ = problem_with_holes
+    v = costless_surface(problem, xi, regulariser)
     check_the_matrix(
-        smoothed(replace(problem, image=model_image(problem, v)), xi, regulariser), v, rng
+        with_regulariser(replace(problem, image=model_image(problem, v)), xi, regulariser),
+        v,
+        rng,
     )
 
 

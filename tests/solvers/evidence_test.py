@@ -26,22 +26,22 @@ KINDS = {
 every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
-posed = partial(problem_of, bits=8)
+problem_of_8_bits = partial(problem_of, bits=8)
 
 
-def saturated(problem):
+def is_saturated(problem):
     return problem.mask & (problem.image >= 254.5 / 255)
 
 
-def marked(problem, where, what):
+def with_evidence(problem, where, what):
     return replace(
         problem, evidence=np.where(where & problem.mask, what, EXACT).astype(np.int8)
     )
 
 
-def worn(rng, kind, **options):
+def worn_problem(rng, kind, **options):
     """A frame with holes, cuts and evidence of all sorts, and a rough map about the truth."""
-    problem, seen = posed("curved", 24, **options)
+    problem, seen = problem_of_8_bits("curved", 24, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
     cuts = rng.random((2, *mask.shape)) > 0.95
     evidence = rng.choice(KINDS[kind], mask.shape).astype(np.int8)
@@ -50,7 +50,7 @@ def worn(rng, kind, **options):
 
 
 def test_the_data_term_is_the_sum_written_out(rng):
-    problem, v = worn(rng, "all three")
+    problem, v = worn_problem(rng, "all three")
     model = model_image(problem, v)
     total = 0.0
     for pixel in map(tuple, np.argwhere(problem.mask)):
@@ -68,12 +68,12 @@ def test_the_data_term_is_the_sum_written_out(rng):
 @every_kind
 @every_regulariser
 def test_compiled_energy_and_equations_are_the_readable_ones(rng, kind, regulariser):
-    problem, v = worn(rng, kind, regulariser=regulariser)
+    problem, v = worn_problem(rng, kind, regulariser=regulariser)
     check_the_compiled(problem, v, rng)
 
 
 def test_a_block_says_what_its_pixels_say():
-    problem, _ = posed("plane", 32)
+    problem, _ = problem_of_8_bits("plane", 32)
     evidence = np.zeros(problem.mask.shape, dtype=np.int8)
     image = np.full(problem.mask.shape, 0.5)
     evidence[:2, :2] = [[NONE, NONE], [NONE, EXACT]]
@@ -95,12 +95,12 @@ def test_a_block_says_what_its_pixels_say():
 @pytest.mark.parametrize(("gain", "exact", "bounded"), [(1.5, 3.0, 0.6), (2.0, 8.5, 2.5)])
 def test_a_bowl_whose_nearest_part_is_saturated(gain, exact, bounded):
     """Measured inside the saturated part, in %: 3.5 and 0.40 at 1.5 times the gain, 9.3 and 1.8 at twice."""
-    problem, seen = posed("curved", 160, gain=gain)
-    bright = saturated(problem)
+    problem, seen = problem_of_8_bits("curved", 160, gain=gain)
+    bright = is_saturated(problem)
     assert bright.mean() > 0.1
     before, after = (
         el.run(gauss_newton(each))
-        for each in (problem, marked(problem, bright, LOWER_BOUND))
+        for each in (problem, with_evidence(problem, bright, LOWER_BOUND))
     )
     assert percent_off(before, seen, bright) > exact
     assert percent_off(after, seen, bright) < bounded
@@ -112,12 +112,12 @@ def test_a_bowl_whose_nearest_part_is_saturated(gain, exact, bounded):
 @pytest.mark.parametrize("radius", [6, 12])
 def test_a_painted_blob_on_a_plane_is_seen_through(radius):
     """A white disc, not inpainted. Measured inside it, in %: 17 and 18 as data, 0.02 and 0.04 ignored."""
-    problem, seen = posed("plane", 160)
+    problem, seen = problem_of_8_bits("plane", 160)
     rows, columns = np.indices(problem.mask.shape)
     blob = np.hypot(rows - 60, columns - 70) < radius
     problem = replace(problem, image=np.where(blob, 1.0, problem.image))
     taken, ignored = (
-        el.run(gauss_newton(each)) for each in (problem, marked(problem, blob, NONE))
+        el.run(gauss_newton(each)) for each in (problem, with_evidence(problem, blob, NONE))
     )
     assert percent_off(taken, seen, blob) > 15
     assert percent_off(ignored, seen, blob) < 0.1

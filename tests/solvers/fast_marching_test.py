@@ -27,7 +27,7 @@ FISHEYE = el.KannalaBrandt(
 )
 
 
-def marched(problem, **options):
+def march_distances(problem, **options):
     """Distances."""
     return el.run(fast_marching(problem, **options)).distance
 
@@ -43,7 +43,7 @@ def open_steps(mask, cuts):
     cuts = np.zeros((2, *mask.shape), dtype=bool) if cuts is None else cuts
     inside = set(map(tuple, np.argwhere(mask).tolist()))
 
-    def cut(a, b):
+    def is_cut(a, b):
         """Whether the side between two pixels is cut."""
         return bool(cuts[int(a[0] != b[0])][min(a, b)])
 
@@ -52,10 +52,10 @@ def open_steps(mask, cuts):
         if b not in inside:
             return False
         if 0 in step:
-            return not cut(a, b)
+            return not is_cut(a, b)
         corners = (a[0], b[1]), (b[0], a[1])
-        around = [c in inside and not cut(a, c) and not cut(c, b) for c in corners]
-        return any(around) or not any(cut(x, c) for x in (a, b) for c in corners)
+        around = [c in inside and not is_cut(a, c) and not is_cut(c, b) for c in corners]
+        return any(around) or not any(is_cut(x, c) for x in (a, b) for c in corners)
 
     return {a: [step for step in AROUND if is_open(a, step)] for a in sorted(inside)}
 
@@ -184,7 +184,7 @@ def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
     ]
     assert contours.sum() > 20 or scene != "colon"
     problem = replace(problem, cuts=cuts)
-    found = marched(problem)
+    found = march_distances(problem)
     swept = np.sqrt(fast_sweeping(problem))
     np.testing.assert_array_equal(np.isfinite(found), problem.mask)
     assert np.nanmax(np.abs(found / swept - 1)) < 1e-9
@@ -205,8 +205,8 @@ def test_the_tube_needs_its_border():
     """The border of the tube is inflow: wrong without its values (as the paper is), right with them."""
     problem, seen = problem_of("tube", 320)
     inflow = border(seen, 2)
-    without = marched(problem)
-    given = marched(problem, inflow=inflow)
+    without = march_distances(problem)
+    given = march_distances(problem, inflow=inflow)
     assert 4 < percent_off(without, seen) < 9
     assert percent_off(given, seen) < 0.3
     np.testing.assert_allclose(np.log(given)[:2], inflow[:2], rtol=1e-12)
@@ -224,22 +224,24 @@ def test_the_frame_is_explained(brdf):
 def test_what_lies_outside_the_mask_is_not_read():
     problem, _ = problem_of("curved", 80)
     mask = problem.mask & (np.indices(problem.mask.shape).sum(axis=0) % 7 > 0)
-    clean = marched(replace(problem, mask=mask))
+    clean = march_distances(replace(problem, mask=mask))
     spoilt = np.where(mask, problem.image, np.nan)
-    np.testing.assert_array_equal(marched(replace(problem, mask=mask, image=spoilt)), clean)
+    np.testing.assert_array_equal(
+        march_distances(replace(problem, mask=mask, image=spoilt)), clean
+    )
 
 
 def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
     camera = el.Pinhole(61, 61, 40.0, 40.0, 30.0, 30.0)
     problem, seen = problem_of("colon", camera=camera)
-    for cut in (lambda distance: None, depth_cuts):
-        d = marched(replace(problem, cuts=cut(seen.distance)))
+    for find_cuts in (lambda distance: None, depth_cuts):
+        d = march_distances(replace(problem, cuts=find_cuts(seen.distance)))
         for turn in (np.fliplr, np.flipud, np.transpose, np.rot90):
             image, mask, truth = (
                 turn(a).copy() for a in (problem.image, problem.mask, seen.distance)
             )
-            turned = replace(problem, image=image, mask=mask, cuts=cut(truth))
-            np.testing.assert_allclose(marched(turned), turn(d), rtol=1e-9)
+            turned = replace(problem, image=image, mask=mask, cuts=find_cuts(truth))
+            np.testing.assert_allclose(march_distances(turned), turn(d), rtol=1e-9)
 
 
 def test_the_front_advances_and_ends_where_one_pass_ends():
@@ -263,11 +265,11 @@ def test_contours_that_meet_at_corners_and_holes_do_not_leak(rng):
     labels = rng.integers(0, 3, (30, 40)).repeat(2, axis=0).repeat(2, axis=1)
     labels[::7, ::3] += 1
     mask = problem.mask & (rng.random(labels.shape) > 0.1)
-    torn = replace(problem, mask=mask, cuts=between(labels))
-    whole = marched(torn)
+    cut_problem = replace(problem, mask=mask, cuts=between(labels))
+    expected = march_distances(cut_problem)
     for label in range(4):
         patch = mask & (labels == label)
-        image = np.where(patch, torn.image, rng.uniform(0.1, 1, labels.shape))
+        image = np.where(patch, cut_problem.image, rng.uniform(0.1, 1, labels.shape))
         np.testing.assert_array_equal(
-            marched(replace(torn, image=image))[patch], whole[patch]
+            march_distances(replace(cut_problem, image=image))[patch], expected[patch]
         )

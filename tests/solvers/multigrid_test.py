@@ -29,7 +29,7 @@ OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
 OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]
 
 
-def worn(rng, **options):
+def worn_tube(rng, **options):
     """A tube with holes and cuts all over, and a map that is rough around the truth."""
     problem, truth = at_truth("tube", 40, lam=0.7, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
@@ -45,7 +45,7 @@ def equations(problem, v, inflow=None):
 @pytest.fixture(params=["first", "second", "curvature"])
 def system(request, rng):
     """Worn equations of which a few pixels are given: their solver, right-hand side and free pixels."""
-    problem, v = worn(rng, regulariser=request.param)
+    problem, v = worn_tube(rng, regulariser=request.param)
     inflow = np.where(rng.random(v.shape) < 0.05, problem.log_d0, np.nan)
     coefficients, b = equations(problem, v, inflow)
     free = coefficients.active > 0
@@ -55,7 +55,7 @@ def system(request, rng):
 
 @every_variant
 def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
-    problem, v = worn(rng, xi=xi, regulariser=regulariser)
+    problem, v = worn_tube(rng, xi=xi, regulariser=regulariser)
     check_the_compiled(problem, v, rng)
 
 
@@ -93,13 +93,13 @@ def test_a_smooth_step_costs_what_it_should(regulariser):
 @every_regulariser
 def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
     """Equal but where a pixel's slant is within a table's step of a kink of the BRDF: measured 1e-7, 1e-3."""
-    problem, v = worn(rng, regulariser=regulariser, brdf=SHEET)
+    problem, v = worn_tube(rng, regulariser=regulariser, brdf=SHEET)
     terms = Grid.of(problem).terms(inside(problem, v), problem.lam)
     assert terms == pytest.approx(energy_terms(problem, v), rel=1e-6)
     model, (coefficients, _) = GaussNewtonModel.at(problem, v), equations(problem, v)
-    for compiled, readable in TWINS.items():
-        error = relative(inner(getattr(coefficients, compiled)), getattr(model, readable))
-        assert np.percentile(error, 90) < 2e-3, compiled
+    for readable, compiled in TWINS.items():
+        error = relative(inner(coefficients.parts[compiled]), getattr(model, readable))
+        assert np.percentile(error, 90) < 2e-3, readable
 
 
 @pytest.mark.parametrize(
@@ -172,13 +172,13 @@ def test_prolongation_is_the_adjoint_of_restriction(system, rng):
 def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
     solver, _, free = system
 
-    def cycled(b):
+    def apply_cycle(b):
         solver.levels[0].b[:] = b
         solver._cycle()
         return solver.levels[0].x.copy()
 
     vectors = random_maps(rng, free, 5)
-    products = np.array([[np.vdot(a, cycled(b)) for a in vectors] for b in vectors])
+    products = np.array([[np.vdot(a, apply_cycle(b)) for a in vectors] for b in vectors])
     np.testing.assert_allclose(
         products, products.T, rtol=0, atol=1e-12 * np.abs(products).max()
     )
@@ -189,13 +189,13 @@ def as_sparse(matrix):
     """The matrix that seven or thirteen numbers a pixel stand for."""
     size = matrix[0].size
     place = np.arange(size).reshape(matrix.shape[1:])
-    whole = sparse.csr_matrix((size, size))
+    total = sparse.csr_matrix((size, size))
     for numbers, (down, right) in zip(matrix, OFFSETS[: len(matrix)], strict=True):
         i, j = np.nonzero(numbers)
         where = place[i, j], place[i + down, j + right]
         half = sparse.csr_matrix((numbers[i, j], where), shape=(size, size))
-        whole = whole + (half if down == right == 0 else half + half.T)
-    return whole
+        total = total + (half if down == right == 0 else half + half.T)
+    return total
 
 
 def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
@@ -233,9 +233,9 @@ TURNS = [lambda a: a[..., ::-1], lambda a: a[..., ::-1, :], lambda a: a.swapaxes
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("size", [(48, 64), (50, 62), (36, 36)])
 def test_a_cycle_of_a_turned_grid_is_the_turned_one(rng, size, turn):
-    """Torn or not: where nothing comes first, nothing prefers left to right."""
+    """Cut or not: where nothing comes first, nothing prefers left to right."""
 
-    def turned_system(turn):
+    def make_turned_system(turn):
         rows, columns = size
         i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
         apart = np.hypot(i - 20.2, j - 24.3) < 11.4
@@ -254,11 +254,11 @@ def test_a_cycle_of_a_turned_grid_is_the_turned_one(rng, size, turn):
         coefficients, b = equations(problem, np.where(mask, problem.log_d0, 0.0))
         return Multigrid(coefficients), b
 
-    (one, b), (other, _) = turned_system(lambda a: a), turned_system(turn)
-    one.levels[0].b[:] = b
-    inner(other.levels[0].b)[:] = turn(inner(one.levels[0].b))
-    one._cycle()
-    other._cycle()
-    found = inner(other.levels[0].x)
-    expected = turn(inner(one.levels[0].x))
+    (plain, b), (turned, _) = make_turned_system(lambda a: a), make_turned_system(turn)
+    plain.levels[0].b[:] = b
+    inner(turned.levels[0].b)[:] = turn(inner(plain.levels[0].b))
+    plain._cycle()
+    turned._cycle()
+    found = inner(turned.levels[0].x)
+    expected = turn(inner(plain.levels[0].x))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())

@@ -33,7 +33,7 @@ from tests.tools.problems import (
 CAMERA = el.Pinhole(19, 15, 9.0, 10.4, 8.8, 7.1)
 
 
-def holed(rng, brdf=None, **options):
+def problem_with_holes(rng, brdf=None, **options):
     """A rough surface with holes and cuts, and a frame that it nearly explains."""
     shape = (CAMERA.height, CAMERA.width)
     mask = np.ones(shape, dtype=bool)
@@ -52,7 +52,9 @@ def holed(rng, brdf=None, **options):
 @papers_variant
 @pytest.mark.parametrize("radius", [0, 2])
 def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius):
-    problem, v = holed(rng, xi=xi, regulariser=regulariser, lam=0.3, epsilon=1e-3)
+    problem, v = problem_with_holes(
+        rng, xi=xi, regulariser=regulariser, lam=0.3, epsilon=1e-3
+    )
     path = _Path.at(problem, v, radius, 0.8)
     twin = PrimalDualModel(problem, v, radius, 0.8)
     for theta in (1.0, 0.05, 0.02, 0.02):
@@ -70,7 +72,7 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
 
 @pytest.mark.parametrize(("brdf", "off"), [(Glossy(0.5, 0.02, 8.0), 3e-6), (SHEET, 1e-3)])
 def test_another_brdf_than_a_lambertian_one(rng, brdf, off):
-    problem, v = holed(rng, brdf, lam=0.3)
+    problem, v = problem_with_holes(rng, brdf, lam=0.3)
     path = _Path.at(problem, v, 1, 0.8)
     twin = PrimalDualModel(problem, v, 1, 0.8)
     for _ in range(3):
@@ -139,7 +141,7 @@ def average_light(slope, mask, cuts, radius):
 
 @pytest.mark.parametrize("radius", [1, 2, 5, 7, 16, 50])
 def test_patches_end_where_a_step_is_missing(rng, radius):
-    problem, _ = holed(rng)
+    problem, _ = problem_with_holes(rng)
     slope = np.where(problem.mask, rng.normal(size=problem.mask.shape), 0)
     found = average_light(np.pad(slope, 1), problem.mask, problem.cuts, radius)[1:-1, 1:-1]
     expected = patch_means(slope, problem, radius)

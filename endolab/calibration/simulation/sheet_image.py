@@ -22,7 +22,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, number
-from endolab.numerics.memory import RENDERING, check_memory
+from endolab.numerics.memory import RENDERING_BYTES, check_memory
 
 Float32Array = NDArray[np.float32]
 
@@ -294,7 +294,7 @@ def render_sheet(
     for name in ("blur", "motion"):
         number(name, getattr(sensor, name), 0, camera.width)
     check_memory(
-        RENDERING * camera.width * camera.height,
+        RENDERING_BYTES * camera.width * camera.height,
         f"a picture of {camera.width}x{camera.height} px",
     )
     if len(poses) != target.panels:

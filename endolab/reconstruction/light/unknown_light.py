@@ -36,9 +36,9 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS, Photometry
-from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import excerpt, number, real_array
-from endolab.numerics.iteration import Status, check_observers, closing, drive
+from endolab.numerics.iteration import Status, check_observers, close_observers, drive
 from endolab.reconstruction.channels import Channel, make_channels
 from endolab.reconstruction.light.colours import NoColour, known_albedo
 from endolab.reconstruction.light.separation import separate, separate_from
@@ -192,7 +192,7 @@ def estimate_light(
                 progress(done, frame.name)
         return Status.CONVERGED
 
-    with closing(watching):
+    with close_observers(watching):
         status = drive(scan_all(), watching, lambda *_: None)
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"
@@ -422,9 +422,9 @@ def _estimate(
         outcome=outcome,
         verdict=f"{verdict} They do not tell γ, taken to be {usual.gamma:g}.",
         photometry=usual,
-        exponents=frozen(EXPONENTS.copy()),
-        costs=frozen(np.array([scan.costs for scan in scans])),
-        likelihood=frozen(likelihood),
+        exponents=freeze(EXPONENTS.copy()),
+        costs=freeze(np.array([scan.costs for scan in scans])),
+        likelihood=freeze(likelihood),
         places=float(weights.sum()),
         names=tuple(scan.name for scan in scans),
         refused=refused,

@@ -20,10 +20,15 @@ import scipy.ndimage
 from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
-from endolab.numerics.arrays import BoolArray, FloatArray, frozen
+from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.derivatives import links, px_per_reference, shift
-from endolab.numerics.iteration import Status, Stopped, check_observers, closing, drive
+from endolab.numerics.iteration import (
+    Status,
+    Stopped,
+    check_observers,
+    drive,
+)
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.scale import Pixel, own_pixel
 from endolab.reconstruction.uncertainty.causes import (
@@ -158,7 +163,7 @@ def uncertainty_of(
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = check_observers(observers)
-    with limit_threads(threads), closing(watching):
+    with limit_threads(threads), close_observers(watching):
         estimate = _Estimate(thin(iterate), prior_sigma, draws)
         status = drive(
             estimate.steps(),
@@ -269,17 +274,17 @@ class _Estimate:
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
         return Uncertainty(
-            sigma=frozen(
+            sigma=freeze(
                 whole.distance * sigma(together for together, _, _ in squares.values())
             ),
-            sigma_shape=frozen(
+            sigma_shape=freeze(
                 whole.distance * sigma(shape for _, shape, _ in squares.values())
             ),
             sigma_scale=float(np.linalg.norm([*scales.values()])),
-            shares=frozen(parts),
-            dominant_source=frozen(decided.astype(np.uint8)),
+            shares=freeze(parts),
+            dominant_source=freeze(decided.astype(np.uint8)),
             causes={
-                cause: frozen(sigma([shape])) for cause, (_, shape, _) in squares.items()
+                cause: freeze(sigma([shape])) for cause, (_, shape, _) in squares.items()
             },
             scales=scales,
             draws=self.done,

@@ -1,10 +1,20 @@
-"""Half the pixels of a torn surface: no block of 2×2 pixels mixes the two sides of a cut.
+"""Half the pixels of a cut surface: no block of 2×2 pixels mixes the two sides of a cut.
 
-A block that cuts divide stands for its largest part alone, of equals that nearer the picture's middle, so
-that a turned picture's blocks are the turned ones. The pixels left out follow a neighbouring block of their
-own side, if there is one. So a line of cuts is a line of cuts on every coarser grid. `link` holds the steps
-that there are and `uncut_links` those that there would be without cuts, both padded (`numerics.compiled`);
-where nothing is torn they are one array.
+A block that cuts divide stands for its largest fragment alone, of equals that nearer the picture's middle,
+so that a turned picture's blocks are the turned ones. The pixels left out (·) follow a neighbouring block of
+their own side, if there is one:
+
+    a  a ┆ a ┃ b ┆ b  b           a  a ┆ a  · ┆ b  b
+         ┆   ┗━━━┪        main         ┆      ┆        blocks
+    a  a ┆ a  a  ┃ b  b  ----->   a  a ┆ a  a ┆ b  b  ------->   A   A ┃ B
+
+So a line of cuts is a line of cuts on every coarser grid: two blocks are linked where a pair of their pixels
+is, p of the one and q of the other, next to each other,
+
+    link(A, B) = ⋁ main(p) ∧ main(q) ∧ link(p, q),        cut = uncut_link ∧ ¬ link.
+
+`link` holds the steps that there are and `uncut_links` those that there would be without cuts, both padded
+(`numerics.compiled`); where nothing is cut they are one array.
 """
 
 from __future__ import annotations
@@ -46,12 +56,12 @@ def _largest_fragments(
                 + uncut_links[1, top, first + 1]
                 + uncut_links[0, top + 1, first]
             )
-            is_torn = (
+            is_divided = (
                 steps[0] + steps[1] + steps[2] + steps[3]
                 < would + uncut_links[1, top, first]
             )
             part[:] = 0
-            if is_torn:
+            if is_divided:
                 part[:] = 0, 1, 2, 3
                 for _ in range(3):
                     for k in range(4):
@@ -96,8 +106,8 @@ def coarser_links(
     coarse = halve_links(uncut_links)
     if link is uncut_links:
         return coarse, coarse
-    there = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
-    return halve_links(link & main & there), coarse
+    next_main = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
+    return halve_links(link & main & next_main), coarse
 
 
 def held_pixels(link: ByteArray, second: bool) -> BoolArray:
@@ -171,7 +181,7 @@ def same_side(
 
 
 @kernel
-def nearest(of_side: tuple[bool, bool, bool, bool]) -> tuple[int, int]:
+def nearest_blocks(of_side: tuple[bool, bool, bool, bool]) -> tuple[int, int]:
     """The first and the last of the blocks that are reached and nearest, which may be two; 4 if none is."""
     own, beside, below, diagonal = of_side
     if own or not (beside or below):
