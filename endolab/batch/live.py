@@ -52,7 +52,7 @@ class LiveStep(Step):
     lag: float = 0.0  # s from the frame's coming to its surface
 
 
-def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
+def read_newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
     """Read frames in a thread, as fast as they come, and give always the last; when closed, it ends.
 
     What the reader raises is raised here. A camera that does not answer is left to itself at the end.
@@ -156,13 +156,13 @@ def reconstruct_live(
         if options.get(name) is not None
     }
     named = isinstance(source, int | str | os.PathLike)
-    shots = newest(open_stream(source) if named else source)  # type: ignore[arg-type]
+    shots = read_newest(open_stream(source) if named else source)  # type: ignore[arg-type]
     taken: list[Shot] = []
 
     def frames(first: Shot) -> Iterator[tuple[str, Frame]]:
         for shot in islice(chain([first], shots), limit):
             taken.append(shot)
-            yield shot[1], _shrunk(shot, inside, camera, calibration.photometry.gamma)
+            yield shot[1], _shrink(shot, inside, camera, calibration.photometry.gamma)
 
     with closing(shots):
         first = next(shots, None)
@@ -182,7 +182,7 @@ def reconstruct_live(
             last = count
 
 
-def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
+def _shrink(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
     """Make a small frame; one of another size than the mask's stays as it is, to be refused."""
     _, name, picture, _ = shot
     size = (camera.width, camera.height)
@@ -227,7 +227,7 @@ def live_summary(rows: list[Row], seconds: float) -> str:
     )
 
 
-def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
+def log_steps(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
     """Give the steps on, each when its surface was logged where the `sinks` lead."""
     from endolab.workbench.recording.sequence import SequenceRecorder
 

@@ -256,10 +256,10 @@ def _name_frames(
         raise ValueError(
             f"expected a truth for each of {len(names)} frames, found {len(truths)}"
         )
-    return zip(names, map(_anywhere, frames), map(_anywhere, truths), strict=True)
+    return zip(names, map(_absolute, frames), map(_absolute, truths), strict=True)
 
 
-def _anywhere(what: Any) -> Any:
+def _absolute(what: Any) -> Any:
     """Name a file so that workers find it, which may be in another folder."""
     return Path(what).absolute() if isinstance(what, str | os.PathLike) else what
 

@@ -18,7 +18,17 @@ WORDS = ("frame", "status", "unit", "error")
 MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds")
 SURFACE = ("gain", "median_distance", "pixels")
 # The columns of a video's table.
-STEP = ("index", "frame", "status", "warm", "torn", "unit", *MEASURED, *SURFACE, "error")
+STEP = (
+    "index",
+    "frame",
+    "status",
+    "warm",
+    "min_steepness",
+    "unit",
+    *MEASURED,
+    *SURFACE,
+    "error",
+)
 
 
 def measure_result(result: Result) -> Row:
@@ -53,7 +63,7 @@ def step_row(step: Step, index: int) -> Row:
             "unit": problem.unit,
             "gain": problem.photometry.gain,
         }
-        row |= {"torn": min_steepness_of(step.result) or 0, "pixels": known.size}
+        row |= {"min_steepness": min_steepness_of(step.result) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
 

@@ -122,7 +122,7 @@ def reconstruct_video(
         "calibration": known,
     }
     folder = _Folder(Path(out), frames, settings, overwrite, [source, mask, *inputs])
-    before = [name for name in wanted if folder.done(name)]
+    before = [name for name in wanted if folder.is_done(name)]
     last = next(iter(before), None)
     done = len(before)
     try:
@@ -136,7 +136,7 @@ def reconstruct_video(
             start = None
             if last is not None:
                 ((_, picture),) = _pictures(frames, [last], inside)
-                start = folder.carried(framed(last, picture), last, calibration)
+                start = folder.take_up(framed(last, picture), last, calibration)
             pictures = _pictures(frames, names, inside)
             for step in reconstruct_sequence(
                 pictures, calibration, before=start, **options
@@ -155,7 +155,7 @@ def reconstruct_video(
             )
         folder.close()
     except (KeyboardInterrupt, OSError, MemoryError) as failure:
-        count = sum(folder.done(name) for name in wanted)
+        count = sum(folder.is_done(name) for name in wanted)
         if not count:
             raise
         with suppress(OSError):  # there is a failure to tell already
@@ -243,16 +243,18 @@ class _Folder:
     def _maps(self, name: str) -> dict[str, np.ndarray]:
         return read_depth(self._depth(name), ("distance", "normals"))
 
-    def done(self, name: str) -> bool:
+    def is_done(self, name: str) -> bool:
         """Whether a frame needs not be done again."""
         return name in self.rows and not self.rows[name]["error"]
 
-    def carried(self, frame: Frame, name: str, calibration: Calibration) -> Carried:
+    def take_up(self, frame: Frame, name: str, calibration: Calibration) -> Carried:
         """Return what a frame that is done hands to the next."""
         row = self.rows[name]
         distance = self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
-        return Carried.again(surface, frame, calibration, float(row["torn"]), row["energy"])
+        return Carried.again(
+            surface, frame, calibration, float(row["min_steepness"]), row["energy"]
+        )
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; OSError in one sentence, and what was there stays."""

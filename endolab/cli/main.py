@@ -182,7 +182,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaint is one sentence."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"endolab: {in_one_line(message)}; see {self.prog} --help\n")
+        self.exit(2, f"endolab: {to_one_line(message)}; see {self.prog} --help\n")
 
 
 class _Completion(argparse.Action):
@@ -320,7 +320,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def in_one_line(error: object) -> str:
+def to_one_line(error: object) -> str:
     """Return what an error says in one printable line, without the middle of what is too long."""
     text = str(error) or "out of memory"
     if isinstance(error, OSError) and error.strerror:  # the system's own words
@@ -338,12 +338,12 @@ class _ToldToEnd(KeyboardInterrupt):
     """An interrupt that Python leaves to us: one of its own that passes exec() makes the exit status its."""
 
 
-def _interrupted(number: int, _: object) -> NoReturn:
+def _interrupt(number: int, _: object) -> NoReturn:
     _ended.append(number)
     raise _ToldToEnd
 
 
-def _ignored(what: Any) -> None:
+def _interrupt_again(what: Any) -> None:
     """Interrupt again, where Python dropped an interrupt, as it does while Numba compiles."""
     if issubclass(what.exc_type, KeyboardInterrupt):
         threading.Timer(0.05, signal.raise_signal, [signal.SIGINT]).start()
@@ -367,7 +367,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
-        print(f"endolab: {in_one_line(error)}", file=sys.stderr)
+        print(f"endolab: {to_one_line(error)}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not _ended:
@@ -386,8 +386,8 @@ def run() -> NoReturn:
         if (
             number is not None and signal.getsignal(number) is not signal.SIG_IGN
         ):  # as of nohup
-            signal.signal(number, _interrupted)
-    sys.unraisablehook = _ignored
+            signal.signal(number, _interrupt)
+    sys.unraisablehook = _interrupt_again
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed, as after `>&-`
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end

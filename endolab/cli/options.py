@@ -162,7 +162,7 @@ def add_threads(option: Callable[..., Any]) -> None:
 def add_solving_options(
     parser: argparse.ArgumentParser, most_used: Callable[..., Any], swept: bool = False
 ) -> None:
-    """Add what `solving` reads, in groups; λ, ξ and order are lists if `swept`."""
+    """Add what `read_solving_options` reads, in groups; λ, ξ and order are lists if `swept`."""
     most_used(
         "--calibration",
         required=True,
@@ -214,7 +214,7 @@ def _add_light_options(add: Callable[..., Any], swept: bool) -> None:
 
 
 # What they stand for --------------------------------------------------------------------
-def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+def read_solving_options(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return what the settings file and the options stand for.
 
     It is the calibration, with the light and the wall that they believe in, and keywords of

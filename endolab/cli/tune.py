@@ -44,7 +44,7 @@ def _tune(arguments: argparse.Namespace) -> None:
 
         return TunerBox(first, calibration, truth, width=arguments.width, pictures=pictures)
 
-    def opened() -> None:
+    def announce() -> None:
         taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
         print(f"tuner: {page.link}{taken}", flush=True)
         if page.origin is not None:
@@ -55,7 +55,7 @@ def _tune(arguments: argparse.Namespace) -> None:
 
     page = Page(make, f"{first.name} · endolab", port, arguments.origin)
     with suppress(KeyboardInterrupt):  # which is how it ends
-        page.run(opened)
+        page.run(announce)
     print("ended", flush=True)
     os._exit(0)  # Python would wait for a solve that is still being compiled
 

@@ -66,7 +66,7 @@ class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
     result: (
-        Result  # of which `again` knows only the surface, its unit, and whether it is torn
+        Result  # of which `again` knows only the surface, its unit, and whether it is cut
     )
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
@@ -78,10 +78,10 @@ class Carried:
         surface: Surface,
         frame: Frame,
         calibration: Calibration,
-        bar: float,
+        min_steepness: float,
         least: float,
     ) -> Self:
-        """Take up a surface that was kept: of a frame, with the energy `least`, torn over a bar, or 0."""
+        """Take up a surface that was kept: of a frame, with the energy `least`, cut or (0) not."""
         v = np.log(surface.distance)
         camera = calibration.camera
         if v.shape != (camera.height, camera.width):
@@ -93,9 +93,11 @@ class Carried:
             camera,
             photometry,
             metric=surface.metric,
-            cuts=np.zeros((2, *v.shape), dtype=bool) if bar else None,
+            cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
         )
-        contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=bar or None)
+        contours = ContourReport(
+            ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
+        )
         iterate = Iterate(
             problem, 0, frozen(v), {}, provenance=Provenance(contours=contours)
         )

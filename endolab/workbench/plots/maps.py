@@ -172,9 +172,12 @@ def show_sigma(
 
 @style.house()
 def show_dominant_source(
-    dominant_source: np.ndarray, ax: Axes | None = None, *, title: str = "Who decided"
+    dominant_source: np.ndarray,
+    ax: Axes | None = None,
+    *,
+    title: str = "What determined each pixel",
 ) -> Axes:
-    """Show who decided each pixel, with how many of them each decided.
+    """Show what determined each pixel, with how many of them each determined.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from endolab.numerics.arrays import FloatArray
 BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
-# Who decided a pixel, as `endolab.reconstruction.uncertainty` numbers them from 1, and their colours.
+# What determined a pixel, as `endolab.reconstruction.uncertainty` numbers them from 1, and their colours.
 DECIDERS = {
     "data": (0, 114, 178),
     "border or contour": (230, 159, 0),

@@ -73,7 +73,7 @@ def _uncertainty(shown: Shown) -> list[rrb.View]:
     if shown.sigma is None:
         return []
     sigma = shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask")
-    return [sigma, shown.view("Who decided", "uncertainty/dominant_source")]
+    return [sigma, shown.view("What determined each pixel", "uncertainty/dominant_source")]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:

@@ -257,11 +257,13 @@ class Recording:
         Thinned if the frame was wider than the recording. An earlier stage may be on a smaller grid
         and in relative units. ValueError if the iteration has no picture.
         """
-        return self._map("depth", np.float32, self._chosen(iteration)).astype(float)
+        return self._map("depth", np.float32, self._choose_iteration(iteration)).astype(
+            float
+        )
 
     def normals(self, iteration: int = -1) -> FloatArray:
         """Unit normals at an iteration, (h, w, 3), to half a degree; nan outside the mask; see `depth`."""
-        k = self._chosen(iteration)
+        k = self._choose_iteration(iteration)
         n = np.where(
             self._mask(k)[..., None],
             2 * (self._map("normals", np.uint8, k, 3) / 255.0) - 1,
@@ -278,7 +280,7 @@ class Recording:
 
     @property
     def dominant_source(self) -> NDArray[np.uint8] | None:
-        """Who decided the pixels of the last `depth`, (h, w); None if no uncertainty was recorded.
+        """What determined the pixels of the last `depth`, (h, w); None if no uncertainty was recorded.
 
         1 the data, 2 border or contour, 3 the prior; 0 outside the mask.
         """
@@ -286,7 +288,7 @@ class Recording:
             return None
         return self._map("uncertainty/dominant_source", np.uint8)
 
-    def _chosen(self, iteration: int) -> int:
+    def _choose_iteration(self, iteration: int) -> int:
         pictured = self.pictured
         if not pictured:
             raise ValueError(f"{self.path} holds no depth maps")

@@ -203,7 +203,7 @@ class Recorder:
         """Log one iterate."""
         if not self._open:
             raise ValueError("the recording is closed")
-        if self._sink.gone:
+        if self._sink.is_viewer_closed:
             return  # the run goes on
         last = self._last
         if last is None or (last.stage, last.round) != (iterate.stage, iterate.round):
@@ -378,7 +378,7 @@ class Recorder:
 
     def _end(self) -> None:
         """Log what is known at the end only."""
-        if self._last is None or self._sink.gone:
+        if self._last is None or self._sink.is_viewer_closed:
             return
         self._end_stage(self._last)
         table = "\n".join(

@@ -41,7 +41,7 @@ class SequenceRecorder:
     `max_width`, px, are thinned; `curves` are titles of what is plotted.
 
     `path` names a file, which `close` writes, whole or not at all, or is a `Sink`: ``Sink()`` is the native
-    viewer, and its ``gone`` tells whether the user has closed it.
+    viewer, and its ``is_viewer_closed`` tells whether the user has closed it.
     """
 
     def __init__(

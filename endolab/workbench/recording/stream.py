@@ -109,7 +109,7 @@ class Sink:
             self.stream.connect_grpc(ADDRESS)
 
     @property
-    def gone(self) -> bool:
+    def is_viewer_closed(self) -> bool:
         """Whether the user has closed the viewer's window."""
         return self._viewer is not None and self._viewer.poll() is not None
 

@@ -113,7 +113,7 @@ def save_result(
     folder : path
         Made if need be. Either all files are written or none.
     mesh : bool
-        Whether to write `mesh.ply`, torn at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
+        Whether to write `mesh.ply`, cut at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
         whose colours show σ.
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.

@@ -72,7 +72,7 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
     size = np.array([width * len(rows[0]) + margin, height * len(rows)])
     paper = np.full((size[1], size[0], 3), 255, np.uint8)
 
-    def shared(box: Sequence[int]) -> Box:
+    def to_shares(box: Sequence[int]) -> Box:
         """A box in a cell as shares of the board."""
         moved: Box = (np.add(np.reshape(box, (2, 2)), (left, top)) / size).ravel().tolist()
         return moved
@@ -94,13 +94,17 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
             at = np.add(np.reshape(dots, (-1, 2)), (left, top)) / size
             places.append(
                 Place(
-                    answer, shared((0, 0, width, height)), spot and shared(spot), panel, at
+                    answer,
+                    to_shares((0, 0, width, height)),
+                    spot and to_shares(spot),
+                    panel,
+                    at,
                 )
             )
     return Board(paper, places)
 
 
-def of_one(
+def draw_answer(
     answer: Answer, names: Sequence[str], view: View, room: tuple[int, int], text: int = 12
 ) -> Board:
     """The panels of an answer, three in a row."""
@@ -110,7 +114,7 @@ def of_one(
     )
 
 
-def comparable(a: Answer, b: Answer) -> bool:
+def are_comparable(a: Answer, b: Answer) -> bool:
     """Whether both are of the same frame, and of one size."""
     return (
         a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
@@ -121,7 +125,7 @@ def _name_panel(name: str, panel: Panel) -> Panel:
     return replace(panel, title=f"{name}: {panel.title}")
 
 
-def of_two(
+def draw_pair(
     a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12
 ) -> Board:
     """A beside B with the same scales, their ratio and their sections."""
@@ -133,7 +137,7 @@ def of_two(
     return _board(rows, room, text)
 
 
-def of_several(
+def draw_columns(
     answers: Sequence[tuple[str, Answer | None]],
     like: Answer,
     view: View,

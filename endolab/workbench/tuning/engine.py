@@ -114,7 +114,7 @@ class Answer:
 
     @cached_property
     def roughness(self) -> float:
-        """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is torn."""
+        """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is cut."""
         normals = self.result.normals
         cuts = self.result.problem.cuts
         right, below = (
@@ -138,8 +138,8 @@ class Answer:
         return 100 * float(high - low), 100 * float(bent)
 
     @property
-    def torn(self) -> int:
-        """Steps between pixels over which the surface is torn."""
+    def cut_count(self) -> int:
+        """Steps between pixels over which the surface is cut."""
         cuts = self.result.problem.cuts
         return 0 if cuts is None else int(cuts.sum())
 
@@ -228,11 +228,11 @@ class Tuner:
         several: Sequence[Knobs],
         tell: Callable[[int, Answer], object],
     ) -> None:
-        """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
-        torn = answer.result.problem.cuts
+        """Solve these, cut where an answer is; `tell` is given the number and the answer of each."""
+        cuts = answer.result.problem.cuts
         held: dict[str, Any] = {"contours": False}
-        if torn is not None:
-            held = {"contours": None, "cuts": torn}
+        if cuts is not None:
+            held = {"contours": None, "cuts": cuts}
 
         def job(is_stale: IsStale) -> None:
             for number, settings in enumerate(several):
@@ -249,7 +249,9 @@ class Tuner:
         """Find how far an answer can be trusted, and tell it once more."""
 
         def job(is_stale: IsStale) -> None:
-            known = answer.settings.saved(answer.subject.calibration, answer.subject.grey)
+            known = answer.settings.solving_settings(
+                answer.subject.calibration, answer.subject.grey
+            )
             believed = known.believed(answer.subject.calibration)
             with suppress(Stopped):  # only a wish that came since does that
                 uncertainty = uncertainty_of(
@@ -284,7 +286,7 @@ class Tuner:
             raise ValueError("nothing was asked for")
         return self._final
 
-    def cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
+    def solve_cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
         """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish."""
         return self._solve(self.source.subject(settings), settings, observers)
 
@@ -303,7 +305,7 @@ class Tuner:
     ) -> Answer:
         """Solve a subject."""
         started = time.perf_counter()
-        saved = settings.saved(subject.calibration, subject.grey)
+        saved = settings.solving_settings(subject.calibration, subject.grey)
         keywords = {**saved.keywords, **options}
         known = saved.believed(subject.calibration)
         result = reconstruct(subject.frame, known, observers=observers, **keywords)

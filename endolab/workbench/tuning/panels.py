@@ -17,7 +17,7 @@ from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.workbench.plots.scales import DECIDERS, common_limits
 from endolab.workbench.tuning import pictures
 from endolab.workbench.tuning.engine import FINAL, Answer
-from endolab.workbench.tuning.pictures import Chart, Limits, Map, coloured, grey_or_colour
+from endolab.workbench.tuning.pictures import Chart, Limits, Map, grey_or_colour, to_colours
 from endolab.workbench.tuning.source import Knobs
 
 ENDS = (
@@ -30,7 +30,7 @@ ENDS = (
 )  # of scales, so that a colour keeps its meaning a while
 BELOW_NOISE = (236, 236, 236)  # colour of residuals that noise explains
 NOISY = 2.0  # standard deviations of the noise that are no news
-TORN = pictures.VERMILION
+CUT = pictures.VERMILION
 SATURATED = (230, 159, 0)
 SILENT = (204, 121, 167)
 
@@ -68,7 +68,7 @@ def end_of(values: FloatArray, percentile: float) -> float:
     return next((end for end in ENDS if end >= size), ENDS[-1])
 
 
-def _seen(answer: Answer) -> FloatArray:
+def _scale_distance(answer: Answer) -> FloatArray:
     """The distance that sets the scales: the true one if it is known."""
     return answer.result.distance if answer.truth is None else answer.truth
 
@@ -77,7 +77,7 @@ def _value_map(
     title: str, values: FloatArray, limits: Limits, palette: str, form: str, **options: Any
 ) -> Map:
     """A map of numbers; `form` is how one of them is told."""
-    colours = coloured(values, limits, palette)
+    colours = to_colours(values, limits, palette)
     return Map(
         title,
         colours,
@@ -105,7 +105,7 @@ def _frame(answer: Answer, view: View) -> Panel:
 def _distance(answer: Answer, view: View) -> Panel:
     unit, (low, high) = (
         answer.result.problem.unit,
-        common_limits([_seen(view.like or answer)]),
+        common_limits([_scale_distance(view.like or answer)]),
     )
     title = f"Distance [{unit}]" + ("" if answer.stage == FINAL else f", {answer.stage}")
     limits = (low, max(high, 1.01 * low))
@@ -121,8 +121,8 @@ def _residual(answer: Answer, view: View) -> Panel:
     end = end_of((view.like or answer).residual, 98)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
-    title = f"Model - frame [of 255], {share:.0f} % is noise"
-    picture = coloured(residual, (-end, end), "diverging")
+    title = f"Model - frame [of 255], {share:.0f} % within the noise"
+    picture = to_colours(residual, (-end, end), "diverging")
     picture[quiet] = BELOW_NOISE
     form = "{:+.1f} grey levels"
     return replace(
@@ -152,7 +152,7 @@ def _normals(answer: Answer, view: View) -> Panel:
 
 
 def _contours(answer: Answer, view: View) -> Panel:
-    """Where the surface is torn, and what pixels say."""
+    """Where the surface is cut, and what pixels say."""
     problem = answer.result.problem
     grey = np.asarray(problem.shown, float)
     picture = grey_or_colour(0.35 + 0.5 * (grey if grey.ndim == 2 else grey.mean(axis=-1)))
@@ -160,16 +160,16 @@ def _contours(answer: Answer, view: View) -> Panel:
     evidence = (
         np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
     )
-    torn = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
+    cut = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
     parts = {
         "may be a contour": (maybe, pictures.SKY),
         "saturated: at least so bright": (
             problem.mask & (evidence == LOWER_BOUND),
             SATURATED,
         ),
-        "highlight: says nothing": (problem.mask & (evidence == NONE), SILENT),
+        "highlight: ignored": (problem.mask & (evidence == NONE), SILENT),
         "left out": (~problem.mask, pictures.LEFT_OUT),
-        f"torn, {answer.torn:,} px": (torn, TORN),
+        f"cut, {answer.cut_count:,} px": (cut, CUT),
     }
     for where, colour in parts.values():
         picture[where] = colour
@@ -182,7 +182,7 @@ def _contours(answer: Answer, view: View) -> Panel:
     return Map("Contours and highlights", picture, keys=keys, says=says)
 
 
-def _bounced(answer: Answer, view: View) -> Panel:
+def _indirect_light(answer: Answer, view: View) -> Panel:
     if answer.stage != FINAL:
         return Map("Bounced light: with the final answer", None)
     result = answer.result
@@ -203,7 +203,7 @@ def _sigma(answer: Answer, view: View) -> Panel:
 def _dominant_source(answer: Answer, view: View) -> Panel:
     uncertainty = answer.uncertainty
     if uncertainty is None:
-        return Map("Who decided: press find σ, below advanced", None)
+        return Map("What determined each pixel: press find σ, below advanced", None)
     colours = np.array([pictures.LEFT_OUT, *DECIDERS.values()], np.uint8)
     names = ("left out", *DECIDERS)
 
@@ -211,7 +211,7 @@ def _dominant_source(answer: Answer, view: View) -> Panel:
         return names[uncertainty.dominant_source[i, j]]
 
     return Map(
-        "Who decided",
+        "What determined each pixel",
         colours[uncertainty.dominant_source],
         keys=[*DECIDERS.items()],
         says=says,
@@ -224,7 +224,7 @@ def _section(answer: Answer, view: View) -> Panel:
     length = answer.result.mask.shape[not is_row]
     index = min(int(share * length), length - 1)
 
-    def along(of: Answer, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def section_line(of: Answer, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """z, and x of a row or y of a column."""
         line = np.s_[index] if is_row else np.s_[:, index]
         rays = of.result.problem.field.rays[line]
@@ -234,15 +234,15 @@ def _section(answer: Answer, view: View) -> Panel:
     curves = []
     if view.beside is not None:
         curves.append(
-            ("A", *along(view.beside, view.beside.result.distance), pictures.GREEN)
+            ("A", *section_line(view.beside, view.beside.result.distance), pictures.GREEN)
         )
     if answer.truth is not None:
-        curves.append(("truth", *along(answer, answer.truth), pictures.BLACK))
+        curves.append(("truth", *section_line(answer, answer.truth), pictures.BLACK))
     name = "result" if view.beside is None else "B"
-    curves.append((name, *along(answer, answer.result.distance), pictures.VERMILION))
+    curves.append((name, *section_line(answer, answer.result.distance), pictures.VERMILION))
     title = f"Section along {'row' if is_row else 'column'} {index}"
     labels = f"z [{unit}]", f"{'x' if is_row else 'y'} [{unit}]"
-    fitted = along(like, _seen(like))
+    fitted = section_line(like, _scale_distance(like))
     return Chart(title, *labels, curves, down=not is_row, equal=True, fitted=fitted)
 
 
@@ -264,8 +264,8 @@ def _energy(answer: Answer, view: View) -> Panel:
 
 def _lam_curve(answer: Answer, view: View) -> Panel:
     """Data term and roughness of the answers so far; those that differ by λ alone hang together."""
-    comparable = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
-    family = sorted(comparable, key=lambda dot: dot.settings.lam)
+    by_lam = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
+    family = sorted(by_lam, key=lambda dot: dot.settings.lam)
     x, y = (
         np.array([getattr(dot, name) for dot in family]) for name in ("data", "roughness")
     )
@@ -300,13 +300,13 @@ PANELS: dict[str, Callable[[Answer, View], Panel]] = {
     "normals": _normals,
     "error": _error,
     "contours": _contours,
-    "bounced light": _bounced,
+    "bounced light": _indirect_light,
     "σ": _sigma,
-    "who decided": _dominant_source,
+    "what determined each pixel": _dominant_source,
     "energy": _energy,
 }
 USUAL = ("frame", "distance", "model - frame", "section", "3D", "λ curve")
-NEED_UNCERTAINTY = ("σ", "who decided")
+NEED_UNCERTAINTY = ("σ", "what determined each pixel")
 
 
 def ratio_of(a: Answer, b: Answer) -> Map:

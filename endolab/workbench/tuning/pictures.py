@@ -93,7 +93,7 @@ def _palette(name: str) -> Picture:
     return blue_white_red(np.linspace(-1, 1, 256))
 
 
-def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
+def to_colours(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
     """Colour a map, (H, W): "viridis", "magma" or "diverging" between the limits, grey where it is nan."""
     low, high = limits
     known = np.isfinite(values)

@@ -7,7 +7,7 @@ from endolab.workbench.tuning.panels import differs_by_lam
 
 APART = 1.0  # %; two surfaces that differ by more are not the same
 FLAT = 5.0  # %; a surface with less relief is nearly a sphere, or a plane
-TORN_ELSEWHERE = 0.1  # share of the torn steps by which contours may change without a word
+CUT_ELSEWHERE = 0.1  # share of the cut steps by which contours may change without a word
 
 
 def summary(answer: Answer) -> str:
@@ -21,7 +21,7 @@ def summary(answer: Answer) -> str:
         else answer.stage
     )
     parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
-    parts += [f"{answer.torn:,} px torn"] if answer.torn else []
+    parts += [f"{answer.cut_count:,} px cut"] if answer.cut_count else []
     parts += [ended, f"{answer.seconds:.1f} s"]
     parts += (
         [] if answer.median_error is None else [f"median error {answer.median_error:.2f} %"]
@@ -41,11 +41,11 @@ def warnings(answer: Answer, before: Answer | None) -> list[str]:
             f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %."
         )
     if before is not None and differs_by_lam(before.settings, answer.settings):
-        most = max(before.torn, answer.torn)
-        if abs(before.torn - answer.torn) > TORN_ELSEWHERE * most:
+        most = max(before.cut_count, answer.cut_count)
+        if abs(before.cut_count - answer.cut_count) > CUT_ELSEWHERE * most:
             sentences.append(
-                f"Contours changed with λ: {before.torn:,} px were torn at λ {before.settings.lam:.2g}, "
-                f"and {answer.torn:,} are now."
+                f"Contours changed with λ: {before.cut_count:,} px were cut at λ {before.settings.lam:.2g}, "
+                f"and {answer.cut_count:,} are now."
             )
     if answer.change is not None:
         size = np.abs(answer.change[np.isfinite(answer.change)])

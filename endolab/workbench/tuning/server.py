@@ -68,8 +68,8 @@ class Page:
         self._ending: asyncio.TimerHandle | None = None
         self._asker: _Channel | None = None  # whose message is being answered
 
-    def run(self, opened: Callable[[], object] = lambda: None) -> None:
-        """Serve; `opened` is called when pages can be opened."""
+    def run(self, on_open: Callable[[], object] = lambda: None) -> None:
+        """Serve; `on_open` is called when pages can be opened."""
         page = self
         before = comm.create_comm
 
@@ -87,7 +87,7 @@ class Page:
 
         comm.create_comm = Comm
         try:
-            opened()
+            on_open()
             self.widget = self._make()
             self._loop.run_until_complete(self._serve())
         finally:

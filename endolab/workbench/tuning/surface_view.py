@@ -103,7 +103,7 @@ class SurfaceView(anywidget.AnyWidget):
             What lies on the surface: bytes, or numbers in [0, 1]; larger or smaller than the surface, but of
             its proportions.
         cuts : (2, H, W) bool array, optional
-            Steps to the right and lower neighbour over which the surface is torn.
+            Steps to the right and lower neighbour over which the surface is cut.
         unit : str
         lift : bool
             Make the dark of the picture brighter, as suits a frame; not a map, whose colours have a meaning.
@@ -142,7 +142,7 @@ class SurfaceView(anywidget.AnyWidget):
             self._waits = False
             distance, rays, picture, cuts, unit, lift = self._last
             known = np.isfinite(distance) & (distance > 0)
-            rows, columns = thinned(distance.shape)
+            rows, columns = thin_indices(distance.shape)
             joined = thin_links(links(known, cuts), rows, columns)
             every = np.ix_(rows, columns)
             far = np.where(known, distance, 0)[every]
@@ -151,7 +151,7 @@ class SurfaceView(anywidget.AnyWidget):
                 self.grid = grid_of(rays, rows, columns)
                 self.triangles = join_triangles(far, joined).astype(np.uint32).tobytes()
                 box = box_of(points) if len(points) else [0.0] * 3 + [1.0] * 3
-                if unit != self.unit or not keeps(self.box, box):
+                if unit != self.unit or not fits_box(self.box, box):
                     self.box = box
                     self.unit = unit
                 self.far = far.astype(np.float32).tobytes()
@@ -180,10 +180,10 @@ class SurfaceView(anywidget.AnyWidget):
 
         bundle = super()._repr_mimebundle_(**options)
         if bundle is not None and self._last is not None and not front_end():
-            bundle[0]["image/png"] = self.still()
+            bundle[0]["image/png"] = self.draw_still()
         return bundle
 
-    def still(self) -> bytes:
+    def draw_still(self) -> bytes:
         """Draw what was shown last as a picture, from where it is seen first; PNG."""
         from matplotlib.figure import Figure
 
@@ -192,7 +192,7 @@ class SurfaceView(anywidget.AnyWidget):
         if self._last is None:
             raise ValueError("there is no surface yet: call show")
         distance, rays, picture, _, unit, lift = self._last
-        every = np.ix_(*thinned(distance.shape))
+        every = np.ix_(*thin_indices(distance.shape))
         points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
         colours = (
             cv2.resize(
@@ -271,7 +271,7 @@ def as_texture(picture: np.ndarray, lift: bool) -> Picture:
     return grey_or_colour(brighten(picture) if lift else picture)
 
 
-def thinned(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
+def thin_indices(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
     """Rows and columns of a picture of that shape that have a point: evenly, the outermost ones too."""
     less = max(1.0, shape[0] / ROWS, shape[1] / COLUMNS)
     first, second = (
@@ -306,7 +306,7 @@ def box_of(points: FloatArray) -> list[float]:
     ]
 
 
-def keeps(box: list[float], other: list[float]) -> bool:
+def fits_box(box: list[float], other: list[float]) -> bool:
     """Whether another surface can be seen in the box of the one before."""
     size = np.linalg.norm(np.subtract(other[3:], other[:3]))
     return bool(box) and bool(np.abs(np.subtract(box, other)).max() < KEPT * size)

@@ -28,7 +28,13 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
-from endolab.workbench.tuning.boards import Board, comparable, of_one, of_several, of_two
+from endolab.workbench.tuning.boards import (
+    Board,
+    are_comparable,
+    draw_answer,
+    draw_columns,
+    draw_pair,
+)
 from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import FINAL, Answer, Tuner, sentence_of
 from endolab.workbench.tuning.panels import NEED_UNCERTAINTY, PANELS, USUAL, Dot, View
@@ -220,14 +226,14 @@ class TunerBox(anywidget.AnyWidget):
     def _guard(self, action: Callable[..., object]) -> Callable[..., None]:
         """Say what goes wrong in the status line."""
 
-        def guarded(*given: Any) -> None:
+        def call(*given: Any) -> None:
             try:
                 with self._lock:
                     action(*given)
             except Exception as error:
                 self._refuse(sentence_of(error))
 
-        return guarded
+        return call
 
     def _act(self, name: str, *given: Any) -> None:
         if name not in ACTIONS:
@@ -444,12 +450,16 @@ class TunerBox(anywidget.AnyWidget):
             self._word = self.line = {"text": text, "wrong": wrong}
 
     def _view(self) -> View:
-        explained = None if self.answer is None else self.answer.settings.explained
-        dots = [dot for dot in self.dots if dot.settings.explained == explained]
+        explained_picture = (
+            None if self.answer is None else self.answer.settings.explained_picture
+        )
+        dots = [
+            dot for dot in self.dots if dot.settings.explained_picture == explained_picture
+        ]
         return View((self.knobs["across"], self.knobs["section"] / 100), dots=dots)
 
-    def _of_one(self, answer: Answer) -> Board:
-        return of_one(answer, self.names, self._view(), *self._pixels())
+    def _draw_answer(self, answer: Answer) -> Board:
+        return draw_answer(answer, self.names, self._view(), *self._pixels())
 
     def _pixels(self) -> tuple[tuple[int, int], int]:
         wide, tall = (int(side * self._ratio) for side in self._room)
@@ -460,10 +470,14 @@ class TunerBox(anywidget.AnyWidget):
     def _compose(self, answer: Answer) -> tuple[Board, bool]:
         """What is on the board, and whether that is the one answer alone."""
         if self.columns:
-            return of_several(self.columns, answer, self._view(), *self._pixels()), False
-        if self.kept is not None and self.shows == BESIDE and comparable(self.kept, answer):
-            return of_two(self.kept, answer, self._view(), *self._pixels()), False
-        return self._of_one(answer), True
+            return draw_columns(self.columns, answer, self._view(), *self._pixels()), False
+        if (
+            self.kept is not None
+            and self.shows == BESIDE
+            and are_comparable(self.kept, answer)
+        ):
+            return draw_pair(self.kept, answer, self._view(), *self._pixels()), False
+        return self._draw_answer(answer), True
 
     def _show(self) -> None:
         """Show the one answer: panels, surface, code and status line."""
@@ -595,7 +609,7 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             answer = self._final()
             code = self.python()
-            board = self._of_one(self._final())
+            board = self._draw_answer(self._final())
         calibration = (
             self._calibration
             if answer.settings.scene is None
@@ -603,14 +617,14 @@ class TunerBox(anywidget.AnyWidget):
         )
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
-                self.engine.cold(answer.settings, [recorder])
+                self.engine.solve_cold(answer.settings, [recorder])
                 if answer.uncertainty is not None:
                     recorder.add_uncertainty(answer.uncertainty, answer.result)
             write_files(answer.result, staging, uncertainty=answer.uncertainty)
             write_atomically(staging / "board.png", png(board.picture))
             write_atomically(staging / "result.py", code.encode())
             write_settings(
-                answer.settings.saved(calibration, answer.subject.grey),
+                answer.settings.solving_settings(calibration, answer.subject.grey),
                 staging / "settings.json",
             )
         return Path(folder)

@@ -50,7 +50,7 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
         assert moved.followed is answers[-2].result
         assert moved.followed.provenance.preparation.frame == moved.subject.frame.name
         assert np.abs(np.nanmedian(moved.change)) < 1
-        cold = tuner.cold(replace(SMALL, lam=lam)).result
+        cold = tuner.solve_cold(replace(SMALL, lam=lam)).result
         assert np.array_equal(moved.result.distance, cold.distance, equal_nan=True)
 
 
@@ -141,15 +141,15 @@ def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypa
 
 def test_what_is_compared_is_torn_as_the_answer_is(start):
     tuner, _, _ = start()
-    torn = tuner.cold(Knobs(scene="colon", width=160, contours=True))
-    assert torn.torn > 0
-    several = [replace(torn.settings, lam=lam, contours=None) for lam in (0.1, 10.0)]
+    cut = tuner.solve_cold(Knobs(scene="colon", width=160, contours=True))
+    assert cut.cut_count > 0
+    several = [replace(cut.settings, lam=lam, contours=None) for lam in (0.1, 10.0)]
     found = {}
-    tuner.compare(torn, several, found.__setitem__)
+    tuner.compare(cut, several, found.__setitem__)
     until(lambda: len(found) == 2)
     for number, one in found.items():
         assert one.settings == several[number]
-        assert np.array_equal(one.result.problem.cuts, torn.result.problem.cuts)
+        assert np.array_equal(one.result.problem.cuts, cut.result.problem.cuts)
     assert found[0].data < found[1].data
     assert found[0].roughness > found[1].roughness
 
@@ -158,23 +158,23 @@ def test_a_gain_four_times_as_high_doubles_distances_and_without_one_errors_are_
     start,
 ):
     tuner, _, _ = start()
-    near, far = (tuner.cold(replace(SMALL, gain=gain)) for gain in (1.0, 4.0))
+    near, far = (tuner.solve_cold(replace(SMALL, gain=gain)) for gain in (1.0, 4.0))
     assert np.nanmax(np.abs(far.result.distance / near.result.distance - 2)) < 1e-3
     unknown = replace(
         PAPER.resize(160, 120), photometry=replace(PAPER.photometry, gain=None)
     )
     subject = near.subject
     tuner, _, _ = start(unknown, frame=subject.frame, truth=subject.truth)
-    blind = tuner.cold(Knobs(scene=None, width=160))
+    blind = tuner.solve_cold(Knobs(scene=None, width=160))
     assert not blind.result.metric
     assert blind.median_error < 3
 
 
 def test_relief_tells_a_sphere_a_plane_and_a_tube_apart(start):
     tuner, _, _ = start()
-    smooth = tuner.cold(replace(SMALL, scene="colon", regulariser="first", lam=1e4))
-    plane = tuner.cold(replace(SMALL, scene="plane"))
-    tube = tuner.cold(SMALL)
+    smooth = tuner.solve_cold(replace(SMALL, scene="colon", regulariser="first", lam=1e4))
+    plane = tuner.solve_cold(replace(SMALL, scene="plane"))
+    tube = tuner.solve_cold(SMALL)
     assert smooth.relief[0] < 5 < min(tube.relief)
     assert plane.relief[1] < 5 < plane.relief[0]
 
