@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from endolab.batch.table import STEP, Row, step_row
+from endolab.batch.table import FRAME_COLUMNS, Row, step_row
 from endolab.frames.frame import Frame, check_size, shrunk_bytes
 from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
@@ -31,13 +31,7 @@ if TYPE_CHECKING:
     from endolab.workbench.recording.stream import Sink
 
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
-ENDING = 2.0  # s that a reader gets to end
-CURVES = {
-    "Lag, s": ["lag"],
-    "Frames dropped": ["dropped"],
-    "Median distance": ["median_distance"],
-}
-COLUMNS = (*STEP[:-1], "dropped", "lag", "error")
+LIVE_COLUMNS = (*FRAME_COLUMNS[:-1], "dropped", "lag", "error")
 
 Shot = tuple[
     int, str, np.ndarray, float
@@ -90,7 +84,7 @@ def read_newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
         if isinstance(frames, Stream):
             frames.close()
         drop()
-        reader.join(ENDING)
+        reader.join(2.0)
 
 
 def reconstruct_live(
@@ -231,6 +225,11 @@ def log_steps(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[Live
     """Give the steps on, each when its surface was logged where the `sinks` lead."""
     from endolab.workbench.recording.sequence import SequenceRecorder
 
+    curves = {
+        "Lag, s": ["lag"],
+        "Frames dropped": ["dropped"],
+        "Median distance": ["median_distance"],
+    }
     recorders: list[SequenceRecorder] = []
     for step in steps:
         if step.result is not None:
@@ -238,9 +237,9 @@ def log_steps(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[Live
             problem = step.result.problem
             row = live_row(step)
             recorders = recorders or [
-                SequenceRecorder(sink, problem.unit, curves=CURVES) for sink in sinks
+                SequenceRecorder(sink, problem.unit, curves=curves) for sink in sinks
             ]
-            scalars = {name: row[name] for names in CURVES.values() for name in names}
+            scalars = {name: row[name] for names in curves.values() for name in names}
             for recorder in recorders:
                 recorder.log(
                     step.index,

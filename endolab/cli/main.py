@@ -26,16 +26,9 @@ from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
 from endolab.io.atomic import without_secrets
 
-UNREAD = 141  # the exit status, as shells know it
+# Of `simulate`, but for its calibration video.
+FRAME_OPTIONS = ("texture", "fog", "highlights")
 _ended: list[int] = []  # the signals that asked for an end
-LONGEST_COMPLAINT = (
-    600  # characters of a complaint; what was typed may be as long as it likes
-)
-FRAME_OPTIONS = (
-    "texture",
-    "fog",
-    "highlights",
-)  # of `simulate`, but for its calibration video
 
 
 def _check_scenes_options(arguments: argparse.Namespace) -> None:
@@ -327,8 +320,8 @@ def to_one_line(error: object) -> str:
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     text = without_secrets(text)
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
-    if len(text) > LONGEST_COMPLAINT:
-        text = f"{text[: LONGEST_COMPLAINT // 2]} … {text[-LONGEST_COMPLAINT // 2 :]}"
+    if len(text) > 600:  # what was typed may be as long as it likes
+        text = f"{text[:300]} … {text[-300:]}"
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
     )
@@ -365,7 +358,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return UNREAD
+        return 141  # as shells know it
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
         print(f"endolab: {to_one_line(error)}", file=sys.stderr)
         return 2

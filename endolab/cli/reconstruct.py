@@ -20,8 +20,6 @@ from endolab.cli.options import (
 )
 
 SNAPSHOTS = 12  # of a march, in its recording
-LARGE_FRAME = 4_000_000  # px of a frame that takes long
-OF_ONE = ("mesh", "prepare", "uncertainty", "snapshots")  # options that are of one frame
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
@@ -36,13 +34,16 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     arguments.frame = source
     if arguments.out is None and not arguments.live:
         raise ValueError("--out is missing: the folder for the results")
+    of_one_frame = ("mesh", "prepare", "uncertainty", "snapshots")
     if arguments.live or is_stream(source):
         _refuse(
-            arguments, (*OF_ONE, "every"), "a camera, whose frames are taken as they come"
+            arguments,
+            (*of_one_frame, "every"),
+            "a camera, whose frames are taken as they come",
         )
         _reconstruct_live(arguments)
     elif is_sequence(source):
-        _refuse(arguments, OF_ONE, "a folder or a video")
+        _refuse(arguments, of_one_frame, "a folder or a video")
         _reconstruct_video(arguments)
     else:
         _refuse(arguments, ("every", "limit"), "one picture")
@@ -59,7 +60,7 @@ def _say_if_large(arguments: argparse.Namespace, calibration: Any) -> None:
     camera = calibration.camera
     wide = arguments.width or camera.width
     pixels = wide**2 * camera.height / camera.width
-    if pixels > LARGE_FRAME:
+    if pixels > 4e6:
         print(
             f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.",
             flush=True,
@@ -267,7 +268,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
 def _reconstruct_live(arguments: argparse.Namespace) -> None:
     """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
     from endolab.batch.live import (
-        COLUMNS,
+        LIVE_COLUMNS,
         LIVE_WIDTH,
         live_row,
         live_summary,
@@ -327,7 +328,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         if arguments.out is not None:
             if not rows:
                 raise ValueError(f"{arguments.frame} gave no frame")
-            write_rows(folder / "frames.csv", COLUMNS, rows)
+            write_rows(folder / "frames.csv", LIVE_COLUMNS, rows)
             write_atomically(
                 folder / "report.json", as_json({"endolab": 1, "live": summary})
             )

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
     from endolab.numerics.arrays import FloatArray
 
-PORT = 8877  # the first that is tried, apart from JupyterLab's
-
 
 def _tune(arguments: argparse.Namespace) -> None:
     need("ipywidgets", "anywidget", "tornado")
@@ -139,9 +137,9 @@ def add_tune_command(commands: Any) -> None:
     option(
         "--port",
         type=integer,
-        default=PORT,
+        default=8877,  # apart from JupyterLab's
         metavar="N",
-        help=f"the next free one (default {PORT})",
+        help="the next free one (default 8877)",
     )
     text = "of a proxy in front of it, such as https://lab.example.org, whose pages may come too"
     option("--origin", metavar="URL", help=text)

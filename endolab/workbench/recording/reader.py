@@ -18,12 +18,11 @@ from endolab.io.atomic import PathLike, one_sentence
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.workbench.recording import decoder
-from endolab.workbench.recording.layouts import TIMELINE
+from endolab.workbench.recording.layouts import ITERATIONS
 from endolab.workbench.recording.recorder import stage_of
 
 # Rows of a component: iteration (None if it stays) to its arrow values.
 Rows = dict[int | None, Any]
-DECODE_TIMEOUT = 60  # s that a file may take to decode, and one more for each megabyte
 
 
 def read_recording(path: PathLike) -> Recording:
@@ -77,11 +76,11 @@ def read_recording(path: PathLike) -> Recording:
 def _take(batch: Any, entities: dict[str, dict[str, Rows]]) -> None:
     """Sort the rows of a batch by entity, component and iteration."""
     entity = (batch.schema.metadata or {}).get(b"rerun:entity_path", b"").decode()
-    timed = TIMELINE in batch.schema.names and pa.types.is_int64(
-        batch.schema.field(TIMELINE).type
+    timed = ITERATIONS in batch.schema.names and pa.types.is_int64(
+        batch.schema.field(ITERATIONS).type
     )
     at: list[int | None] = (
-        batch.column(TIMELINE).to_pylist() if timed else [None] * len(batch)
+        batch.column(ITERATIONS).to_pylist() if timed else [None] * len(batch)
     )
     for name, kind in zip(batch.schema.names, batch.schema.types, strict=True):
         if ":" in name and pa.types.is_list(kind):
@@ -108,7 +107,7 @@ def _batches(path: Path) -> Iterator[Any]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        timeout=DECODE_TIMEOUT + size / 1e6,
+        timeout=60 + size / 1e6,  # s: one more for each megabyte
         check=False,
     )
     if program.returncode:

@@ -19,7 +19,7 @@ from endolab.reconstruction.scale import scale_of
 from endolab.solvers.result import Result
 from endolab.workbench.plots.maps import overview
 from endolab.workbench.plots.preparation import prepare_figure
-from endolab.workbench.plots.scales import DECIDERS, in_colour
+from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
 
 if TYPE_CHECKING:
     from endolab.frames.prepare import Prepared
@@ -81,7 +81,7 @@ def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str,
         ),
         "sigma_scale_percent": 100 * uncertainty.sigma_scale,
         "dominant_source": {
-            name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)
+            name: float((decided == k).mean()) for k, name in enumerate(SOURCE_COLOURS, 1)
         },
         "causes_percent": {
             name: float(100 * np.median(a[inside]))

@@ -11,10 +11,9 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.tuning.engine import Answer
 from endolab.workbench.tuning.panels import PANELS, Panel, View, ratio_of
-from endolab.workbench.tuning.pictures import BAR, Chart, Map, Picture, scale_bar
+from endolab.workbench.tuning.pictures import DRAWING, Chart, Map, Picture, scale_bar
 
-COLUMNS = 3
-ROWS = ("distance", "model - frame", "section")  # of answers that are compared
+COMPARED_PANELS = ("distance", "model - frame", "section")
 Box = list[float]  # left, top, right, bottom
 Rows = Sequence[Sequence[tuple[Panel, Answer] | None]]
 
@@ -109,9 +108,8 @@ def draw_answer(
 ) -> Board:
     """The panels of an answer, three in a row."""
     panels = [(PANELS[name](answer, view), answer) for name in names]
-    return _board(
-        [panels[i : i + COLUMNS] for i in range(0, len(panels), COLUMNS)], room, text
-    )
+    rows = [panels[i : i + 3] for i in range(0, len(panels), 3)]
+    return _board(rows, room, text)
 
 
 def are_comparable(a: Answer, b: Answer) -> bool:
@@ -131,7 +129,7 @@ def draw_pair(
     """A beside B with the same scales, their ratio and their sections."""
     thirds = ratio_of(a, b), PANELS["section"](b, replace(view, like=a, beside=a))
     rows = []
-    for name, third in zip(ROWS[:2], thirds, strict=True):
+    for name, third in zip(COMPARED_PANELS[:2], thirds, strict=True):
         left, right = (PANELS[name](answer, replace(view, like=a)) for answer in (a, b))
         rows.append([(_name_panel("A", left), a), (_name_panel("B", right), b), (third, b)])
     return _board(rows, room, text)
@@ -151,7 +149,7 @@ def draw_columns(
             return None
         shown = PANELS[name](answer, replace(view, like=like))
         title = shown.title.split(",")[0]
-        if name == ROWS[0]:
+        if name == COMPARED_PANELS[0]:
             title = f"{label}: {title.lower()}"
         if isinstance(shown, Chart):  # no room for the names of its curves
             shown = replace(shown, curves=[("", *curve[1:]) for curve in shown.curves])
@@ -163,8 +161,8 @@ def draw_columns(
         return replace(shown, title=title), answer
 
     return _board(
-        [[panel(name, *labelled) for labelled in answers] for name in ROWS],
+        [[panel(name, *labelled) for labelled in answers] for name in COMPARED_PANELS],
         room,
         text,
-        BAR * text,
+        DRAWING.scale_width * text,
     )

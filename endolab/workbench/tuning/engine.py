@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
@@ -33,15 +34,30 @@ from endolab.solvers.result import Iterate, Observer, Result, run, with_provenan
 from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
-PICTURE_INTERVAL = 0.4  # s that a full solve takes between one picture and the next
-LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
-DRAWS = 8  # of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less
-# The most steps of a quick answer, from a start and from nothing.
-QUICK_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
-# stages of an answer
-FIRST = "first look"
-SOFAR = "so far"
-FINAL = "final"
+
+@dataclass(frozen=True)
+class Pace:
+    """What makes the tuner quick, chosen by hand at the knobs."""
+
+    picture_interval: float = 0.4  # s of a full solve between one picture and the next
+    least_width: int = 128  # px, of a frame that is worth solving at half its size first
+    # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
+    draws: int = 8
+
+    def quick_steps(self, solver: str) -> tuple[int, int] | None:
+        """The most steps of a quick answer, from a start and from nothing; None if there is no limit."""
+        return {"gauss_newton": (3, 10), "primal_dual": (60, 120)}.get(solver)
+
+
+class Stage(StrEnum):
+    """How far an answer has come."""
+
+    FIRST = "first look"
+    SOFAR = "so far"  # what a long solve has
+    FINAL = "final"
+
+
+PACE = Pace()
 IsStale = Callable[[], bool]
 
 
@@ -50,7 +66,7 @@ class Answer:
     """What the tuner found for one position of the knobs."""
 
     settings: Knobs
-    stage: str  # `FIRST`, `FINAL`, and between them `SOFAR`: what a long solve has so far
+    stage: Stage
     seconds: float  # that it took
     subject: Subject  # what was looked at
     result: Result
@@ -255,7 +271,10 @@ class Tuner:
             believed = known.believed(answer.subject.calibration)
             with suppress(Stopped):  # only a wish that came since does that
                 uncertainty = uncertainty_of(
-                    answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()]
+                    answer.result,
+                    believed,
+                    draws=PACE.draws,
+                    observers=[lambda _: is_stale()],
                 )
                 if not is_stale():
                     self._tell_final(replace(answer, uncertainty=uncertainty))
@@ -309,7 +328,7 @@ class Tuner:
         keywords = {**saved.keywords, **options}
         known = saved.believed(subject.calibration)
         result = reconstruct(subject.frame, known, observers=observers, **keywords)
-        return Answer(settings, FINAL, time.perf_counter() - started, subject, result)
+        return Answer(settings, Stage.FINAL, time.perf_counter() - started, subject, result)
 
     # In the tuner's thread ---------------------------------------------------------------
 
@@ -331,7 +350,7 @@ class Tuner:
             return
 
         def tell(sofar: Result) -> None:
-            self.tell(Answer(settings, SOFAR, sofar.seconds, subject, sofar))
+            self.tell(Answer(settings, Stage.SOFAR, sofar.seconds, subject, sofar))
 
         answer = self._solve(subject, settings, [_watch(is_stale, tell)])
         if not is_stale():
@@ -341,7 +360,7 @@ class Tuner:
     def _quick(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> Answer | None:
         """What follows from the last answer, or one of half the size; None if there is no point in either."""
         started = time.perf_counter()
-        steps = QUICK_STEPS.get(settings.solver)
+        steps = PACE.quick_steps(settings.solver)
         before = self._settled
         # These leave light and contours as they are.
         moved: dict[str, Any] = {"lam": settings.lam, "epsilon": settings.epsilon}
@@ -353,13 +372,13 @@ class Tuner:
                 with_provenance(solver, before.result.provenance), [_watch(is_stale)]
             )
             seconds = time.perf_counter() - started
-            return Answer(settings, FIRST, seconds, subject, result, followed=result)
-        if settings.width < LEAST_WIDTH:
+            return Answer(settings, Stage.FIRST, seconds, subject, result, followed=result)
+        if settings.width < PACE.least_width:
             return None
         options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}
         options["width"] = min(settings.width, subject.frame.width) // 2
         return replace(
-            self._solve(subject, settings, [_watch(is_stale)], **options), stage=FIRST
+            self._solve(subject, settings, [_watch(is_stale)], **options), stage=Stage.FIRST
         )
 
 
@@ -370,7 +389,7 @@ def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) ->
     def watch(iterate: Iterate) -> bool:
         nonlocal last_told
         now = time.perf_counter()
-        if tell is not None and now - last_told > PICTURE_INTERVAL and not is_stale():
+        if tell is not None and now - last_told > PACE.picture_interval and not is_stale():
             row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
             tell(Result(iterate, Status.STOPPED, [row], now - started))
             last_told = time.perf_counter()

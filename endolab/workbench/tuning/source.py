@@ -17,8 +17,6 @@ from endolab.reconstruction.settings import Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
-KEPT = 6  # rendered frames that are remembered
-
 
 @dataclass(frozen=True)
 class Knobs(Settings):
@@ -162,7 +160,7 @@ class Source:
         self.calibration = calibration
         self.frame = frame
         self.truth = truth
-        self._rendered = lru_cache(KEPT)(self._render)
+        self._rendered = lru_cache(6)(self._render)  # the last six scenes
 
     def subject(self, settings: Knobs) -> Subject:
         """The frame that the settings call for; ValueError, in one sentence, if there is none."""

@@ -10,7 +10,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.workbench.tuning import engine
-from endolab.workbench.tuning.engine import FINAL, FIRST, Tuner, sentence_of
+from endolab.workbench.tuning.engine import Stage, Tuner, sentence_of
 from endolab.workbench.tuning.source import Knobs
 
 PAPER = datasets.load_calibration("paper")
@@ -40,7 +40,7 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
     tuner, answers, _ = start()
     tuner.ask(SMALL)
     final = tuner.wait(60)
-    assert [one.stage for one in answers] == [FIRST, FINAL]
+    assert [one.stage for one in answers] == [Stage.FIRST, Stage.FINAL]
     assert answers[0].result.mask.shape == (60, 80)
     assert answers[-1] is final
     for lam in (0.1, 3.0):  # the first look follows from the answer before, at its size
@@ -61,13 +61,13 @@ def test_of_many_wishes_the_last_is_answered_and_no_other_to_its_end(start):
         time.sleep(0.01)
     tuner.ask(SMALL)
     assert tuner.wait(60).settings == SMALL
-    assert [one.settings for one in answers if one.stage == FINAL] == [SMALL]
+    assert [one.settings for one in answers if one.stage == Stage.FINAL] == [SMALL]
 
 
 def test_a_stale_solve_is_stopped_within_a_step_or_two(start):
     tuner, answers, _ = start()
     tuner.ask(replace(SMALL, solver="primal_dual", max_iterations=10**6, lam=1e-3))
-    until(lambda: any(one.stage != FIRST for one in answers))  # what it has so far
+    until(lambda: any(one.stage != Stage.FIRST for one in answers))  # what it has so far
     started = time.monotonic()
     tuner.ask(replace(SMALL, solver="facing"))
     assert tuner.wait(60).settings.solver == "facing"
@@ -133,8 +133,8 @@ def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypa
     monkeypatch.setattr(engine, "reconstruct", reconstruct)
     tuner, answers, refused = start()
     tuner.ask(SMALL)
-    assert tuner.wait(60).stage == FINAL
-    assert FIRST not in [answer.stage for answer in answers]
+    assert tuner.wait(60).stage == Stage.FINAL
+    assert Stage.FIRST not in [answer.stage for answer in answers]
     assert len(refused) == 1
     assert "too small for it" in refused[0]
 

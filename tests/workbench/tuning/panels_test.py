@@ -9,20 +9,24 @@ import endolab as el
 from endolab import datasets
 from endolab.reconstruction.uncertainty.estimate import noise_left
 from endolab.solvers.problem import NONE
-from endolab.workbench.plots.scales import DECIDERS
+from endolab.workbench.plots.scales import OKABE_ITO, SOURCE_COLOURS
 from endolab.workbench.tuning.boards import draw_answer, draw_columns, draw_pair
 from endolab.workbench.tuning.engine import Tuner
 from endolab.workbench.tuning.panels import (
-    BELOW_NOISE,
-    CUT,
     PANELS,
-    SILENT,
-    USUAL,
+    USUAL_PANELS,
     Dot,
     View,
     ratio_of,
 )
-from endolab.workbench.tuning.pictures import Chart, Map, log_ticks, ticks, to_colours
+from endolab.workbench.tuning.pictures import (
+    DRAWING,
+    Chart,
+    Map,
+    log_ticks,
+    ticks,
+    to_colours,
+)
 from endolab.workbench.tuning.sentences import summary, warnings
 from endolab.workbench.tuning.source import Knobs
 
@@ -65,7 +69,7 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
     shown = PANELS["σ"](trusted, View())
     assert np.array_equal(shown.picture, to_colours(sigma, shown.limits, "magma"))
     decided = PANELS["what determined each pixel"](trusted, View()).picture
-    for k, colour in enumerate(DECIDERS.values(), 1):
+    for k, colour in enumerate(SOURCE_COLOURS.values(), 1):
         assert np.array_equal(
             (decided == colour).all(axis=-1), trusted.uncertainty.dominant_source == k
         )
@@ -75,23 +79,23 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
 def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
     quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result)[0]
-    assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
+    assert np.array_equal((residual == DRAWING.below_noise).all(axis=-1), quiet)
     cuts = np.zeros((2, 120, 160), bool)
     evidence = np.zeros((120, 160), np.int8)
     cuts[0, 40:80, 80] = True
     evidence[50:60, 20:30] = NONE
     cut_answer = changed(answer, cuts=cuts, evidence=evidence)
     shown = PANELS["contours"](cut_answer, View())
-    assert (shown.picture[40:80, 80] == CUT).all()
-    assert (shown.picture[50:60, 20:30] == SILENT).all()
+    assert (shown.picture[40:80, 80] == OKABE_ITO.vermilion).all()
+    assert (shown.picture[50:60, 20:30] == OKABE_ITO.purple).all()
     assert "cut" in shown.says(50, 80)
     assert "40 px cut" in summary(cut_answer)
 
 
 def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
-    board = draw_answer(answer, USUAL, View(), ROOM)
+    board = draw_answer(answer, USUAL_PANELS, View(), ROOM)
     assert board.picture.shape == (640, 1200, 3)
-    for name, place in zip(USUAL, board.places, strict=True):
+    for name, place in zip(USUAL_PANELS, board.places, strict=True):
         wide = place.box[2] - place.box[0]
         tall = place.box[3] - place.box[1]
         assert (wide, tall) == pytest.approx((1 / 3, 1 / 2))

@@ -11,9 +11,7 @@ from endolab import datasets
 from endolab.numerics.derivatives import links
 from endolab.workbench.recording import viewer
 from endolab.workbench.tuning.surface_view import (
-    COLUMNS,
-    ROWS,
-    TEXTURE,
+    PANEL,
     SurfaceView,
     box_of,
     fits_box,
@@ -90,8 +88,8 @@ def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view):
 )
 def test_large_frames_are_thinned_evenly_and_to_their_rim(height, width):
     rows, columns = thin_indices((height, width))
-    assert len(rows) <= ROWS
-    assert len(columns) <= COLUMNS
+    assert len(rows) <= PANEL.rows
+    assert len(columns) <= PANEL.columns
     for places, count in ((rows, height), (columns, width)):
         assert places[0] == 0
         assert len(places) == 1 or places[-1] == count - 1
@@ -176,7 +174,7 @@ def test_a_large_picture_is_shrunk_and_a_dark_one_lifted_if_asked_for(view):
     picture[:40] = 0.2
     view.show(distance, rays, picture)
     seen = cv2.imdecode(np.frombuffer(view.picture, np.uint8), cv2.IMREAD_COLOR)
-    assert seen.shape == (0.75 * TEXTURE, TEXTURE, 3)
+    assert seen.shape == (0.75 * PANEL.texture_columns, PANEL.texture_columns, 3)
     assert np.median(seen) == pytest.approx(25, abs=2)
     view.drawn = 1
     view.show(distance, rays, picture, lift=True)
