@@ -212,10 +212,10 @@ def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
     try:
         opened: Any = nullcontext(distributed.get_client())
     except ValueError:
-        there = dask.config.get("scheduler-address", None)
+        scheduler = dask.config.get("scheduler-address", None)
         opened = (
-            distributed.Client(there)
-            if there
+            distributed.Client(scheduler)
+            if scheduler
             else distributed.Client(dashboard_address=None)
         )
     with opened as client:

@@ -357,12 +357,12 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
     samples = session.samples
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
-    here = samples_of(session, best_frame(session))
+    of_frame = samples_of(session, best_frame(session))
     with house(HOUSE.page_text_size):
         figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
         plots_of_light.show_sampling(
-            image, samples[here], session.camera, sampling, used=light.used[here]
+            image, samples[of_frame], session.camera, sampling, used=light.used[of_frame]
         )
         plots_of_light.show_light_residuals(light, residuals)
         plots_of_light.show_fall_off(light, fall_off)

@@ -154,15 +154,15 @@ def show_gains(
     )
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
     if distance is not None:
-        other = ax.twinx()
-        other.set_ylabel("mean distance of the sheet [mm]")
-        for each, colour in ((ax, HOUSE.vermilion), (other, HOUSE.blue)):
-            each.yaxis.label.set_color(colour)
-            each.tick_params(axis="y", colors=colour)
-        handles += other.plot(
+        twin = ax.twinx()
+        twin.set_ylabel("mean distance of the sheet [mm]")
+        for axes, colour in ((ax, HOUSE.vermilion), (twin, HOUSE.blue)):
+            axes.yaxis.label.set_color(colour)
+            axes.tick_params(axis="y", colors=colour)
+        handles += twin.plot(
             frames, distance, color=HOUSE.blue, lw=1.5, ls="--", label="distance"
         )
-        other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
+        twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
     return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
 

@@ -189,12 +189,16 @@ class _Recording:
         session = self.session
         light = self.session.light
         names = list(session.poses)
-        here = session.samples.frame == (names.index(name) if name in session.poses else -1)
-        colours = np.full((int(here.sum()), 3), TRUTH_COLOUR, dtype=np.uint8)
+        of_frame = session.samples.frame == (
+            names.index(name) if name in session.poses else -1
+        )
+        colours = np.full((int(of_frame.sum()), 3), TRUTH_COLOUR, dtype=np.uint8)
         if light is not None:
-            used = light.used[here]
-            colours[used] = blue_white_red(light.residuals[here][used] / (3 * light.sigma))
-        places = self._places(session.camera.project(session.samples.points[here]))
+            used = light.used[of_frame]
+            colours[used] = blue_white_red(
+                light.residuals[of_frame][used] / (3 * light.sigma)
+            )
+        places = self._places(session.camera.project(session.samples.points[of_frame]))
         self.sink.log(
             "picture/samples",
             rr.Points2D(places, colors=colours, radii=rr.Radius.ui_points(4.0)),

@@ -24,8 +24,8 @@ def start_viewer(
     One that is started forgets what is oldest when it takes that much `memory`, such as "2GB". Not by
     ``rr.spawn``, which listens to the network. An OSError says that it does not start.
     """
-    there = is_listening(VIEWER_PORT)
-    if there and path is None:
+    is_running = is_listening(VIEWER_PORT)
+    if is_running and path is None:
         return None
     screens = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # Linux has one of them then
     if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
@@ -60,7 +60,7 @@ def start_viewer(
         not is_listening(VIEWER_PORT) and time.monotonic() < started + 20
     ):
         if viewer.poll() is not None:
-            if there and viewer.returncode == 0:  # it has passed the recording on
+            if is_running and viewer.returncode == 0:  # it has passed the recording on
                 return None
             raise OSError(NO_SCREEN)
         time.sleep(0.1)

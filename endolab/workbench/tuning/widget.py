@@ -340,10 +340,10 @@ class TunerBox(anywidget.AnyWidget):
     def _dot(self, answer: Answer, kept: Answer | None) -> None:
         """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
         settings = answer.settings
-        others = [dot for dot in self.dots if dot.settings != settings][-BOARD.most_dots :]
-        forgotten = [replace(dot, answer=None) for dot in others[: -BOARD.remembered]]
+        earlier = [dot for dot in self.dots if dot.settings != settings][-BOARD.most_dots :]
+        forgotten = [replace(dot, answer=None) for dot in earlier[: -BOARD.remembered]]
         new = Dot(kept, settings, answer.data, answer.roughness)
-        self.dots = [*forgotten, *others[-BOARD.remembered :], new]
+        self.dots = [*forgotten, *earlier[-BOARD.remembered :], new]
 
     def bring_back(self, settings: Knobs) -> None:
         """Show the answer of these settings, if it is remembered, or else ask for it."""
