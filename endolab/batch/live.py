@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from endolab.batch.table import STEP, Row, step_row
+from endolab.batch.table import FRAME_COLUMNS, Row, step_row
 from endolab.frames.frame import Frame, check_size, shrink_bytes
 from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
@@ -32,13 +32,7 @@ if TYPE_CHECKING:
     from endolab.workbench.recording.stream import Sink
 
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
-ENDING = 2.0  # s that a reader gets to end
-CURVES = {
-    "Lag, s": ["lag"],
-    "Frames dropped": ["dropped"],
-    "Median distance": ["median_distance"],
-}
-COLUMNS = (*STEP[:-1], "dropped", "lag", "error")
+LIVE_COLUMNS = (*FRAME_COLUMNS[:-1], "dropped", "lag", "error")
 
 Shot = tuple[
     int, str, np.ndarray, float
@@ -53,7 +47,7 @@ class LiveStep(Step):
     lag: float = 0.0  # s from the frame's coming to its surface
 
 
-def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
+def read_newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
     """Read frames in a thread, as fast as they come, and give always the last; when closed, it ends.
 
     What the reader raises is raised here. A camera that does not answer is left to itself at the end.
@@ -91,7 +85,7 @@ def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
         if isinstance(frames, Stream):
             frames.close()
         drop()
-        reader.join(ENDING)
+        reader.join(2.0)
 
 
 def reconstruct_live(
@@ -157,13 +151,13 @@ def reconstruct_live(
         if options.get(name) is not None
     }
     named = isinstance(source, int | str | os.PathLike)
-    shots = newest(open_stream(source) if named else source)  # type: ignore[arg-type]
+    shots = read_newest(open_stream(source) if named else source)  # type: ignore[arg-type]
     taken: list[Shot] = []
 
     def frames(first: Shot) -> Iterator[tuple[str, Frame]]:
         for shot in islice(chain([first], shots), limit):
             taken.append(shot)
-            yield shot[1], _shrunk(shot, inside, camera, calibration.photometry.gamma)
+            yield shot[1], _shrink(shot, inside, camera, calibration.photometry.gamma)
 
     with closing(shots):
         first = next(shots, None)
@@ -183,7 +177,7 @@ def reconstruct_live(
             last = count
 
 
-def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
+def _shrink(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
     """Make a small frame; one of another size than the mask's stays as it is, to be refused."""
     _, name, picture, _ = shot
     size = (camera.width, camera.height)
@@ -228,10 +222,15 @@ def live_summary(rows: list[Row], seconds: float) -> str:
     )
 
 
-def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
+def log_steps(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
     """Give the steps on, each when its surface was logged where the `sinks` lead."""
     from endolab.workbench.recording.sequence import SequenceRecorder
 
+    curves = {
+        "Lag, s": ["lag"],
+        "Frames dropped": ["dropped"],
+        "Median distance": ["median_distance"],
+    }
     recorders: list[SequenceRecorder] = []
     for step in steps:
         if step.result is not None:
@@ -239,9 +238,9 @@ def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep
             problem = step.result.problem
             row = live_row(step)
             recorders = recorders or [
-                SequenceRecorder(sink, problem.unit, curves=CURVES) for sink in sinks
+                SequenceRecorder(sink, problem.unit, curves=curves) for sink in sinks
             ]
-            scalars = {name: row[name] for names in CURVES.values() for name in names}
+            scalars = {name: row[name] for names in curves.values() for name in names}
             for recorder in recorders:
                 recorder.log(
                     step.index,

@@ -35,9 +35,7 @@ from endolab.solvers.solvers import DEFAULT_SOLVER, check_solver_options
 
 KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
-COLUMNS = (*KEY, "status", *MEASURED, *ERRORS, "error")
-WORDS = ("frame", "xi", "regulariser", "solver", "options", "status", "error")
-BACKENDS = ("loky", "threading", "dask")
+SWEEP_COLUMNS = (*KEY, "status", *MEASURED, *ERRORS, "error")
 
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
 Task = tuple[Row, Frame | PathLike, Truth | None]
@@ -75,7 +73,7 @@ def sweep(
         For each frame the true distances (H, W), mm, or a pair of these and the normals (H, W, 3),
         or the path of a ``truth.npz``; resampled if the frame is shrunk.
     table : path
-        CSV with the columns `COLUMNS`, a row for every reconstruction: errors in mm, % and degrees
+        CSV with the columns `SWEEP_COLUMNS`, a row for every reconstruction: errors in mm, % and degrees
         (of results in relative units after scaling by the median); an error is one sentence. It is
         replaced whole after each reconstruction. Rows that are there already are not made again,
         but for those with an error and those that lack a truth which is given now; other rows of
@@ -107,8 +105,9 @@ def sweep(
     [(0.1, 'CONVERGED'), (1.0, 'CONVERGED')]
     """
     check_solver_options(solver, {})
-    if backend not in BACKENDS:
-        raise unknown_name("backend", backend, BACKENDS)
+    backends = ("loky", "threading", "dask")
+    if backend not in backends:
+        raise unknown_name("backend", backend, backends)
     if n_jobs == 0:
         raise ValueError(
             "n_jobs (--jobs) must be at least 1, or -1 for as many as cores, got 0"
@@ -139,7 +138,7 @@ def sweep(
     def write() -> None:
         write_rows(
             target,
-            COLUMNS,
+            SWEEP_COLUMNS,
             (rows[key] for key in sorted(rows, key=lambda key: place.get(key, -1))),
         )
 
@@ -213,10 +212,10 @@ def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
     try:
         opened: Any = nullcontext(distributed.get_client())
     except ValueError:
-        there = dask.config.get("scheduler-address", None)
+        scheduler = dask.config.get("scheduler-address", None)
         opened = (
-            distributed.Client(there)
-            if there
+            distributed.Client(scheduler)
+            if scheduler
             else distributed.Client(dashboard_address=None)
         )
     with opened as client:
@@ -256,10 +255,10 @@ def _name_frames(
         raise ValueError(
             f"expected a truth for each of {len(names)} frames, found {len(truths)}"
         )
-    return zip(names, map(_anywhere, frames), map(_anywhere, truths), strict=True)
+    return zip(names, map(_absolute, frames), map(_absolute, truths), strict=True)
 
 
-def _anywhere(what: Any) -> Any:
+def _absolute(what: Any) -> Any:
     """Name a file so that workers find it, which may be in another folder."""
     return Path(what).absolute() if isinstance(what, str | os.PathLike) else what
 
@@ -325,4 +324,5 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
 
     ValueError or OSError in one sentence, if it cannot be read or is another table.
     """
-    return {_key(row): row for row in read_rows(path, COLUMNS, WORDS)}
+    words = ("frame", "xi", "regulariser", "solver", "options", "status", "error")
+    return {_key(row): row for row in read_rows(path, SWEEP_COLUMNS, words)}

@@ -14,11 +14,14 @@ from endolab.reconstruction.sequence import Step
 from endolab.solvers.result import Result
 
 Row = dict[str, Any]
-WORDS = ("frame", "status", "unit", "error")
 MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds")
-SURFACE = ("gain", "median_distance", "pixels")
-# The columns of a video's table.
-STEP = ("index", "frame", "status", "warm", "torn", "unit", *MEASURED, *SURFACE, "error")
+# The columns of a video's table, and those of them that hold text.
+FRAME_COLUMNS = (
+    *("index", "frame", "status", "warm", "min_steepness", "unit"),
+    *MEASURED,
+    *("gain", "median_distance", "pixels", "error"),
+)
+TEXT_COLUMNS = ("frame", "status", "unit", "error")
 
 
 def measure_result(result: Result) -> Row:
@@ -34,8 +37,8 @@ def measure_result(result: Result) -> Row:
 
 
 def step_row(step: Step, index: int) -> Row:
-    """What a row tells of a frame of a video or of a camera; see `STEP`."""
-    row: Row = dict.fromkeys(STEP, math.nan) | {
+    """What a row tells of a frame of a video or of a camera; see `FRAME_COLUMNS`."""
+    row: Row = dict.fromkeys(FRAME_COLUMNS, math.nan) | {
         "index": index,
         "frame": step.name,
         "status": "",
@@ -53,7 +56,7 @@ def step_row(step: Step, index: int) -> Row:
             "unit": problem.unit,
             "gain": problem.photometry.gain,
         }
-        row |= {"torn": min_steepness_of(step.result) or 0, "pixels": known.size}
+        row |= {"min_steepness": min_steepness_of(step.result) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
 

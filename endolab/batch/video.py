@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from endolab._extras import lacking
-from endolab.batch.table import STEP, WORDS, Row, read_rows, step_row, write_rows
+from endolab.batch.table import (
+    FRAME_COLUMNS,
+    TEXT_COLUMNS,
+    Row,
+    read_rows,
+    step_row,
+    write_rows,
+)
 from endolab.frames.frame import Frame
 from endolab.io.atomic import (
     REPORT,
@@ -43,11 +50,7 @@ from endolab.reconstruction.sequence import (
 if TYPE_CHECKING:
     from endolab.workbench.recording.sequence import SequenceRecorder
 
-PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
-TABLE = "frames.csv"
-RECORDING = "recording.rrd"
-FILES = ("frames", TABLE, RECORDING, REPORT)
-ELSEWHERE = "choose another folder, or begin anew with overwrite=True"
+VIDEO_FILES = ("frames", "frames.csv", "recording.rrd", REPORT)
 
 Pictures = Iterator[tuple[str, Frame | FloatArray | None]]
 
@@ -58,7 +61,7 @@ class VideoSummary:
 
     rows: list[Row]  # of ``frames.csv``, one for each frame that was asked for, in order
     done_before: int  # how many of these an earlier call had done
-    paths: tuple[Path, ...]  # those of `FILES` that are there
+    paths: tuple[Path, ...]  # those of `VIDEO_FILES` that are there
 
 
 def reconstruct_video(
@@ -122,11 +125,11 @@ def reconstruct_video(
         "calibration": known,
     }
     folder = _Folder(Path(out), frames, settings, overwrite, [source, mask, *inputs])
-    before = [name for name in wanted if folder.done(name)]
+    before = [name for name in wanted if folder.is_done(name)]
     last = next(iter(before), None)
     done = len(before)
     try:
-        if before and (done < len(wanted) or not (folder.path / RECORDING).exists()):
+        if before and (done < len(wanted) or not folder.recording.exists()):
             folder.record_again(_pictures(frames, before, inside), calibration.camera)
         for is_done, group in groupby(wanted, key=set(before).__contains__):
             names = list(group)
@@ -136,7 +139,7 @@ def reconstruct_video(
             start = None
             if last is not None:
                 ((_, picture),) = _pictures(frames, [last], inside)
-                start = folder.carried(as_frame(last, picture), last, calibration)
+                start = folder.take_up(as_frame(last, picture), last, calibration)
             pictures = _pictures(frames, names, inside)
             for step in reconstruct_sequence(
                 pictures, calibration, before=start, **options
@@ -155,7 +158,7 @@ def reconstruct_video(
             )
         folder.close()
     except (KeyboardInterrupt, OSError, MemoryError) as failure:
-        count = sum(folder.done(name) for name in wanted)
+        count = sum(folder.is_done(name) for name in wanted)
         if not count:
             raise
         with suppress(OSError):  # there is a failure to tell already
@@ -166,7 +169,7 @@ def reconstruct_video(
         kind = OSError if isinstance(failure, OSError) else type(failure)
         stay = f"{count} of {len(wanted)} frames are done and stay"
         raise kind(f"{reason}; {stay}, the same command goes on") from failure
-    paths = (folder.path / name for name in FILES)
+    paths = (folder.path / name for name in VIDEO_FILES)
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 
 
@@ -195,6 +198,8 @@ class _Folder:
         inputs: list[PathLike | None],
     ) -> None:
         self.path = path
+        self.table = path / "frames.csv"
+        self.recording = path / "recording.rrd"
         self.rows: dict[str, Row] = {}
         self._settings = json.loads(json.dumps(settings))
         self._overwrite = overwrite
@@ -205,7 +210,7 @@ class _Folder:
         self._unique = len({Path(name).stem for name in frames.names}) == len(frames.names)
         self._recorder: SequenceRecorder | None = None
         try:
-            if (path / TABLE).is_file():
+            if self.table.is_file():
                 self._resume()
         except ValueError:
             if not overwrite:
@@ -215,20 +220,21 @@ class _Folder:
                 pass  # what speaks against it is told before a frame is solved
 
     def _resume(self) -> None:
+        elsewhere = "choose another folder, or begin anew with overwrite=True"
         report = read_json(self.path / REPORT, "report")
         if not (isinstance(report, dict) and isinstance(report.get("settings"), dict)):
-            raise ValueError(f"{self.path} holds other results; {ELSEWHERE}")
+            raise ValueError(f"{self.path} holds other results; {elsewhere}")
         if report.get("sequence") != self._source:
             raise ValueError(
-                f"{self.path} holds the frames of {report.get('sequence')}; {ELSEWHERE}"
+                f"{self.path} holds the frames of {report.get('sequence')}; {elsewhere}"
             )
         before = report["settings"]
         for name in sorted({*before, *self._settings}):
             if before.get(name) != self._settings.get(name):
                 raise ValueError(
-                    f"{self.path} holds frames made with another {name}; {ELSEWHERE}"
+                    f"{self.path} holds frames made with another {name}; {elsewhere}"
                 )
-        for row in read_rows(self.path / TABLE, STEP, WORDS):
+        for row in read_rows(self.table, FRAME_COLUMNS, TEXT_COLUMNS):
             if row["frame"] in self._index and not row["error"]:
                 with suppress(ValueError, OSError):  # it is done again
                     self._maps(row["frame"])
@@ -243,17 +249,17 @@ class _Folder:
     def _maps(self, name: str) -> dict[str, np.ndarray]:
         return read_depth(self._depth(name), ("distance", "normals"))
 
-    def done(self, name: str) -> bool:
+    def is_done(self, name: str) -> bool:
         """Whether a frame needs not be done again."""
         return name in self.rows and not self.rows[name]["error"]
 
-    def carried(self, frame: Frame, name: str, calibration: Calibration) -> Carried:
+    def take_up(self, frame: Frame, name: str, calibration: Calibration) -> Carried:
         """Return what a frame that is done hands to the next."""
         row = self.rows[name]
         distance = self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
         return Carried.take_up(
-            surface, frame, calibration, float(row["torn"]), row["energy"]
+            surface, frame, calibration, float(row["min_steepness"]), row["energy"]
         )
 
     def add(self, step: Step) -> None:
@@ -261,7 +267,7 @@ class _Folder:
         result = step.result
         row = step_row(step, self._index[step.name])
         if result is not None:
-            if not any(map(self.done, self.rows)):
+            if not any(map(self.is_done, self.rows)):
                 self._begin(list(meaning(result)))
             self._depth(step.name).parent.mkdir(parents=True, exist_ok=True)
             save_depth(self._depth(step.name), result, result.metric)
@@ -290,7 +296,9 @@ class _Folder:
 
     def _write_table(self, folder: Path, rows: dict[str, Row]) -> None:
         write_rows(
-            folder / TABLE, STEP, sorted(rows.values(), key=lambda row: row["index"])
+            folder / self.table.name,
+            FRAME_COLUMNS,
+            sorted(rows.values(), key=lambda row: row["index"]),
         )
 
     def _write_report(self, folder: Path) -> None:
@@ -306,7 +314,7 @@ class _Folder:
                 name: row["error"] for name, row in self.rows.items() if row["error"]
             },
             "settings": self._settings,
-            "files": FILES,
+            "files": VIDEO_FILES,
         }
         write_atomically(folder / REPORT, as_json(content))
 
@@ -319,8 +327,9 @@ class _Folder:
 
         row = self.rows[name]
         if self._recorder is None:
-            self._recorder = SequenceRecorder(self.path / RECORDING, row["unit"])
-        scalars = {key: row[key] for key in PLOTTED}
+            self._recorder = SequenceRecorder(self.recording, row["unit"])
+        plotted = ("energy", "iterations", "seconds", "gain", "median_distance")
+        scalars = {key: row[key] for key in plotted}
         self._recorder.log(
             row["index"], picture, maps["distance"], maps["normals"], camera, scalars
         )

@@ -13,29 +13,28 @@ from pathlib import Path
 
 from endolab._extras import need
 
-OWN = (
+OWN_NOTEBOOKS = (
     Path(__file__).resolve().parents[2] / "notebooks"
 )  # of endolab's checkout, where there is one
 PORTS = 50  # that are tried, one after the other
-
-# Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
-SETTINGS = {
-    "page_config": {"buildCheck": False, "buildAvailable": False},
-    "default_setting_overrides": {
-        "@jupyterlab/apputils-extension:notification": {
-            "fetchNews": "false",
-            "checkForUpdates": False,
-            "doNotDisturbMode": True,
-        }
-    },
-}
 
 
 def write_settings(folder: str | os.PathLike[str]) -> None:
     """Write what keeps JupyterLab quiet into a folder of its configuration, as ``.venv/etc/jupyter``."""
     config = Path(folder) / "labconfig"
     config.mkdir(parents=True, exist_ok=True)
-    for name, content in SETTINGS.items():
+    # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
+    settings = {
+        "page_config": {"buildCheck": False, "buildAvailable": False},
+        "default_setting_overrides": {
+            "@jupyterlab/apputils-extension:notification": {
+                "fetchNews": "false",
+                "checkForUpdates": False,
+                "doNotDisturbMode": True,
+            }
+        },
+    }
+    for name, content in settings.items():
         (config / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
 
 
@@ -126,7 +125,7 @@ def open_lab(
     there are no notebooks or no port is free, `MissingPackage` if JupyterLab is not installed.
     """
     need("jupyterlab")
-    folder = OWN if notebooks is None else Path(notebooks).resolve()
+    folder = OWN_NOTEBOOKS if notebooks is None else Path(notebooks).resolve()
     if not folder.is_dir():
         wanted = "run this from a checkout of endolab, or name a folder with --notebooks"
         raise FileNotFoundError(f"{folder}: there are no notebooks; {wanted}")
@@ -163,7 +162,7 @@ def open_lab(
         with suppress(
             OSError, sqlite3.Error
         ):  # no place for signatures: JupyterLab trusts none
-            _sign(OWN.glob("[0-9][0-9]_*.ipynb"))
+            _sign(OWN_NOTEBOOKS.glob("[0-9][0-9]_*.ipynb"))
         with suppress(NoStart):
             server = LabApp.initialize_server([*asked, *options])
             link = f"http://127.0.0.1:{free}/lab/tree/{folder.name}?token={token}"

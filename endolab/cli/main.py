@@ -26,16 +26,9 @@ from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
 from endolab.io.atomic import without_secrets
 
-UNREAD = 141  # the exit status, as shells know it
+# Of `simulate`, but for its calibration video.
+FRAME_OPTIONS = ("texture", "fog", "highlights")
 _ended: list[int] = []  # the signals that asked for an end
-LONGEST_COMPLAINT = (
-    600  # characters of a complaint; what was typed may be as long as it likes
-)
-FRAME_OPTIONS = (
-    "texture",
-    "fog",
-    "highlights",
-)  # of `simulate`, but for its calibration video
 
 
 def _check_scenes_options(arguments: argparse.Namespace) -> None:
@@ -182,7 +175,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaint is one sentence."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"endolab: {in_one_line(message)}; see {self.prog} --help\n")
+        self.exit(2, f"endolab: {to_one_line(message)}; see {self.prog} --help\n")
 
 
 class _Completion(argparse.Action):
@@ -320,15 +313,15 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def in_one_line(error: object) -> str:
+def to_one_line(error: object) -> str:
     """Return what an error says in one printable line, without the middle of what is too long."""
     text = str(error) or "out of memory"
     if isinstance(error, OSError) and error.strerror:  # the system's own words
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     text = without_secrets(text)
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
-    if len(text) > LONGEST_COMPLAINT:
-        text = f"{text[: LONGEST_COMPLAINT // 2]} … {text[-LONGEST_COMPLAINT // 2 :]}"
+    if len(text) > 600:  # what was typed may be as long as it likes
+        text = f"{text[:300]} … {text[-300:]}"
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
     )
@@ -338,12 +331,12 @@ class _ToldToEnd(KeyboardInterrupt):
     """An interrupt that Python leaves to us: one of its own that passes exec() makes the exit status its."""
 
 
-def _interrupted(number: int, _: object) -> NoReturn:
+def _interrupt(number: int, _: object) -> NoReturn:
     _ended.append(number)
     raise _ToldToEnd
 
 
-def _ignored(what: Any) -> None:
+def _interrupt_again(what: Any) -> None:
     """Interrupt again, where Python dropped an interrupt, as it does while Numba compiles."""
     if issubclass(what.exc_type, KeyboardInterrupt):
         threading.Timer(0.05, signal.raise_signal, [signal.SIGINT]).start()
@@ -365,9 +358,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return UNREAD
+        return 141  # as shells know it
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
-        print(f"endolab: {in_one_line(error)}", file=sys.stderr)
+        print(f"endolab: {to_one_line(error)}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not _ended:
@@ -386,8 +379,8 @@ def run() -> NoReturn:
         if (
             number is not None and signal.getsignal(number) is not signal.SIG_IGN
         ):  # as of nohup
-            signal.signal(number, _interrupted)
-    sys.unraisablehook = _ignored
+            signal.signal(number, _interrupt)
+    sys.unraisablehook = _interrupt_again
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed, as after `>&-`
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end

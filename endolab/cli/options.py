@@ -23,26 +23,18 @@ from endolab.reconstruction.settings import (
     option_of,
 )
 
-LARGEST_COUNT = 2**31 - 1  # that a whole number may be; no count is larger
 SWITCHES = {"auto": None, "yes": True, "no": False}
-SWEPT = {
-    "lam": "0.1,1,10",
-    "xi": "d,1/d",
-    "regulariser": "first,curvature",
-}  # lists of a sweep
-COMPILING = "Compiling for this machine, a minute or so; only the first run does."
-LOOPS = 170  # that a default reconstruction compiles
-NOT_KEPT = "Compiling, a minute or so, in every run: NUMBA_CACHE_DIR can name a folder to keep it in."
 
 
 # Values ---------------------------------------------------------------------------------
 def integer(text: str) -> int:
     """Read a whole number that an option was given."""
+    largest = 2**31 - 1  # no count is larger
     try:
         value = int(text)
     except ValueError:
-        value = LARGEST_COUNT + 1
-    if abs(value) > LARGEST_COUNT:
+        value = largest + 1
+    if abs(value) > largest:
         raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
     return value
 
@@ -162,7 +154,7 @@ def add_threads(option: Callable[..., Any]) -> None:
 def add_solving_options(
     parser: argparse.ArgumentParser, most_used: Callable[..., Any], swept: bool = False
 ) -> None:
-    """Add what `solving` reads, in groups; λ, ξ and order are lists if `swept`."""
+    """Add what `read_solving_options` reads, in groups; λ, ξ and order are lists if `swept`."""
     most_used(
         "--calibration",
         required=True,
@@ -187,8 +179,9 @@ def _add_option(add: Callable[..., Any], name: str, facts: Option, swept: bool) 
     if facts.kind == SWITCH:
         add(flag, choices=tuple(SWITCHES), help=facts.help)
         return
-    if swept and name in SWEPT:
-        text = f"{facts.help}; several as {SWEPT[name]}"
+    lists = {"lam": "0.1,1,10", "xi": "d,1/d", "regulariser": "first,curvature"}
+    if swept and name in lists:
+        text = f"{facts.help}; several as {lists[name]}"
         add(flag, type=several(READERS[facts.kind]), metavar=facts.form, help=text)
         return
     reader = READERS[facts.kind]
@@ -214,7 +207,7 @@ def _add_light_options(add: Callable[..., Any], swept: bool) -> None:
 
 
 # What they stand for --------------------------------------------------------------------
-def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+def read_solving_options(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return what the settings file and the options stand for.
 
     It is the calibration, with the light and the wall that they believe in, and keywords of
@@ -267,10 +260,16 @@ def announce_compiling() -> Iterator[None]:
     class Watching(event.Listener):
         def on_start(self, event: object) -> None:
             if not bars:
-                tqdm.write(COMPILING if COMPILED["cache"] else NOT_KEPT, file=sys.stderr)
+                text = (
+                    "Compiling for this machine, a minute or so; only the first run does."
+                    if COMPILED["cache"]
+                    else "Compiling, a minute or so, in every run: "
+                    "NUMBA_CACHE_DIR can name a folder to keep it in."
+                )
+                tqdm.write(text, file=sys.stderr)
                 bars.append(
                     tqdm(
-                        total=LOOPS,
+                        total=170,  # that a default reconstruction compiles
                         unit="loop",
                         desc="compiling",
                         leave=False,

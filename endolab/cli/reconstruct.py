@@ -16,12 +16,10 @@ from endolab.cli.options import (
     count,
     integer,
     progress_bar,
-    solving,
+    read_solving_options,
 )
 
 SNAPSHOTS = 12  # of a march, in its recording
-LARGE_FRAME = 4_000_000  # px of a frame that takes long
-OF_ONE = ("mesh", "prepare", "uncertainty", "snapshots")  # options that are of one frame
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
@@ -36,13 +34,16 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     arguments.frame = source
     if arguments.out is None and not arguments.live:
         raise ValueError("--out is missing: the folder for the results")
+    of_one_frame = ("mesh", "prepare", "uncertainty", "snapshots")
     if arguments.live or is_stream(source):
         _refuse(
-            arguments, (*OF_ONE, "every"), "a camera, whose frames are taken as they come"
+            arguments,
+            (*of_one_frame, "every"),
+            "a camera, whose frames are taken as they come",
         )
         _reconstruct_live(arguments)
     elif is_sequence(source):
-        _refuse(arguments, OF_ONE, "a folder or a video")
+        _refuse(arguments, of_one_frame, "a folder or a video")
         _reconstruct_video(arguments)
     else:
         _refuse(arguments, ("every", "limit"), "one picture")
@@ -59,7 +60,7 @@ def _say_if_large(arguments: argparse.Namespace, calibration: Any) -> None:
     camera = calibration.camera
     wide = arguments.width or camera.width
     pixels = wide**2 * camera.height / camera.width
-    if pixels > LARGE_FRAME:
+    if pixels > 4e6:
         print(
             f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.",
             flush=True,
@@ -82,7 +83,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.reconstruction.reconstruct import reconstruct
     from endolab.solvers.solvers import DEFAULT_SOLVER
 
-    calibration, keywords = solving(arguments)
+    calibration, keywords = read_solving_options(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
     _say_if_large(arguments, calibration)
     if depth_layout(arguments.frame) or looks_like_depth(frame.image):
@@ -212,7 +213,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     from endolab.batch.video import reconstruct_video
     from endolab.io.datasets.folders import depth_layout
 
-    calibration, keywords = solving(arguments)
+    calibration, keywords = read_solving_options(arguments)
     _say_if_large(arguments, calibration)
     depths = sorted(
         path.name for path in Path(arguments.frame).glob("*") if depth_layout(path)
@@ -267,18 +268,18 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
 def _reconstruct_live(arguments: argparse.Namespace) -> None:
     """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
     from endolab.batch.live import (
-        COLUMNS,
+        LIVE_COLUMNS,
         LIVE_WIDTH,
         live_row,
         live_summary,
+        log_steps,
         reconstruct_live,
-        shown,
     )
     from endolab.batch.table import write_rows
     from endolab.io.atomic import as_json, stage_folder, write_atomically
     from endolab.io.surfaces import save_depth
 
-    calibration, keywords = solving(arguments)
+    calibration, keywords = read_solving_options(arguments)
     if keywords.get("regulariser") == "auto":
         del keywords["regulariser"]  # that of a live view
     width = keywords.get("width") or min(LIVE_WIDTH, calibration.camera.width)
@@ -308,7 +309,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         steps = reconstruct_live(arguments.frame, calibration, **keywords)
         try:
             with announce_compiling(), progress_bar("frame", "live") as bar, closing(steps):
-                for step in shown(steps, sinks):
+                for step in log_steps(steps, sinks):
                     rows.append(live_row(step))
                     last = step.result or last
                     dropped += step.dropped
@@ -316,7 +317,9 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
                         f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False
                     )
                     bar.update()
-                    if arguments.out is None and all(sink.gone for sink in sinks):
+                    if arguments.out is None and all(
+                        sink.is_viewer_closed for sink in sinks
+                    ):
                         break  # the window is closed
         except KeyboardInterrupt:  # which is how it ends
             if arguments.out is not None and not rows:
@@ -325,7 +328,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         if arguments.out is not None:
             if not rows:
                 raise ValueError(f"{arguments.frame} gave no frame")
-            write_rows(folder / "frames.csv", COLUMNS, rows)
+            write_rows(folder / "frames.csv", LIVE_COLUMNS, rows)
             write_atomically(
                 folder / "report.json", as_json({"endolab": 1, "live": summary})
             )
@@ -340,7 +343,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
 def _sweep(arguments: argparse.Namespace) -> None:
     from endolab.batch.sweep import sweep
 
-    calibration, keywords = solving(arguments)
+    calibration, keywords = read_solving_options(arguments)
     _say_if_large(arguments, calibration)
     made = 0
     with announce_compiling(), progress_bar("row", "sweep") as bar:
@@ -399,7 +402,7 @@ def add_reconstruct_commands(commands: Any) -> None:
     text = "add σ, the standard deviation of every pixel's distance; takes one to three times as long"
     option("--uncertainty", action="store_true", help=text)
     option(
-        "--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds"
+        "--mesh", action="store_true", help="write mesh.ply too: triangles, cut at folds"
     )
     text = (
         "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
     from endolab.numerics.arrays import FloatArray
 
-PORT = 8877  # the first that is tried, apart from JupyterLab's
-
 
 def _tune(arguments: argparse.Namespace) -> None:
     need("ipywidgets", "anywidget", "tornado")
@@ -44,7 +42,7 @@ def _tune(arguments: argparse.Namespace) -> None:
 
         return TunerBox(first, calibration, truth, width=arguments.width, pictures=pictures)
 
-    def opened() -> None:
+    def announce() -> None:
         taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
         print(f"tuner: {page.link}{taken}", flush=True)
         if page.origin is not None:
@@ -55,7 +53,7 @@ def _tune(arguments: argparse.Namespace) -> None:
 
     page = Page(make, f"{first.name} · endolab", port, arguments.origin)
     with suppress(KeyboardInterrupt):  # which is how it ends
-        page.run(opened)
+        page.run(announce)
     print("ended", flush=True)
     os._exit(0)  # Python would wait for a solve that is still being compiled
 
@@ -139,9 +137,9 @@ def add_tune_command(commands: Any) -> None:
     option(
         "--port",
         type=integer,
-        default=PORT,
+        default=8877,  # apart from JupyterLab's
         metavar="N",
-        help=f"the next free one (default {PORT})",
+        help="the next free one (default 8877)",
     )
     text = "of a proxy in front of it, such as https://lab.example.org, whose pages may come too"
     option("--origin", metavar="URL", help=text)

@@ -10,7 +10,13 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.batch.live import COLUMNS, LIVE_WIDTH, live_row, live_summary, reconstruct_live
+from endolab.batch.live import (
+    LIVE_COLUMNS,
+    LIVE_WIDTH,
+    live_row,
+    live_summary,
+    reconstruct_live,
+)
 from endolab.io.video import write_video
 from endolab.synthetic.scenes import Plane
 from tests.tools.problems import moved_colon
@@ -125,7 +131,7 @@ def test_a_grey_camera_is_grey_and_a_broken_frame_is_named(pictures):
     assert "small" in live_summary(rows, 1.0)
     assert np.isnan(rows[1]["energy"])
     assert rows[2]["energy"] == steps[2].result.energy
-    assert set(rows[2]) >= set(COLUMNS)
+    assert set(rows[2]) >= set(LIVE_COLUMNS)
 
 
 def test_what_cannot_be_taken_is_one_sentence(pictures, tmp_path):

@@ -15,7 +15,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.batch.sweep import COLUMNS, KEY, read_table, sweep
+from endolab.batch.sweep import KEY, SWEEP_COLUMNS, read_table, sweep
 
 BASE = datasets.load_calibration("simple", 64)
 GREEN = replace(BASE.photometry.channel("green"), gain=900.0)
@@ -69,7 +69,7 @@ def test_each_with_each_is_one_row(frames, seen, tmp_path):
     assert len(rows) == 16
     with open(path, newline="", encoding="utf-8") as stream:
         stored = list(csv.DictReader(stream))
-    assert tuple(stored[0]) == COLUMNS
+    assert tuple(stored[0]) == SWEEP_COLUMNS
     assert len({tuple(row[name] for name in KEY) for row in stored}) == 16
     assert [float(row["energy"]) for row in stored] == [row["energy"] for row in rows]
     for row in rows:
@@ -142,9 +142,11 @@ def test_an_interrupt_is_all_that_is_heard_of_tasks_under_way(frames, tmp_path):
     [
         b"a,b\n1,2\n",
         b"\xff\xfe",
-        (",".join(COLUMNS) + "\nx,y\n").encode(),
-        (",".join(COLUMNS) + "\n" + ",".join("x" * len(COLUMNS)) + "\n").encode(),
-        (",".join(COLUMNS) + '\n"' + "x" * 200_000).encode(),
+        (",".join(SWEEP_COLUMNS) + "\nx,y\n").encode(),
+        (
+            ",".join(SWEEP_COLUMNS) + "\n" + ",".join("x" * len(SWEEP_COLUMNS)) + "\n"
+        ).encode(),
+        (",".join(SWEEP_COLUMNS) + '\n"' + "x" * 200_000).encode(),
     ],
 )
 def test_another_table_is_left_alone(frames, tmp_path, content):

@@ -27,6 +27,7 @@ from endolab.numerics.iteration import (
     Status,
     Stopped,
     check_observers,
+    close_observers,
     drive,
 )
 from endolab.numerics.threads import limit_threads

@@ -5,6 +5,7 @@ new ones, under ``title``, and returns the axes. The figures of the light are in
 """
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,23 +22,20 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots import light as plots_of_light
 from endolab.workbench.plots.maps import show_picture
 from endolab.workbench.plots.scales import round_length
-from endolab.workbench.plots.style import (
-    BLUE,
-    ORANGE,
-    OTHERS,
-    PAGE_SIZE,
-    SKY,
-    VERMILION,
-    decorate,
-    house,
-    new_axes,
-)
+from endolab.workbench.plots.style import HOUSE, decorate, house, new_axes
 from endolab.workbench.plots.uncertainty import ring
 
-ROWS = (SKY, VERMILION, *OTHERS)  # of the target, over and over
-MOST_ARROWS = 800  # more hide each other
-FEW_FRAMES = 40  # frames whose names fit below their bars
-LONGEST_ARROW = 4.0  # standard deviations that an arrow shows
+
+@dataclass(frozen=True)
+class Crowding:
+    """How much a figure of a calibration shows before things hide one another; chosen by eye."""
+
+    most_arrows: int = 800
+    longest_arrow: float = 4.0  # standard deviations
+    few_frames: int = 40  # whose names fit below their bars
+
+
+CROWDING = Crowding()
 
 
 def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
@@ -90,17 +88,28 @@ def show_detection(
         f"{title}: {len(ids)} of {len(target.points)} {detection.reason}".rstrip(),
     )
     column, row = np.round(target.points[ids, :2] / target.spacing).astype(int).T
+    colours = (HOUSE.sky, HOUSE.vermilion, *HOUSE.curve_colours)  # of rows, over and over
     for number in np.unique(row):
-        here = np.flatnonzero(row == number)
-        here = here[np.argsort(column[here])]
+        of_row = np.flatnonzero(row == number)
+        of_row = of_row[np.argsort(column[of_row])]
         # Features that are farther apart than one that was missed are not joined.
-        for run in np.split(here, np.flatnonzero(np.diff(column[here]) > 2) + 1):
+        for run in np.split(of_row, np.flatnonzero(np.diff(column[of_row]) > 2) + 1):
             ax.plot(
-                *pixels[run].T, color=ROWS[number % len(ROWS)], lw=1.3, marker="o", ms=2.6
+                *pixels[run].T,
+                color=colours[number % len(colours)],
+                lw=1.3,
+                marker="o",
+                ms=2.6,
             )
     if len(ids):
         ax.plot(
-            *pixels[0], "o", ms=13, mfc="none", mec=VERMILION, mew=2, label=f"id {ids[0]}"
+            *pixels[0],
+            "o",
+            ms=13,
+            mfc="none",
+            mec=HOUSE.vermilion,
+            mew=2,
+            label=f"id {ids[0]}",
         )
         ax.legend(frameon=True)
     return ax
@@ -126,12 +135,21 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     magnify = round_length(0.02 * camera.width / sigma)
     ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
     for which, colour, what, order in (
-        (inliers, BLUE, "inlier", 3),
-        (~inliers, VERMILION, "outlier", 2),
+        (inliers, HOUSE.blue, "inlier", 3),
+        (~inliers, HOUSE.vermilion, "outlier", 2),
     ):
-        drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
+        drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[
+            : CROWDING.most_arrows
+        ]
         look = {"color": colour, "label": count_of(int(which.sum()), what), "zorder": order}
-        _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST_ARROW * sigma, **look)
+        _arrows(
+            ax,
+            pixels[drawn],
+            residuals[drawn],
+            magnify,
+            CROWDING.longest_arrow * sigma,
+            **look,
+        )
     ax.legend(loc="upper right", ncols=2, frameon=True)
     return ax
 
@@ -155,7 +173,7 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     camera = geometry.camera
     seen = np.rad2deg(geometry.max_angle_seen)
     ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
-    ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
+    ax.plot(*pixels[inliers].T, ".", color=HOUSE.blue, ms=3, alpha=0.5, mew=0)
     box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
     for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
         around = ring(camera, np.deg2rad(angle))
@@ -173,7 +191,11 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
         )
     label = "farthest feature"
     ax.plot(
-        *ring(camera, geometry.max_angle_seen).T, "--", color=VERMILION, lw=2.2, label=label
+        *ring(camera, geometry.max_angle_seen).T,
+        "--",
+        color=HOUSE.vermilion,
+        lw=2.2,
+        label=label,
     )
     ax.legend(loc="upper right", frameon=True)
     return ax
@@ -228,9 +250,9 @@ def show_frame_errors(
         place,
         values,
         width=0.8,
-        color=[VERMILION if name in marked else SKY for name in names],
+        color=[HOUSE.vermilion if name in marked else HOUSE.sky for name in names],
     )
-    labelled = [i for i in place if names[i] in marked or len(names) <= FEW_FRAMES]
+    labelled = [i for i in place if names[i] in marked or len(names) <= CROWDING.few_frames]
     ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
     ax.set_xlim(-0.6, len(names) - 0.4)
     return decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
@@ -258,10 +280,15 @@ def show_features(
     room = 0.1 * float(np.max(high - low)) + 10
     magnify = round_length(0.4 * room / error)
     ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
-    ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
-    ax.plot(*detected.T, "o", ms=3, color=SKY, label="found")
+    ax.plot(*expected.T, "o", ms=8, mfc="none", mec=HOUSE.orange, mew=1.4, label="expected")
+    ax.plot(*detected.T, "o", ms=3, color=HOUSE.sky, label="found")
     _arrows(
-        ax, expected, detected - expected, magnify, LONGEST_ARROW * error, color=VERMILION
+        ax,
+        expected,
+        detected - expected,
+        magnify,
+        CROWDING.longest_arrow * error,
+        color=HOUSE.vermilion,
     )
     (left, top), (right, bottom) = low - room, high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
@@ -283,7 +310,7 @@ def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figur
     shown = [*pictures, ".", ".", "."]
     mosaic: Any = [[unit, unit] for unit in rows] + [shown[:2], shown[2:4]]
     heights = [4] * len(rows) + [5.5, 5.5]
-    with house(PAGE_SIZE):
+    with house(HOUSE.page_text_size):
         figure = Figure(figsize=(16, sum(heights)), dpi=100, layout="constrained")
         axes = figure.subplot_mosaic(mosaic, height_ratios=heights)
         for unit, errors in rows.items():
@@ -309,7 +336,7 @@ def geometry_figure(session: Session, image: FloatArray) -> Figure:
     """
     if session.geometry is None:
         raise ValueError("session has no geometry to draw: its camera was given")
-    with house(PAGE_SIZE):
+    with house(HOUSE.page_text_size):
         figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
         ((detected, arrows), (covered, spread)) = figure.subplots(2, 2)
         show_detection(
@@ -330,12 +357,12 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
     samples = session.samples
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
-    here = samples_of(session, best_frame(session))
-    with house(PAGE_SIZE):
+    of_frame = samples_of(session, best_frame(session))
+    with house(HOUSE.page_text_size):
         figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
         plots_of_light.show_sampling(
-            image, samples[here], session.camera, sampling, used=light.used[here]
+            image, samples[of_frame], session.camera, sampling, used=light.used[of_frame]
         )
         plots_of_light.show_light_residuals(light, residuals)
         plots_of_light.show_fall_off(light, fall_off)

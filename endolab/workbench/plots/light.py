@@ -15,7 +15,7 @@ from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots.maps import show_picture
-from endolab.workbench.plots.style import BLUE, SKY, VERMILION, decorate, house, new_axes
+from endolab.workbench.plots.style import HOUSE, decorate, house, new_axes
 
 
 def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
@@ -23,7 +23,7 @@ def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: st
     sigma = max(sigma, 1e-9)
     bins = np.linspace(mean - 4 * sigma, mean + 4 * sigma, 61)
     share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
-    ax.stairs(share, bins, fill=True, color=SKY, label=label)
+    ax.stairs(share, bins, fill=True, color=HOUSE.sky, label=label)
     x = np.linspace(bins[0], bins[-1], 301)
     curve = np.exp(-0.5 * ((x - mean) / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
     ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
@@ -66,8 +66,8 @@ def show_sampling(
     pixels = camera.project(samples.points)
     paper = samples.material == 0
     for which, look, label in (
-        (used & paper, {"mfc": VERMILION, "mec": "white"}, "bare paper"),
-        (used & ~paper, {"mfc": BLUE, "mec": "white"}, "grey patch"),
+        (used & paper, {"mfc": HOUSE.vermilion, "mec": "white"}, "bare paper"),
+        (used & ~paper, {"mfc": HOUSE.blue, "mec": "white"}, "grey patch"),
         (~used, {"mfc": "none", "mec": "black"}, "left out"),
     ):
         if which.any():
@@ -104,12 +104,14 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
     _shade_unseen(ax, *np.rad2deg(light.alpha_range))
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
-    ax.plot(alpha, cosine**k, color=VERMILION, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
+    ax.plot(
+        alpha, cosine**k, color=HOUSE.vermilion, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}"
+    )
     ax.fill_between(
         alpha,
         cosine ** (k - error),
         cosine ** (k + error),
-        color=VERMILION,
+        color=HOUSE.vermilion,
         alpha=0.35,
         lw=0,
     )
@@ -145,20 +147,22 @@ def show_gains(
     gains = np.where(known, light.gains, np.nan)
     errors = np.where(known, light.gain_errors, np.nan)
     ax.fill_between(
-        frames, gains - errors, gains + errors, color=VERMILION, alpha=0.35, lw=0
+        frames, gains - errors, gains + errors, color=HOUSE.vermilion, alpha=0.35, lw=0
     )
-    handles = ax.plot(frames, gains, color=VERMILION, marker=".", label="gain ± 1 s.e.")
+    handles = ax.plot(
+        frames, gains, color=HOUSE.vermilion, marker=".", label="gain ± 1 s.e."
+    )
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
     if distance is not None:
-        other = ax.twinx()
-        other.set_ylabel("mean distance of the sheet [mm]")
-        for each, colour in ((ax, VERMILION), (other, BLUE)):
-            each.yaxis.label.set_color(colour)
-            each.tick_params(axis="y", colors=colour)
-        handles += other.plot(
-            frames, distance, color=BLUE, lw=1.5, ls="--", label="distance"
+        twin = ax.twinx()
+        twin.set_ylabel("mean distance of the sheet [mm]")
+        for axes, colour in ((ax, HOUSE.vermilion), (twin, HOUSE.blue)):
+            axes.yaxis.label.set_color(colour)
+            axes.tick_params(axis="y", colors=colour)
+        handles += twin.plot(
+            frames, distance, color=HOUSE.blue, lw=1.5, ls="--", label="distance"
         )
-        other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
+        twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
     return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
 
@@ -188,7 +192,7 @@ def show_brdf(
         degrees,
         relative,
         errors,
-        color=VERMILION,
+        color=HOUSE.vermilion,
         marker="o",
         capsize=3,
         label="fitted ± 1 s.e.",
@@ -209,7 +213,7 @@ def show_brdf(
             heights,
             width=2.6,
             transform=below,
-            color=SKY,
+            color=HOUSE.sky,
             alpha=0.8,
             label="samples",
         )
@@ -231,7 +235,7 @@ def show_scores(
     known = scores.count > 0
     ax.axhline(0, color="black", lw=1.2)
     x, y, dy, dx = (values[known] for values in (middle, error, spread, half))
-    ax.errorbar(x, y, dy, dx, color=VERMILION, ls="none", marker="o", capsize=3)
+    ax.errorbar(x, y, dy, dx, color=HOUSE.vermilion, ls="none", marker="o", capsize=3)
     sure = (
         scores.count >= LEAST_SCORED
     )  # a bin of a few samples must not make the others small
@@ -257,8 +261,8 @@ def show_ridge(
     gammas = [fit.photometry.gamma for fit in fits]
     sigmas = [fit.sigma for fit in fits]
     ks = [fit.photometry.k for fit in fits]
-    ax.plot(gammas, sigmas, "o-", color=VERMILION, label="residuals [grey levels]")
-    ax.plot(gammas, ks, "--", color=BLUE, label="k")
+    ax.plot(gammas, sigmas, "o-", color=HOUSE.vermilion, label="residuals [grey levels]")
+    ax.plot(gammas, ks, "--", color=HOUSE.blue, label="k")
     ax.set_ylim(0, 1.2 * max(*sigmas, *ks))
     ax.legend(loc="lower right")
     return decorate(ax, title or "What the samples know of γ", "γ", "σ of residuals, and k")

@@ -24,17 +24,11 @@ from endolab.reconstruction.sentences import meaning
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots import style
-from endolab.workbench.plots.scales import DECIDERS, common_limit, common_limits
+from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limit, common_limits
 from endolab.workbench.plots.surface_view import show_cloud
 
 if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty.estimate import Uncertainty
-
-
-START = "start"  # a curve that axes do not follow: it may have spikes many times as far as all else
-# Of what a section shows: room for the word to the camera's left, and above and below for the legend.
-SPARE = np.array([[-0.25, -0.15], [0.0, 0.15]])
-NEW_LINE = "\n"
 
 
 def _draw(
@@ -44,7 +38,7 @@ def _draw(
     ax = style.new_axes(ax)
     shown = ax.imshow(picture, interpolation="nearest", **options)  # type: ignore[arg-type]
     style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(
-        style.LEFT_OUT
+        style.HOUSE.left_out
     )
     ax.locator_params(nbins=3)
     return ax, shown
@@ -115,7 +109,7 @@ def show_normals(
     """
     known = np.isfinite(normals).all(axis=-1, keepdims=True)
     return _draw(
-        np.where(known, np.clip((normals + 1) / 2, 0, 1), style.LEFT_OUT), ax, title
+        np.where(known, np.clip((normals + 1) / 2, 0, 1), style.HOUSE.left_out), ax, title
     )[0]
 
 
@@ -172,24 +166,27 @@ def show_sigma(
 
 @style.house()
 def show_dominant_source(
-    dominant_source: np.ndarray, ax: Axes | None = None, *, title: str = "Who decided"
+    dominant_source: np.ndarray,
+    ax: Axes | None = None,
+    *,
+    title: str = "What determined each pixel",
 ) -> Axes:
-    """Show who decided each pixel, with how many of them each decided.
+    """Show what determined each pixel, with how many of them each determined.
 
     Parameters
     ----------
     dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
     """
-    colours = np.array([(0, 0, 0), *DECIDERS.values()]) / 255
+    colours = np.array([(0, 0, 0), *SOURCE_COLOURS.values()]) / 255
     picture = np.where(
-        (dominant_source > 0)[..., None], colours[dominant_source], style.LEFT_OUT
+        (dominant_source > 0)[..., None], colours[dominant_source], style.HOUSE.left_out
     )
     ax = _draw(picture, ax, title)[0]
     inside = max(int((dominant_source > 0).sum()), 1)
     patches = []
-    for k, name in enumerate(DECIDERS, 1):
+    for k, name in enumerate(SOURCE_COLOURS, 1):
         share = 100 * float((dominant_source == k).sum()) / inside
-        lines = f"{name.replace(' or ', NEW_LINE + 'or ')}{NEW_LINE}{share:.0f} %"
+        lines = name.replace(" or ", "\nor ") + f"\n{share:.0f} %"
         patches.append(Patch(color=colours[k], label=lines))
     # Where colour bars are: on the map it would hide what it names.
     ax.legend(
@@ -230,14 +227,17 @@ def show_section(
         column = field.shape[1] // 2
     ax = style.new_axes(ax)
     across, name = (1, f"column {column}") if row is None else (0, f"row {row}")
-    others = iter(style.OTHERS * len(distances))
+    # The truth is black, as a reference should be.
+    lines = {"truth": "black", "start": style.HOUSE.sky, "estimate": style.HOUSE.vermilion}
+    more_colours = iter(style.HOUSE.curve_colours * len(distances))
     followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
     for label, distance in distances.items():
         surface = distance[..., None] * field.rays
         points = (surface[:, column] if row is None else surface[row])[:, [2, across]]
-        colour = style.LINES[label] if label in style.LINES else next(others)
+        colour = lines[label] if label in lines else next(more_colours)
         ax.plot(*points.T, color=colour, lw=1.8, label=label)
-        if label != START or len(distances) == 1:
+        # The start may have spikes many times as far as all else.
+        if label != "start" or len(distances) == 1:
             followed.append(points[np.isfinite(points).all(axis=1)])
     ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
     # To its left, where no wall is in view.
@@ -252,7 +252,9 @@ def show_section(
     title = f"Section along {name}" if title is None else title
     style.decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
     low, high = (edge(np.concatenate(followed), axis=0) for edge in (np.min, np.max))
-    ax.dataLim.set_points(np.stack([low, high]) + SPARE * (high - low))
+    # Room for the word to the camera's left, and above and below for the legend.
+    spare = np.array([[-0.25, -0.15], [0.0, 0.15]])
+    ax.dataLim.set_points(np.stack([low, high]) + spare * (high - low))
     ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
     if across == 1 and not ax.yaxis_inverted():
@@ -275,8 +277,8 @@ def show_history(
     k = [entry["k"] for entry in history]
     lines = (
         ("energy", "black", "-"),
-        ("data", style.BLUE, "--"),
-        ("regulariser", style.VERMILION, ":"),
+        ("data", style.HOUSE.blue, "--"),
+        ("regulariser", style.HOUSE.vermilion, ":"),
     )
     for name, colour, dashes in lines:
         values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
@@ -345,7 +347,7 @@ def overview(
         words.insert(0, shown.status.value.rstrip("."))
     if not problem.metric:
         words.append("relative units")
-    with style.house(style.PAGE_SIZE):
+    with style.house(style.HOUSE.page_text_size):
         figure = Figure(
             figsize=(16 if uncertainty is None else 21, 9), dpi=100, layout="constrained"
         )

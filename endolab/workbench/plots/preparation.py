@@ -17,13 +17,13 @@ from endolab.workbench.plots.maps import (
     show_section,
 )
 from endolab.workbench.plots.scales import in_colour, tallness
-from endolab.workbench.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
+from endolab.workbench.plots.style import HOUSE, house
 
-COLOURS = {
-    "outside": LEFT_OUT,
-    "lumen": to_rgb(BLUE),
-    "highlights": to_rgb(GREEN),
-    "text": to_rgb(ORANGE),
+MASK_COLOURS = {
+    "outside": HOUSE.left_out,
+    "lumen": to_rgb(HOUSE.blue),
+    "highlights": to_rgb(HOUSE.green),
+    "text": to_rgb(HOUSE.orange),
 }
 
 
@@ -46,7 +46,7 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
     rows = 1 if result is None else 2
     ready = "Undistorted, " if prepared.undistorted else ""
     ready += "inpainted" if prepared.inpainted else "pixels to be solved"
-    with house(PAGE_SIZE):
+    with house(HOUSE.page_text_size):
         figure = Figure(
             figsize=(16, rows * (3.7 * tall + 1.5) + 0.4), dpi=100, layout="constrained"
         )
@@ -56,7 +56,7 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
         picture, legend = mask_overlay(prepared)
         show_picture(picture, axes[0, 2], "Masks")
         patches = [
-            Patch(color=COLOURS[name], label=label) for name, label in legend.items()
+            Patch(color=MASK_COLOURS[name], label=label) for name, label in legend.items()
         ]
         if patches:
             # Below the picture, so that nothing of it is hidden.
@@ -68,7 +68,7 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
                 fontsize="small",
             )
         used = np.where(
-            prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT
+            prepared.frame.mask[..., None], _rgb(prepared.frame.image), HOUSE.left_out
         )
         show_picture(used, axes[0, 3], ready[0].upper() + ready[1:])
         if result is not None:
@@ -93,7 +93,7 @@ def mask_overlay(prepared: Prepared) -> tuple[FloatArray, dict[str, str]]:
     """Paint what was masked over the frame, (H, W, 3), and name what occurs, with its share."""
     picture = _rgb(prepared.original.image)
     legend = {}
-    for name, colour in COLOURS.items():
+    for name, colour in MASK_COLOURS.items():
         part = ~prepared.field_of_view if name == "outside" else getattr(prepared, name)
         if part.any():
             below = np.clip(np.nan_to_num(picture[part]), 0, 1)
@@ -105,4 +105,4 @@ def mask_overlay(prepared: Prepared) -> tuple[FloatArray, dict[str, str]]:
 def _rgb(picture: FloatArray) -> FloatArray:
     """Return a picture of three channels, grey where it is not known."""
     three = in_colour(picture)
-    return np.where(np.isfinite(three).all(axis=-1, keepdims=True), three, LEFT_OUT)
+    return np.where(np.isfinite(three).all(axis=-1, keepdims=True), three, HOUSE.left_out)

@@ -1,34 +1,46 @@
 """Scales that figures share with recordings and the tuner, of NumPy alone: of colours and of lengths."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
 
-BLUE_WHITE_RED = np.array(
-    [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
-)
-# Who decided a pixel, as `endolab.reconstruction.uncertainty` numbers them from 1, and their colours.
-DECIDERS = {
-    "data": (0, 114, 178),
-    "border or contour": (230, 159, 0),
-    "prior": (204, 121, 167),
+Colour = tuple[int, int, int]  # R, G, B of 255
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours that colour-blind readers can tell apart: Okabe and Ito's, "Color universal design", 2008."""
+
+    black: Colour = (0, 0, 0)
+    orange: Colour = (230, 159, 0)
+    sky: Colour = (86, 180, 233)
+    green: Colour = (0, 158, 115)
+    yellow: Colour = (240, 228, 66)
+    blue: Colour = (0, 114, 178)
+    vermilion: Colour = (213, 94, 0)
+    purple: Colour = (204, 121, 167)
+
+
+OKABE_ITO = Palette()
+# What determined a pixel, as `endolab.reconstruction.uncertainty` numbers it from 1, and its colour.
+SOURCE_COLOURS = {
+    "data": OKABE_ITO.blue,
+    "border or contour": OKABE_ITO.orange,
+    "prior": OKABE_ITO.purple,
 }
-MOST_RESIDUAL = (
-    10.0  # of 255: grey levels of model - frame at which a recording's colours end
-)
-VIEW_WIDTH = (
-    320  # columns of a surface that is seen from the side; more cost time and show no more
-)
-TALLEST = 2.0  # of a panel, over its width: a figure stays a page whatever is drawn
+# Of 255: grey levels of model - frame at which a recording's colours end.
+LARGEST_RESIDUAL = 10.0
 
 
 def blue_white_red(values: FloatArray) -> NDArray[np.uint8]:
     """Map -1…1 to blue, white, red: (...) to (..., 3); what lies beyond is as dark as the ends."""
-    nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
-    channels = [np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T]
+    colours = [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]]
+    nodes = np.linspace(-1, 1, len(colours))
+    channels = [np.interp(values, nodes, channel) for channel in np.array(colours, float).T]
     return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
@@ -77,8 +89,8 @@ def round_length(length: float) -> float:
 
 
 def tallness(shape: tuple[int, ...]) -> float:
-    """Height of a picture's panel over its width: the picture's own, but what is very tall stands in less."""
-    return min(shape[0] / shape[1], TALLEST)
+    """Height of a picture's panel over its width: the picture's own, but at most 2, that a page stays one."""
+    return min(shape[0] / shape[1], 2.0)
 
 
 def brighten(picture: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ paper, and what is written outside them keeps the caller's ink.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -18,25 +19,39 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 
-from endolab.workbench.plots.scales import round_length
+from endolab.workbench.plots.scales import OKABE_ITO, Colour, round_length
 
-LEFT_OUT = (0.72, 0.72, 0.72)
-BACKDROP = (0.09, 0.10, 0.12)  # of a surface in space
-PAPER = "white"
-VERMILION = "#D55E00"
-SKY = "#56B4E9"
-BLUE = "#0072B2"
-GREEN = "#009E73"
-PURPLE = "#CC79A7"
-ORANGE = "#E69F00"
-# The truth is black, as a reference should be.
-LINES = {"truth": "black", "start": SKY, "estimate": VERMILION}
-OTHERS = (GREEN, PURPLE, ORANGE, BLUE)
-SIZE = 12.0  # points; at 100 dots per inch 17 px, and 8 at half size
-PAGE_SIZE = 13.0  # of pages of many panels, which are shown smaller
 
+def hex_colour(colour: Colour) -> str:
+    """Say a colour, R, G, B of 255, as Matplotlib reads it."""
+    return "#{:02X}{:02X}{:02X}".format(*colour)
+
+
+@dataclass(frozen=True)
+class Look:
+    """What figures look like: colours as Matplotlib reads them, sizes of text in points."""
+
+    left_out: tuple[float, float, float] = (0.72, 0.72, 0.72)  # what is unknown in a map
+    backdrop: tuple[float, float, float] = (0.09, 0.10, 0.12)  # of a surface in space
+    paper: str = "white"
+    vermilion: str = hex_colour(OKABE_ITO.vermilion)
+    sky: str = hex_colour(OKABE_ITO.sky)
+    blue: str = hex_colour(OKABE_ITO.blue)
+    green: str = hex_colour(OKABE_ITO.green)
+    purple: str = hex_colour(OKABE_ITO.purple)
+    orange: str = hex_colour(OKABE_ITO.orange)
+    text_size: float = 12.0  # at 100 dots per inch 17 px, and 8 at half size
+    page_text_size: float = 13.0  # of pages of many panels, which are shown smaller
+
+    @property
+    def curve_colours(self) -> tuple[str, ...]:
+        """Of curves that are neither start nor estimate."""
+        return self.green, self.purple, self.orange, self.blue
+
+
+HOUSE = Look()
 STYLE: Any = {
-    **dict.fromkeys(("figure.facecolor", "axes.facecolor"), PAPER),
+    **dict.fromkeys(("figure.facecolor", "axes.facecolor"), HOUSE.paper),
     **dict.fromkeys(
         ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"),
         "black",
@@ -48,7 +63,16 @@ STYLE: Any = {
     **dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), "inherit"),
     "axes.titlesize": "large",
     "axes.titleweight": "bold",
-    "axes.prop_cycle": cycler(color=(BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)),
+    "axes.prop_cycle": cycler(
+        color=(
+            HOUSE.blue,
+            HOUSE.vermilion,
+            HOUSE.green,
+            HOUSE.purple,
+            HOUSE.orange,
+            HOUSE.sky,
+        )
+    ),
     "legend.frameon": False,
     "savefig.facecolor": "auto",
     "savefig.transparent": False,
@@ -60,7 +84,7 @@ _SIZE: ContextVar[float | None] = ContextVar("size", default=None)
 
 
 @contextmanager
-def house(size: float = SIZE) -> Iterator[None]:
+def house(size: float = HOUSE.text_size) -> Iterator[None]:
     """Draw in the house style, with text of that many points; also a decorator, ``@house()``.
 
     Within a page that has chosen its own size, that one stays.
@@ -76,7 +100,7 @@ def house(size: float = SIZE) -> Iterator[None]:
         _SIZE.reset(token)
 
 
-def use(size: float = SIZE) -> None:
+def use(size: float = HOUSE.text_size) -> None:
     """Give the house style to all that pyplot draws from now on."""
     matplotlib.rcParams.update(STYLE | {"font.size": size})
 
@@ -92,7 +116,7 @@ def new_axes(ax: Axes | None) -> Axes:
 
 def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
     """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit]."""
-    ax.set_facecolor(PAPER)
+    ax.set_facecolor(HOUSE.paper)
     ax.set_title(title)
     ax.set_xlabel(x, size=matplotlib.rcParams["axes.labelsize"])
     ax.set_ylabel(y, size=matplotlib.rcParams["axes.labelsize"])

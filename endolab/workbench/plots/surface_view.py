@@ -1,19 +1,30 @@
 """A surface seen from beside the camera: the view, the light, and a depth map's surface in it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.plots.scales import VIEW_WIDTH, brighten, in_colour
-from endolab.workbench.plots.style import BACKDROP, house, new_axes, scale_bar
+from endolab.workbench.plots.scales import brighten, in_colour
+from endolab.workbench.plots.style import HOUSE, house, new_axes, scale_bar
 
-JUMP = 1.25  # neighbours whose distances differ by more are not joined
-EDGE_ON = (
-    0.15  # cosine to the line of sight below which a patch joins the two sides of a contour
-)
-FARTHEST = 8.0  # median distances that the view reaches
-LAMP = np.array([-0.35, 0.35, 0.87])  # over the left shoulder of the viewer
+
+@dataclass(frozen=True)
+class CloudLook:
+    """What is drawn of a surface from the side, and how it is lit; chosen by eye."""
+
+    columns: int = 320  # more cost time and show no more
+    jump: float = 1.25  # neighbours whose distances differ by more are not joined
+    # Cosine to the line of sight below which a patch joins the two sides of a contour.
+    edge_on: float = 0.15
+    farthest: float = 8.0  # median distances that the view reaches
+    # Over the viewer's left shoulder.
+    to_lamp: tuple[float, float, float] = (-0.35, 0.35, 0.87)
+
+
+CLOUD = CloudLook()
 
 
 @house()
@@ -47,7 +58,7 @@ def show_cloud(
     lies open, and neither are jumps in depth nor what the camera sees edge-on.
     """
     ax = new_axes(ax)
-    step = -(-points.shape[1] // VIEW_WIDTH)
+    step = -(-points.shape[1] // CLOUD.columns)
     points = points[::step, ::step]
     colours = np.clip(colours[::step, ::step], 0, 1)
 
@@ -62,8 +73,10 @@ def show_cloud(
     with np.errstate(invalid="ignore", divide="ignore"):
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
-        kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
-        kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
+        kept = (normal[..., 2] > 0) & (
+            distance.max(axis=-1) < CLOUD.jump * distance.min(axis=-1)
+        )
+        kept &= np.abs(np.sum(normal * sight, axis=-1)) > CLOUD.edge_on
     colour = in_colour(colours)[:-1, :-1][kept]
     _show_patches(
         ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift
@@ -89,7 +102,7 @@ def _show_patches(
     if not len(patches):
         return
     order = np.argsort(-patches[..., 2].mean(axis=-1))
-    light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
+    light = 0.4 + 0.6 * np.clip(away @ CLOUD.to_lamp, 0, 1)
     faces = ((brighten(colours) if lift else colours) * light[:, None])[order]
     flat = patches[
         order, :, :2
@@ -125,7 +138,7 @@ def _bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatAr
     `seen`, (n, ..., 2), are places in the viewer's frame, `distance`, (n,), their distances from the
     camera: a plane that runs to the horizon must not make what is near small.
     """
-    nearby = seen[distance <= FARTHEST * np.median(distance)].reshape(-1, 2)
+    nearby = seen[distance <= CLOUD.farthest * np.median(distance)].reshape(-1, 2)
     return np.minimum(nearby.min(axis=0), 0), np.maximum(nearby.max(axis=0), 0)
 
 
@@ -146,5 +159,5 @@ def _mark_camera(ax: Axes, title: str) -> None:
         arrowprops={"arrowstyle": "-", "color": "white", "lw": 0.8, "shrinkB": 4},
     )
     ax.set_title(title)
-    ax.set(xticks=[], yticks=[], facecolor=BACKDROP)
+    ax.set(xticks=[], yticks=[], facecolor=HOUSE.backdrop)
     ax.set_aspect("equal", adjustable="datalim")

@@ -19,20 +19,10 @@ from endolab.calibration.uncertainty import (
 from endolab.model.cameras import Camera
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.plots.style import (
-    LEFT_OUT,
-    PAGE_SIZE,
-    VERMILION,
-    colour_bar,
-    decorate,
-    house,
-    new_axes,
-)
+from endolab.workbench.plots.style import HOUSE, colour_bar, decorate, house, new_axes
 
-COLOUR_PERCENTILE = (
-    90  # of what lies within the angles seen, where the colours end: the rim is far worse
-)
-RAYS = {  # what can be shown of them: field of `RayUncertainty`, title and label
+# What can be shown of rays: field of `RayUncertainty`, title and label.
+RAY_MAPS = {
     "shape": ("mrad_shape", "Rays, a common turn apart", "σ of the ray [mrad]"),
     "px": ("px", "Pixel of a ray", "σ of the pixel [px]"),
 }
@@ -61,8 +51,9 @@ def _show(
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
     inside = values_within(values, camera, seen)
+    # Colours end at the 90th percentile of what lies within the angles seen: the rim is far worse.
     most = (
-        (float(np.percentile(inside, COLOUR_PERCENTILE)) if inside.size else 0.0)
+        (float(np.percentile(inside, 90)) if inside.size else 0.0)
         if limit is None
         else limit
     )
@@ -71,11 +62,13 @@ def _show(
     shown = ax.imshow(
         values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest"
     )
-    decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
+    decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(
+        HOUSE.left_out
+    )
     ax.locator_params(nbins=4)
     label_of_ring = f"{ends}, {np.rad2deg(seen):.0f}°"
     (line,) = ax.plot(
-        *ring(camera, seen).T, color=VERMILION, lw=2.2, ls="--", label=label_of_ring
+        *ring(camera, seen).T, color=HOUSE.vermilion, lw=2.2, ls="--", label=label_of_ring
     )
     line.set_clip_path(ax.patch)
     ax.set(xlim=extent[:2], ylim=extent[2:])
@@ -103,9 +96,9 @@ def show_ray_uncertainty(
     limit : float, optional
         Where the colours end, mrad or px; by default such that most of what was seen is below.
     """
-    if what not in RAYS:
-        raise unknown_name("what", what, tuple(RAYS))
-    name, usual, label = RAYS[what]
+    if what not in RAY_MAPS:
+        raise unknown_name("what", what, tuple(RAY_MAPS))
+    name, usual, label = RAY_MAPS[what]
     camera = geometry.camera
     seen = geometry.max_angle_seen
     values = getattr(ray_uncertainty(camera, geometry.covariance, max_angle=seen), name)
@@ -155,7 +148,7 @@ def uncertainty_figure(session: Session) -> Figure:
         raise ValueError(
             "session has no uncertainty to draw: its camera was given, its light refused"
         )
-    with house(PAGE_SIZE):
+    with house(HOUSE.page_text_size):
         figure = Figure(figsize=(6.5 * count, 5), dpi=100, layout="constrained")
         axes = list(figure.subplots(1, count, squeeze=False)[0])
         if geometry is not None:

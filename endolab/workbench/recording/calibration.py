@@ -17,13 +17,11 @@ from endolab.calibration.summary import account, mean_distances
 from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.plots.scales import blue_white_red
+from endolab.workbench.plots.scales import OKABE_ITO, blue_white_red
 from endolab.workbench.recording import layouts
+from endolab.workbench.recording.layouts import ITERATIONS
 from endolab.workbench.recording.stream import (
-    NOW,
-    OUTLIER,
-    START,
-    TRUTH,
+    TRUTH_COLOUR,
     Sink,
     as_bytes,
     camera_shape,
@@ -31,12 +29,7 @@ from endolab.workbench.recording.stream import (
     jpeg,
 )
 
-# the timelines
-FRAME = "frame"
-ITERATION = "iteration"
-MOST_FRAMES = 300  # of a long video, evenly; curves have all
-ARROW = 0.015  # of the picture's width: a reprojection residual of one standard deviation
-CURVES = {
+FIT_CURVES = {
     "Distance [mm]": ["distance"],
     "Gain [mm²]": ["gain"],
     "Residual [grey levels]": ["residual"],
@@ -75,20 +68,22 @@ class _Recording:
         self.thin = every(session.camera.width, max_width)
         self.step = self.thin[0].step
         self.sigma = 1.0 if session.geometry is None else session.geometry.sigma
-        self.magnify = ARROW * session.camera.width / max(self.sigma, 1e-6)
+        # A reprojection residual of one standard deviation is 1.5 % of the picture's width.
+        self.magnify = 0.015 * session.camera.width / max(self.sigma, 1e-6)
 
     def log(self, frames: Named, light_steps: Sequence[FitIterate]) -> None:
         names = list(self.session.detections)
-        shown = set(names[:: -(-len(names) // MOST_FRAMES)])
+        # 300 frames of a long video, evenly; curves have all.
+        shown = set(names[:: -(-len(names) // 300)])
         self._log_static()
         self._log_curves(names)
         pictures = frames.read(shown) if isinstance(frames, Frames) else frames
         for name, image in pictures:
             if name in shown:
-                self.sink.at(FRAME, names.index(name))
+                self.sink.at("frame", names.index(name))
                 self._log_frame(name, image)
         for step in light_steps:
-            self.sink.at(ITERATION, step.k)
+            self.sink.at(ITERATIONS, step.k)
             self._log_step(step)
 
     def _places(self, pixels: FloatArray) -> FloatArray:
@@ -118,8 +113,10 @@ class _Recording:
         centre = np.mean(middles, axis=0) if middles else np.array([0.0, 0.0, 50.0])
         size = 0.2 * float(np.linalg.norm(centre))
         self.sink.log("world/camera", camera_shape(session.camera, size), static=True)
-        curves = CURVES if session.light is not None else {"Distance [mm]": ["distance"]}
-        self.sink.arrange(layouts.calibration(centre, curves, FRAME))
+        curves = (
+            FIT_CURVES if session.light is not None else {"Distance [mm]": ["distance"]}
+        )
+        self.sink.arrange(layouts.calibration(centre, curves, "frame"))
 
     # Frames ---------------------------------------------------------------------------
 
@@ -139,7 +136,7 @@ class _Recording:
             curves["residual"] = sampled[some], np.array(spread)[some]
         for name, (frames, values) in curves.items():
             for place, value in zip(number[frames].tolist(), values, strict=True):
-                self.sink.at(FRAME, place)
+                self.sink.at("frame", place)
                 self.sink.log_scalar(f"plots/{name}", value)
 
     def _log_frame(self, name: str, image: FloatArray | None) -> None:
@@ -149,7 +146,7 @@ class _Recording:
         pixels = self._places(session.detections[name].pixels)
         self.sink.log(
             "picture/detected",
-            rr.Points2D(pixels, colors=START, radii=rr.Radius.ui_points(2.5)),
+            rr.Points2D(pixels, colors=OKABE_ITO.sky, radii=rr.Radius.ui_points(2.5)),
         )
         self._log_reprojection(name)
         self._log_samples(name)
@@ -161,7 +158,7 @@ class _Recording:
                     pose.transform(target.points[target.panel_of(target.points) == panel])
                 )
         dots = rr.Points3D(
-            np.concatenate(sheet), colors=TRUTH, radii=rr.Radius.ui_points(3.0)
+            np.concatenate(sheet), colors=TRUTH_COLOUR, radii=rr.Radius.ui_points(3.0)
         )
         self.sink.log("world/sheet", dots)
 
@@ -179,7 +176,9 @@ class _Recording:
         # Outliers would run across the picture.
         length = np.linalg.norm(vector, axis=1, keepdims=True)
         vector = vector * np.minimum(1, 4 * self.sigma / np.maximum(length, 1e-12))
-        colours = np.where(good[:, None], NOW, OUTLIER).astype(np.uint8)
+        colours = np.where(good[:, None], OKABE_ITO.orange, OKABE_ITO.vermilion).astype(
+            np.uint8
+        )
         origins = self._places(pixels)
         vector = vector * self.magnify / self.step
         radius = rr.Radius.ui_points(1.0)
@@ -190,12 +189,16 @@ class _Recording:
         session = self.session
         light = self.session.light
         names = list(session.poses)
-        here = session.samples.frame == (names.index(name) if name in session.poses else -1)
-        colours = np.full((int(here.sum()), 3), TRUTH, dtype=np.uint8)
+        of_frame = session.samples.frame == (
+            names.index(name) if name in session.poses else -1
+        )
+        colours = np.full((int(of_frame.sum()), 3), TRUTH_COLOUR, dtype=np.uint8)
         if light is not None:
-            used = light.used[here]
-            colours[used] = blue_white_red(light.residuals[here][used] / (3 * light.sigma))
-        places = self._places(session.camera.project(session.samples.points[here]))
+            used = light.used[of_frame]
+            colours[used] = blue_white_red(
+                light.residuals[of_frame][used] / (3 * light.sigma)
+            )
+        places = self._places(session.camera.project(session.samples.points[of_frame]))
         self.sink.log(
             "picture/samples",
             rr.Points2D(places, colors=colours, radii=rr.Radius.ui_points(4.0)),

@@ -11,12 +11,11 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.plots.scales import MOST_RESIDUAL
+from endolab.workbench.plots.scales import LARGEST_RESIDUAL
 from endolab.workbench.recording.stream import Layout
 
-TIMELINE = "iteration"
-PLAYED = 20.0  # s that a run is played
-BACKGROUND = (45, 50, 58)
+ITERATIONS = "iteration"  # a timeline
+SECONDS_PLAYED = 20.0  # of a run, whatever its length
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Shown:
 
 
 def _open_at(
-    layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None
+    layout: rrb.Container, timeline: str = ITERATIONS, fps: float | None = None
 ) -> Layout:
     """A layout with the timeline to open on, played so fast, and without panels beside it."""
     return Layout(
@@ -64,7 +63,7 @@ def _depth(shown: Shown) -> rrb.Spatial2DView:
 
 def _residual(shown: Shown) -> rrb.Spatial2DView:
     return shown.view(
-        f"Residual, blue -{MOST_RESIDUAL:g} to red +{MOST_RESIDUAL:g}/255", "residual"
+        f"Residual, blue -{LARGEST_RESIDUAL:g} to red +{LARGEST_RESIDUAL:g}/255", "residual"
     )
 
 
@@ -73,7 +72,7 @@ def _uncertainty(shown: Shown) -> list[rrb.View]:
     if shown.sigma is None:
         return []
     sigma = shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask")
-    return [sigma, shown.view("Who decided", "uncertainty/dominant_source")]
+    return [sigma, shown.view("What determined each pixel", "uncertainty/dominant_source")]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
@@ -104,7 +103,7 @@ def _space(
         position=target + away * np.array(direction), look_target=target, eye_up=[0, -1, 0]
     )
     return rrb.Spatial3DView(
-        origin=origin, name=name, eye_controls=eye, background=BACKGROUND, line_grid=False
+        origin=origin, name=name, eye_controls=eye, background=(45, 50, 58), line_grid=False
     )
 
 
@@ -163,7 +162,7 @@ def reconstruction(shown: Shown) -> Layout:
     below = rrb.Horizontal(
         _surface(shown), curves, rrb.Tabs(*words, steps), column_shares=[1.7, 1.4, 1.1]
     )
-    fps = max(1.0, shown.last / PLAYED)
+    fps = max(1.0, shown.last / SECONDS_PLAYED)
     return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=fps)
 
 
@@ -177,7 +176,9 @@ def comparison(runs: Sequence[Shown]) -> Layout:
     ]
     energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])
     layout = rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
-    return _open_at(layout, fps=max(1.0, max(shown.last for shown in runs) / PLAYED))
+    return _open_at(
+        layout, fps=max(1.0, max(shown.last for shown in runs) / SECONDS_PLAYED)
+    )
 
 
 def _plots(curves: Mapping[str, Sequence[str]]) -> list[rrb.TimeSeriesView]:

@@ -11,23 +11,22 @@ from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.result import Iterate
-from endolab.workbench.plots.scales import MOST_RESIDUAL, blue_white_red
+from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red
 from endolab.workbench.recording.stream import classes, depth_map, every
 
-CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
-SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `MOST_RESIDUAL`
-BLACK = (0, 0, 0, 255)
+OPAQUE_BLACK = (0, 0, 0, 255)
 CLEAR = (0, 0, 0, 0)
-RESIDUAL = {"left out": BLACK} | {
-    f"{MOST_RESIDUAL * share:+.2g}/255": (*colour.tolist(), 255)
+SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `LARGEST_RESIDUAL`
+RESIDUAL_COLOURS = {"left out": OPAQUE_BLACK} | {
+    f"{LARGEST_RESIDUAL * share:+.2g}/255": (*colour.tolist(), 255)
     for share, colour in zip(SHADES, blue_white_red(SHADES), strict=True)
 }
-MASK = {"left out": BLACK, "used": CLEAR}
-PREPARED = {
+USED_COLOURS = {"left out": OPAQUE_BLACK, "used": CLEAR}
+FINDING_COLOURS = {
     "as it is": CLEAR,
-    "saturated": (240, 228, 66, 255),
-    "highlight": (86, 180, 233, 255),
-    "contour": (213, 94, 0, 255),
+    "saturated": (*OKABE_ITO.yellow, 255),
+    "highlight": (*OKABE_ITO.sky, 255),
+    "contour": (*OKABE_ITO.vermilion, 255),
 }
 
 
@@ -41,7 +40,8 @@ class Painter:
     def __init__(self, problem: Problem, max_width: int) -> None:
         self.problem = problem
         self.thin = thin = every(problem.camera.width, max_width)
-        further = max(1, -(-problem.camera.width // (thin[0].step * CLOUD_WIDTH)))
+        # A cloud has 160 columns at most: coordinates would be most of a recording.
+        further = max(1, -(-problem.camera.width // (thin[0].step * 160)))
         self.sparse = sparse = (slice(None, None, thin[0].step * further),) * 2
         self._inside = problem.mask[sparse]
         self._rays = problem.field.rays[sparse][self._inside]
@@ -68,12 +68,12 @@ class Painter:
         }
 
     def _shades(self, v: FloatArray) -> NDArray[np.uint8]:
-        """Model - frame, (h, w), as places in `RESIDUAL`."""
+        """Model - frame, (h, w), as places in `RESIDUAL_COLOURS`."""
         problem = self.problem
         model = problem.photometry.brightness(
             v[self.thin], self._maps.slant(v), self._attenuation
         )
-        share = 255 / MOST_RESIDUAL * (model - problem.image[self.thin])
+        share = 255 / LARGEST_RESIDUAL * (model - problem.image[self.thin])
         half = len(SHADES) // 2
         return np.asarray(
             cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1)
@@ -83,13 +83,13 @@ class Painter:
         """What is left out, and what was found in the frame, by their entities."""
         mask = np.ascontiguousarray(self.problem.mask[self.thin])
         return {
-            "mask": classes(mask, MASK),
-            "prepared": classes(preparation_of(self.problem)[self.thin], PREPARED),
+            "mask": classes(mask, USED_COLOURS),
+            "prepared": classes(preparation_of(self.problem)[self.thin], FINDING_COLOURS),
         }
 
 
 def preparation_of(problem: Problem) -> NDArray[np.uint8]:
-    """What a frame's pixels were found to be, (H, W), as places in `PREPARED`."""
+    """What a frame's pixels were found to be, (H, W), as places in `FINDING_COLOURS`."""
     places = np.zeros(problem.mask.shape, np.uint8)
     if problem.evidence is not None:
         places[problem.mask & (problem.evidence == LOWER_BOUND)] = 1

@@ -18,12 +18,11 @@ from endolab.io.atomic import PathLike, one_sentence
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.workbench.recording import decoder
-from endolab.workbench.recording.layouts import TIMELINE
+from endolab.workbench.recording.layouts import ITERATIONS
 from endolab.workbench.recording.recorder import stage_of
 
 # Rows of a component: iteration (None if it stays) to its arrow values.
 Rows = dict[int | None, Any]
-DECODE_TIMEOUT = 60  # s that a file may take to decode, and one more for each megabyte
 
 
 def read_recording(path: PathLike) -> Recording:
@@ -77,11 +76,11 @@ def read_recording(path: PathLike) -> Recording:
 def _take(batch: Any, entities: dict[str, dict[str, Rows]]) -> None:
     """Sort the rows of a batch by entity, component and iteration."""
     entity = (batch.schema.metadata or {}).get(b"rerun:entity_path", b"").decode()
-    timed = TIMELINE in batch.schema.names and pa.types.is_int64(
-        batch.schema.field(TIMELINE).type
+    timed = ITERATIONS in batch.schema.names and pa.types.is_int64(
+        batch.schema.field(ITERATIONS).type
     )
     at: list[int | None] = (
-        batch.column(TIMELINE).to_pylist() if timed else [None] * len(batch)
+        batch.column(ITERATIONS).to_pylist() if timed else [None] * len(batch)
     )
     for name, kind in zip(batch.schema.names, batch.schema.types, strict=True):
         if ":" in name and pa.types.is_list(kind):
@@ -108,7 +107,7 @@ def _batches(path: Path) -> Iterator[Any]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        timeout=DECODE_TIMEOUT + size / 1e6,
+        timeout=60 + size / 1e6,  # s: one more for each megabyte
         check=False,
     )
     if program.returncode:
@@ -257,11 +256,13 @@ class Recording:
         Thinned if the frame was wider than the recording. An earlier stage may be on a smaller grid
         and in relative units. ValueError if the iteration has no picture.
         """
-        return self._map("depth", np.float32, self._chosen(iteration)).astype(float)
+        return self._map("depth", np.float32, self._choose_iteration(iteration)).astype(
+            float
+        )
 
     def normals(self, iteration: int = -1) -> FloatArray:
         """Unit normals at an iteration, (h, w, 3), to half a degree; nan outside the mask; see `depth`."""
-        k = self._chosen(iteration)
+        k = self._choose_iteration(iteration)
         n = np.where(
             self._mask(k)[..., None],
             2 * (self._map("normals", np.uint8, k, 3) / 255.0) - 1,
@@ -278,7 +279,7 @@ class Recording:
 
     @property
     def dominant_source(self) -> NDArray[np.uint8] | None:
-        """Who decided the pixels of the last `depth`, (h, w); None if no uncertainty was recorded.
+        """What determined the pixels of the last `depth`, (h, w); None if no uncertainty was recorded.
 
         1 the data, 2 border or contour, 3 the prior; 0 outside the mask.
         """
@@ -286,7 +287,7 @@ class Recording:
             return None
         return self._map("uncertainty/dominant_source", np.uint8)
 
-    def _chosen(self, iteration: int) -> int:
+    def _choose_iteration(self, iteration: int) -> int:
         pictured = self.pictured
         if not pictured:
             raise ValueError(f"{self.path} holds no depth maps")

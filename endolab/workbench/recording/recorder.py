@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -15,13 +15,23 @@ from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.sentences import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
-from endolab.workbench.plots.scales import DECIDERS, common_limits, in_colour
-from endolab.workbench.recording.layouts import TIMELINE, Shown, comparison, reconstruction
-from endolab.workbench.recording.pictures import BLACK, RESIDUAL, Painter
+from endolab.workbench.plots.scales import (
+    OKABE_ITO,
+    SOURCE_COLOURS,
+    Colour,
+    common_limits,
+    in_colour,
+)
+from endolab.workbench.recording.layouts import (
+    ITERATIONS,
+    Shown,
+    comparison,
+    reconstruction,
+)
+from endolab.workbench.recording.pictures import OPAQUE_BLACK, RESIDUAL_COLOURS, Painter
 from endolab.workbench.recording.stream import (
-    NOW,
     THIN,
-    TRUTH,
+    TRUTH_COLOUR,
     Sink,
     as_bytes,
     camera_shape,
@@ -33,11 +43,16 @@ from endolab.workbench.recording.stream import (
 if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty.estimate import Uncertainty
 
-# pictures of a run's first iterates, then each time k has grown by half
-ALL_UNTIL = 20
-GROWTH = 1.5
-COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
-RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233))
+
+@dataclass(frozen=True)
+class PictureRate:
+    """Of which iterates pictures are kept, that a recording stays small."""
+
+    all_until: int = 20  # the first ones, ...
+    growth: float = 1.5  # ... then each time k has grown by half
+
+
+PICTURE_RATE = PictureRate()
 
 
 def record(
@@ -117,7 +132,8 @@ class Comparison:
                 else "expected a word such as gauss_newton"
             )
             raise ValueError(f"a run cannot be called {name!r}: {why}")
-        colour = RUNS[len(self._runs) % len(RUNS)]
+        colours = (OKABE_ITO.orange, OKABE_ITO.green, OKABE_ITO.purple, OKABE_ITO.sky)
+        colour = colours[len(self._runs) % len(colours)]
         self._runs[name] = Recorder(
             self._sink, self._truth, self._max_width, run=name, colour=colour
         )
@@ -179,7 +195,7 @@ class Recorder:
         max_width: int,
         *,
         run: str = "",
-        colour: tuple[int, ...] = NOW,
+        colour: Colour = OKABE_ITO.orange,
     ) -> None:
         self.path = sink.path  # None if it goes to a viewer
         self.truth = truth
@@ -203,7 +219,7 @@ class Recorder:
         """Log one iterate."""
         if not self._open:
             raise ValueError("the recording is closed")
-        if self._sink.gone:
+        if self._sink.is_viewer_closed:
             return  # the run goes on
         last = self._last
         if last is None or (last.stage, last.round) != (iterate.stage, iterate.round):
@@ -216,7 +232,8 @@ class Recorder:
         self._log_scalars(iterate)
         shown = self._pictured
         often = shown is not None and (
-            iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * shown.k
+            iterate.k <= PICTURE_RATE.all_until
+            or iterate.k >= PICTURE_RATE.growth * shown.k
         )
         if shown is None or (often and iterate.stage == SOLUTION):
             self._log_pictures(iterate)
@@ -257,8 +274,8 @@ class Recorder:
             depth_map(percent, False, (0.0, most), "magma"),
             static=True,
         )
-        colours = {"left out": BLACK} | {
-            name: (*colour, 255) for name, colour in DECIDERS.items()
+        colours = {"left out": OPAQUE_BLACK} | {
+            name: (*colour, 255) for name, colour in SOURCE_COLOURS.items()
         }
         self._log(
             "uncertainty/dominant_source",
@@ -306,7 +323,9 @@ class Recorder:
         distance = np.exp(iterate.log_distance[painter.thin])
         if last is None:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
-            self._log("residual", classes(np.zeros((1, 1)), RESIDUAL)[0], static=True)
+            self._log(
+                "residual", classes(np.zeros((1, 1)), RESIDUAL_COLOURS)[0], static=True
+            )
         self._style(iterate)
         self._at(iterate)
         self._log("stage", rr.TextLog(stage_text(iterate.stage, iterate.round)))
@@ -339,8 +358,13 @@ class Recorder:
         terms = dict.fromkeys([*(self.shown.terms if self.shown else ()), *iterate.terms])
         maps = dict.fromkeys([*(self.shown.maps if self.shown else ()), *iterate.maps])
         self.shown = Shown(self._run, iterate.problem.unit, (*terms,), (*maps,), (0.0, 1.0))
+        colours = {
+            "energy": OKABE_ITO.orange,
+            "data": OKABE_ITO.sky,
+            "regulariser": OKABE_ITO.vermilion,
+        }
         for name in ("energy", "change", *iterate.terms):
-            colour = self._colour if self._run else COLOURS.get(name)
+            colour = self._colour if self._run else colours.get(name)
             style = rr.SeriesLines(
                 colors=colour, names=f"{self._run} {name}".strip(), widths=2
             )
@@ -364,7 +388,8 @@ class Recorder:
         ]
         points = points[np.isfinite(points).all(axis=-1)]
         self._log(
-            "world/truth", rr.Points3D(points.astype(np.float32), colors=TRUTH, radii=THIN)
+            "world/truth",
+            rr.Points3D(points.astype(np.float32), colors=TRUTH_COLOUR, radii=THIN),
         )
 
     def _end_stage(self, last: Iterate) -> None:
@@ -378,7 +403,7 @@ class Recorder:
 
     def _end(self) -> None:
         """Log what is known at the end only."""
-        if self._last is None or self._sink.gone:
+        if self._last is None or self._sink.is_viewer_closed:
             return
         self._end_stage(self._last)
         table = "\n".join(
@@ -414,7 +439,7 @@ class Recorder:
     # Iterates -------------------------------------------------------------------------
 
     def _at(self, iterate: Iterate) -> None:
-        self._sink.at(TIMELINE, self._before + iterate.k)
+        self._sink.at(ITERATIONS, self._before + iterate.k)
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self._sink.log(f"{self._run}/{entity}", *what, static=static)

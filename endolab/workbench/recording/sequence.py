@@ -11,7 +11,7 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import common_limits, in_colour
 from endolab.workbench.recording.layouts import sequence
-from endolab.workbench.recording.pictures import MASK
+from endolab.workbench.recording.pictures import USED_COLOURS
 from endolab.workbench.recording.stream import (
     Sink,
     as_bytes,
@@ -22,10 +22,7 @@ from endolab.workbench.recording.stream import (
     jpeg,
 )
 
-TIMELINE = "frame"
-CLOUD_WIDTH = 120  # columns of a cloud: coordinates would be most of a recording
-QUALITY = 85  # of a JPEG
-CURVES = {
+VIDEO_CURVES = {
     "Energy": ["energy"],
     "Median distance": ["median_distance"],
     "Gain": ["gain"],
@@ -41,7 +38,7 @@ class SequenceRecorder:
     `max_width`, px, are thinned; `curves` are titles of what is plotted.
 
     `path` names a file, which `close` writes, whole or not at all, or is a `Sink`: ``Sink()`` is the native
-    viewer, and its ``gone`` tells whether the user has closed it.
+    viewer, and its ``is_viewer_closed`` tells whether the user has closed it.
     """
 
     def __init__(
@@ -49,7 +46,7 @@ class SequenceRecorder:
         path: PathLike | Sink,
         unit: str,
         max_width: int = 320,
-        curves: Mapping[str, Sequence[str]] = CURVES,
+        curves: Mapping[str, Sequence[str]] = VIDEO_CURVES,
     ) -> None:
         self.unit = unit
         self.max_width = max_width
@@ -73,17 +70,17 @@ class SequenceRecorder:
         """
         sink, (height, width) = self._sink, distance.shape
         thin = every(width, self.max_width)
-        sparse = every(width, CLOUD_WIDTH)
+        sparse = every(width, 120)  # coordinates would be most of a recording
         if self._limits is None:
             self._limits = common_limits([distance])
             sink.log("world", rr.ViewCoordinates.RDF, static=True)
             size = 0.2 * float(np.nanmedian(distance))
             sink.log("world/camera", camera_shape(camera, size), static=True)
-            sink.arrange(sequence(self.unit, self._limits, TIMELINE, self._curves))
-        sink.at(TIMELINE, number)
+            sink.arrange(sequence(self.unit, self._limits, "frame", self._curves))
+        sink.at("frame", number)
         sink.log("input", self._encode(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._limits))
-        sink.log("mask", *classes(np.isfinite(distance[thin]), MASK))
+        sink.log("mask", *classes(np.isfinite(distance[thin]), USED_COLOURS))
         sink.log("normals", self._encode((normals[thin] + 1) / 2))
         inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
@@ -105,5 +102,5 @@ class SequenceRecorder:
         return (
             rr.Image(as_bytes(colours))
             if self._sink.path is None
-            else jpeg(as_bytes(colours), QUALITY)
+            else jpeg(as_bytes(colours), quality=85)
         )

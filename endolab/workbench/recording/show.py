@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from endolab.io.atomic import PathLike
 from endolab.workbench.recording.reader import Recording, read_recording
 from endolab.workbench.recording.viewer import (
-    HEIGHT,
     front_end,
     notebook_viewer,
     start_viewer,
@@ -31,7 +30,7 @@ def show(
     recording: PathLike | Recorder | Comparison,
     *,
     native: bool = False,
-    height: int = HEIGHT,
+    height: int = 640,
 ) -> None:
     """Show a recording: below the cell, or in the native viewer.
 

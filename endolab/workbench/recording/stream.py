@@ -19,15 +19,11 @@ from numpy.typing import NDArray
 from endolab.io.atomic import PathLike, one_sentence, stage_file
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.recording.viewer import ADDRESS, end, start_viewer
+from endolab.workbench.plots.scales import OKABE_ITO
+from endolab.workbench.recording.viewer import VIEWER_PORT, end, start_viewer
 
-NOW = (230, 159, 0)
-START = (86, 180, 233)
-TRUTH = (160, 160, 160)
-OUTLIER = (213, 94, 0)
+TRUTH_COLOUR = (160, 160, 160)
 THIN = rr.Radius.ui_points(1.5)
-PIPES = Path("/dev/fd")  # names of open files, where the system has such
-FLUSH_TIMEOUT = 5.0  # s that a viewer gets to take the last of what was logged
 
 
 class Layout(rrb.Blueprint):
@@ -97,19 +93,20 @@ class Sink:
             staged = stage_file(self.path)
             temporary = staged.__enter__()
             self._staged = staged
-            if PIPES.is_dir():
+            pipes = Path("/dev/fd")  # names of open files, where the system has such
+            if pipes.is_dir():
                 with one_sentence(f"cannot write {self.path}"):
                     self._writer = _Writer(temporary)
-                self.stream.save(PIPES / str(self._writer.entry))
+                self.stream.save(pipes / str(self._writer.entry))
                 os.close(self._writer.entry)  # Rerun has opened it anew
                 self._writer.start()
             else:
                 self.stream.save(temporary)
         else:
-            self.stream.connect_grpc(ADDRESS)
+            self.stream.connect_grpc(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy")
 
     @property
-    def gone(self) -> bool:
+    def is_viewer_closed(self) -> bool:
         """Whether the user has closed the viewer's window."""
         return self._viewer is not None and self._viewer.poll() is not None
 
@@ -165,7 +162,7 @@ class Sink:
 
     def _see_off(self) -> None:
         try:
-            self.stream.flush(timeout_sec=FLUSH_TIMEOUT)
+            self.stream.flush(timeout_sec=5.0)  # to take the last of what was logged
         except RuntimeError:
             if self._viewer is not None:  # it hangs, and Rerun would wait for it for good
                 end(self._viewer)
@@ -199,7 +196,7 @@ def camera_shape(camera: Camera, size: float) -> rr.LineStrips3D:
     """What the camera sees, as a cone about `size` long; Rerun's own pinhole knows no distortion."""
     rim = size * _rim(camera)
     spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
-    return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
+    return rr.LineStrips3D([rim, *spokes], colors=OKABE_ITO.sky, radii=THIN)
 
 
 def _rim(camera: Camera) -> FloatArray:

@@ -12,18 +12,7 @@ from typing import Any
 
 import psutil
 
-PORT = 9876  # the viewer's own default
-ADDRESS = f"rerun+http://127.0.0.1:{PORT}/proxy"
-HEIGHT = 640  # px, of a viewer in a notebook
-SCREENS = (
-    "DISPLAY",
-    "WAYLAND_DISPLAY",
-    "WAYLAND_SOCKET",
-)  # variables, one of which Linux has then
-# Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
-FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
-# Run as a module, rerun_cli exits with 0 whatever has happened.
-VIEWER = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
+VIEWER_PORT = 9876  # the viewer's own default
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
 
 
@@ -35,10 +24,11 @@ def start_viewer(
     One that is started forgets what is oldest when it takes that much `memory`, such as "2GB". Not by
     ``rr.spawn``, which listens to the network. An OSError says that it does not start.
     """
-    there = is_listening(PORT)
-    if there and path is None:
+    is_running = is_listening(VIEWER_PORT)
+    if is_running and path is None:
         return None
-    if sys.platform == "linux" and not any(os.environ.get(name) for name in SCREENS):
+    screens = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # Linux has one of them then
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
         raise OSError(NO_SCREEN)
     limit = () if memory is None else ("--memory-limit", memory)
     shown = "--expect-data-soon" if path is None else str(path.resolve())
@@ -46,11 +36,12 @@ def start_viewer(
         [
             sys.executable,
             "-c",
-            VIEWER,
+            # Run as a module, rerun_cli exits with 0 whatever has happened.
+            "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())",
             "--bind",
             "127.0.0.1",
             "--port",
-            str(PORT),
+            str(VIEWER_PORT),
             *limit,
             shown,
         ],
@@ -66,10 +57,10 @@ def start_viewer(
     started = time.monotonic()
     # With a screen that it cannot use it listens for a moment before it gives up.
     while time.monotonic() < started + 1.5 or (
-        not is_listening(PORT) and time.monotonic() < started + 20
+        not is_listening(VIEWER_PORT) and time.monotonic() < started + 20
     ):
         if viewer.poll() is not None:
-            if there and viewer.returncode == 0:  # it has passed the recording on
+            if is_running and viewer.returncode == 0:  # it has passed the recording on
                 return None
             raise OSError(NO_SCREEN)
         time.sleep(0.1)
@@ -95,7 +86,9 @@ def is_listening(port: int) -> bool:
 
 def front_end() -> bool:
     """Whether someone looks at this notebook; a test or a script that runs one shows no widgets."""
-    return "ipykernel" in sys.modules and any(os.environ.get(name) for name in FRONT_ENDS)
+    # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
+    names = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
+    return "ipykernel" in sys.modules and any(os.environ.get(name) for name in names)
 
 
 def notebook_viewer() -> Any:

@@ -18,10 +18,8 @@ from endolab.io.video import Frames
 from endolab.model.brdf import TabulatedBRDF
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots import calibration as figures
-from endolab.workbench.plots.style import PAGE_SIZE, house
+from endolab.workbench.plots.style import HOUSE, house
 from endolab.workbench.plots.uncertainty import uncertainty_figure
-
-TEMPLATE = Path(__file__).with_suffix(".html.j2")
 
 
 def _values(rows: Iterable[tuple[str, float, float, str]]) -> list[tuple[str, str]]:
@@ -55,7 +53,8 @@ def _page(session: Session, source: str, shown: str) -> str:
     blocks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True}
     environment = Environment(autoescape=True, undefined=StrictUndefined, **blocks)
     environment.filters["by_reason"] = summary.by_reason
-    return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+    template = Path(__file__).with_suffix(".html.j2")
+    return environment.from_string(template.read_text(encoding="utf-8")).render(
         session=session,
         light=light,
         source=source,
@@ -97,7 +96,7 @@ def write_report(
     facts: dict[str, Any] = {"endolab": 1} | summary.evidence(session, source, channel)
     facts |= {"account": summary.account(session)}
     if session.geometry is None:
-        with house(PAGE_SIZE):
+        with house(HOUSE.page_text_size):
             figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
             figures.show_detection(
                 image, session.detections[name], session.target, figure.subplots()

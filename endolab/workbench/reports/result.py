@@ -19,7 +19,7 @@ from endolab.reconstruction.warnings import warnings
 from endolab.solvers.result import Result
 from endolab.workbench.plots.maps import overview
 from endolab.workbench.plots.preparation import prepare_figure
-from endolab.workbench.plots.scales import DECIDERS, in_colour
+from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
 
 if TYPE_CHECKING:
     from endolab.frames.prepare import Prepared
@@ -81,7 +81,7 @@ def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str,
         ),
         "sigma_scale_percent": 100 * uncertainty.sigma_scale,
         "dominant_source": {
-            name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)
+            name: float((decided == k).mean()) for k, name in enumerate(SOURCE_COLOURS, 1)
         },
         "causes_percent": {
             name: float(100 * np.median(a[inside]))
@@ -113,7 +113,7 @@ def save_result(
     folder : path
         Made if need be. Either all files are written or none.
     mesh : bool
-        Whether to write `mesh.ply`, torn at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
+        Whether to write `mesh.ply`, cut at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
         whose colours show σ.
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.

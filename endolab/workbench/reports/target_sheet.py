@@ -1,6 +1,7 @@
 """Sheets to print: a target as a PDF or SVG of true size, and its description as JSON."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,19 @@ from endolab.calibration.targets import TARGETS, Chessboard, Target
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.numerics.arrays import FloatArray
 
-A4 = (297.0, 210.0)  # mm
-EDGE = 8.0  # mm of the page that a printer may leave white
-CAPTION = 24.0  # mm below the sheet for words and the ruler
-WORDS = 120.0  # mm that the longest line of words needs
-RULER = 50.0  # mm
-MM = 1 / 25.4  # inches
-PALE = "0.7"
+
+@dataclass(frozen=True)
+class SheetPage:
+    """The page of a target, mm."""
+
+    size: tuple[float, float] = (297.0, 210.0)  # A4 landscape; larger if the sheet needs it
+    edge: float = 8.0  # that a printer may leave white
+    caption: float = 24.0  # below the sheet, for words and the ruler
+    words: float = 120.0  # that the longest line of words needs
+    ruler: float = 50.0
+
+
+PAGE = SheetPage()
 
 
 # Pages ----------------------------------------------------------------------------------
@@ -63,17 +70,18 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
     axes are in mm of the target's frame, y down.
     """
     left, top, width, height = target.sheet
-    need = max(width, WORDS) + 2 * EDGE, height + CAPTION + 2 * EDGE
-    page = A4 if need[0] <= A4[0] and need[1] <= A4[1] else need
-    figure = Figure(figsize=(page[0] * MM, page[1] * MM))
+    need = max(width, PAGE.words) + 2 * PAGE.edge, height + PAGE.caption + 2 * PAGE.edge
+    page = PAGE.size if need[0] <= PAGE.size[0] and need[1] <= PAGE.size[1] else need
+    mm = 1 / 25.4  # inches
+    figure = Figure(figsize=(page[0] * mm, page[1] * mm))
     axes = figure.add_axes((0, 0, 1, 1))
     x = left + (width - page[0]) / 2
-    y = top - (page[1] - height - CAPTION) / 2
+    y = top - (page[1] - height - PAGE.caption) / 2
     axes.set(xlim=(x, x + page[0]), ylim=(y + page[1], y))
     axes.set_axis_off()
 
     axes.add_patch(
-        Rectangle((left, top), width, height, fill=False, edgecolor=PALE, linewidth=0.5)
+        Rectangle((left, top), width, height, fill=False, edgecolor="0.7", linewidth=0.5)
     )
     ink = target.ink
     for reflectance in np.unique(ink.greys[:, 3]):
@@ -84,7 +92,7 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
 
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     bottom = top + height
-    line = min(left, x + page[0] - EDGE - WORDS)
+    line = min(left, x + page[0] - PAGE.edge - PAGE.words)
     if target.fold_x is not None:
         mark = min(3.0, target.margin / 3)
         for start, end in ((top, top + mark), (bottom, bottom - mark)):
@@ -93,9 +101,11 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
     caption = f"{_caption(target, title)}. Print at 100 %, not fitted to the page."
     axes.text(line, bottom + 5, caption, **words)
     ruler = bottom + 17
-    axes.text(line, bottom + 10, f"Check: this line must be {RULER:g} mm long.", **words)
-    axes.plot([line, line + RULER], [ruler, ruler], color="black", linewidth=0.5)
-    for tick in np.arange(0, RULER + 1, 10):
+    axes.text(
+        line, bottom + 10, f"Check: this line must be {PAGE.ruler:g} mm long.", **words
+    )
+    axes.plot([line, line + PAGE.ruler], [ruler, ruler], color="black", linewidth=0.5)
+    for tick in np.arange(0, PAGE.ruler + 1, 10):
         axes.plot([line + tick] * 2, [ruler - 1.5, ruler], color="black", linewidth=0.5)
         axes.text(
             line + tick, ruler + 2.5, f"{tick:g}", ha="center", **(words | {"fontsize": 6})

@@ -11,10 +11,9 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.tuning.engine import Answer
 from endolab.workbench.tuning.panels import PANELS, Panel, View, ratio_of
-from endolab.workbench.tuning.pictures import BAR, Chart, Map, Picture, scale_bar
+from endolab.workbench.tuning.pictures import DRAWING, Chart, Map, Picture, scale_bar
 
-COLUMNS = 3
-ROWS = ("distance", "model - frame", "section")  # of answers that are compared
+COMPARED_PANELS = ("distance", "model - frame", "section")
 Box = list[float]  # left, top, right, bottom
 Rows = Sequence[Sequence[tuple[Panel, Answer] | None]]
 
@@ -72,7 +71,7 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
     size = np.array([width * len(rows[0]) + margin, height * len(rows)])
     paper = np.full((size[1], size[0], 3), 255, np.uint8)
 
-    def shared(box: Sequence[int]) -> Box:
+    def to_shares(box: Sequence[int]) -> Box:
         """A box in a cell as shares of the board."""
         moved: Box = (np.add(np.reshape(box, (2, 2)), (left, top)) / size).ravel().tolist()
         return moved
@@ -94,23 +93,26 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
             at = np.add(np.reshape(dots, (-1, 2)), (left, top)) / size
             places.append(
                 Place(
-                    answer, shared((0, 0, width, height)), spot and shared(spot), panel, at
+                    answer,
+                    to_shares((0, 0, width, height)),
+                    spot and to_shares(spot),
+                    panel,
+                    at,
                 )
             )
     return Board(paper, places)
 
 
-def of_one(
+def draw_answer(
     answer: Answer, names: Sequence[str], view: View, room: tuple[int, int], text: int = 12
 ) -> Board:
     """The panels of an answer, three in a row."""
     panels = [(PANELS[name](answer, view), answer) for name in names]
-    return _board(
-        [panels[i : i + COLUMNS] for i in range(0, len(panels), COLUMNS)], room, text
-    )
+    rows = [panels[i : i + 3] for i in range(0, len(panels), 3)]
+    return _board(rows, room, text)
 
 
-def comparable(a: Answer, b: Answer) -> bool:
+def are_comparable(a: Answer, b: Answer) -> bool:
     """Whether both are of the same frame, and of one size."""
     return (
         a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
@@ -121,19 +123,19 @@ def _name_panel(name: str, panel: Panel) -> Panel:
     return replace(panel, title=f"{name}: {panel.title}")
 
 
-def of_two(
+def draw_pair(
     a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12
 ) -> Board:
     """A beside B with the same scales, their ratio and their sections."""
     thirds = ratio_of(a, b), PANELS["section"](b, replace(view, like=a, beside=a))
     rows = []
-    for name, third in zip(ROWS[:2], thirds, strict=True):
+    for name, third in zip(COMPARED_PANELS[:2], thirds, strict=True):
         left, right = (PANELS[name](answer, replace(view, like=a)) for answer in (a, b))
         rows.append([(_name_panel("A", left), a), (_name_panel("B", right), b), (third, b)])
     return _board(rows, room, text)
 
 
-def of_several(
+def draw_columns(
     answers: Sequence[tuple[str, Answer | None]],
     like: Answer,
     view: View,
@@ -147,7 +149,7 @@ def of_several(
             return None
         shown = PANELS[name](answer, replace(view, like=like))
         title = shown.title.split(",")[0]
-        if name == ROWS[0]:
+        if name == COMPARED_PANELS[0]:
             title = f"{label}: {title.lower()}"
         if isinstance(shown, Chart):  # no room for the names of its curves
             shown = replace(shown, curves=[("", *curve[1:]) for curve in shown.curves])
@@ -159,8 +161,8 @@ def of_several(
         return replace(shown, title=title), answer
 
     return _board(
-        [[panel(name, *labelled) for labelled in answers] for name in ROWS],
+        [[panel(name, *labelled) for labelled in answers] for name in COMPARED_PANELS],
         room,
         text,
-        BAR * text,
+        DRAWING.scale_width * text,
     )

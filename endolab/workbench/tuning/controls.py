@@ -10,12 +10,11 @@ from typing import Any
 
 from endolab.reconstruction.settings import DIAMETER, MAP, SWITCH, option_fields
 
-LAYOUT = Path(__file__).parent / "knobs.json"
-
 
 def knob_specs() -> list[dict[str, Any]]:
     """Return what the page needs of each control, in order."""
-    specs = json.loads(LAYOUT.read_text(encoding="utf-8"))
+    layout = Path(__file__).with_name("knobs.json")
+    specs = json.loads(layout.read_text(encoding="utf-8"))
     derived = _derived_specs()
     named = [derived.pop(spec["name"], {}) | {"hidden": False} | spec for spec in specs]
     return [*named, *derived.values()]

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
@@ -33,15 +34,30 @@ from endolab.solvers.result import Iterate, Observer, Result, run, with_provenan
 from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
-PICTURE_INTERVAL = 0.4  # s that a full solve takes between one picture and the next
-LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
-DRAWS = 8  # of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less
-# The most steps of a quick answer, from a start and from nothing.
-QUICK_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
-# stages of an answer
-FIRST = "first look"
-SOFAR = "so far"
-FINAL = "final"
+
+@dataclass(frozen=True)
+class Pace:
+    """What makes the tuner quick, chosen by hand at the knobs."""
+
+    picture_interval: float = 0.4  # s of a full solve between one picture and the next
+    least_width: int = 128  # px, of a frame that is worth solving at half its size first
+    # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
+    draws: int = 8
+
+    def quick_steps(self, solver: str) -> tuple[int, int] | None:
+        """The most steps of a quick answer, from a start and from nothing; None if there is no limit."""
+        return {"gauss_newton": (3, 10), "primal_dual": (60, 120)}.get(solver)
+
+
+class Stage(StrEnum):
+    """How far an answer has come."""
+
+    FIRST = "first look"
+    SOFAR = "so far"  # what a long solve has
+    FINAL = "final"
+
+
+PACE = Pace()
 IsStale = Callable[[], bool]
 
 
@@ -50,7 +66,7 @@ class Answer:
     """What the tuner found for one position of the knobs."""
 
     settings: Knobs
-    stage: str  # `FIRST`, `FINAL`, and between them `SOFAR`: what a long solve has so far
+    stage: Stage
     seconds: float  # that it took
     subject: Subject  # what was looked at
     result: Result
@@ -114,7 +130,7 @@ class Answer:
 
     @cached_property
     def roughness(self) -> float:
-        """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is torn."""
+        """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is cut."""
         normals = self.result.normals
         cuts = self.result.problem.cuts
         right, below = (
@@ -138,8 +154,8 @@ class Answer:
         return 100 * float(high - low), 100 * float(bent)
 
     @property
-    def torn(self) -> int:
-        """Steps between pixels over which the surface is torn."""
+    def cut_count(self) -> int:
+        """Steps between pixels over which the surface is cut."""
         cuts = self.result.problem.cuts
         return 0 if cuts is None else int(cuts.sum())
 
@@ -228,11 +244,11 @@ class Tuner:
         several: Sequence[Knobs],
         tell: Callable[[int, Answer], object],
     ) -> None:
-        """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
-        torn = answer.result.problem.cuts
+        """Solve these, cut where an answer is; `tell` is given the number and the answer of each."""
+        cuts = answer.result.problem.cuts
         held: dict[str, Any] = {"contours": False}
-        if torn is not None:
-            held = {"contours": None, "cuts": torn}
+        if cuts is not None:
+            held = {"contours": None, "cuts": cuts}
 
         def job(is_stale: IsStale) -> None:
             for number, settings in enumerate(several):
@@ -249,11 +265,16 @@ class Tuner:
         """Find how far an answer can be trusted, and tell it once more."""
 
         def job(is_stale: IsStale) -> None:
-            known = answer.settings.saved(answer.subject.calibration, answer.subject.grey)
+            known = answer.settings.solving_settings(
+                answer.subject.calibration, answer.subject.grey
+            )
             believed = known.apply(answer.subject.calibration)
             with suppress(Stopped):  # only a wish that came since does that
                 uncertainty = uncertainty_of(
-                    answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()]
+                    answer.result,
+                    believed,
+                    draws=PACE.draws,
+                    observers=[lambda _: is_stale()],
                 )
                 if not is_stale():
                     self._tell_final(replace(answer, uncertainty=uncertainty))
@@ -284,7 +305,7 @@ class Tuner:
             raise ValueError("nothing was asked for")
         return self._final
 
-    def cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
+    def solve_cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
         """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish."""
         return self._solve(self.source.subject(settings), settings, observers)
 
@@ -303,11 +324,11 @@ class Tuner:
     ) -> Answer:
         """Solve a subject."""
         started = time.perf_counter()
-        saved = settings.saved(subject.calibration, subject.grey)
+        saved = settings.solving_settings(subject.calibration, subject.grey)
         keywords = {**saved.keywords, **options}
         known = saved.apply(subject.calibration)
         result = reconstruct(subject.frame, known, observers=observers, **keywords)
-        return Answer(settings, FINAL, time.perf_counter() - started, subject, result)
+        return Answer(settings, Stage.FINAL, time.perf_counter() - started, subject, result)
 
     # In the tuner's thread ---------------------------------------------------------------
 
@@ -329,7 +350,7 @@ class Tuner:
             return
 
         def tell(sofar: Result) -> None:
-            self.tell(Answer(settings, SOFAR, sofar.seconds, subject, sofar))
+            self.tell(Answer(settings, Stage.SOFAR, sofar.seconds, subject, sofar))
 
         answer = self._solve(subject, settings, [_watch(is_stale, tell)])
         if not is_stale():
@@ -339,7 +360,7 @@ class Tuner:
     def _quick(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> Answer | None:
         """What follows from the last answer, or one of half the size; None if there is no point in either."""
         started = time.perf_counter()
-        steps = QUICK_STEPS.get(settings.solver)
+        steps = PACE.quick_steps(settings.solver)
         before = self._settled
         # These leave light and contours as they are.
         moved: dict[str, Any] = {"lam": settings.lam, "epsilon": settings.epsilon}
@@ -351,13 +372,13 @@ class Tuner:
                 with_provenance(solver, before.result.provenance), [_watch(is_stale)]
             )
             seconds = time.perf_counter() - started
-            return Answer(settings, FIRST, seconds, subject, result, followed=result)
-        if settings.width < LEAST_WIDTH:
+            return Answer(settings, Stage.FIRST, seconds, subject, result, followed=result)
+        if settings.width < PACE.least_width:
             return None
         options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}
         options["width"] = min(settings.width, subject.frame.width) // 2
         return replace(
-            self._solve(subject, settings, [_watch(is_stale)], **options), stage=FIRST
+            self._solve(subject, settings, [_watch(is_stale)], **options), stage=Stage.FIRST
         )
 
 
@@ -368,7 +389,7 @@ def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) ->
     def watch(iterate: Iterate) -> bool:
         nonlocal last_told
         now = time.perf_counter()
-        if tell is not None and now - last_told > PICTURE_INTERVAL and not is_stale():
+        if tell is not None and now - last_told > PACE.picture_interval and not is_stale():
             row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
             tell(Result(iterate, Status.STOPPED, [row], now - started))
             last_told = time.perf_counter()

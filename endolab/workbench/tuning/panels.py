@@ -14,25 +14,17 @@ from endolab.reconstruction.contours.lines import find_contours
 from endolab.reconstruction.uncertainty.causes import CAUSES, bounced_light
 from endolab.reconstruction.uncertainty.estimate import noise_left
 from endolab.solvers.problem import LOWER_BOUND, NONE
-from endolab.workbench.plots.scales import DECIDERS, common_limits
-from endolab.workbench.tuning import pictures
-from endolab.workbench.tuning.engine import FINAL, Answer
-from endolab.workbench.tuning.pictures import Chart, Limits, Map, coloured, grey_or_colour
+from endolab.workbench.plots.scales import OKABE_ITO, SOURCE_COLOURS, common_limits
+from endolab.workbench.tuning.engine import Answer, Stage
+from endolab.workbench.tuning.pictures import (
+    DRAWING,
+    Chart,
+    Limits,
+    Map,
+    grey_or_colour,
+    to_colours,
+)
 from endolab.workbench.tuning.source import Knobs
-
-ENDS = (
-    2.0,
-    5.0,
-    10.0,
-    20.0,
-    50.0,
-    100.0,
-)  # of scales, so that a colour keeps its meaning a while
-BELOW_NOISE = (236, 236, 236)  # colour of residuals that noise explains
-NOISY = 2.0  # standard deviations of the noise that are no news
-TORN = pictures.VERMILION
-SATURATED = (230, 159, 0)
-SILENT = (204, 121, 167)
 
 
 @dataclass(frozen=True)
@@ -63,12 +55,13 @@ Panel = Map | Chart
 
 def end_of(values: FloatArray, percentile: float) -> float:
     """The first of some round ends that is beyond so many % of the values."""
+    ends = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # so that a colour keeps its meaning a while
     known = np.abs(values[np.isfinite(values)])
     size = float(np.percentile(known, percentile)) if known.size else 0.0
-    return next((end for end in ENDS if end >= size), ENDS[-1])
+    return next((end for end in ends if end >= size), ends[-1])
 
 
-def _seen(answer: Answer) -> FloatArray:
+def _scale_distance(answer: Answer) -> FloatArray:
     """The distance that sets the scales: the true one if it is known."""
     return answer.result.distance if answer.truth is None else answer.truth
 
@@ -77,7 +70,7 @@ def _value_map(
     title: str, values: FloatArray, limits: Limits, palette: str, form: str, **options: Any
 ) -> Map:
     """A map of numbers; `form` is how one of them is told."""
-    colours = coloured(values, limits, palette)
+    colours = to_colours(values, limits, palette)
     return Map(
         title,
         colours,
@@ -105,9 +98,11 @@ def _frame(answer: Answer, view: View) -> Panel:
 def _distance(answer: Answer, view: View) -> Panel:
     unit, (low, high) = (
         answer.result.problem.unit,
-        common_limits([_seen(view.like or answer)]),
+        common_limits([_scale_distance(view.like or answer)]),
     )
-    title = f"Distance [{unit}]" + ("" if answer.stage == FINAL else f", {answer.stage}")
+    title = f"Distance [{unit}]" + (
+        "" if answer.stage == Stage.FINAL else f", {answer.stage}"
+    )
     limits = (low, max(high, 1.01 * low))
     form = f"{{:.4g}} {unit}"
     return _value_map(
@@ -117,13 +112,14 @@ def _distance(answer: Answer, view: View) -> Panel:
 
 def _residual(answer: Answer, view: View) -> Panel:
     residual = answer.residual
-    floor = NOISY * 255 * noise_left(answer.result)[0]
+    # Two standard deviations of the noise are no news.
+    floor = 2 * 255 * noise_left(answer.result)[0]
     end = end_of((view.like or answer).residual, 98)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
-    title = f"Model - frame [of 255], {share:.0f} % is noise"
-    picture = coloured(residual, (-end, end), "diverging")
-    picture[quiet] = BELOW_NOISE
+    title = f"Model - frame [of 255], {share:.0f} % within the noise"
+    picture = to_colours(residual, (-end, end), "diverging")
+    picture[quiet] = DRAWING.below_noise
     form = "{:+.1f} grey levels"
     return replace(
         _value_map(title, residual, (-end, end), "diverging", form), picture=picture
@@ -152,7 +148,7 @@ def _normals(answer: Answer, view: View) -> Panel:
 
 
 def _contours(answer: Answer, view: View) -> Panel:
-    """Where the surface is torn, and what pixels say."""
+    """Where the surface is cut, and what pixels say."""
     problem = answer.result.problem
     grey = np.asarray(problem.shown, float)
     picture = grey_or_colour(0.35 + 0.5 * (grey if grey.ndim == 2 else grey.mean(axis=-1)))
@@ -162,16 +158,16 @@ def _contours(answer: Answer, view: View) -> Panel:
     evidence = (
         np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
     )
-    torn = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
+    cut = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
     parts = {
-        "may be a contour": (maybe, pictures.SKY),
+        "may be a contour": (maybe, OKABE_ITO.sky),
         "saturated: at least so bright": (
             problem.mask & (evidence == LOWER_BOUND),
-            SATURATED,
+            OKABE_ITO.orange,
         ),
-        "highlight: says nothing": (problem.mask & (evidence == NONE), SILENT),
-        "left out": (~problem.mask, pictures.LEFT_OUT),
-        f"torn, {answer.torn:,} px": (torn, TORN),
+        "highlight: ignored": (problem.mask & (evidence == NONE), OKABE_ITO.purple),
+        "left out": (~problem.mask, DRAWING.left_out),
+        f"cut, {answer.cut_count:,} px": (cut, OKABE_ITO.vermilion),
     }
     for where, colour in parts.values():
         picture[where] = colour
@@ -184,8 +180,8 @@ def _contours(answer: Answer, view: View) -> Panel:
     return Map("Contours and highlights", picture, keys=keys, says=says)
 
 
-def _bounced(answer: Answer, view: View) -> Panel:
-    if answer.stage != FINAL:
+def _indirect_light(answer: Answer, view: View) -> Panel:
+    if answer.stage != Stage.FINAL:
         return Map("Bounced light: with the final answer", None)
     result = answer.result
     share = np.where(result.mask, -100 * np.expm1(-bounced_light(result.iterate)), np.nan)
@@ -205,17 +201,17 @@ def _sigma(answer: Answer, view: View) -> Panel:
 def _dominant_source(answer: Answer, view: View) -> Panel:
     uncertainty = answer.uncertainty
     if uncertainty is None:
-        return Map("Who decided: press find σ, below advanced", None)
-    colours = np.array([pictures.LEFT_OUT, *DECIDERS.values()], np.uint8)
-    names = ("left out", *DECIDERS)
+        return Map("What determined each pixel: press find σ, below advanced", None)
+    colours = np.array([DRAWING.left_out, *SOURCE_COLOURS.values()], np.uint8)
+    names = ("left out", *SOURCE_COLOURS)
 
     def says(i: int, j: int) -> str:
         return names[uncertainty.dominant_source[i, j]]
 
     return Map(
-        "Who decided",
+        "What determined each pixel",
         colours[uncertainty.dominant_source],
-        keys=[*DECIDERS.items()],
+        keys=[*SOURCE_COLOURS.items()],
         says=says,
     )
 
@@ -226,7 +222,7 @@ def _section(answer: Answer, view: View) -> Panel:
     length = answer.result.mask.shape[not is_row]
     index = min(int(share * length), length - 1)
 
-    def along(of: Answer, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def section_line(of: Answer, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """z, and x of a row or y of a column."""
         line = np.s_[index] if is_row else np.s_[:, index]
         rays = of.result.problem.field.rays[line]
@@ -236,15 +232,17 @@ def _section(answer: Answer, view: View) -> Panel:
     curves = []
     if view.beside is not None:
         curves.append(
-            ("A", *along(view.beside, view.beside.result.distance), pictures.GREEN)
+            ("A", *section_line(view.beside, view.beside.result.distance), OKABE_ITO.green)
         )
     if answer.truth is not None:
-        curves.append(("truth", *along(answer, answer.truth), pictures.BLACK))
+        curves.append(("truth", *section_line(answer, answer.truth), OKABE_ITO.black))
     name = "result" if view.beside is None else "B"
-    curves.append((name, *along(answer, answer.result.distance), pictures.VERMILION))
+    curves.append(
+        (name, *section_line(answer, answer.result.distance), OKABE_ITO.vermilion)
+    )
     title = f"Section along {'row' if is_row else 'column'} {index}"
     labels = f"z [{unit}]", f"{'x' if is_row else 'y'} [{unit}]"
-    fitted = along(like, _seen(like))
+    fitted = section_line(like, _scale_distance(like))
     return Chart(title, *labels, curves, down=not is_row, equal=True, fitted=fitted)
 
 
@@ -252,9 +250,9 @@ def _energy(answer: Answer, view: View) -> Panel:
     history = answer.result.history
     steps = np.array([entry["k"] for entry in history], float)
     terms = (
-        ("data", pictures.BLUE),
-        ("regulariser", pictures.VERMILION),
-        ("energy", pictures.BLACK),
+        ("data", OKABE_ITO.blue),
+        ("regulariser", OKABE_ITO.vermilion),
+        ("energy", OKABE_ITO.black),
     )
     curves = [
         (name, steps, np.array([entry[name] for entry in history]), colour)
@@ -266,18 +264,18 @@ def _energy(answer: Answer, view: View) -> Panel:
 
 def _lam_curve(answer: Answer, view: View) -> Panel:
     """Data term and roughness of the answers so far; those that differ by λ alone hang together."""
-    comparable = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
-    family = sorted(comparable, key=lambda dot: dot.settings.lam)
+    by_lam = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
+    family = sorted(by_lam, key=lambda dot: dot.settings.lam)
     x, y = (
         np.array([getattr(dot, name) for dot in family]) for name in ("data", "roughness")
     )
-    colours = (pictures.SKY if dot in family else pictures.LEFT_OUT for dot in view.dots)
+    colours = (OKABE_ITO.sky if dot in family else DRAWING.left_out for dot in view.dots)
     dots = [
         (dot.data, dot.roughness, colour)
         for dot, colour in zip(view.dots, colours, strict=True)
     ]
-    dots.append((answer.data, answer.roughness, pictures.VERMILION))
-    curves = [("", x, y, pictures.SKY)] if family else []
+    dots.append((answer.data, answer.roughness, OKABE_ITO.vermilion))
+    curves = [("", x, y, OKABE_ITO.sky)] if family else []
     title = f"λ curve: λ = {answer.settings.lam:.3g}; click on a dot"
     return Chart(title, "data term [1]", "roughness [°]", curves, dots, log=(True, True))
 
@@ -302,13 +300,13 @@ PANELS: dict[str, Callable[[Answer, View], Panel]] = {
     "normals": _normals,
     "error": _error,
     "contours": _contours,
-    "bounced light": _bounced,
+    "bounced light": _indirect_light,
     "σ": _sigma,
-    "who decided": _dominant_source,
+    "what determined each pixel": _dominant_source,
     "energy": _energy,
 }
-USUAL = ("frame", "distance", "model - frame", "section", "3D", "λ curve")
-NEED_UNCERTAINTY = ("σ", "who decided")
+USUAL_PANELS = ("frame", "distance", "model - frame", "section", "3D", "λ curve")
+NEED_UNCERTAINTY = ("σ", "what determined each pixel")
 
 
 def ratio_of(a: Answer, b: Answer) -> Map:

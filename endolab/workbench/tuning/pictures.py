@@ -16,33 +16,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.plots.scales import blue_white_red, in_colour, round_length
+from endolab.workbench.plots.scales import (
+    OKABE_ITO,
+    Colour,
+    blue_white_red,
+    in_colour,
+    round_length,
+)
 
 Picture = NDArray[np.uint8]
 Limits = tuple[float, float]
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
-Colour = Sequence[int]
 
-INK = (34, 34, 34)
-PALE = (225, 225, 225)
-LEFT_OUT = (184, 184, 184)
-# Okabe and Ito's, as in `plots`.
-BLACK = (0, 0, 0)
-SKY = (86, 180, 233)
-VERMILION = (213, 94, 0)
-BLUE = (0, 114, 178)
-GREEN = (0, 158, 115)
-MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
-QUALITY = 88  # of a JPEG
-BAR = 5  # width of a colour bar with its numbers, in letters
-FACE = cv2.FontFace("sans")
-WEIGHT = 400
+
+@dataclass(frozen=True)
+class Drawing:
+    """How fast pictures look; colours beside Okabe and Ito's, chosen by eye."""
+
+    ink: Colour = (34, 34, 34)
+    grid: Colour = (225, 225, 225)
+    left_out: Colour = (184, 184, 184)
+    below_noise: Colour = (236, 236, 236)  # of residuals that noise explains
+    jpeg_quality: int = 88
+    scale_width: int = 5  # of a colour bar with its numbers, in letters
+    font_weight: int = 400
+
+
+DRAWING = Drawing()
+FONT = cv2.FontFace("sans")
 
 
 def jpeg(picture: Picture) -> bytes:
     """Encode as JPEG."""
     return bytes(
-        cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+        cv2.imencode(
+            ".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, DRAWING.jpeg_quality]
+        )[1]
     )
 
 
@@ -58,14 +67,22 @@ def write(
     y: int,
     size: int,
     align: float = 0.0,
-    colour: Colour = INK,
+    colour: Colour = DRAWING.ink,
 ) -> int:
     """Write a line of text below y, and return its width; x is its left end, or its right for `align` 1."""
     wide: int = cv2.putText(
-        np.zeros((1, 1, 3), np.uint8), text, (0, 0), INK, FACE, size, WEIGHT
+        np.zeros((1, 1, 3), np.uint8),
+        text,
+        (0, 0),
+        DRAWING.ink,
+        FONT,
+        size,
+        DRAWING.font_weight,
     )[0][0]
     left = max(0, int(x - align * wide))
-    cv2.putText(picture, text, (left, y + int(1.4 * size)), colour, FACE, size, WEIGHT)
+    cv2.putText(
+        picture, text, (left, y + int(1.4 * size)), colour, FONT, size, DRAWING.font_weight
+    )
     return wide
 
 
@@ -76,7 +93,7 @@ def draw_label(
     y: int,
     size: int,
     align: float = 0.0,
-    colour: Colour = INK,
+    colour: Colour = DRAWING.ink,
 ) -> int:
     """Write a line on white, and return its width, px."""
     wide = write(np.zeros((1, 1, 3), np.uint8), text, 0, 0, size)
@@ -87,19 +104,20 @@ def draw_label(
 
 @lru_cache(maxsize=4)
 def _palette(name: str) -> Picture:
-    if name in MAPS:
-        scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], MAPS[name])
-        return np.ascontiguousarray(scale[:, 0, ::-1])
-    return blue_white_red(np.linspace(-1, 1, 256))
+    if name == "diverging":
+        return blue_white_red(np.linspace(-1, 1, 256))
+    of_opencv = getattr(cv2, f"COLORMAP_{name.upper()}")
+    scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], of_opencv)
+    return np.ascontiguousarray(scale[:, 0, ::-1])
 
 
-def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
+def to_colours(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
     """Colour a map, (H, W): "viridis", "magma" or "diverging" between the limits, grey where it is nan."""
     low, high = limits
     known = np.isfinite(values)
     share = (np.where(known, values, low) - low) / (high - low)
     colours = _palette(palette)[np.clip(255 * share, 0, 255).astype(np.uint8)]
-    colours[~known] = LEFT_OUT
+    colours[~known] = DRAWING.left_out
     return colours
 
 
@@ -108,7 +126,7 @@ def grey_or_colour(image: FloatArray) -> Picture:
     shown = in_colour(image)
     known = np.isfinite(shown).all(axis=-1, keepdims=True)
     bytes_ = np.round(255 * np.clip(np.where(known, shown, 0), 0, 1)).astype(np.uint8)
-    return np.where(known, bytes_, np.array(LEFT_OUT, np.uint8))
+    return np.where(known, bytes_, np.array(DRAWING.left_out, np.uint8))
 
 
 def ticks(low: float, high: float) -> list[float]:
@@ -161,7 +179,7 @@ class Map:
         if self.picture is None:
             return (left, top, right, bottom), []
         height, width = self.picture.shape[:2]
-        room = right - left - (BAR * text if self.limits else 0)
+        room = right - left - (DRAWING.scale_width * text if self.limits else 0)
         scale = max(min(room / width, (bottom - top) / height), 1 / min(width, height))
         wide = max(1, round(width * scale))
         tall = max(1, round(height * scale))
@@ -195,7 +213,7 @@ def scale_bar(paper: Picture, left: int, limits: Limits, palette: str, text: int
     ]
     for value in ticks(*limits):
         y = round((1 - (value - limits[0]) / (limits[1] - limits[0])) * (tall - 1))
-        paper[y, left + text : left + text + text // 3] = INK
+        paper[y, left + text : left + text + text // 3] = DRAWING.ink
         write(
             paper,
             f"{value:g}",
@@ -209,7 +227,7 @@ def _cut(picture: Picture, is_row: bool, share: float) -> None:
     """Draw where the section lies."""
     lines = picture if is_row else picture.swapaxes(0, 1)
     at = min(int(share * len(lines)), len(lines) - 1)
-    lines[max(0, at - 1) : at + 2] = BLACK
+    lines[max(0, at - 1) : at + 2] = OKABE_ITO.black
     lines[at] = 255
 
 
@@ -255,10 +273,10 @@ class Chart:
                 at = round(float(place(np.where(np.arange(2) == axis, value, low))[axis]))
                 label = f"{10**value:.2g}" if log else f"{value:g}"
                 if axis == 0:
-                    inner[:, at] = PALE
+                    inner[:, at] = DRAWING.grid
                     write(paper, label, left + at, bottom, text, 0.5)
                 else:
-                    inner[at] = PALE
+                    inner[at] = DRAWING.grid
                     write(paper, label, left - text // 3, top + at - text + 1, text, 1.0)
         cv2.rectangle(paper, (left, top), (right, bottom), (120, 120, 120), 1)
         write(paper, self.x_label, right, bottom + round(1.1 * text), text, 1.0)

@@ -1,13 +1,24 @@
 """What the tuner says of an answer: one line, and sentences that warn."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from endolab.workbench.tuning.engine import FINAL, Answer
+from endolab.workbench.tuning.engine import Answer, Stage
 from endolab.workbench.tuning.panels import differs_by_lam
 
-APART = 1.0  # %; two surfaces that differ by more are not the same
-FLAT = 5.0  # %; a surface with less relief is nearly a sphere, or a plane
-TORN_ELSEWHERE = 0.1  # share of the torn steps by which contours may change without a word
+
+@dataclass(frozen=True)
+class WarningLimits:
+    """When a sentence warns, chosen on the scenes that students begin with."""
+
+    difference: float = 1.0  # %; two surfaces that differ by more are not the same
+    least_relief: float = 5.0  # %; with less a surface is nearly a sphere, or a plane
+    # Share of the cut steps by which contours may change without a word.
+    cut_elsewhere: float = 0.1
+
+
+LIMITS = WarningLimits()
 
 
 def summary(answer: Answer) -> str:
@@ -17,11 +28,11 @@ def summary(answer: Answer) -> str:
     auto = " (auto)" if settings.regulariser == "auto" else ""
     ended = (
         result.status.name.lower().replace("_", " ")
-        if answer.stage == FINAL
+        if answer.stage == Stage.FINAL
         else answer.stage
     )
     parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
-    parts += [f"{answer.torn:,} px torn"] if answer.torn else []
+    parts += [f"{answer.cut_count:,} px cut"] if answer.cut_count else []
     parts += [ended, f"{answer.seconds:.1f} s"]
     parts += (
         [] if answer.median_error is None else [f"median error {answer.median_error:.2f} %"]
@@ -31,28 +42,28 @@ def summary(answer: Answer) -> str:
 
 def warnings(answer: Answer, before: Answer | None) -> list[str]:
     """Say in a sentence each what should be known before an answer is believed; `before` is the last one."""
-    if answer.stage != FINAL:
+    if answer.stage != Stage.FINAL:
         return []
     sentences = []
     sphere, plane = answer.relief
-    if min(sphere, plane) < FLAT:
+    if min(sphere, plane) < LIMITS.least_relief:
         shape = "a sphere around the camera" if sphere < plane else "a plane"
         sentences.append(
             f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %."
         )
     if before is not None and differs_by_lam(before.settings, answer.settings):
-        most = max(before.torn, answer.torn)
-        if abs(before.torn - answer.torn) > TORN_ELSEWHERE * most:
+        most = max(before.cut_count, answer.cut_count)
+        if abs(before.cut_count - answer.cut_count) > LIMITS.cut_elsewhere * most:
             sentences.append(
-                f"Contours changed with λ: {before.torn:,} px were torn at λ {before.settings.lam:.2g}, "
-                f"and {answer.torn:,} are now."
+                f"Contours changed with λ: {before.cut_count:,} px were cut at λ {before.settings.lam:.2g}, "
+                f"and {answer.cut_count:,} are now."
             )
     if answer.change is not None:
         size = np.abs(answer.change[np.isfinite(answer.change)])
-        if size.size and size.max() > APART:
-            share = 100 * float(np.mean(size > APART))
+        if size.size and size.max() > LIMITS.difference:
+            share = 100 * float(np.mean(size > LIMITS.difference))
             sentences.append(
                 f"A solve that starts from the last answer ends elsewhere: {share:.2g} % of the pixels "
-                f"differ by more than {APART:g} %, one by {size.max():.3g} %."
+                f"differ by more than {LIMITS.difference:g} %, one by {size.max():.3g} %."
             )
     return sentences

@@ -16,6 +16,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +27,24 @@ import tornado.websocket
 from anywidget import AnyWidget
 from comm.base_comm import BaseComm
 
-HERE = Path(__file__).parent
-GRACE = 3.0  # s after the last page was left until all ends: one that is loaded again is back sooner
-LEFT = 1000  # the code with which page.js closes the channel of a tab that is left
-# s after the last page was lost, as when the browser puts a tab to sleep overnight, or dies.
-LOST = 24 * 3600.0
-CLOSE_TIMEOUT = 2.0  # s that the widget has for its end
+
+@dataclass(frozen=True)
+class Waiting:
+    """How long a page waits, s."""
+
+    # After the last page was left until all ends: one that is loaded again is back sooner.
+    after_leaving: float = 3.0
+    # After it was lost, as when the browser puts a tab to sleep overnight, or dies.
+    after_loss: float = 24 * 3600.0
+    end: float = 2.0  # that the widget has for its end
+
+
+WAITING = Waiting()
 # Nothing but this machine, and a proxy's channel; scripts that widgets bring are blobs.
-OWN = "'self' blob: data: ws://127.0.0.1:* ws://localhost:*"
-POLICY = f"default-src {OWN} %s 'unsafe-inline'; frame-ancestors 'none'"
+CONTENT_POLICY = (
+    "default-src 'self' blob: data: ws://127.0.0.1:* ws://localhost:* %s 'unsafe-inline'; "
+    "frame-ancestors 'none'"
+)
 
 
 class Page:
@@ -68,8 +78,8 @@ class Page:
         self._ending: asyncio.TimerHandle | None = None
         self._asker: _Channel | None = None  # whose message is being answered
 
-    def run(self, opened: Callable[[], object] = lambda: None) -> None:
-        """Serve; `opened` is called when pages can be opened."""
+    def run(self, on_open: Callable[[], object] = lambda: None) -> None:
+        """Serve; `on_open` is called when pages can be opened."""
         page = self
         before = comm.create_comm
 
@@ -87,7 +97,7 @@ class Page:
 
         comm.create_comm = Comm
         try:
-            opened()
+            on_open()
             self.widget = self._make()
             self._loop.run_until_complete(self._serve())
         finally:
@@ -96,7 +106,7 @@ class Page:
             # A solve may not stop at once, as when it is being compiled.
             closing = threading.Thread(target=self._close, name="endolab end", daemon=True)
             closing.start()
-            closing.join(CLOSE_TIMEOUT)
+            closing.join(WAITING.end)
             if closing.is_alive():
                 print(
                     "endolab: what was still being done, such as an export, is dropped",
@@ -119,7 +129,7 @@ class Page:
             for page in [*self._pages]:
                 page.close(1001)
             with suppress(TimeoutError):  # whoever does not answer
-                await asyncio.wait_for(server.close_all_connections(), CLOSE_TIMEOUT)
+                await asyncio.wait_for(server.close_all_connections(), WAITING.end)
 
     def _close(self) -> None:
         self._socket.close()
@@ -178,7 +188,8 @@ class Page:
         """Forget a page; the last one ends all."""
         self._pages.discard(page)
         if not self._pages:
-            rest = GRACE if page.close_code == LEFT else LOST
+            is_left = page.close_code == 1000  # by which page.js closes a channel
+            rest = WAITING.after_leaving if is_left else WAITING.after_loss
             self._ending = self._loop.call_later(rest, self._ended.set)
 
 
@@ -201,12 +212,13 @@ class _Whole(tornado.web.RequestHandler):
 
     def get(self) -> None:
         html, script = (
-            (HERE / name).read_text(encoding="utf-8") for name in ("page.html", "page.js")
+            Path(__file__).with_name(name).read_text(encoding="utf-8")
+            for name in ("page.html", "page.js")
         )
         html = html.replace("TITLE", tornado.escape.xhtml_escape(self.page.title))
         script = script.replace("WIDGET", self.page.widget.model_id)
         channel = (self.page.origin or "").replace("http", "ws", 1)
-        self.set_header("Content-Security-Policy", POLICY % channel)
+        self.set_header("Content-Security-Policy", CONTENT_POLICY % channel)
         self.set_header("Cache-Control", "no-store")
         self.finish(html.replace("SCRIPT", script))
 

@@ -17,8 +17,6 @@ from endolab.reconstruction.settings import Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
-KEPT = 6  # rendered frames that are remembered
-
 
 @dataclass(frozen=True)
 class Knobs(Settings):
@@ -48,7 +46,7 @@ class Knobs(Settings):
             )
 
     @property
-    def explained(self) -> tuple[object, ...]:
+    def explained_picture(self) -> tuple[object, ...]:
         """What tells the picture that is explained: data terms of the same can be compared."""
         return (
             self.scene,
@@ -65,7 +63,7 @@ class Knobs(Settings):
             1, round(known.camera.height * self.width / known.camera.width)
         )
 
-    def saved(self, known: Calibration, grey: bool) -> SolvingSettings:
+    def solving_settings(self, known: Calibration, grey: bool) -> SolvingSettings:
         """Say the same as settings that ``endolab reconstruct --settings`` takes.
 
         They are for a frame, which may be `grey`, and its calibration; of the light they hold what the
@@ -89,7 +87,7 @@ class Knobs(Settings):
         They need the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
         scene is rendered, `frame`, which may be `grey`; they leave `result`.
         """
-        saved = self.saved(calibration, grey)
+        saved = self.solving_settings(calibration, grey)
         source = "calibration"
         frame = "frame"
         lines = []
@@ -162,7 +160,7 @@ class Source:
         self.calibration = calibration
         self.frame = frame
         self.truth = truth
-        self._rendered = lru_cache(KEPT)(self._render)
+        self._rendered = lru_cache(6)(self._render)  # the last six scenes
 
     def subject(self, settings: Knobs) -> Subject:
         """The frame that the settings call for; ValueError, in one sentence, if there is none."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,21 +26,26 @@ from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots.scales import brighten
 from endolab.workbench.tuning.pictures import Picture, grey_or_colour, jpeg
 
-HEIGHT = 360  # of the panel, px
-START = (
-    35.0,
-    20.0,
-    1.0,
-    0.0,
-    0.0,
-)  # pose: degrees to the left and up, zoom, shifted right and down (panels)
-ANSWER_TIMEOUT = 0.5  # s; then the next surface is sent though the page has not said that the last is drawn
-# of points at most: what a panel can show
-COLUMNS = 320
-ROWS = 240
-TEXTURE = 640  # columns of the picture at most, px
-OUTLYING = 1.0  # %, of the points lie beyond each face of the box: spikes must not make the rest small
-KEPT = 0.1  # the box stays if the new one's faces are off by less than this share of its diagonal
+
+@dataclass(frozen=True)
+class Panel3D:
+    """What a panel shows of a surface, chosen by what a screen can show and a browser draws at once."""
+
+    height: int = 360  # px
+    # Pose at first: degrees to the left and up, zoom, shifted right and down (panels).
+    start: tuple[float, ...] = (35.0, 20.0, 1.0, 0.0, 0.0)
+    # s; then the next surface is sent though the page has not said that the last is drawn.
+    answer_timeout: float = 0.5
+    columns: int = 320  # of points, at most
+    rows: int = 240
+    texture_columns: int = 640  # of the picture on it, px, at most
+    # % of the points lie beyond each face of the box: spikes must not make the rest small.
+    outlying: float = 1.0
+    # The box stays if the new one's faces are off by less than this share of its diagonal.
+    box_margin: float = 0.1
+
+
+PANEL = Panel3D()
 Given = tuple[FloatArray, FloatArray, np.ndarray, BoolArray | None, str, bool]
 
 
@@ -54,7 +60,7 @@ class SurfaceView(anywidget.AnyWidget):
 
     _esm = Path(__file__).with_suffix(".js")
     _css = Path(__file__).with_suffix(".css")
-    height = t.Int(HEIGHT).tag(sync=True)
+    height = t.Int(PANEL.height).tag(sync=True)
     # For each point its ray and its place in the picture, 5 float32; its distance, float32; three uint32
     # points for each triangle; a JPEG. All of them belong to the surface of that number.
     grid = t.Bytes().tag(sync=True)
@@ -67,10 +73,10 @@ class SurfaceView(anywidget.AnyWidget):
     # What the page says: which surface it has drawn, whether anybody sees it, where who looks has turned it.
     drawn = t.Int().tag(sync=True)
     visible = t.Bool(True).tag(sync=True)
-    pose: t.List[float] = t.List([*START]).tag(sync=True)
-    start: t.List[float] = t.List([*START]).tag(sync=True)
+    pose: t.List[float] = t.List([*PANEL.start]).tag(sync=True)
+    start: t.List[float] = t.List([*PANEL.start]).tag(sync=True)
 
-    def __init__(self, height: int = HEIGHT) -> None:
+    def __init__(self, height: int = PANEL.height) -> None:
         self._showing = threading.RLock()
         self._last: Given | None = None  # what was given last
         self._waits = False  # it has not been sent
@@ -103,7 +109,7 @@ class SurfaceView(anywidget.AnyWidget):
             What lies on the surface: bytes, or numbers in [0, 1]; larger or smaller than the surface, but of
             its proportions.
         cuts : (2, H, W) bool array, optional
-            Steps to the right and lower neighbour over which the surface is torn.
+            Steps to the right and lower neighbour over which the surface is cut.
         unit : str
         lift : bool
             Make the dark of the picture brighter, as suits a frame; not a map, whose colours have a meaning.
@@ -129,7 +135,8 @@ class SurfaceView(anywidget.AnyWidget):
         """Send what was given last, if someone sees it and has drawn the one before."""
         with self._showing:
             busy = (
-                self.number != self.drawn and time.monotonic() < self._sent + ANSWER_TIMEOUT
+                self.number != self.drawn
+                and time.monotonic() < self._sent + PANEL.answer_timeout
             )
             if (
                 self._last is None
@@ -142,7 +149,7 @@ class SurfaceView(anywidget.AnyWidget):
             self._waits = False
             distance, rays, picture, cuts, unit, lift = self._last
             known = np.isfinite(distance) & (distance > 0)
-            rows, columns = thinned(distance.shape)
+            rows, columns = thin_indices(distance.shape)
             joined = thin_links(links(known, cuts), rows, columns)
             every = np.ix_(rows, columns)
             far = np.where(known, distance, 0)[every]
@@ -151,7 +158,7 @@ class SurfaceView(anywidget.AnyWidget):
                 self.grid = grid_of(rays, rows, columns)
                 self.triangles = join_triangles(far, joined).astype(np.uint32).tobytes()
                 box = box_of(points) if len(points) else [0.0] * 3 + [1.0] * 3
-                if unit != self.unit or not keeps(self.box, box):
+                if unit != self.unit or not fits_box(self.box, box):
                     self.box = box
                     self.unit = unit
                 self.far = far.astype(np.float32).tobytes()
@@ -180,10 +187,10 @@ class SurfaceView(anywidget.AnyWidget):
 
         bundle = super()._repr_mimebundle_(**options)
         if bundle is not None and self._last is not None and not front_end():
-            bundle[0]["image/png"] = self.still()
+            bundle[0]["image/png"] = self.draw_still()
         return bundle
 
-    def still(self) -> bytes:
+    def draw_still(self) -> bytes:
         """Draw what was shown last as a picture, from where it is seen first; PNG."""
         from matplotlib.figure import Figure
 
@@ -192,7 +199,7 @@ class SurfaceView(anywidget.AnyWidget):
         if self._last is None:
             raise ValueError("there is no surface yet: call show")
         distance, rays, picture, _, unit, lift = self._last
-        every = np.ix_(*thinned(distance.shape))
+        every = np.ix_(*thin_indices(distance.shape))
         points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
         colours = (
             cv2.resize(
@@ -202,8 +209,8 @@ class SurfaceView(anywidget.AnyWidget):
         )
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
         options: dict[str, Any] = {
-            "angle": START[0],
-            "elevation": START[1],
+            "angle": PANEL.start[0],
+            "elevation": PANEL.start[1],
             "title": "",
             "lift": False,
         }
@@ -263,7 +270,7 @@ def show_on(
 
 def as_texture(picture: np.ndarray, lift: bool) -> Picture:
     """A picture as it is seen, (h, w, 3)."""
-    less = TEXTURE / picture.shape[1]
+    less = PANEL.texture_columns / picture.shape[1]
     if less < 1:
         picture = cv2.resize(picture, None, fx=less, fy=less, interpolation=cv2.INTER_AREA)
     if picture.dtype == np.uint8:
@@ -271,9 +278,9 @@ def as_texture(picture: np.ndarray, lift: bool) -> Picture:
     return grey_or_colour(brighten(picture) if lift else picture)
 
 
-def thinned(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
+def thin_indices(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
     """Rows and columns of a picture of that shape that have a point: evenly, the outermost ones too."""
-    less = max(1.0, shape[0] / ROWS, shape[1] / COLUMNS)
+    less = max(1.0, shape[0] / PANEL.rows, shape[1] / PANEL.columns)
     first, second = (
         np.linspace(0, n - 1, max(1, int(n / less))).round().astype(np.int32) for n in shape
     )
@@ -302,11 +309,13 @@ def box_of(points: FloatArray) -> list[float]:
     """Least and greatest x, y, z of points (n, 3), but for a few that lie far out."""
     return [
         float(value)
-        for value in np.percentile(points, [OUTLYING, 100 - OUTLYING], axis=0).ravel()
+        for value in np.percentile(
+            points, [PANEL.outlying, 100 - PANEL.outlying], axis=0
+        ).ravel()
     ]
 
 
-def keeps(box: list[float], other: list[float]) -> bool:
+def fits_box(box: list[float], new: list[float]) -> bool:
     """Whether another surface can be seen in the box of the one before."""
-    size = np.linalg.norm(np.subtract(other[3:], other[:3]))
-    return bool(box) and bool(np.abs(np.subtract(box, other)).max() < KEPT * size)
+    size = np.linalg.norm(np.subtract(new[3:], new[:3]))
+    return bool(box) and bool(np.abs(np.subtract(box, new)).max() < PANEL.box_margin * size)

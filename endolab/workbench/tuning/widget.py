@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,52 +28,65 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
-from endolab.workbench.tuning.boards import Board, comparable, of_one, of_several, of_two
+from endolab.workbench.tuning.boards import (
+    Board,
+    are_comparable,
+    draw_answer,
+    draw_columns,
+    draw_pair,
+)
 from endolab.workbench.tuning.controls import knob_specs
-from endolab.workbench.tuning.engine import FINAL, Answer, Tuner, sentence_of
-from endolab.workbench.tuning.panels import NEED_UNCERTAINTY, PANELS, USUAL, Dot, View
+from endolab.workbench.tuning.engine import Answer, Stage, Tuner, sentence_of
+from endolab.workbench.tuning.panels import (
+    NEED_UNCERTAINTY,
+    PANELS,
+    USUAL_PANELS,
+    Dot,
+    View,
+)
 from endolab.workbench.tuning.pictures import jpeg, png
 from endolab.workbench.tuning.sentences import summary, warnings
 from endolab.workbench.tuning.source import Knobs
 from endolab.workbench.tuning.surface_view import SurfaceView, show_on
 
-HERE = Path(__file__).parent
-IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
-WIDTHS = (160, 320, 480, 640)  # px, to choose among
-VIEWS = {
-    "section": 50.0,
-    "across": False,
-    "texture": "frame",
-}  # change what is seen and not what is solved
-# what is shown, if A is kept
-A = "A"
-B = "B"
-BESIDE = "A beside B"
-LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
-REMEMBERED = 12  # final answers that come back without a solve
-MOST_DOTS = 200
-CLICK_RADIUS = 12  # px around a dot in which a click takes it
-ROOM = (1176.0, 620.0)  # px, before the page tells its own
-# px; height over width
-LEAST_ROOM = (420.0, 300.0)
-TALLEST = 0.75
-# px: of letters, and of a page that has larger ones
-TEXT = 12
-LARGE_TEXT = 14
-LARGE = 1500.0
+
+@dataclass(frozen=True)
+class BoardLook:
+    """The tuner's board and what it remembers, chosen by hand on a laptop's screen and a large one."""
+
+    room: tuple[float, float] = (1176.0, 620.0)  # px, before the page tells its own
+    least_room: tuple[float, float] = (420.0, 300.0)
+    tallest: float = 0.75  # of a board, over its width
+    text: int = 12  # px, of letters
+    large_text: int = 14  # on a page that is wider than `large`, px
+    large: float = 1500.0
+    click_radius: int = 12  # px around a dot in which a click takes it
+    most_dots: int = 200
+    remembered: int = 12  # final answers that come back without a solve
+    widths: tuple[int, ...] = (160, 320, 480, 640)  # px, to choose among
+    # Times the present λ, to be compared.
+    lam_factors: tuple[float, ...] = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)
+
+
+BOARD = BoardLook()
+# Knobs that change what is seen and not what is solved.
+VIEW_KNOBS = {"section": 50.0, "across": False, "texture": "frame"}
 # What the page may ask for, each a method.
 ACTIONS = {
-    "undo",
-    "reset",
-    "keep",
-    "drop",
-    "show",
     "blink",
+    "choose",
     "compare",
-    "find_uncertainty",
+    "drop",
     "export_aside",
+    "find_uncertainty",
+    "keep",
+    "measure",
+    "press",
+    "reset",
+    "show",
+    "step",
+    "undo",
 }
-ACTIONS |= {"step", "choose", "measure", "press"}
 
 
 def tune(
@@ -132,8 +145,8 @@ class TunerBox(anywidget.AnyWidget):
     `frame` is the first.
     """
 
-    _esm = HERE / "tuner.js"
-    _css = HERE / "tuner.css"
+    _esm = Path(__file__).with_name("tuner.js")
+    _css = Path(__file__).with_name("tuner.css")
     specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
     knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
     line: t.Dict[str, Any] = t.Dict().tag(
@@ -170,7 +183,7 @@ class TunerBox(anywidget.AnyWidget):
         self.columns: list[tuple[str, Answer | None]] = []  # answers that are compared
         self.visited: list[Knobs] = []  # for undo
         self.dots: list[Dot] = []
-        self.names = list(USUAL)  # of the panels
+        self.names = list(USUAL_PANELS)  # of the panels
         self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
         self.frame = 0  # which of `pictures` is looked at
         self._last: Answer | None = None  # the last final answer, ...
@@ -181,7 +194,7 @@ class TunerBox(anywidget.AnyWidget):
         # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
         self._lock = threading.RLock()
         self._word: dict[str, Any] = {}  # on what was done last, until something else is
-        self._room = ROOM
+        self._room = BOARD.room
         self._ratio = 1.0
         self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
         names = [path.name for path in self._pictures] or (
@@ -194,11 +207,11 @@ class TunerBox(anywidget.AnyWidget):
         start = Knobs(
             scene=None if names else scene, width=width, channel="auto" if names else None
         )
-        self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
+        self._first = vars(start) | VIEW_KNOBS | {"scene": 0 if names else scene}
         light = calibration.photometry
         known: dict[str, dict[str, Any]] = {
             "scene": {"options": scenes},
-            "width": {"options": sorted({*WIDTHS, width})},
+            "width": {"options": sorted({*BOARD.widths, width})},
         }
         known |= {
             "k": {"first": light.k},
@@ -220,14 +233,14 @@ class TunerBox(anywidget.AnyWidget):
     def _guard(self, action: Callable[..., object]) -> Callable[..., None]:
         """Say what goes wrong in the status line."""
 
-        def guarded(*given: Any) -> None:
+        def call(*given: Any) -> None:
             try:
                 with self._lock:
                     action(*given)
             except Exception as error:
                 self._refuse(sentence_of(error))
 
-        return guarded
+        return call
 
     def _act(self, name: str, *given: Any) -> None:
         if name not in ACTIONS:
@@ -239,12 +252,12 @@ class TunerBox(anywidget.AnyWidget):
     @property
     def answer(self) -> Answer | None:
         """The one answer that is shown."""
-        return self.kept if self.shows == A else self.now
+        return self.kept if self.shows == "A" else self.now
 
     def settings(self) -> Knobs:
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
         values: dict[str, Any] = {
-            name: self.knobs[name] for name in self.knobs if name not in VIEWS
+            name: self.knobs[name] for name in self.knobs if name not in VIEW_KNOBS
         }
         values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
         if isinstance(values["albedo"], list):
@@ -265,7 +278,7 @@ class TunerBox(anywidget.AnyWidget):
             self._open(scene)
         if self.settings() != self._wish:
             self.ask()
-        elif self._word or any(self.knobs[name] != old[name] for name in VIEWS):
+        elif self._word or any(self.knobs[name] != old[name] for name in VIEW_KNOBS):
             self._word = {}
             self._show()
 
@@ -313,7 +326,7 @@ class TunerBox(anywidget.AnyWidget):
             )
         else:
             self.now = answer
-            if answer.stage == FINAL:
+            if answer.stage == Stage.FINAL:
                 self._before = self._last
                 self._last = answer
                 self._visit(answer.settings)
@@ -327,10 +340,10 @@ class TunerBox(anywidget.AnyWidget):
     def _dot(self, answer: Answer, kept: Answer | None) -> None:
         """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
         settings = answer.settings
-        others = [dot for dot in self.dots if dot.settings != settings][-MOST_DOTS:]
-        forgotten = [replace(dot, answer=None) for dot in others[:-REMEMBERED]]
+        earlier = [dot for dot in self.dots if dot.settings != settings][-BOARD.most_dots :]
+        forgotten = [replace(dot, answer=None) for dot in earlier[: -BOARD.remembered]]
         new = Dot(kept, settings, answer.data, answer.roughness)
-        self.dots = [*forgotten, *others[-REMEMBERED:], new]
+        self.dots = [*forgotten, *earlier[-BOARD.remembered :], new]
 
     def bring_back(self, settings: Knobs) -> None:
         """Show the answer of these settings, if it is remembered, or else ask for it."""
@@ -365,7 +378,7 @@ class TunerBox(anywidget.AnyWidget):
         self._tell("finding σ ...")
 
     def _final(self) -> Answer:
-        if self.answer is None or self.answer.stage != FINAL:
+        if self.answer is None or self.answer.stage != Stage.FINAL:
             raise ValueError("the last answer is still to come")
         return self.answer
 
@@ -385,7 +398,9 @@ class TunerBox(anywidget.AnyWidget):
             *(["curvature"] if now.settings.xi == "1/d" else []),
         ]
         if what == "lam":
-            values = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
+            values = [
+                float(f"{now.settings.lam * times:.2g}") for times in BOARD.lam_factors
+            ]
         labels = [f"λ {value:g}" if what == "lam" else value for value in values]
         several = [replace(now.settings, **{what: value}) for value in values]
         given = [now if settings == now.settings else None for settings in several]
@@ -404,7 +419,7 @@ class TunerBox(anywidget.AnyWidget):
     def keep(self) -> None:
         """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
         self.kept = self._final()
-        self.show(BESIDE)
+        self.show("A beside B")
 
     def drop(self) -> None:
         """Forget A."""
@@ -425,14 +440,14 @@ class TunerBox(anywidget.AnyWidget):
 
     def blink(self) -> None:
         """Show the other of A and B."""
-        self.show(A if self.shows == B else B)
+        self.show("A" if self.shows == "B" else "B")
 
     def _leave_comparison(self) -> None:
         """From columns, or from A, to the present answer."""
         self.columns = []
         self.compared = ""
-        if self.shows == A:
-            self.shows = B
+        if self.shows == "A":
+            self.shows = "B"
 
     # What is shown -----------------------------------------------------------------------
 
@@ -444,26 +459,34 @@ class TunerBox(anywidget.AnyWidget):
             self._word = self.line = {"text": text, "wrong": wrong}
 
     def _view(self) -> View:
-        explained = None if self.answer is None else self.answer.settings.explained
-        dots = [dot for dot in self.dots if dot.settings.explained == explained]
+        explained_picture = (
+            None if self.answer is None else self.answer.settings.explained_picture
+        )
+        dots = [
+            dot for dot in self.dots if dot.settings.explained_picture == explained_picture
+        ]
         return View((self.knobs["across"], self.knobs["section"] / 100), dots=dots)
 
-    def _of_one(self, answer: Answer) -> Board:
-        return of_one(answer, self.names, self._view(), *self._pixels())
+    def _draw_answer(self, answer: Answer) -> Board:
+        return draw_answer(answer, self.names, self._view(), *self._pixels())
 
     def _pixels(self) -> tuple[tuple[int, int], int]:
         wide, tall = (int(side * self._ratio) for side in self._room)
         return (wide, tall), round(
-            self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT)
+            self._ratio * (BOARD.large_text if self._room[0] > BOARD.large else BOARD.text)
         )
 
     def _compose(self, answer: Answer) -> tuple[Board, bool]:
         """What is on the board, and whether that is the one answer alone."""
         if self.columns:
-            return of_several(self.columns, answer, self._view(), *self._pixels()), False
-        if self.kept is not None and self.shows == BESIDE and comparable(self.kept, answer):
-            return of_two(self.kept, answer, self._view(), *self._pixels()), False
-        return self._of_one(answer), True
+            return draw_columns(self.columns, answer, self._view(), *self._pixels()), False
+        if (
+            self.kept is not None
+            and self.shows == "A beside B"
+            and are_comparable(self.kept, answer)
+        ):
+            return draw_pair(self.kept, answer, self._view(), *self._pixels()), False
+        return self._draw_answer(answer), True
 
     def _show(self) -> None:
         """Show the one answer: panels, surface, code and status line."""
@@ -500,8 +523,8 @@ class TunerBox(anywidget.AnyWidget):
 
     def measure(self, width: float, height: float, ratio: float) -> None:
         """Take the size of the page, px, and the screen's ratio to it; send it the board whatever it has."""
-        wide = max(width, LEAST_ROOM[0])
-        self._room = wide, min(max(height, LEAST_ROOM[1]), TALLEST * wide)
+        wide = max(width, BOARD.least_room[0])
+        self._room = wide, min(max(height, BOARD.least_room[1]), BOARD.tallest * wide)
         self._ratio = min(max(ratio, 1.0), 3.0)
         self._show()
         # It may have been made while a picture was on its way, and have missed that.
@@ -541,7 +564,7 @@ class TunerBox(anywidget.AnyWidget):
             away = np.linalg.norm(
                 (place.dots[: len(dots)] - (x, y)) * (width, height), axis=1
             )
-            if away.min() < CLICK_RADIUS * self._ratio:
+            if away.min() < BOARD.click_radius * self._ratio:
                 self.bring_back(dots[int(away.argmin())].settings)
         else:
             self._cut(x, y)
@@ -572,7 +595,7 @@ class TunerBox(anywidget.AnyWidget):
                 source = f"calibration = el.load_calibration({name!r})"
         settings = self.answer.settings
         frame = self.answer.subject.frame
-        lines = [IMPORTS, source]
+        lines = ["from dataclasses import replace\n\nimport endolab as el\n", source]
         if settings.scene is None:
             lines.append(f"frame = el.read_frame({frame.name!r}, calibration)")
         return "\n".join(
@@ -590,12 +613,12 @@ class TunerBox(anywidget.AnyWidget):
         """
         from endolab.workbench.recording.recorder import record
 
-        if self.answer is None or self.answer.stage != FINAL:
+        if self.answer is None or self.answer.stage != Stage.FINAL:
             self.engine.wait(timeout)
         with self._lock:
             answer = self._final()
             code = self.python()
-            board = self._of_one(self._final())
+            board = self._draw_answer(self._final())
         calibration = (
             self._calibration
             if answer.settings.scene is None
@@ -603,14 +626,14 @@ class TunerBox(anywidget.AnyWidget):
         )
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
-                self.engine.cold(answer.settings, [recorder])
+                self.engine.solve_cold(answer.settings, [recorder])
                 if answer.uncertainty is not None:
                     recorder.add_uncertainty(answer.uncertainty, answer.result)
             write_files(answer.result, staging, uncertainty=answer.uncertainty)
             write_atomically(staging / "board.png", png(board.picture))
             write_atomically(staging / "result.py", code.encode())
             write_settings(
-                answer.settings.saved(calibration, answer.subject.grey),
+                answer.settings.solving_settings(calibration, answer.subject.grey),
                 staging / "settings.json",
             )
         return Path(folder)

@@ -65,7 +65,7 @@ def test_arrows_are_the_residuals_and_outliers_end_early(session):
     assert 0.4 < magnify * geometry.sigma / (0.02 * geometry.camera.width) <= 1
     assert np.isin(inliers.U, residuals[good, 0]).mean() > 0.99
     assert np.hypot(outliers.U, outliers.V).max() == pytest.approx(
-        plots.LONGEST_ARROW * geometry.sigma
+        plots.CROWDING.longest_arrow * geometry.sigma
     )
 
 

@@ -14,7 +14,7 @@ from skimage.color import rgb2lab
 import endolab as el
 from endolab import plots
 from endolab.workbench.plots import style
-from endolab.workbench.plots.scales import DECIDERS
+from endolab.workbench.plots.scales import SOURCE_COLOURS
 from tests.tools.problems import coloured_colon
 
 
@@ -48,8 +48,8 @@ def test_trust_is_shown_in_percent_and_by_who_decided():
         *("data\n67 %", "border\nor contour\n17 %", "prior\n17 %")
     ]
     shown = np.asarray(ax.images[0].get_array())
-    np.testing.assert_allclose(shown[0, 0], to_rgb(style.LEFT_OUT))
-    for k, colour in enumerate(DECIDERS.values(), 1):
+    np.testing.assert_allclose(shown[0, 0], to_rgb(style.HOUSE.left_out))
+    for k, colour in enumerate(SOURCE_COLOURS.values(), 1):
         np.testing.assert_allclose(
             shown[decided == k] * 255, np.broadcast_to(colour, ((decided == k).sum(), 3))
         )
@@ -81,7 +81,7 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("column u [px]", "row v [px]")
     assert image.get_array().mask.sum() == 100
     drawn = pixels(ax.figure)
-    holes = np.isclose(drawn, style.LEFT_OUT, atol=0.01).all(axis=-1).sum()
+    holes = np.isclose(drawn, style.HOUSE.left_out, atol=0.01).all(axis=-1).sum()
     assert holes > 0.02 * drawn[..., 0].size
     ax = plots.show_depth(distance, unit="relative units", limits=(0.0, 200.0))
     assert ax.images[0].get_clim() == (0.0, 200.0)
@@ -233,12 +233,12 @@ WAYS_TO_SEE = {  # Machado et al. 2009, linear RGB, severity 1; rows sum to 1
 def test_colours_of_lines_are_told_apart(eyes):
     lines = [
         "black",
-        style.SKY,
-        style.VERMILION,
-        style.GREEN,
-        style.PURPLE,
-        style.ORANGE,
-        style.BLUE,
+        style.HOUSE.sky,
+        style.HOUSE.vermilion,
+        style.HOUSE.green,
+        style.HOUSE.purple,
+        style.HOUSE.orange,
+        style.HOUSE.blue,
     ]
     stored = np.array([to_rgb(colour) for colour in lines])
     light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)

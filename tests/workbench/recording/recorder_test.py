@@ -12,7 +12,7 @@ import endolab as el
 from endolab.model.cameras import Pinhole
 from endolab.solvers.energy import model_image
 from endolab.solvers.provenance import Provenance
-from endolab.workbench.recording.pictures import RESIDUAL
+from endolab.workbench.recording.pictures import RESIDUAL_COLOURS
 from endolab.workbench.recording.recorder import Comparison
 from endolab.workbench.recording.sequence import SequenceRecorder
 from tests.tools.problems import coloured_colon
@@ -102,7 +102,7 @@ def test_the_viewer_sees_the_same(solved):
     assert file.at("/depth", "depth_range", 0) == pytest.approx([near, far], rel=1e-6)
     places = file.at("/residual", "buffer", 3).reshape(60, 80)
     error = 255 * (model_image(last.problem, last.log_distance) - last.problem.image)
-    names = [float(name.removesuffix("/255")) for name in list(RESIDUAL)[1:]]
+    names = [float(name.removesuffix("/255")) for name in list(RESIDUAL_COLOURS)[1:]]
     assert np.array_equal(places > 0, last.mask)
     shown = np.array(names)[places[last.mask] - 1]
     assert np.allclose(shown, np.clip(error[last.mask], -10, 10), atol=0.25)

@@ -37,7 +37,10 @@ def path(tmp_path_factory):
 @pytest.fixture
 def nobody(monkeypatch):
     """Take away every sign of a front end and of a screen."""
-    for variable in (*viewer.FRONT_ENDS, "DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+    for variable in (
+        *("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG"),
+        *("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"),
+    ):
         monkeypatch.delenv(variable, raising=False)
 
 
@@ -67,7 +70,7 @@ def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(
 ):
     shown = []
     monkeypatch.setattr(embed, "_display", shown.append)
-    monkeypatch.setattr(viewer, "PORT", 9877)
+    monkeypatch.setattr(viewer, "VIEWER_PORT", 9877)
     embed.show(path, native=True)
     assert capsys.readouterr().out.startswith(
         "The native viewer needs a screen, and there is none: here is"

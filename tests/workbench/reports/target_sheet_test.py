@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from endolab.calibration.targets import TARGETS, DotGrid
-from endolab.workbench.reports.target_sheet import A4, draw_sheet, write_sheet
+from endolab.workbench.reports.target_sheet import PAGE, draw_sheet, write_sheet
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
 from tests.tools.sheet_views import reflectance
 
@@ -39,7 +39,7 @@ def page(request, tmp_path):
 
 def test_the_page_is_a4_of_true_size_or_as_large_as_the_sheet_needs(page):
     for name in ("vicalib_big", "vicalib_folded", "charuco"):
-        np.testing.assert_allclose(page(TARGETS[name]), A4, atol=0.01)
+        np.testing.assert_allclose(page(TARGETS[name]), PAGE.size, atol=0.01)
     size, (_, _, width, height) = page(BIG), BIG.sheet
     assert np.all(size >= [width, height])
     assert np.all(size <= [width + 20, height + 45])

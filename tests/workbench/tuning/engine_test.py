@@ -10,7 +10,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.workbench.tuning import engine
-from endolab.workbench.tuning.engine import FINAL, FIRST, Tuner, sentence_of
+from endolab.workbench.tuning.engine import Stage, Tuner, sentence_of
 from endolab.workbench.tuning.source import Knobs
 
 PAPER = datasets.load_calibration("paper")
@@ -40,7 +40,7 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
     tuner, answers, _ = start()
     tuner.ask(SMALL)
     final = tuner.wait(60)
-    assert [one.stage for one in answers] == [FIRST, FINAL]
+    assert [one.stage for one in answers] == [Stage.FIRST, Stage.FINAL]
     assert answers[0].result.mask.shape == (60, 80)
     assert answers[-1] is final
     for lam in (0.1, 3.0):  # the first look follows from the answer before, at its size
@@ -50,7 +50,7 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
         assert moved.followed is answers[-2].result
         assert moved.followed.provenance.preparation.frame == moved.subject.frame.name
         assert np.abs(np.nanmedian(moved.change)) < 1
-        cold = tuner.cold(replace(SMALL, lam=lam)).result
+        cold = tuner.solve_cold(replace(SMALL, lam=lam)).result
         assert np.array_equal(moved.result.distance, cold.distance, equal_nan=True)
 
 
@@ -61,13 +61,13 @@ def test_of_many_wishes_the_last_is_answered_and_no_other_to_its_end(start):
         time.sleep(0.01)
     tuner.ask(SMALL)
     assert tuner.wait(60).settings == SMALL
-    assert [one.settings for one in answers if one.stage == FINAL] == [SMALL]
+    assert [one.settings for one in answers if one.stage == Stage.FINAL] == [SMALL]
 
 
 def test_a_stale_solve_is_stopped_within_a_step_or_two(start):
     tuner, answers, _ = start()
     tuner.ask(replace(SMALL, solver="primal_dual", max_iterations=10**6, lam=1e-3))
-    until(lambda: any(one.stage != FIRST for one in answers))  # what it has so far
+    until(lambda: any(one.stage != Stage.FIRST for one in answers))  # what it has so far
     started = time.monotonic()
     tuner.ask(replace(SMALL, solver="facing"))
     assert tuner.wait(60).settings.solver == "facing"
@@ -133,23 +133,23 @@ def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypa
     monkeypatch.setattr(engine, "reconstruct", reconstruct)
     tuner, answers, refused = start()
     tuner.ask(SMALL)
-    assert tuner.wait(60).stage == FINAL
-    assert FIRST not in [answer.stage for answer in answers]
+    assert tuner.wait(60).stage == Stage.FINAL
+    assert Stage.FIRST not in [answer.stage for answer in answers]
     assert len(refused) == 1
     assert "too small for it" in refused[0]
 
 
 def test_what_is_compared_is_torn_as_the_answer_is(start):
     tuner, _, _ = start()
-    torn = tuner.cold(Knobs(scene="colon", width=160, contours=True))
-    assert torn.torn > 0
-    several = [replace(torn.settings, lam=lam, contours=None) for lam in (0.1, 10.0)]
+    cut = tuner.solve_cold(Knobs(scene="colon", width=160, contours=True))
+    assert cut.cut_count > 0
+    several = [replace(cut.settings, lam=lam, contours=None) for lam in (0.1, 10.0)]
     found = {}
-    tuner.compare(torn, several, found.__setitem__)
+    tuner.compare(cut, several, found.__setitem__)
     until(lambda: len(found) == 2)
     for number, one in found.items():
         assert one.settings == several[number]
-        assert np.array_equal(one.result.problem.cuts, torn.result.problem.cuts)
+        assert np.array_equal(one.result.problem.cuts, cut.result.problem.cuts)
     assert found[0].data < found[1].data
     assert found[0].roughness > found[1].roughness
 
@@ -158,23 +158,23 @@ def test_a_gain_four_times_as_high_doubles_distances_and_without_one_errors_are_
     start,
 ):
     tuner, _, _ = start()
-    near, far = (tuner.cold(replace(SMALL, gain=gain)) for gain in (1.0, 4.0))
+    near, far = (tuner.solve_cold(replace(SMALL, gain=gain)) for gain in (1.0, 4.0))
     assert np.nanmax(np.abs(far.result.distance / near.result.distance - 2)) < 1e-3
     unknown = replace(
         PAPER.resize(160, 120), photometry=replace(PAPER.photometry, gain=None)
     )
     subject = near.subject
     tuner, _, _ = start(unknown, frame=subject.frame, truth=subject.truth)
-    blind = tuner.cold(Knobs(scene=None, width=160))
+    blind = tuner.solve_cold(Knobs(scene=None, width=160))
     assert not blind.result.metric
     assert blind.median_error < 3
 
 
 def test_relief_tells_a_sphere_a_plane_and_a_tube_apart(start):
     tuner, _, _ = start()
-    smooth = tuner.cold(replace(SMALL, scene="colon", regulariser="first", lam=1e4))
-    plane = tuner.cold(replace(SMALL, scene="plane"))
-    tube = tuner.cold(SMALL)
+    smooth = tuner.solve_cold(replace(SMALL, scene="colon", regulariser="first", lam=1e4))
+    plane = tuner.solve_cold(replace(SMALL, scene="plane"))
+    tube = tuner.solve_cold(SMALL)
     assert smooth.relief[0] < 5 < min(tube.relief)
     assert plane.relief[1] < 5 < plane.relief[0]
 

@@ -9,20 +9,24 @@ import endolab as el
 from endolab import datasets
 from endolab.reconstruction.uncertainty.estimate import noise_left
 from endolab.solvers.problem import NONE
-from endolab.workbench.plots.scales import DECIDERS
-from endolab.workbench.tuning.boards import of_one, of_several, of_two
+from endolab.workbench.plots.scales import OKABE_ITO, SOURCE_COLOURS
+from endolab.workbench.tuning.boards import draw_answer, draw_columns, draw_pair
 from endolab.workbench.tuning.engine import Tuner
 from endolab.workbench.tuning.panels import (
-    BELOW_NOISE,
     PANELS,
-    SILENT,
-    TORN,
-    USUAL,
+    USUAL_PANELS,
     Dot,
     View,
     ratio_of,
 )
-from endolab.workbench.tuning.pictures import Chart, Map, coloured, log_ticks, ticks
+from endolab.workbench.tuning.pictures import (
+    DRAWING,
+    Chart,
+    Map,
+    log_ticks,
+    ticks,
+    to_colours,
+)
 from endolab.workbench.tuning.sentences import summary, warnings
 from endolab.workbench.tuning.source import Knobs
 
@@ -38,12 +42,12 @@ def engine():
 
 @pytest.fixture(scope="module")
 def answer(engine):
-    return engine.cold(Knobs(scene="tube", width=160, noise=1.0))
+    return engine.solve_cold(Knobs(scene="tube", width=160, noise=1.0))
 
 
 @pytest.fixture(scope="module")
 def smoother(engine, answer):
-    return engine.cold(replace(answer.settings, lam=100.0))
+    return engine.solve_cold(replace(answer.settings, lam=100.0))
 
 
 def changed(answer, **problem):
@@ -63,9 +67,9 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
             assert isinstance(drawn.says(60, 80), str)
     sigma = 100 * trusted.uncertainty.sigma / answer.result.distance
     shown = PANELS["σ"](trusted, View())
-    assert np.array_equal(shown.picture, coloured(sigma, shown.limits, "magma"))
-    decided = PANELS["who decided"](trusted, View()).picture
-    for k, colour in enumerate(DECIDERS.values(), 1):
+    assert np.array_equal(shown.picture, to_colours(sigma, shown.limits, "magma"))
+    decided = PANELS["what determined each pixel"](trusted, View()).picture
+    for k, colour in enumerate(SOURCE_COLOURS.values(), 1):
         assert np.array_equal(
             (decided == colour).all(axis=-1), trusted.uncertainty.dominant_source == k
         )
@@ -75,23 +79,23 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
 def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
     quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result)[0]
-    assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
+    assert np.array_equal((residual == DRAWING.below_noise).all(axis=-1), quiet)
     cuts = np.zeros((2, 120, 160), bool)
     evidence = np.zeros((120, 160), np.int8)
     cuts[0, 40:80, 80] = True
     evidence[50:60, 20:30] = NONE
-    torn = changed(answer, cuts=cuts, evidence=evidence)
-    shown = PANELS["contours"](torn, View())
-    assert (shown.picture[40:80, 80] == TORN).all()
-    assert (shown.picture[50:60, 20:30] == SILENT).all()
-    assert "torn" in shown.says(50, 80)
-    assert "40 px torn" in summary(torn)
+    cut_answer = changed(answer, cuts=cuts, evidence=evidence)
+    shown = PANELS["contours"](cut_answer, View())
+    assert (shown.picture[40:80, 80] == OKABE_ITO.vermilion).all()
+    assert (shown.picture[50:60, 20:30] == OKABE_ITO.purple).all()
+    assert "cut" in shown.says(50, 80)
+    assert "40 px cut" in summary(cut_answer)
 
 
 def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
-    board = of_one(answer, USUAL, View(), ROOM)
+    board = draw_answer(answer, USUAL_PANELS, View(), ROOM)
     assert board.picture.shape == (640, 1200, 3)
-    for name, place in zip(USUAL, board.places, strict=True):
+    for name, place in zip(USUAL_PANELS, board.places, strict=True):
         wide = place.box[2] - place.box[0]
         tall = place.box[3] - place.box[1]
         assert (wide, tall) == pytest.approx((1 / 3, 1 / 2))
@@ -116,13 +120,13 @@ def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
 
 
 def test_two_and_several_share_one_scale(answer, smoother):
-    board = of_two(answer, smoother, View(), ROOM)
+    board = draw_pair(answer, smoother, View(), ROOM)
     a, b = (board.places[number].panel for number in (0, 1))
     assert (a.limits, a.title[0], b.title[0]) == (b.limits, "A", "B")
     ratio = ratio_of(answer, smoother)
     expected = 100 * (smoother.result.distance[60, 80] / answer.result.distance[60, 80] - 1)
     assert float(ratio.says(60, 80).split()[0]) == pytest.approx(expected, abs=0.06)
-    several = of_several(
+    several = draw_columns(
         [("λ 1", answer), ("λ 10", None), ("λ 100", smoother)], answer, View(), ROOM
     )
     assert several.picture.shape[:2] == (639, 1200)
@@ -130,7 +134,7 @@ def test_two_and_several_share_one_scale(answer, smoother):
     limits = PANELS["distance"](answer, View()).limits
     for place in several.places[:2]:  # whose one bar is beside the row
         assert place.panel.limits is None
-        expected = coloured(place.answer.result.distance, limits)
+        expected = to_colours(place.answer.result.distance, limits)
         np.testing.assert_array_equal(place.panel.picture, expected)
 
 
@@ -147,7 +151,7 @@ def test_the_lam_curve_has_a_dot_each_and_marks_this_one(answer, smoother):
 
 def test_what_should_be_known_is_a_sentence(engine, answer, smoother):
     assert warnings(answer, None) == []
-    sphere = engine.cold(replace(answer.settings, regulariser="first", lam=1e4))
+    sphere = engine.solve_cold(replace(answer.settings, regulariser="first", lam=1e4))
     assert "sphere" in warnings(sphere, None)[0]
     cuts = np.zeros((2, 120, 160), bool)
     cuts[0, 40:80, 80] = True

@@ -9,6 +9,8 @@ import subprocess
 import threading
 import time
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import anywidget
@@ -34,7 +36,7 @@ class Slider(anywidget.AnyWidget):
 def restored(monkeypatch):
     """The comms of other tests' widgets stay theirs; all ends soon."""
     monkeypatch.setattr(comm, "create_comm", comm.create_comm)
-    monkeypatch.setattr(server, "GRACE", 0.3)
+    monkeypatch.setattr(server, "WAITING", replace(server.WAITING, after_leaving=0.3))
 
 
 @pytest.fixture
@@ -187,7 +189,7 @@ def test_the_page_opens_its_channel_where_it_came_from(place):
     browser += (
         "globalThis.WebSocket = class { constructor(link) { console.log(String(link)); } };"
     )
-    script = (server.HERE / "page.js").read_text(encoding="utf-8")
+    script = Path(server.__file__).with_name("page.js").read_text(encoding="utf-8")
     done = subprocess.run(
         [node, "-e", browser + script],
         capture_output=True,
@@ -253,7 +255,7 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
 def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(
     serve, monkeypatch
 ):
-    monkeypatch.setattr(server, "GRACE", 1.5)
+    monkeypatch.setattr(server, "WAITING", replace(server.WAITING, after_leaving=1.5))
     page, thread, raised = serve(Slider)
 
     async def visit():
@@ -291,7 +293,7 @@ def test_a_page_that_is_lost_is_waited_for(serve, code):
         while page._pages and time.monotonic() < until:
             await asyncio.sleep(0.01)
         assert not page._pages
-        await asyncio.sleep(2 * server.GRACE)
+        await asyncio.sleep(2 * server.WAITING.after_leaving)
 
     asyncio.run(visit())
     assert thread.is_alive()

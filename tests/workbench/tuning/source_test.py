@@ -57,7 +57,8 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
     exec(settings.code(known, shown.subject.grey), names)
     assert np.array_equal(names["result"].distance, shown.result.distance, equal_nan=True)
     write_settings(
-        settings.saved(shown.subject.calibration, shown.subject.grey), tmp_path / "s.json"
+        settings.solving_settings(shown.subject.calibration, shown.subject.grey),
+        tmp_path / "s.json",
     )
     written = read_settings(tmp_path / "s.json")
     believed = written.apply(shown.subject.calibration)
@@ -67,9 +68,11 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
 
 def test_only_what_is_believed_otherwise_is_saved(seen):
     _, calibration, _ = seen
-    assert Knobs(scene=None).saved(calibration, grey=False).photometry == {}
+    assert Knobs(scene=None).solving_settings(calibration, grey=False).photometry == {}
     light = calibration.photometry
-    other = Knobs(scene=None, k=light.k + 0.5, gain=2.0).saved(calibration, grey=True)
+    other = Knobs(scene=None, k=light.k + 0.5, gain=2.0).solving_settings(
+        calibration, grey=True
+    )
     assert other.photometry == {"k": light.k + 0.5, "gain": 2.0 * light.gain}
     assert other.keywords["channel"] == "grey"
     with pytest.raises(ValueError, match="albedo"):

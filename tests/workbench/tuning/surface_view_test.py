@@ -11,15 +11,13 @@ from endolab import datasets
 from endolab.numerics.derivatives import links
 from endolab.workbench.recording import viewer
 from endolab.workbench.tuning.surface_view import (
-    COLUMNS,
-    ROWS,
-    TEXTURE,
+    PANEL,
     SurfaceView,
     box_of,
-    keeps,
+    fits_box,
     show_surface,
+    thin_indices,
     thin_links,
-    thinned,
 )
 
 
@@ -82,16 +80,16 @@ def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view):
     view.show(distance, rays, picture)
     assert (
         len(view.triangles) == len(before) + 5 * 2 * 12
-    )  # the column of squares that was torn
+    )  # the column of squares that was cut
 
 
 @pytest.mark.parametrize(
     ("height", "width"), [(300, 400), (240, 320), (1080, 1350), (700, 100), (1, 900)]
 )
 def test_large_frames_are_thinned_evenly_and_to_their_rim(height, width):
-    rows, columns = thinned((height, width))
-    assert len(rows) <= ROWS
-    assert len(columns) <= COLUMNS
+    rows, columns = thin_indices((height, width))
+    assert len(rows) <= PANEL.rows
+    assert len(columns) <= PANEL.columns
     for places, count in ((rows, height), (columns, width)):
         assert places[0] == 0
         assert len(places) == 1 or places[-1] == count - 1
@@ -164,10 +162,10 @@ def test_the_box_holds_all_but_spikes_and_stays_while_a_slider_moves():
     points = (rays * distance[..., None]).reshape(-1, 3)
     box = box_of(points)
     assert box == pytest.approx([-40, -30, 40, 40, 30, 40], abs=2)
-    assert keeps(box, box_of(1.05 * points))
-    assert not keeps(box, box_of(1.5 * points))
-    assert not keeps(box, box_of(points + np.array([0, 0, 60])))
-    assert not keeps([], box)
+    assert fits_box(box, box_of(1.05 * points))
+    assert not fits_box(box, box_of(1.5 * points))
+    assert not fits_box(box, box_of(points + np.array([0, 0, 60])))
+    assert not fits_box([], box)
 
 
 def test_a_large_picture_is_shrunk_and_a_dark_one_lifted_if_asked_for(view):
@@ -176,7 +174,7 @@ def test_a_large_picture_is_shrunk_and_a_dark_one_lifted_if_asked_for(view):
     picture[:40] = 0.2
     view.show(distance, rays, picture)
     seen = cv2.imdecode(np.frombuffer(view.picture, np.uint8), cv2.IMREAD_COLOR)
-    assert seen.shape == (0.75 * TEXTURE, TEXTURE, 3)
+    assert seen.shape == (0.75 * PANEL.texture_columns, PANEL.texture_columns, 3)
     assert np.median(seen) == pytest.approx(25, abs=2)
     view.drawn = 1
     view.show(distance, rays, picture, lift=True)

@@ -12,9 +12,9 @@ import endolab as el
 from endolab import datasets
 from endolab.io.images import write_image
 from endolab.io.settings import read_settings
-from endolab.workbench.tuning.panels import PANELS, USUAL
+from endolab.workbench.tuning.panels import PANELS, USUAL_PANELS
 from endolab.workbench.tuning.source import Knobs
-from endolab.workbench.tuning.widget import BESIDE, A, B, TunerBox
+from endolab.workbench.tuning.widget import TunerBox
 
 
 @pytest.fixture
@@ -122,12 +122,12 @@ def test_a_if_it_is_shown_is_what_is_exported(make, tmp_path):
     box = make()
     kept = box.answer
     do(box, "keep")
-    assert box.shows == BESIDE
+    assert box.shows == "A beside B"
     now = turn(box, lam=10.0, regulariser="first")
     assert [place.answer for place in box.board.places[:3]] == [kept, now, now]
     do(box, "blink")
     do(box, "blink")
-    assert (box.shows, box.answer) == (A, kept)
+    assert (box.shows, box.answer) == ("A", kept)
     is_one(box)
     shown = box.board.picture
     box.export(tmp_path / "out")
@@ -145,11 +145,11 @@ def test_a_if_it_is_shown_is_what_is_exported(make, tmp_path):
         row["energy"] for row in kept.result.history
     ]
     do(box, "blink")
-    assert (box.shows, box.answer) == (B, now)
+    assert (box.shows, box.answer) == ("B", now)
     is_one(box)
     do(box, "blink")
     other = turn(box, lam=2.0)  # begins where A is
-    assert (box.shows, other.settings.regulariser) == (B, "auto")
+    assert (box.shows, other.settings.regulariser) == ("B", "auto")
     do(box, "drop")
     assert (box.kept, box.shows) == (None, "")
 
@@ -208,7 +208,7 @@ def test_five_lam_stand_in_columns_on_the_curve_and_one_is_taken_over(make):
     taken = box.engine.wait(60)
     assert (taken.settings.lam, box.knobs["lam"], box.columns) == (3.2, 3.2, [])
     is_one(box)
-    chart = box.board.places[USUAL.index("λ curve")]
+    chart = box.board.places[USUAL_PANELS.index("λ curve")]
     number = [dot.settings.lam for dot in box._view().dots].index(1.0)
     do(box, "press", *chart.dots[number])
     assert box.answer is now  # without a solve
@@ -346,7 +346,7 @@ def test_three_hundred_things_done_at_random_leave_one_answer(make):
         ["blink"],
         ["compare", "lam"],
         ["compare", ""],
-        ["show", BESIDE],
+        ["show", "A beside B"],
         ["step", 1],
     ]
     actions += [["step", -1], ["reset"], ["undo"], ["drop"]]
