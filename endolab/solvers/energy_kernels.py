@@ -576,9 +576,9 @@ def fill_slope_damping(
             bend = by_v[j + 2] / (
                 2 * (1 + slant[j])
             )  # ∂²M by the slope, as of a Lambertian wall that faces
-            charged = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
-            u[j + 2] = charged * guu[j + 2]
-            w[j + 2] = charged * gvv[j + 2]
+            cost = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
+            u[j + 2] = cost * guu[j + 2]
+            w[j + 2] = cost * gvv[j + 2]
 
 
 def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:

@@ -364,7 +364,7 @@ def _result(
     deviation = np.sqrt(np.diag(covariance))
     spread = dict(zip(model.names, deviation.tolist(), strict=True))
     errors = _standard_errors(unknowns, spread, covariance)
-    doubts = identifiability.judge_light(model, unknowns, used, last.sigma)
+    remarks = identifiability.judge_light(model, unknowns, used, last.sigma)
     _check_bounds(model, unknowns, errors)
     f = np.exp(unknowns.log_brdf)
     gains = np.exp(unknowns.log_gain)
@@ -394,7 +394,7 @@ def _result(
     verdict = identifiability.describe_verdict(
         model, unknowns, expected, errors, last.sigma, ranges, jumps
     )
-    verdict += doubts
+    verdict += remarks
     if fitted.status is not Status.CONVERGED:
         verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")
     residuals = last.residual[:, 0]

@@ -53,7 +53,7 @@ class EvidenceRules:
     largest_gamma_error: float = 0.05  # relative
     largest_k_error: float = 0.1
     # Share of 1/r² cos θ: between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a
-    # room, 0. Below the first the light is refused, below the second the verdict doubts it.
+    # room, 0. Below the first the light is refused, below the second the verdict remarks it.
     least_fall_off: float = 0.6
     usual_fall_off: float = 0.85
     # Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
@@ -232,7 +232,7 @@ def judge_light(
     model: LightModel, unknowns: LightUnknowns, used: BoolArray, sigma: float
 ) -> list[str]:
     """Raise if what was fitted is no light that moves with the camera; return what is doubtful about it."""
-    doubts = []
+    remarks = []
     ways = "use the endoscope's own light, and no other"
     if model.gamma is not None:  # a free γ would make up for it, and run out of its bounds
         share, error = fall_off_share(model, unknowns, used & (model.samples.level > 0))
@@ -242,7 +242,7 @@ def judge_light(
             raise NotIdentifiableError("light", f"{why}: {power}; {ways}")
         if share + 2 * error < EVIDENCE.usual_fall_off:
             why = "there was another light, γ is larger, or the paper is rough"
-            doubts.append(f"The brightness falls with distance and tilt {power}: {why}.")
+            remarks.append(f"The brightness falls with distance and tilt {power}: {why}.")
     if sigma > EVIDENCE.largest_sigma:
         why = (
             f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
@@ -250,7 +250,7 @@ def judge_light(
         raise NotIdentifiableError(
             "light", f"{why}; {ways}, or fit one beside the lens (light free)"
         )
-    return doubts
+    return remarks
 
 
 def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightModel:

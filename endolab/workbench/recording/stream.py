@@ -90,9 +90,9 @@ class Sink:
 
     def _connect(self) -> None:
         if self.path is not None:
-            staged = stage_file(self.path)
-            temporary = staged.__enter__()
-            self._staged = staged
+            staging = stage_file(self.path)
+            temporary = staging.__enter__()
+            self._staged = staging
             pipes = Path("/dev/fd")  # names of open files, where the system has such
             if pipes.is_dir():
                 with one_sentence(f"cannot write {self.path}"):
@@ -145,14 +145,14 @@ class Sink:
         finally:
             self.drop()
 
-    def _finish(self, staged: contextlib.AbstractContextManager[Path]) -> None:
+    def _finish(self, staging: contextlib.AbstractContextManager[Path]) -> None:
         """Give the file its name, if all of it was written."""
         self._disconnect()
         if self._writer is not None and self._writer.failure is not None:
             with one_sentence(f"cannot write {self.path}"):
                 raise self._writer.failure
         self._staged = None
-        staged.__exit__(None, None, None)
+        staging.__exit__(None, None, None)
 
     def _disconnect(self) -> None:
         """Wait until all is written."""
