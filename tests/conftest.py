@@ -14,12 +14,10 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # there are as many of these as cores
     os.environ.setdefault("ENDOLAB_THREADS", "1")
 # As the command line has it; Rerun reads it once.
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
-os.environ.setdefault(
-    "OPENCV_FFMPEG_LOGLEVEL", "-8"
-)  # a test may be the first to open a video, which counts
-os.environ.setdefault(
-    "CI", "1"
-)  # the one variable by which a Rerun viewer sends no usage data
+# a test may be the first to open a video, which counts.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+# The one variable by which a Rerun viewer sends no usage data.
+os.environ.setdefault("CI", "1")
 
 # Programs that tests start and interrupt would ignore what nohup, or a shell's &, has this one ignore.
 for _name, _usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
@@ -30,11 +28,12 @@ for _name, _usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.
         signal.signal(getattr(signal, _name), _usual)
 
 ROOT = Path(__file__).resolve().parent.parent
+# Folders: what opens a browser, kills, fills a disk, measures.
 SLOW = (
     "browser",
     "hostile",
     "benchmarks",
-)  # folders: what opens a browser, kills, fills a disk, measures
+)
 
 
 @pytest.hookimpl(tryfirst=True)

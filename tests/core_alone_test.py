@@ -88,6 +88,7 @@ def without_lab(monkeypatch):
         if name.startswith(("endolab.workbench.recording", "endolab.workbench.tuning"))
     ]:
         monkeypatch.delitem(sys.modules, name)
+    # Once asked for.
     kept = {
         "recording",
         "tuning",
@@ -96,7 +97,7 @@ def without_lab(monkeypatch):
         "read_recording",
         "Comparison",
         "tune",
-    }  # once asked for
+    }
     for name in kept & vars(el).keys():
         monkeypatch.delattr(el, name)
     for name in LAB:

@@ -18,9 +18,8 @@ TEXTS = [
 ]
 PAGES = [*NOTEBOOKS, *TEXTS]
 LINK = re.compile(r"\]\(([^)\s]+)\)")  # its target
-CHECK = re.compile(
-    r"^check\.(\w+)\(", re.MULTILINE
-)  # of an answer, in a cell; of a solution
+# Of an answer, in a cell; of a solution.
+CHECK = re.compile(r"^check\.(\w+)\(", re.MULTILINE)
 CHECKED = re.compile(r"^assert check\.(\w+)\(", re.MULTILINE)
 # of a notebook
 MOST_CELLS = 40

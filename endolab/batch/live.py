@@ -34,9 +34,8 @@ if TYPE_CHECKING:
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
 LIVE_COLUMNS = (*FRAME_COLUMNS[:-1], "dropped", "lag", "error")
 
-Shot = tuple[
-    int, str, np.ndarray, float
-]  # frames that came before, name, picture, and when it came, s
+# Frames that came before, name, picture, and when it came, s.
+Shot = tuple[int, str, np.ndarray, float]
 
 
 @dataclass(frozen=True)

@@ -131,9 +131,8 @@ def sweep(
         raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
     target = Path(table)
     rows = read_table(target) if os.path.lexists(target) else {}
-    place = {
-        _key(task[0]): number for number, task in enumerate(tasks)
-    }  # of a row, whoever is done first
+    # Of a row, whoever is done first.
+    place = {_key(task[0]): number for number, task in enumerate(tasks)}
 
     def write() -> None:
         write_rows(
@@ -149,9 +148,8 @@ def sweep(
     ]
     total = len(tasks)
     done = total - len(todo)
-    calibration = replace(
-        calibration, camera=replace(calibration.camera)
-    )  # its ray field stays here
+    # Its ray field stays here.
+    calibration = replace(calibration, camera=replace(calibration.camera))
     solve = partial(_solve_row, calibration=calibration, options=options)
     write()  # now, rather than after an hour's run
     try:

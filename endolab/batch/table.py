@@ -66,9 +66,8 @@ def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) ->
 
     ValueError or OSError in one sentence that names the file, if it is another table.
     """
-    content = read_bytes(path, "table").decode(
-        errors="surrogateescape"
-    )  # a file's name may be any bytes
+    # a file's name may be any bytes.
+    content = read_bytes(path, "table").decode(errors="surrogateescape")
     with name_damage(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
         head, *lines = filter(None, csv.reader(io.StringIO(content, newline="")))
         rows = [dict(zip(columns, cells, strict=True)) for cells in (head, *lines)]

@@ -50,19 +50,16 @@ class Session:
     detections: dict[str, Detection]  # by the name of the frame, in order
     geometry: GeometricFit | None  # None if the camera was given
     camera: KannalaBrandt
-    poses: dict[
-        str, tuple[Pose | None, ...]
-    ]  # of each panel, for the frames where the target was located
+    # Of each panel, for the frames where the target was located.
+    poses: dict[str, tuple[Pose | None, ...]]
     samples: Samples  # of all located frames
     light: PhotometricFit | None  # None if the samples could not tell it
     refused: str = ""  # why not; empty if they could
     scores: HeldOut | None = None  # how well frames are predicted that the fit has not seen
-    dropped: dict[str, str] = field(
-        default_factory=dict
-    )  # frames that were not used, and why
-    errors: dict[str, float] = field(
-        default_factory=dict
-    )  # of located frames, rms of what counts, px
+    # Frames that were not used, and why.
+    dropped: dict[str, str] = field(default_factory=dict)
+    # Of located frames, rms of what counts, px.
+    errors: dict[str, float] = field(default_factory=dict)
 
     def predict_pixels(self, name: str) -> FloatArray:
         """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""

@@ -25,12 +25,10 @@ from endolab.numerics.checks import check_int
 class Ink:
     """What is printed: black discs, black rectangles, grey discs; mm."""
 
-    discs: FloatArray = field(
-        default_factory=lambda: rows_of([], 3)
-    )  # centre x, y and radius
-    rectangles: FloatArray = field(
-        default_factory=lambda: rows_of([], 4)
-    )  # left, top, width, height
+    # Centre x, y and radius.
+    discs: FloatArray = field(default_factory=lambda: rows_of([], 3))
+    # Left, top, width, height.
+    rectangles: FloatArray = field(default_factory=lambda: rows_of([], 4))
     # Centre x, y, radius, and reflectance relative to the white of the paper.
     greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
 

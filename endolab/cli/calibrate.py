@@ -20,6 +20,7 @@ from endolab.cli.options import (
 )
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
+# What only that can be told.
 SHEET_OPTIONS = (
     "target",
     "frames",
@@ -27,7 +28,7 @@ SHEET_OPTIONS = (
     "outliers",
     "motion",
     "video",
-)  # what only that can be told
+)
 
 
 @contextmanager

@@ -13,9 +13,8 @@ from pathlib import Path
 
 from endolab._extras import need
 
-OWN_NOTEBOOKS = (
-    Path(__file__).resolve().parents[2] / "notebooks"
-)  # of endolab's checkout, where there is one
+# Of endolab's checkout, where there is one.
+OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 PORTS = 50  # that are tried, one after the other
 
 
@@ -135,9 +134,8 @@ def open_lab(
         home = Path(scratch)
         write_settings(home)
         write_kernel(home)
-        (home / "token").write_text(
-            token, encoding="utf-8"
-        )  # a file is private, a command line is not
+        # a file is private, a command line is not.
+        (home / "token").write_text(token, encoding="utf-8")
         os.environ["JUPYTER_TOKEN_FILE"] = str(home / "token")
         _prepend("JUPYTER_CONFIG_PATH", home)
         _prepend("JUPYTER_PATH", home)

@@ -389,9 +389,8 @@ def run() -> NoReturn:
         warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     # Of a disk that is full Rerun complains on its own, before `recording.stream.Sink` says so in a sentence.
     os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
-    gc.set_threshold(
-        50_000
-    )  # what is imported stays: to look through it takes a sixth of all importing
+    # What is imported stays: to look through it takes a sixth of all importing.
+    gc.set_threshold(50_000)
     status = main()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):

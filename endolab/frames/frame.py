@@ -98,9 +98,8 @@ class Frame:
                 raise ValueError(
                     "{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes)
                 )
-            object.__setattr__(
-                self, what, readonly_copy(mask)
-            )  # the caller's buffer may be the next frame's soon
+            # The caller's buffer may be the next frame's soon.
+            object.__setattr__(self, what, readonly_copy(mask))
         if not self.mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image if self.mask.all() else image[self.mask]

@@ -127,9 +127,8 @@ def _white_part(
     a = np.sum(weight * colour * light, axis=-1)
     b = np.sum(weight * light, axis=-1)
     aa += 1e-12 * bb  # a picture may be all black
-    determinant = np.maximum(
-        aa * bb - ab**2, 1e-9 * aa * bb
-    )  # 0 where the tissue itself is white
+    # 0 where the tissue itself is white.
+    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)
     return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
 
 

@@ -211,12 +211,10 @@ def _hull(differs: BoolArray) -> BoolArray:
     contours = cv2.findContours(body, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     if contours:
         corners = cv2.convexHull(np.concatenate(contours)).astype(np.float64)
-        corners += 1e-3 * (
-            corners - corners.mean(axis=0)
-        )  # no edge is halfway between pixels, so that
-        cv2.fillConvexPoly(
-            body, np.round(256 * corners).astype(np.int32), 1, shift=8
-        )  # mirror images agree
+        # No edge is halfway between pixels, so that.
+        corners += 1e-3 * (corners - corners.mean(axis=0))
+        # Mirror images agree.
+        cv2.fillConvexPoly(body, np.round(256 * corners).astype(np.int32), 1, shift=8)
     return body > 0
 
 
@@ -227,9 +225,8 @@ def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
     centre = [0.0, 0.0]
     for _ in range(4):
         if len(points) >= 2 * RISE:
-            system = np.column_stack(
-                [2 * points, np.ones(len(points))]
-            )  # |p|² = 2 c·p + r² - |c|²
+            # |p|² = 2 c·p + r² - |c|².
+            system = np.column_stack([2 * points, np.ones(len(points))])
             *centre, rest = np.linalg.lstsq(system, (points**2).sum(axis=-1))[0]
             radius = np.sqrt(max(rest + np.dot(centre, centre), 0.0))
             off = np.abs(np.linalg.norm(points - centre, axis=-1) - radius)
@@ -271,9 +268,8 @@ def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) ->
         return Field(outline, points[:0], 0.0, 0.0)
     profile = np.median(profiles[edge], axis=0)[RISE:]
     top = profile[RISE] - max(0.0, profile[2 * RISE] - profile[RISE])  # without shading
-    half = int(
-        (profile > (profile[0] + top) / 2).argmax()
-    )  # the edge's half height lies just before
+    # The edge's half height lies just before.
+    half = int((profile > (profile[0] + top) / 2).argmax())
     slope = np.append(np.diff(profile), 0)
     steepest = int(slope.argmax())
     flat = steepest + int((slope[steepest:] < slope[steepest] / 2).argmax())

@@ -18,9 +18,8 @@ ASK = "or replace it with overwrite=True"  # the command line says --overwrite
 _TEMPORARY = ".endolab-"  # how the names of what is on its way begin
 
 
-_URL = re.compile(
-    r"([A-Za-z][\w+.-]+):/+(?:.*@)?(\[[\da-fA-F:.]*\]|[\w.-]*)\S*"
-)  # scheme and host
+# Scheme and host.
+_URL = re.compile(r"([A-Za-z][\w+.-]+):/+(?:.*@)?(\[[\da-fA-F:.]*\]|[\w.-]*)\S*")
 
 
 # Sentences ------------------------------------------------------------------------------
@@ -121,9 +120,8 @@ def check_folder(folder: Path) -> None:
     """Raise OSError in one sentence, unless a folder is new, empty or endolab's own."""
     with one_sentence(f"cannot write to the folder {folder}"):
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    others = [
-        name for name in names if not name.startswith(_TEMPORARY)
-    ]  # which a killed run may leave
+    # Which a killed run may leave.
+    others = [name for name in names if not name.startswith(_TEMPORARY)]
     if others and not _own_report(folder):
         content = f"holds {min(others)} and no results of endolab's; choose another folder"
         raise FileExistsError(f"{folder} {content}, {ASK}")
@@ -266,9 +264,8 @@ def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> by
 def as_json(content: dict[str, Any]) -> bytes:
     """Encode as strict, indented JSON: a value that is not finite is an error."""
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    return text.encode(
-        errors="backslashreplace"
-    )  # a file's name may be any bytes: \udc80, in JSON as here
+    # a file's name may be any bytes: \udc80, in JSON as here.
+    return text.encode(errors="backslashreplace")
 
 
 def read_json(path: PathLike, what: str) -> Any:
@@ -276,9 +273,8 @@ def read_json(path: PathLike, what: str) -> Any:
     most = 10_000_000  # bytes; a calibration with its evidence has some kB
     content = read_bytes(path, what, most)
     try:
-        return json.loads(
-            content.decode(json.detect_encoding(content))
-        )  # whatever byte order mark it has
+        # Whatever byte order mark it has.
+        return json.loads(content.decode(json.detect_encoding(content)))
     except RecursionError as error:
         raise ValueError(
             f"{Path(path)}: not valid JSON: it is nested too deeply"

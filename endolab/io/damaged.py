@@ -9,9 +9,8 @@ import numpy as np
 
 PNG = b"\x89PNG\r\n\x1a\n"
 JPEG = b"\xff\xd8"
-NEEDED_CHUNKS = re.compile(
-    b"IHDR|PLTE|tRNS|IDAT|IEND"
-)  # chunks of a PNG, without which it shows something else
+# Chunks of a PNG, without which it shows something else.
+NEEDED_CHUNKS = re.compile(b"IHDR|PLTE|tRNS|IDAT|IEND")
 ENOUGH = 0.8  # of the rows
 # of a JPEG: before its pixels, and after them
 SCAN = b"\xff\xda"

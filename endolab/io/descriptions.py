@@ -24,9 +24,8 @@ from endolab.model.schema import Section, quote, unknown_name
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
 
-NOMINAL = Photometry(
-    k=2.5, gamma=2.2
-)  # the paper's, of an endoscope whose light was not measured
+# The paper's, of an endoscope whose light was not measured.
+NOMINAL = Photometry(k=2.5, gamma=2.2)
 
 
 def read_camera(path: PathLike) -> Camera:

@@ -126,9 +126,8 @@ def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
     # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
     with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
-        at_hand = (
-            picture.format != "PNG" or "exif" in picture.info
-        )  # else all of it would be decoded
+        # Else all of it would be decoded.
+        at_hand = picture.format != "PNG" or "exif" in picture.info
         orientation = 274  # the tag that says how a picture is to be turned
         turned = picture.getexif().get(orientation, 1) if at_hand else 1
     columns, rows = picture.size

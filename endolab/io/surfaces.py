@@ -22,15 +22,17 @@ if TYPE_CHECKING:
     from endolab.synthetic.rendering import Rendered
 
 NEAREST, FARTHEST = RANGES["distance"]
+# What a depth.npz holds for each pixel.
 DEPTH_MAPS = {
     "distance": (),
     "z": (),
     "normals": (3,),
-}  # what a depth.npz holds for each pixel
+}
+# And, if it is known, how far that can be trusted, with `dominant_source`.
 TRUSTED = (
     "sigma",
     "sigma_shape",
-)  # and, if it is known, how far that can be trusted, with `dominant_source`
+)
 
 
 # Depth maps -----------------------------------------------------------------------------

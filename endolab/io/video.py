@@ -289,9 +289,8 @@ class Stream:
         """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
         started = time.perf_counter()
         last = -1
-        longest = (
-            1 if self.rate is None else VIDEO.longest_break
-        )  # of a stream, each takes `stream_timeout`
+        # Of a stream, each takes `stream_timeout`.
+        longest = 1 if self.rate is None else VIDEO.longest_break
         for number in numbers():
             if self._closed.is_set() or number - last > longest:
                 break
@@ -379,9 +378,8 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
     with stage_file(target) as temporary:
         sums = _encode(temporary, images, rate)
-        kept = cv2.VideoCapture(
-            str(temporary)
-        )  # for OpenCV does not say if the disk is full
+        # For OpenCV does not say if the disk is full.
+        kept = cv2.VideoCapture(str(temporary))
         if not sums or any(_sum(_next(kept)) != known for known in sums):
             raise OSError(
                 f"cannot write {target}: not every frame can be read back; the disk may be full"

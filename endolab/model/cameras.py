@@ -58,9 +58,8 @@ class Camera:
     height: int
 
     model: ClassVar[str]
-    _in_pixels: ClassVar[
-        dict[str, int]
-    ]  # parameters that scale with the columns (0) or rows (1)
+    # Parameters that scale with the columns (0) or rows (1).
+    _in_pixels: ClassVar[dict[str, int]]
 
     @property
     def _affine(self) -> FloatArray:
@@ -192,9 +191,8 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        resized: tuple[Self, ...] = vars(self).get(
-            "_resized", ()
-        )  # never changed: other threads read it
+        # Never changed: other threads read it.
+        resized: tuple[Self, ...] = vars(self).get("_resized", ())
         for camera in resized:
             if (camera.width, camera.height) == (width, height):
                 return camera

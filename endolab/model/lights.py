@@ -47,9 +47,8 @@ class SpotLight:
         check_range("position", position)
         for name in ("exponent", "weight"):
             in_range(name, getattr(self, name))
-        unit = (
-            direction if abs(length - 1) < 1e-12 else direction / length
-        )  # unit ones stay as they are
+        # Unit ones stay as they are.
+        unit = direction if abs(length - 1) < 1e-12 else direction / length
         object.__setattr__(self, "position", tuple(position.tolist()))
         object.__setattr__(self, "direction", tuple(unit.tolist()))
 

@@ -25,9 +25,8 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 CHANNELS = ("red", "green", "blue")
-GREY_WEIGHTS = np.array(
-    [0.299, 0.587, 0.114]
-)  # of stored values; ITU-R BT.601, as cv2 and JPEG use
+# Of stored values; ITU-R BT.601, as cv2 and JPEG use.
+GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
 CENTRED_LIGHT = SpotLight()
 
 

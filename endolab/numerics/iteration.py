@@ -70,9 +70,8 @@ def drive(
                 seconds += CLOCK.now() - started
             keep(step, seconds)
             begun = begun or tells(step)
-            wishes = [
-                observer(step) for observer in watching
-            ]  # all see it, whatever one says
+            # All see it, whatever one says.
+            wishes = [observer(step) for observer in watching]
             if any(wishes):
                 return Status.STOPPED
     except KeyboardInterrupt:

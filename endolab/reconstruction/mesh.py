@@ -154,9 +154,8 @@ def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
         flatter = np.abs(at_a - at_d) < np.abs(at_b - at_c)
     rising = 1 * upper_left + lower_right
     falling = 1 * lower_left + upper_right
-    falls = (falling > rising) | (
-        (falling == rising) & flatter
-    )  # the diagonal is a-d, else b-c
+    # The diagonal is a-d, else b-c.
+    falls = (falling > rising) | ((falling == rising) & flatter)
     parts = [
         (upper_left & ~falls, (a, c, b)),
         (lower_right & ~falls, (b, c, d)),

@@ -19,11 +19,12 @@ if TYPE_CHECKING:
 
 AUTO = "auto"  # what the frame's evidence allows
 SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
+# One of which may fix the scale.
 LENGTHS = (
     "median_distance",
     "known_distance",
     "known_diameter",
-)  # one of which may fix the scale
+)
 
 WORD = "word"  # one of some choices
 NUMBER = "number"
@@ -189,9 +190,8 @@ class Settings:
         "steps between pixels that are cut, where they are known: see `Problem`",
         MAP,
     )
-    solver_options: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # the solver's own, such as `inflow`
+    # The solver's own, such as `inflow`.
+    solver_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         from endolab.reconstruction.scale import check_scale

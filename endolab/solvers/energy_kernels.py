@@ -500,9 +500,8 @@ def linearise(
                 clear_row(descent[i])
                 clear_row(smooth[i])
             continue
-        odd = (
-            turn - 1
-        )  # every second band: what a row adds to its neighbours' must not meet
+        # Every second band: what a row adds to its neighbours' must not meet.
+        odd = turn - 1
         for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
             first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
             for i in range(first, last):
@@ -573,9 +572,8 @@ def fill_slope_damping(
         guu = metric[0, i]
         gvv = metric[2, i]
         for j in range(count):
-            bend = by_v[j + 2] / (
-                2 * (1 + slant[j])
-            )  # ∂²M by the slope, as of a Lambertian wall that faces
+            # ∂²M by the slope, as of a Lambertian wall that faces.
+            bend = by_v[j + 2] / (2 * (1 + slant[j]))
             cost = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
             u[j + 2] = cost * guu[j + 2]
             w[j + 2] = cost * gvv[j + 2]

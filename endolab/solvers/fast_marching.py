@@ -45,13 +45,11 @@ _OUTSIDE = -3
 
 BitArray = NDArray[np.uint8]
 Offset = tuple[int, int]  # column, row
-Step = tuple[
-    float, float
-]  # s, t of the difference s y + t of the unknown y at a pixel to a neighbour
+# s, t of the difference s y + t of the unknown y at a pixel to a neighbour.
+Step = tuple[float, float]
 Terms = tuple[float, float, float]  # a, b, c of a y² + 2 b y + c
-Table = tuple[
-    FloatArray, FloatArray
-]  # log c and log(1 + P), both empty for a Lambertian surface
+# Log c and log(1 + P), both empty for a Lambertian surface.
+Table = tuple[FloatArray, FloatArray]
 
 
 class Front(NamedTuple):
@@ -353,9 +351,8 @@ class March:
             fixed = (mask & ~np.isnan(inflow)).ravel()
             value[fixed] = np.exp(2 * inflow.ravel()[fixed])
         seeds = np.flatnonzero(np.isfinite(value))
-        seeds = seeds[
-            np.argsort(value[seeds], kind="stable")
-        ]  # in order, which makes it a heap
+        # In order, which makes it a heap.
+        seeds = seeds[np.argsort(value[seeds], kind="stable")]
         heap = np.empty(value.size, dtype=np.int32)
         heap[: seeds.size] = seeds
         place = np.where(mask.ravel(), _FAR, _OUTSIDE).astype(np.int32)

@@ -28,9 +28,8 @@ from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.cuts import Cells, nearest_blocks, same_side
 
-Strands = tuple[
-    IntArray, IntArray, FloatArray
-]  # those of `Interpolation`: pixel, block, weight
+# Those of `Interpolation`: pixel, block, weight.
+Strands = tuple[IntArray, IntArray, FloatArray]
 
 
 @on_cores(cost=0.4)
@@ -67,9 +66,8 @@ def _restrict(
                 taken[k, j] = share[i + k - 1, j] * r[i + k - 1, j]
         a, b, c, d = taken
         for cj in range(out.shape[1] - 2 * PAD):
-            j = (
-                2 * cj + at
-            )  # of the block's first pixel; what changes places in a turned picture comes first
+            # Of the block's first pixel; what changes places in a turned picture comes first.
+            j = 2 * cj + at
             amid = 9 * ((b[j] + c[j + 1]) + (b[j + 1] + c[j]))
             beside = (b[j - 1] + c[j + 2]) + (b[j + 2] + c[j - 1])
             beside += (a[j] + d[j + 1]) + (a[j + 1] + d[j])

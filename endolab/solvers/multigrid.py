@@ -334,9 +334,8 @@ class Multigrid:
         self.levels: list[_Level] = (
             [_Level.on(coefficients.structure)] if old is None else old.levels
         )
-        self.coarse: list[FloatArray] = (
-            [] if old is None else old.coarse
-        )  # maps of `Coefficients`
+        # Maps of `Coefficients`.
+        self.coarse: list[FloatArray] = [] if old is None else old.coarse
         depth = 0
         while True:
             level = self.levels[depth]

@@ -268,9 +268,8 @@ def _assemble(
                 for k in range(len(m)):
                     clear_row(m[k, i])
             continue
-        odd = (
-            turn - 1
-        )  # every second band: what a row adds to its neighbours' must not meet
+        # Every second band: what a row adds to its neighbours' must not meet.
+        odd = turn - 1
         for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
             first, last = rows_within((start, start + BAND_ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):

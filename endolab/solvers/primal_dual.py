@@ -67,9 +67,8 @@ ONE = SINGLE(1)
 TWO = SINGLE(2)
 THREE = SINGLE(3)
 ROOT_HALF = SINGLE(np.sqrt(0.5))
-ODD = tuple(
-    SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13)
-)  # artanh z = z (1 + z²/3 + z⁴/5 ...)
+# Artanh z = z (1 + z²/3 + z⁴/5 ...).
+ODD = tuple(SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13))
 PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
 # 1/χc of pixels that nothing limits; a size above 0
 FREE = SINGLE(1 / 999)

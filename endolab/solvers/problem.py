@@ -17,9 +17,8 @@ from endolab.numerics.derivatives import differences, px_per_reference
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
-EXACT, LOWER_BOUND, NONE = range(
-    3
-)  # what a pixel's value says of the surface's: see `Problem`
+# What a pixel's value says of the surface's: see `Problem`.
+EXACT, LOWER_BOUND, NONE = range(3)
 
 
 @dataclass(frozen=True)

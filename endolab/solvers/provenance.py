@@ -29,9 +29,8 @@ class PreparationReport:
     misplaced: float = (
         0.0  # share of the mask that was given which lies beyond what the endoscope shows
     )
-    fingerprint: str = field(
-        default="", repr=False
-    )  # of picture, mask and endoscope: equal for equal ones
+    # Of picture, mask and endoscope: equal for equal ones.
+    fingerprint: str = field(default="", repr=False)
 
 
 class LightOutcome(Enum):
@@ -107,9 +106,8 @@ class Scale:
 class Provenance:
     """What was asked for and done on the way from a frame to a surface; None of what was not done."""
 
-    asked: Mapping[str, object] = field(
-        default_factory=dict
-    )  # options by name, of the surface that counts
+    # Options by name, of the surface that counts.
+    asked: Mapping[str, object] = field(default_factory=dict)
     preparation: PreparationReport | None = None
     light: LightReport | None = None
     contours: ContourReport | None = None

@@ -38,15 +38,12 @@ class Iterate:
     k: int  # counts from 0, the start
     log_distance: FloatArray  # (H, W), v = log d; nan outside the mask; read-only
     terms: Mapping[str, float]  # of the energy: "data" and "regulariser"
-    change: float = float(
-        "nan"
-    )  # root mean square change of v since the last iterate; nan at the start
-    maps: Mapping[str, np.ndarray] = field(
-        default_factory=dict
-    )  # (H, W), whatever else there is to show
-    scalars: Mapping[str, float] = field(
-        default_factory=dict
-    )  # likewise: step, damping, inner iterations
+    # Root mean square change of v since the last iterate; nan at the start.
+    change: float = float("nan")
+    # (H, W), whatever else there is to show.
+    maps: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # Likewise: step, damping, inner iterations.
+    scalars: Mapping[str, float] = field(default_factory=dict)
     stage: str = (
         SOLUTION  # of a reconstruction: "bounced light", "contours", "solution", "scaled"
     )

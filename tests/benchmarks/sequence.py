@@ -60,12 +60,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for jobs, backend in ((1, "loky"), (2, "loky"), (2, "threading")):
             how = {"n_jobs": jobs, "backend": backend}
+            # Compile.
             el.sweep(
                 pictures[:2],
                 calibration,
                 table=Path(folder) / f"{jobs}{backend}.csv",
                 **how,
-            )  # compile
+            )
             started = time.perf_counter()
             el.sweep(
                 pictures,

@@ -61,9 +61,8 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     browser, notebooks, tmp_path, monkeypatch, solutions
 ):
     pytest.importorskip("dash")  # the formulas' script
-    monkeypatch.setattr(
-        pages, "write_reference", lambda _: None
-    )  # pdoc's affair, and ten seconds
+    # pdoc's affair, and ten seconds.
+    monkeypatch.setattr(pages, "write_reference", lambda _: None)
     pages.render_pages(notebooks, tmp_path / "html", solutions)
     page = browser.new_page()
     outside = []

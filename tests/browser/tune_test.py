@@ -63,9 +63,8 @@ def start(frames, compiled):
             "text": True,
             "cwd": ROOT,
         }
-        how["preexec_fn"] = partial(
-            signal.signal, signal.SIGINT, signal.SIG_DFL
-        )  # in the background ignored
+        # In the background ignored.
+        how["preexec_fn"] = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
         started.append(subprocess.Popen([*command, "--width=160", *options], **how))
         line = started[-1].stdout.readline()
         return started[-1], re.search(r"http://127\.0\.0\.1:\d+/\w{48}/", line)[0]

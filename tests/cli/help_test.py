@@ -31,9 +31,8 @@ CHEAP = [
     for line in EXAMPLES
     if line.split()[1] in ("reconstruct", "sweep", "evaluate", "target")
 ]
-CHEAP = [
-    line for line in CHEAP if "--live" not in line
-]  # which needs a camera and a screen
+# Which needs a camera and a screen.
+CHEAP = [line for line in CHEAP if "--live" not in line]
 
 
 def words(example):

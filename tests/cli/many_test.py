@@ -123,9 +123,8 @@ def test_a_sweep_goes_on_and_tells_what_became_of_it(call, here):
 
 def test_ctrl_c_ends_a_live_view_with_its_files_written(call, here, monkeypatch, pictures):
     monkeypatch.setattr(cv2, "VideoCapture", lambda *which: Camera(pictures, 6))
-    before = signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # a shell in the background ignores it
+    # a shell in the background ignores it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         code, output, error = call("reconstruct 0 --out o --max-iterations 2")
     finally:
@@ -148,9 +147,8 @@ def test_a_video_is_played_live(call, here):
     )
     assert (code, time.monotonic() - started > 5 / 8) == (0, True)
     assert "of 6 frames" in output
-    code, output, _ = call(
-        "reconstruct v.mkv --live --out o --max-iterations 2"
-    )  # it is endolab's own
+    # It is endolab's own.
+    code, output, _ = call("reconstruct v.mkv --live --out o --max-iterations 2")
     assert code == 0
 
 

@@ -87,9 +87,8 @@ def test_fields_are_told_and_plain_frames_are_plain(colon, wet):
 def test_one_field_is_kept(rows):
     image = np.arange(rows, dtype=float)[:, None] * np.ones((1, 3))
     image[1::2] += 100
-    last = (
-        rows - 1 if rows % 2 == 0 else rows
-    )  # below it there is nothing to interpolate with
+    # Below it there is nothing to interpolate with.
+    last = rows - 1 if rows % 2 == 0 else rows
     assert_array_equal(deinterlace(image)[:last, 0], np.arange(last))
     assert deinterlace(image).max() < rows
 

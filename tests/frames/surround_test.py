@@ -32,9 +32,8 @@ def shape(name):
         return np.hypot(across, down) < 215
     if name == "octagon":
         return (across < 225) & (down < 170) & (across + down < 300)
-    return (
-        np.hypot(np.maximum(across - 150, 0), np.maximum(down - 90, 0)) < 75
-    )  # rounded rectangle
+    # Rounded rectangle.
+    return np.hypot(np.maximum(across - 150, 0), np.maximum(down - 90, 0)) < 75
 
 
 def framed(wall, inside, level, rng, noise=0.0, soft=0.0, jpeg=False, draw=None):

@@ -20,9 +20,8 @@ from endolab.io.detection_cache import detect_cached
 from endolab.io.settings import SolvingSettings, write_settings
 from endolab.io.video import open_frames
 
-EXAMPLES = int(
-    os.environ.get("ENDOLAB_EXAMPLES", "20")
-)  # of every damage; `make attack` asks for more
+# Of every damage; `make attack` asks for more.
+EXAMPLES = int(os.environ.get("ENDOLAB_EXAMPLES", "20"))
 how = {
     "deadline": None,
     "database": None,
@@ -136,6 +135,5 @@ def whole(path):
             return content.rstrip().endswith(b"</html>")
         case ".ply":
             return b"end_header" in content
-    return (
-        path.suffix == ".jsonl"
-    )  # whose last line may be cut off: that frame is searched again
+    # Whose last line may be cut off: that frame is searched again.
+    return path.suffix == ".jsonl"

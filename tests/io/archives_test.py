@@ -21,9 +21,8 @@ def read(path):
 def test_what_numpy_wrote_is_read(tmp_path, save):
     written = {"a": NUMBERS, "f": np.asfortranarray(NUMBERS), "big": NUMBERS.astype(">f8")}
     written |= {"one": np.array(True), "text": np.array("λ")}
-    save(
-        tmp_path / "a.npz", **written, other=np.array([{}], object)
-    )  # which is not asked for
+    # Which is not asked for.
+    save(tmp_path / "a.npz", **written, other=np.array([{}], object))
     found = read(tmp_path / "a.npz")
     assert list(found) == list(written)
     for name, values in written.items():

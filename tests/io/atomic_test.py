@@ -94,9 +94,8 @@ def test_what_an_earlier_run_wrote_goes_with_its_report_and_nothing_else(own):
     with pytest.raises(ValueError, match="no"):
         write(own, "d", *report, content='{"endolab": 1}', error=ValueError("no"))
     assert "c" in texts(own)
-    write(
-        own, "d", *report, content='{"endolab": 1}', inputs=[own / "c", own]
-    )  # which is read
+    # Which is read.
+    write(own, "d", *report, content='{"endolab": 1}', inputs=[own / "c", own])
     assert {*texts(own)} == {"b", "c", "d", "notes.txt", "mesh.ply", *report}
 
 

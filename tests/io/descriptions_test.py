@@ -19,12 +19,13 @@ DOTS = {
     "small": 1,
     "large": 2,
 }
+# What makes one of it.
 CHARUCO = {
     "kind": "charuco",
     "small": ...,
     "large": ...,
     "marker": 4,
-}  # what makes one of it
+}
 
 
 def written(tmp_path, **changes):

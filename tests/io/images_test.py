@@ -289,9 +289,8 @@ def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(
 
 
 # What is transparent ---------------------------------------------------------------------
-WALL = np.add.outer(
-    np.arange(40), np.arange(50)
-)  # + 60: from 60 to 148, and nowhere 0 or 255
+# + 60: from 60 to 148, and nowhere 0 or 255.
+WALL = np.add.outer(np.arange(40), np.arange(50))
 SHAPE = np.hypot(*np.indices((40, 50)) - np.array([[[20]], [[25]]])) < 18
 SHAPE[18:22, 20:28] = False  # within
 

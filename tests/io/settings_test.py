@@ -35,9 +35,8 @@ BELIEFS = {"k": 2.4, "gamma": 1.0 / 3 + 2, "gain": 12.5, "albedo": (0.5, 0.3, 0.
 
 
 def test_everything_comes_back_as_it_was(tmp_path):
-    options = {part.name for part in option_fields()} - {
-        "cuts"
-    }  # an array, which no file holds
+    # An array, which no file holds.
+    options = {part.name for part in option_fields()} - {"cuts"}
     assert set(EVERY) == options
     assert set(BELIEFS) == set(PHOTOMETRY_READERS)
     for settings in (SolvingSettings(EVERY, BELIEFS), SolvingSettings({}, {"albedo": 0.5})):

@@ -413,9 +413,8 @@ def test_a_frame_that_is_solved_again_is_cut_at_the_same_lines():
     frame = sample.frame.resize(240, 180, 2.2)
     calibration = sample.calibration.resize(240, 180)
     first = el.reconstruct(frame, calibration)
-    brighter = replace(
-        calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31))
-    )  # or nothing is sought
+    # Or nothing is sought.
+    brighter = replace(calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31)))
     again = el.reconstruct(frame, replace(calibration, photometry=brighter), start=first)
     assert first.problem.cuts.any()
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)

@@ -90,9 +90,8 @@ def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
     factor = factor_of_distance(relative, 30.0, *ONE)
     np.testing.assert_allclose(whole.distance, factor * relative.distance, rtol=1e-12)
     np.testing.assert_allclose(whole.normals, relative.normals, atol=1e-9)
-    terms = energy_terms(
-        whole.problem, whole.iterate.log_distance
-    )  # the same in every unit
+    # The same in every unit.
+    terms = energy_terms(whole.problem, whole.iterate.log_distance)
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
     assert relative.provenance.scale is None
 

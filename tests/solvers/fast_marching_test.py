@@ -12,6 +12,7 @@ from endolab.solvers.solvers import fast_marching
 from tests.tools.adjoints import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
 
+# (row, column).
 AROUND = [
     (0, 1),
     (1, 1),
@@ -21,7 +22,7 @@ AROUND = [
     (-1, -1),
     (-1, 0),
     (-1, 1),
-]  # (row, column)
+]
 FISHEYE = el.KannalaBrandt(
     48, 36, 24.0, 25.0, 23.0, 18.5, (-0.139, -0.00124, 0.000913, -0.0000407)
 )

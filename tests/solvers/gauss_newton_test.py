@@ -216,9 +216,8 @@ def test_islands_share_the_number_of_steps_and_nothing_else():
     beside = replace(both, image=np.where(right, noise, problem.image))
     alone = replace(problem, mask=left)
     for other in (alone, beside):
-        other.__dict__["xi_median"] = (
-            both.xi_median
-        )  # of the whole frame: the one thing that they share
+        # Of the whole frame: the one thing that they share.
+        other.__dict__["xi_median"] = both.xi_median
     distance = solve(both).distance
     np.testing.assert_allclose(solve(alone).distance[left], distance[left], rtol=2e-4)
     np.testing.assert_allclose(solve(beside).distance[left], distance[left], rtol=1e-3)

@@ -66,8 +66,7 @@ def second_form_adjoint(p, shares, known, mask=None, cuts=None):
     squares = hessian_stencils(_links(p[0].shape, mask, cuts))[1].astype(float)
     for axis in (1, 0):
         squares = squares + shift(squares, -1, axis, 0.0)
-    mixed = (
-        np.sqrt(2) * p[1] / np.maximum(squares, 1)
-    )  # the mean of the squares around a pixel
+    # The mean of the squares around a pixel.
+    mixed = np.sqrt(2) * p[1] / np.maximum(squares, 1)
     straight = hessian_adjoint(np.stack([p[0], p[2], *4 * [mixed]]), mask, cuts)
     return straight - gradient_adjoint((a, b), mask, cuts) - c

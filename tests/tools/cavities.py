@@ -66,21 +66,24 @@ class Cavity:
         120.0  # where the far end begins to round, mm along the tube from the camera
     )
     behind: float = 40.0  # the same, backwards
+    # Over which the far and the near end close, mm.
     ends: tuple[float, float] = (
         20.0,
         20.0,
-    )  # over which the far and the near end close, mm
+    )
     bend: float = 0.0  # curvature of the tube, 1/mm
+    # Of the tube across the bend and its period, mm.
     sway: tuple[float, float] = (
         0.0,
         200.0,
-    )  # of the tube across the bend and its period, mm
+    )
     place: tuple[float, float] = (0.0, 0.0)  # of the camera in the cross-section, mm
+    # Roll, yaw and pitch of the camera, degrees.
     look: tuple[float, float, float] = (
         0.0,
         0.0,
         0.0,
-    )  # roll, yaw and pitch of the camera, degrees
+    )
     folds: tuple[Fold, ...] = ()
     polyps: tuple[Polyp, ...] = ()
     parting: tuple[float, float] | None = (

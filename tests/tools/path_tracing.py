@@ -128,9 +128,8 @@ class _Tracer:
         hit = self.world.ray_intersect(ray, active)
         normal = dr.normalize(hit.sh_frame.n)
         facet = dr.mulsign(hit.n, dr.dot(hit.n, normal))  # whichever way the triangle turns
-        faced = (
-            mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)
-        )  # the wall's back is black
+        # The wall's back is black.
+        faced = mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)
         left = self._attribute("vertex_albedo", hit, faced)
         return hit, normal, faced, left * dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
 
@@ -344,9 +343,8 @@ def trace(
     rng = np.random.default_rng([seed, 2])
     side = min(isqrt(samples), 4)
     rays = _subpixels(camera, side, rng)
-    turned = rng.uniform(
-        size=(2, 1, rays.shape[1])
-    )  # every pixel starts the sequence elsewhere
+    # Every pixel starts the sequence elsewhere.
+    turned = rng.uniform(size=(2, 1, rays.shape[1]))
     defined = ~np.isnan(rays[..., 2])
     met, direct = tracer.look(rays[defined])
     layers = np.zeros((*defined.shape, 7))

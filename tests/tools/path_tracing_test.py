@@ -40,9 +40,8 @@ def test_direct_light_is_the_renderers(mitsuba, scene, light):
 @pytest.mark.parametrize("albedo", [0.3, 0.7])
 def test_an_integrating_sphere(mitsuba, albedo):
     """Inside a sphere the indirect irradiance is the same everywhere: E ρ/(1 - ρ), E the mean direct one."""
-    lamp = Photometry(
-        k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(albedo)
-    )  # lights the front half
+    # Lights the front half.
+    lamp = Photometry(k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(albedo))
     made = trace(SPHERE, CAMERA, lamp, bounces=60, samples=64, mesh_size=60)
     expected = 2 * np.pi / (4 * np.pi * 100.0**2) * albedo / (1 - albedo)
     assert np.pi * made.indirect.mean() / albedo == pytest.approx(expected, rel=0.01)
@@ -56,9 +55,8 @@ def mirrored_share(roughness):
     """What a wall sends one way, straight out, of light that comes alike from everywhere."""
     points = np.array([[0.0, 0.0, 1.0]])
     normals = np.array([[0.0, 0.0, -1.0]])
-    theta = (
-        np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2
-    )  # dense about the mirror's way
+    # Dense about the mirror's way.
+    theta = np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2
     sent = []
     for angle in theta:
         way = np.array([np.sin(angle), 0.0, -np.cos(angle)])

@@ -67,9 +67,8 @@ class RandomCase:
     wall: dict[str, float]  # options of `path_tracing.trace`
     fog: float  # 1/mm
     noise: float  # grey levels of 255
-    exposure: tuple[
-        float, float
-    ]  # this share of the pixels is brighter than this stored value
+    # This share of the pixels is brighter than this stored value.
+    exposure: tuple[float, float]
     jpeg: int | None  # quality
     albedo_known: bool  # all three, or green's alone
     seed: int
@@ -240,9 +239,8 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
 def _camera(rng: np.random.Generator) -> Camera:
     wide, high = SIZE
     centre = (np.array(SIZE) - 1) / 2 + rng.uniform(-0.03, 0.03, 2) * wide
-    edge = np.deg2rad(
-        rng.uniform(35, 50)
-    )  # from the axis to the middle of the right border
+    # From the axis to the middle of the right border.
+    edge = np.deg2rad(rng.uniform(35, 50))
     if rng.uniform() < 0.5:
         focal = wide / 2 / np.tan(edge)
         return Pinhole(wide, high, focal, focal, *centre)

@@ -10,9 +10,8 @@ from endolab.io.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt
 
 PAPER = load_calibration("paper").camera
-WIDE = KannalaBrandt(
-    1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003)
-)  # 190° and more
+# 190° and more.
+WIDE = KannalaBrandt(1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003))
 OTHER_TARGETS = [  # than those with a name
     DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
     CircleGrid(3, 7, 4.0, radius=1.5),

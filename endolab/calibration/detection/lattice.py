@@ -41,10 +41,11 @@ def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
     along = np.pad(np.diff(grid, axis=1), ((0, 0), (1, 1), (0, 0)), constant_values=np.nan)
     down = np.pad(np.diff(grid, axis=0), ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
+    # To the next place, from the one before.
     pairs = (
         (along[:, 1:], along[:, :-1]),
         (down[1:], down[:-1]),
-    )  # to the next place, from the one before
+    )
     first, second = (
         _mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(grid.shape)
         for pair in pairs

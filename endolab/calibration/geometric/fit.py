@@ -78,9 +78,8 @@ class GeometricFit:
     covariance: FloatArray  # (8, 8), of the same
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
-    history: list[dict[str, float]] = field(
-        default_factory=list
-    )  # k, cost, sigma, change of every step
+    # k, cost, sigma, change of every step.
+    history: list[dict[str, float]] = field(default_factory=list)
 
     @property
     def agreement(self) -> float:

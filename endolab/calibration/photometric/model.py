@@ -137,9 +137,8 @@ class LightModel:
     gamma: Known
     reflectance: tuple[Known, ...]  # of materials 1 and up
     free_light: bool
-    levels: tuple[
-        float, float
-    ]  # stored values that the model may predict for a sample to count
+    # Stored values that the model may predict for a sample to count.
+    levels: tuple[float, float]
 
     @property
     def names(self) -> list[str]:
@@ -246,9 +245,8 @@ class LightModel:
         f = hat @ values
         logarithm, level = self._shine(unknowns, geometry, f)
         slope = level / unknowns.gamma  # ∂I/∂L
-        columns = [
-            geometry.log_cos_psi[:, None]
-        ]  # derivatives of L, in the order of `names`
+        # Derivatives of L, in the order of `names`.
+        columns = [geometry.log_cos_psi[:, None]]
         if not isinstance(self.gamma, float):
             columns.append(-logarithm[:, None] / unknowns.gamma)
         columns.append(np.delete(hat * values, self.pinned, axis=1) / f[:, None])
@@ -262,9 +260,8 @@ class LightModel:
         residual = GREY_LEVELS * self.samples.level - level
         own = np.column_stack([np.ones(len(slope)), self.samples.slack])
         by_own = -(slope[:, None] * own)[:, None]
-        slack = np.pad(
-            self._slack(unknowns), ((0, 0), (1, 0))
-        )  # nothing is known of the gain
+        # Nothing is known of the gain.
+        slack = np.pad(self._slack(unknowns), ((0, 0), (1, 0)))
         stiff = np.append(0.0, np.ones(slack.shape[1] - 1))
         prior = self._prior(unknowns)
         return Linearised(

@@ -51,13 +51,11 @@ class PhotometricFit:
     alpha_range: tuple[float, float]  # of the samples used, rad
     theta_range: tuple[float, float]  # likewise, rad
     distance_range: tuple[float, float]  # likewise, mm
-    verdict: list[
-        str
-    ]  # what is determined, by what, how well, and what is not, in sentences
+    # What is determined, by what, how well, and what is not, in sentences.
+    verdict: list[str]
     status: Status
-    history: list[dict[str, float]] = field(
-        repr=False
-    )  # per iterate: k (its number), cost, sigma, change
+    # Per iterate: k (its number), cost, sigma, change.
+    history: list[dict[str, float]] = field(repr=False)
 
     @property
     def k(self) -> float:

@@ -19,10 +19,11 @@ class Movement:
     """How a hand moves a sheet."""
 
     fold: float = 0.0  # angle between the normals of a folded sheet's panels, rad
+    # Nearest and farthest depth z of its middle, mm.
     distance: tuple[float, float] = (
         25.0,
         100.0,
-    )  # nearest and farthest depth z of its middle, mm
+    )
     # The largest angles of its normal to the axis (0: frontal), and of its middle off the axis, rad.
     tilt: float = float(np.deg2rad(55))
     reach: float = float(np.deg2rad(40))
@@ -70,9 +71,8 @@ def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
         + start
         + 0.6 * np.sin(2 * np.pi * fast * time + other_start)
     )
-    return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(
-        0.99
-    )  # a triangle wave with round corners
+    # a triangle wave with round corners.
+    return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)
 
 
 def _disc(square: FloatArray) -> FloatArray:

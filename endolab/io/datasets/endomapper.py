@@ -33,10 +33,11 @@ from endolab.model.schema import shorten
 
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
 
+# With their number of parameters.
 _CAMERA_TYPES = {
     "calibu_fu_fv_u0_v0_kb4": 8,
     "calibu_fu_fv_u0_v0": 4,
-}  # with their number of parameters
+}
 
 
 # Reading XML --------------------------------------------------------------------------------

@@ -17,9 +17,8 @@ from endolab.model.cameras import Camera
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
-Readers = dict[
-    str, Callable[[], Sample]
-]  # of frames, by the names of their colour pictures, in order
+# Of frames, by the names of their colour pictures, in order.
+Readers = dict[str, Callable[[], Sample]]
 
 
 @dataclass(frozen=True)

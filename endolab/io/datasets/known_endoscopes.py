@@ -12,9 +12,8 @@ from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
 from endolab.numerics.checks import number
 
-NOMINAL_EVIDENCE = {
-    "photometry": {"nominal": True}
-}  # evidence of a light that was taken from the paper
+# Evidence of a light that was taken from the paper.
+NOMINAL_EVIDENCE = {"photometry": {"nominal": True}}
 C3VD_PHOTOMETRY = Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.34)))
 # Evidence for C3VD's: one scene, so that its errors are large.
 C3VD_LIGHT = {

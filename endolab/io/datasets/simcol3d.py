@@ -52,7 +52,6 @@ def read_simcol3d(folder: PathLike, index: int) -> Sample:
     sample = load_sample(
         folder, colour, depth, read_simcol3d_depth, CALIBRATIONS["simcol3d"]
     )
-    image = np.minimum(
-        sample.frame.image * 65535 / 65280, 1.0
-    )  # bytes in the upper half of 16 bits
+    # Bytes in the upper half of 16 bits.
+    image = np.minimum(sample.frame.image * 65535 / 65280, 1.0)
     return replace(sample, frame=replace(sample.frame, image=image))

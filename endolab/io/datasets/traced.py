@@ -88,9 +88,8 @@ def read(path: PathLike) -> TracedSample:
         scene.normals((distance[mask] + step)[:, None] * rays)
         for step in (0.0, DISTANCE_STEP)
     )
-    far_wall = (beyond == [0.0, 0.0, -1.0]).all(
-        axis=-1
-    )  # which begins at its place to rounding
+    # Which begins at its place to rounding.
+    far_wall = (beyond == [0.0, 0.0, -1.0]).all(axis=-1)
     normals[mask] = np.where(far_wall[:, None], beyond, here)
     frame = Frame(image, mask, source.stem)
     return TracedSample(frame, made_with, distance, normals, scene=scene, **layers)

@@ -45,15 +45,17 @@ class LightFit:
     blue's against green's.
     """
 
+    # p; 0.8 to 1.1 for the true surfaces of traced cavities.
     factor: tuple[float, float] = (
         0.9,
         0.2,
-    )  # p; 0.8 to 1.1 for the true surfaces of traced cavities
+    )
     lamp: tuple[float, float] = (1.0, 0.3)  # b: all the lamp's, or any share
+    # m; 1 mirrors 4 % at normal incidence, as water does.
     film: tuple[float, float] = (
         0.0,
         0.15,
-    )  # m; 1 mirrors 4 % at normal incidence, as water does
+    )
     given: tuple[float, float] = (0.03, 0.03)  # of albedos that are given
     green: tuple[float, float] = (0.1, 0.35)  # where green's alone is given
     unknown: tuple[float, float] = (0.35, 0.35)  # where none is
@@ -94,9 +96,8 @@ class AlbedoPrior:
     """What is believed of a wall's albedos before the colours are asked."""
 
     albedo: FloatArray  # (3,)
-    widths: tuple[
-        float, float
-    ]  # of the logarithm of green's, and of red's and blue's against green's
+    # Of the logarithm of green's, and of red's and blue's against green's.
+    widths: tuple[float, float]
 
     @classmethod
     def of(cls, given: ArrayLike | None) -> AlbedoPrior:

@@ -54,9 +54,8 @@ class SurfaceFit:
 SURFACE_FIT = SurfaceFit()
 
 
-LIT_EXPONENTS = np.linspace(
-    0.0, 4.0, 9
-)  # k for which light is computed, to be interpolated
+# k for which light is computed, to be interpolated.
+LIT_EXPONENTS = np.linspace(0.0, 4.0, 9)
 TOO_LITTLE = "too little of {} and its surface is known to measure the light"
 
 
@@ -65,9 +64,8 @@ class MeasuredLight:
     """What known surfaces tell of a light; `photometry` is ready to reconstruct with, its gain unknown."""
 
     photometry: Photometry
-    standard_errors: dict[
-        str, float
-    ]  # of "k" and "gamma", and of "red", "green" and "blue" albedos
+    # Of "k" and "gamma", and of "red", "green" and "blue" albedos.
+    standard_errors: dict[str, float]
     misfit: float  # median size of what the model leaves, grey levels of 255
     names: tuple[str, ...]  # of the frames
 

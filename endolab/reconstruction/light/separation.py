@@ -140,9 +140,8 @@ def remove_indirect_light(
         else:
             separation = yield from _continue(channels, albedo, contours, before)
     except NoColour as error:
-        clearest = max(
-            (1, 2, 0), key=lambda index: _signal(channels.full[index].problem)
-        )  # of equals, not red
+        # Of equals, not red.
+        clearest = max((1, 2, 0), key=lambda index: _signal(channels.full[index].problem))
         return _task_of(
             channels, clearest, LightReport(LightOutcome.NO_COLOUR, reason=str(error))
         )

@@ -97,9 +97,8 @@ def _fill_exchange(
     middle = 0.5 * (limit.shape[0] - 1), 0.5 * (limit.shape[1] - 1)
     facing = np.empty(count)
     for turn in range(rows[0], rows[1]):
-        i = (
-            count - 1 - turn // 2 if turn % 2 else turn // 2
-        )  # row i has i pairs: one from either end in turn
+        # Row i has i pairs: one from either end in turn.
+        i = count - 1 - turn // 2 if turn % 2 else turn // 2
         a0 = x0[i]
         a1 = x1[i]
         a2 = x2[i]

@@ -83,9 +83,8 @@ class Texture:
         problem = surface.problem
         self._scale = px_per_reference(problem.mask.shape)
         self._informative = (surface.weight > 0).astype(np.float64)
-        self._light = (
-            surface.model / problem.photometry.gamma
-        )  # change of I per change of log light
+        # Change of I per change of log light.
+        self._light = surface.model / problem.photometry.gamma
         self._left: list[FloatArray] = []
 
     def draw(self) -> FloatArray:

@@ -78,12 +78,10 @@ class Uncertainty:
     sigma_shape: FloatArray  # the same without what all pixels share
     sigma_scale: float  # what they share, as a share of the distance
     shares: FloatArray  # (3, H, W): of data, border or contour, and prior; they sum to 1
-    dominant_source: (
-        np.ndarray
-    )  # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask
-    causes: dict[
-        str, FloatArray
-    ]  # what each cause adds to `sigma_shape`, as a share of the distance
+    # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask.
+    dominant_source: np.ndarray
+    # What each cause adds to `sigma_shape`, as a share of the distance.
+    causes: dict[str, FloatArray]
     scales: dict[str, float]  # what each adds to `sigma_scale`
     draws: int  # of each random field
     status: Status  # STOPPED if fewer than were asked for
@@ -356,9 +354,8 @@ def _without_evidence(problem: Problem) -> BoolArray:
     if problem.evidence is None:
         return np.zeros_like(mask)
     across, down = links(mask, problem.cuts)
-    steps = np.zeros(
-        (2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool
-    )  # pixels, and what is between them
+    # Pixels, and what is between them.
+    steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
     steps[::2, ::2] = mask
     steps[::2, 1::2] = across
     steps[1::2, ::2] = down

@@ -36,9 +36,8 @@ def _halve(iterate: Iterate) -> Iterate:
         "cx": camera.cx + across,
         "cy": camera.cy + down,
     }
-    camera = replace(camera, **covered).resize(
-        width, height
-    )  # blocks may reach beyond the frame
+    # Blocks may reach beyond the frame.
+    camera = replace(camera, **covered).resize(width, height)
     smaller = replace(
         problem,
         image=inner(coarse.image),

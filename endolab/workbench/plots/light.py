@@ -236,9 +236,8 @@ def show_scores(
     ax.axhline(0, color="black", lw=1.2)
     x, y, dy, dx = (values[known] for values in (middle, error, spread, half))
     ax.errorbar(x, y, dy, dx, color=HOUSE.vermilion, ls="none", marker="o", capsize=3)
-    sure = (
-        scores.count >= LEAST_SCORED
-    )  # a bin of a few samples must not make the others small
+    # a bin of a few samples must not make the others small.
+    sure = scores.count >= LEAST_SCORED
     reach = 1.25 * np.max(np.abs(error[sure]) + spread[sure], initial=0.1)
     ax.set(
         xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=range(0, int(edges[-1]) + 1, 15)

@@ -139,9 +139,8 @@ def colour_bar(
         shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend
     )
     bar.ax.locator_params(nbins=5)
-    ink = (
-        ax.yaxis.label.get_color()
-    )  # the bar lies outside the axes, on the figure's colour
+    # The bar lies outside the axes, on the figure's colour.
+    ink = ax.yaxis.label.get_color()
     bar.ax.yaxis.label.set_color(ink)
     bar.ax.tick_params(colors=ink)
     bar.outline.set_edgecolor(ink)

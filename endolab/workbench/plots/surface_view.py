@@ -104,9 +104,8 @@ def _show_patches(
     order = np.argsort(-patches[..., 2].mean(axis=-1))
     light = 0.4 + 0.6 * np.clip(away @ CLOUD.to_lamp, 0, 1)
     faces = ((brighten(colours) if lift else colours) * light[:, None])[order]
-    flat = patches[
-        order, :, :2
-    ]  # an array: Matplotlib takes several times as long over a list
+    # An array: Matplotlib takes several times as long over a list.
+    flat = patches[order, :, :2]
     look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
     drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]
     ax.add_collection(drawn, autolim=False)

@@ -41,10 +41,11 @@ class Dot:
 class View:
     """How an answer is looked at."""
 
+    # Whether the section is a row, and how far down or to the right.
     line: tuple[bool, float] = (
         False,
         0.5,
-    )  # whether the section is a row, and how far down or to the right
+    )
     like: Answer | None = None  # whose scales are taken, by default the answer's own
     beside: Answer | None = None  # A, whose section is shown as well
     dots: Sequence[Dot] = ()

@@ -149,9 +149,8 @@ class TunerBox(anywidget.AnyWidget):
     _css = Path(__file__).with_name("tuner.css")
     specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
     knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
-    line: t.Dict[str, Any] = t.Dict().tag(
-        sync=True
-    )  # "text", "warnings", and whether it is "wrong"
+    # "text", "warnings", and whether it is "wrong".
+    line: t.Dict[str, Any] = t.Dict().tag(sync=True)
     code = t.Unicode().tag(sync=True)
     shows = t.Unicode().tag(sync=True)  # A, B or both, if A is kept
     compared = t.Unicode().tag(sync=True)  # the knob whose values stand in columns
@@ -213,10 +212,11 @@ class TunerBox(anywidget.AnyWidget):
             "scene": {"options": scenes},
             "width": {"options": sorted({*BOARD.widths, width})},
         }
+        # What None stands for.
         known |= {
             "k": {"first": light.k},
             "gamma": {"first": light.gamma},
-        }  # what None stands for
+        }
         specs = [{**spec, **known.get(spec["name"], {})} for spec in knob_specs()]
         super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
         self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))

@@ -21,11 +21,12 @@ from tests.tools.shooting import shooting
 CAMERA = datasets.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
 
+# In three colours.
 WALL = {
     "gamma": "free",
     "brdf": "lambertian",
     "reflectance": (None, None),
-}  # in three colours
+}
 
 
 def video(target="vicalib_big", count=100, light=TRUTH, **how):
@@ -286,9 +287,8 @@ def test_grey_patches_of_known_ratio_give_gamma_and_a_given_gamma_measures_them(
 
 def test_a_light_beside_the_camera_is_found():
     light = el.SpotLight((4.0, -2.0, -1.0), (0.08, 0.03, 1.0), 2.5)
-    theta = np.linspace(
-        0, np.pi / 2, 500
-    )  # of the incidence alone, which the half angle here is not
+    # Of the incidence alone, which the half angle here is not.
+    theta = np.linspace(0, np.pi / 2, 500)
     sheet = el.TabulatedBRDF(theta, PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
     samples, _ = video(count=150, light=el.Photometry(0.0, 2.2, 1.0, sheet, (light,)))
     centred = calibrate_light(samples)

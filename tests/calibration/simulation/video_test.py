@@ -25,9 +25,8 @@ PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 FLAT = el.TARGETS["vicalib_small"]
 FOLDED = el.TARGETS["vicalib_folded"]
 CLEAN = Sensor(noise=0.0, bits=16)
-AHEAD = Pose(
-    np.eye(3), np.array([-38.0, -19.0, 45.0])
-)  # frontal, the sheet's middle on the axis
+# Frontal, the sheet's middle on the axis.
+AHEAD = Pose(np.eye(3), np.array([-38.0, -19.0, 45.0]))
 
 
 def meet(pose, rays):

@@ -360,9 +360,8 @@ def error_percent(sample, **options):
     height, width = cosine.shape
     if truth.shape != cosine.shape:
         step = truth.shape[0] // height
-        truth = truth.reshape(height, step, width, step).mean(
-            axis=(1, 3)
-        )  # nan where part of it is
+        # Nan where part of it is.
+        truth = truth.reshape(height, step, width, step).mean(axis=(1, 3))
     mask = cosine > np.cos(np.deg2rad(55))
     errors = compare(result.distance, truth, cosine, mask=mask, scale="median")
     assert errors.pixels > 0.5 * mask.sum()

@@ -45,9 +45,8 @@ def test_the_light_of_c3vd_is_what_its_frames_tell():
     both = el.measure_light(frames, shipped.camera, distances)
     assert both.evidence == shipped.evidence
     assert both.photometry == shipped.photometry
-    alone = el.measure_light(
-        frames[:1], shipped.camera, distances[:1]
-    )  # the other frame is not needed
+    # The other frame is not needed.
+    alone = el.measure_light(frames[:1], shipped.camera, distances[:1])
     assert alone.photometry.k == pytest.approx(shipped.photometry.k, abs=errors["k"])
 
 

@@ -60,9 +60,8 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert error(plain, dry) > 14
     provenance = separated.provenance
     assert provenance.channel == "separated"
-    np.testing.assert_allclose(
-        provenance.albedo, ALBEDO, rtol=0.1
-    )  # given ones are believed nearly
+    # Given ones are believed nearly.
+    np.testing.assert_allclose(provenance.albedo, ALBEDO, rtol=0.1)
     assert provenance.contours.steps > 0
     assert "Indirect light removed" in note(separated)
     assert separated.metric

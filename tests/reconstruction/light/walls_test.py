@@ -99,9 +99,8 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
         share = np.arange(1, steps) / max(steps, 1)
         place = cells[j] + share[:, None] * (cells[i] - cells[j])
         middle = (np.array(nearest.shape) - 1) / 2
-        row, column = (
-            np.rint(place + 1e-9 * (middle - place)).astype(int).T
-        )  # halves, towards the middle
+        # Halves, towards the middle.
+        row, column = np.rint(place + 1e-9 * (middle - place)).astype(int).T
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
         if (chord > walls_module.WALL_MODEL.nearer * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0

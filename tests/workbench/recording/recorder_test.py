@@ -275,9 +275,8 @@ def test_a_full_disk_leaves_what_was_there_before(tmp_path, solved):
     (tmp_path / "run.rrd").write_bytes(b"an old recording")
     recorder = el.record(tmp_path / "run.rrd")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(
-        resource.RLIMIT_FSIZE, (50_000, hard)
-    )  # writes fail as on a full disk
+    # Writes fail as on a full disk.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
     try:
         with pytest.raises(OSError, match=r"cannot write .*run\.rrd"):
             el.run(iter_of(solved[0]), observers=[recorder])

@@ -96,9 +96,8 @@ def test_the_page_shows_the_reflectance(target, rng):
     clear = np.ptp(value, axis=1) == 0  # off the rims
     column, row = np.round(pixel(places[clear])).astype(int).T
     shown = image[row, column]
-    linear = np.where(
-        shown > 0.04045, ((shown + 0.055) / 1.055) ** 2.4, shown / 12.92
-    )  # sRGB
+    # SRGB.
+    linear = np.where(shown > 0.04045, ((shown + 0.055) / 1.055) ** 2.4, shown / 12.92)
     assert clear.mean() > 0.5
     np.testing.assert_allclose(linear, value[clear, 4], atol=0.01)
 
