@@ -37,6 +37,9 @@ class SurroundSearch:
     """
 
     side: int = 480  # px of the longer side, of what is looked at
+    smallest: int = (
+        60  # px of the longer side of a picture; in smaller ones each pixel has edges
+    )
     # px of the picture that are left out along an edge at least, since lenses and codecs
     # blur it.
     margin: int = 2
@@ -86,7 +89,7 @@ def field_of_view(image: FloatArray, least: float = SURROUND.likely) -> BoolArra
     """
     high, wide = image.shape[:2]
     scale = max(high, wide) / SURROUND.side
-    field = _find_field(_scale_down(image))
+    field = _find_field(image)
     if field is None or field.share < least:
         return np.ones((high, wide), dtype=bool)
     inside = cv2.distanceTransform(
@@ -102,7 +105,7 @@ def field_of_view(image: FloatArray, least: float = SURROUND.likely) -> BoolArra
 
 def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     """Whether a mask keeps what may be a surround."""
-    field = _find_field(_scale_down(image))
+    field = _find_field(image)
     if field is None or field.share < SURROUND.possible:
         return False
     inside = (
@@ -126,9 +129,11 @@ def _scale_down(image: FloatArray) -> SingleArray:
     return np.atleast_3d(cv2.medianBlur(scaled, 5)).astype(np.float32)
 
 
-def _find_field(picture: SingleArray) -> Field | None:
+def _find_field(image: FloatArray) -> Field | None:
     """Return the largest of the outlines that explain most of the edge, None if nothing has an edge."""
-    contrast = _contrast(picture)
+    if max(image.shape[:2]) < SURROUND.smallest:
+        return None
+    contrast = _contrast(_scale_down(image))
     differs = contrast[contrast > 0]
     fields: list[Field] = []
     for glow in SURROUND.glow:

@@ -6,7 +6,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.frames.surround import field_of_view
+from endolab.frames.surround import field_of_view, unclear_surround
 from endolab.reconstruction.warnings import warnings
 
 HIGH = 360
@@ -198,3 +198,11 @@ def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     result = el.reconstruct(frame, calibration, solver="fast_marching")
     assert frame.pixels_to_use().all() == (soft > 0)
     assert any("flat colour" in doubt for doubt in warnings(result)) == named
+
+
+def test_a_picture_of_few_pixels_has_no_surround():
+    """In one of 12 x 9 px each pixel has edges; half of a tube's wall was taken for a surround."""
+    known = el.load_calibration("simple", width=12)
+    tube = el.render(el.SCENES["tube"], known.camera, known.photometry).image
+    assert field_of_view(tube).all()
+    assert not unclear_surround(tube, np.ones(tube.shape[:2], bool))
