@@ -272,9 +272,8 @@ class _Folder:
             self._depth(step.name).parent.mkdir(parents=True, exist_ok=True)
             save_depth(self._depth(step.name), result, result.metric)
             self._write_table(self.path, self.rows | {step.name: row})
-        self.rows[step.name] = (
-            row  # that of a broken frame is in the table when the next is written
-        )
+        # That of a broken frame is in the table when the next is written.
+        self.rows[step.name] = row
         if result is not None:
             maps = {"distance": result.distance, "normals": result.normals}
             self._record(step.name, result.problem.shown, maps, result.problem.camera)

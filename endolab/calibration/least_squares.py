@@ -68,12 +68,10 @@ class Linearised:
     by_own: FloatArray  # (n, m, b), by the unknowns of the measurement's own group
     prior: FloatArray  # (q,), residuals of what is known beforehand, in standard deviations
     prior_by_common: FloatArray  # (q, p)
-    own: FloatArray | float = (
-        0.0  # (groups, b), the own unknowns that are known to be near 0 ...
-    )
-    own_stiffness: FloatArray | float = (
-        0.0  # (b,), ... and the inverse of their variance, 0 of the others
-    )
+    # (groups, b), the own unknowns that are known to be near 0 ...
+    own: FloatArray | float = 0.0
+    # (b,), ... and the inverse of their variance, 0 of the others.
+    own_stiffness: FloatArray | float = 0.0
 
 
 class Model(Protocol):

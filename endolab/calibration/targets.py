@@ -97,9 +97,8 @@ class Target:
     rows: int
     spacing: float  # between neighbours, or the side of a square, mm
     margin: float = 10.0  # white paper around the features, mm
-    fold: int | None = (
-        None  # the sheet is folded between this many columns on the left and the rest
-    )
+    # The sheet is folded between this many columns on the left and the rest.
+    fold: int | None = None
 
     kind: ClassVar[str]
     least: ClassVar[int] = 2  # columns and rows
@@ -209,9 +208,8 @@ class DotGrid(Target):
     large: float = 0.0  # radius, mm
     # Of the code: top bits of the words of a Mersenne Twister (MT19937). Vicalib's own is 71.
     seed: int = 71
-    greys: float | None = (
-        None  # reflectance of grey discs printed in every second cell; they tell γ
-    )
+    # Reflectance of grey discs printed in every second cell; they tell γ.
+    greys: float | None = None
 
     kind: ClassVar[str] = "dots"
 

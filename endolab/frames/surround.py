@@ -37,9 +37,8 @@ class SurroundSearch:
     """
 
     side: int = 480  # px of the longer side, of what is looked at
-    smallest: int = (
-        60  # px of the longer side of a picture; in smaller ones each pixel has edges
-    )
+    # Px of the longer side of a picture; in smaller ones each pixel has edges.
+    smallest: int = 60
     # px of the picture that are left out along an edge at least, since lenses and codecs
     # blur it.
     margin: int = 2

@@ -9,9 +9,8 @@ import numpy as np
 from endolab.io.atomic import PathLike, name_damage, read_bytes
 from endolab.numerics.memory import check_memory
 
-MOST_BYTES = (
-    2_000_000_000  # bytes of arrays; the maps of a frame of 10 megapixels take a sixth
-)
+# Bytes of arrays; the maps of a frame of 10 megapixels take a sixth.
+MOST_BYTES = 2_000_000_000
 
 
 def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, np.ndarray]:

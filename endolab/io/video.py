@@ -275,9 +275,8 @@ class Stream:
 
     def __init__(self, capture: cv2.VideoCapture, name: str, rate: float | None) -> None:
         self.name = name
-        self.rate = (
-            rate  # frames per second at which it is played; None if it comes by itself
-        )
+        # Frames per second at which it is played; None if it comes by itself.
+        self.rate = rate
         self._capture = capture
         self._closed = threading.Event()
 

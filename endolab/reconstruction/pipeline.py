@@ -49,9 +49,8 @@ from endolab.solvers.result import (
 )
 from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
 
-SETTLED = (
-    5e-3  # of distances: a cut surface hangs together by little, and creeps long after that
-)
+# Of distances: a cut surface hangs together by little, and creeps long after that.
+SETTLED = 5e-3
 
 
 def prepare(
@@ -60,7 +59,7 @@ def prepare(
     """Check what was given, and prepare the frame."""
     for name, value, kind, expected in (
         ("frame", frame, Frame, "a Frame"),
-        ("calibration", calibration, Calibration, "an Calibration"),
+        ("calibration", calibration, Calibration, "a Calibration"),
         ("start", start, Result | np.ndarray | None, "an earlier Result"),
     ):
         if not isinstance(value, kind):

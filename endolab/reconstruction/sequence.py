@@ -121,9 +121,8 @@ class Step:
     error: str = ""  # one sentence; empty if there is a result
     warm: bool = False  # whether the result was started from the last frame's
     seconds: float = 0.0  # what the frame took, a second try from cold included
-    carried: Carried | None = (
-        None  # what the next frame takes up; None if there is an error
-    )
+    # What the next frame takes up; None if there is an error.
+    carried: Carried | None = None
 
 
 def reconstruct_sequence(

@@ -39,9 +39,8 @@ class Problem:
     # charged like total variation. The paper's 1e-4, in the unit of its ξ, makes staircases of a wall's
     # curvature.
     epsilon: float = 1e-3
-    threshold: float = (
-        0.05  # where the data's Huber penalty becomes a line; stored value, positive
-    )
+    # Where the data's Huber penalty becomes a line; stored value, positive.
+    threshold: float = 0.05
     metric: bool = True  # whether distances are in mm; else in relative units
     # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is cut, as
     # at an occluding contour: no derivative and no march takes them.
@@ -50,9 +49,8 @@ class Problem:
     # this. LOWER_BOUND (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
     # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
-    picture: FloatArray | None = (
-        None  # (H, W) or (H, W, 3), the frame as it looked, for people
-    )
+    # (H, W) or (H, W, 3), the frame as it looked, for people.
+    picture: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check_xi(self.xi)

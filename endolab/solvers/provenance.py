@@ -26,9 +26,8 @@ class PreparationReport:
     height: int
     smooth: float  # standard deviation of the Gaussian that averaged the light first, px
     highlights: str  # what was done with them
-    misplaced: float = (
-        0.0  # share of the mask that was given which lies beyond what the endoscope shows
-    )
+    # Share of the mask that was given which lies beyond what the endoscope shows.
+    misplaced: float = 0.0
     # Of picture, mask and endoscope: equal for equal ones.
     fingerprint: str = field(default="", repr=False)
 
@@ -85,9 +84,8 @@ class ContourReport:
 
     outcome: ContourOutcome
     steps: int = 0  # between neighbours that are cut
-    min_steepness: float | None = (
-        None  # of log d₀ per 1/320 of the longer side; None if nothing is cut
-    )
+    # Of log d₀ per 1/320 of the longer side; None if nothing is cut.
+    min_steepness: float | None = None
     searched: SearchedPicture | None = field(default=None, compare=False, repr=False)
 
 
@@ -96,9 +94,8 @@ class Scale:
     """What fixed the unit of distances, other than the gain of the endoscope."""
 
     by: str  # "known distance", "known diameter", "median distance", or "frame before" of a video
-    length: Any = (
-        None  # as it was given: mm, (mm, column, row) or (mm, (column, row), (column, row))
-    )
+    # As it was given: mm, (mm, column, row) or (mm, (column, row), (column, row)).
+    length: Any = None
     by_gain: float | None = None  # what the gain says of that length, mm
 
 

@@ -44,9 +44,8 @@ class Iterate:
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     # Likewise: step, damping, inner iterations.
     scalars: Mapping[str, float] = field(default_factory=dict)
-    stage: str = (
-        SOLUTION  # of a reconstruction: "bounced light", "contours", "solution", "scaled"
-    )
+    # Of a reconstruction: "bounced light", "contours", "solution", "scaled".
+    stage: str = SOLUTION
     round: int = 0  # of that stage, from 1 where there are several
     provenance: Provenance = field(default_factory=Provenance)  # of the problem
 

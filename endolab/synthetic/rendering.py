@@ -16,9 +16,8 @@ from endolab.synthetic.scenes import Scene
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
 RIPPLE_SCALE = 1.5  # mm, of the wet film whose slopes break up the highlights
 RIPPLE_SLOPE = 0.12
-LARGEST_EFFECT = (
-    100.0  # of noise (grey levels), texture, fog and highlights; beyond, numbers overflow
-)
+# Of noise (grey levels), texture, fog and highlights; beyond, numbers overflow.
+LARGEST_EFFECT = 100.0
 VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
 
 

@@ -325,7 +325,7 @@ def test_frame_calibration_and_channel_must_fit(small):
     grey = el.Frame(small.frame.image[..., 1], small.frame.mask)
     for frame, calibration, options, named in (
         (small.frame.image, small.calibration, {}, "frame must be a Frame"),
-        (small.frame, "paper", {}, "calibration must be an Calibration"),
+        (small.frame, "paper", {}, "calibration must be a Calibration"),
         (small.frame, CALIBRATION, {}, "80x60 px, but the calibration is for 320x240 px"),
         (grey, small.calibration, {"channel": "red"}, "has no red channel"),
     ):

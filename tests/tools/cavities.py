@@ -62,9 +62,8 @@ class Cavity:
     """A tube or bag that the camera is in; a scene, see `endolab.synthetic.scenes.Scene`."""
 
     radius: float = 22.0  # mm
-    ahead: float = (
-        120.0  # where the far end begins to round, mm along the tube from the camera
-    )
+    # Where the far end begins to round, mm along the tube from the camera.
+    ahead: float = 120.0
     behind: float = 40.0  # the same, backwards
     # Over which the far and the near end close, mm.
     ends: tuple[float, float] = (
@@ -86,9 +85,8 @@ class Cavity:
     )
     folds: tuple[Fold, ...] = ()
     polyps: tuple[Polyp, ...] = ()
-    parting: tuple[float, float] | None = (
-        None  # where it parts, mm along it; how steeply a branch goes aside
-    )
+    # Where it parts, mm along it; how steeply a branch goes aside.
+    parting: tuple[float, float] | None = None
     rugae: float = 0.0  # height, mm
     bumps: float = 0.0  # standard deviation, mm
     seed: int = 0  # of rugae and bumps

@@ -168,9 +168,8 @@ def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     """Find the corners of a ChArUco board: those beside markers, then those that these foretell."""
     options = cv2.aruco.CharucoParameters()
-    options.minMarkers = (
-        1  # next to a corner; a corner that is wrong for it is left out below
-    )
+    # Next to a corner; a corner that is wrong for it is left out below.
+    options.minMarkers = 1
     picture = _enlarge(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
     sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)

@@ -39,9 +39,8 @@ class PointErrors:
     doubled_at: float = 17.0
     # Spacings from a fold, within which light and paper break, and sway a point.
     beside_fold: float = 0.75
-    finest: float = (
-        0.03  # px; detectors have systematic errors of that size, whatever the noise
-    )
+    # px; detectors have systematic errors of that size, whatever the noise.
+    finest: float = 0.03
 
 
 POINT_ERRORS = PointErrors()

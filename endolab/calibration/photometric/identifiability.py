@@ -65,9 +65,8 @@ class EvidenceRules:
     held_to: float = 1e-3  # of its standard deviation, to which an unknown is held
     # Standard deviations of the noise by which levels should stay inside the sensor's range.
     clearance: float = 3.5
-    pose_error: float = (
-        0.001  # of the distances, for which the verdict says what it would do
-    )
+    # Of the distances, for which the verdict says what it would do.
+    pose_error: float = 0.001
 
 
 EVIDENCE = EvidenceRules()

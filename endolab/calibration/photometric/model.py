@@ -59,9 +59,8 @@ class LightUnknowns:
     log_gain: FloatArray  # (groups,), of each frame, or a single one if the gain is locked
     # (5,): position of the virtual light, mm, and tilt of its direction (a, b, 1) along x and y.
     light: FloatArray = field(default_factory=lambda: np.zeros(5))
-    slack: FloatArray | float = (
-        0.0  # (groups, b), errors of the poses, in standard deviations
-    )
+    # (groups, b), errors of the poses, in standard deviations.
+    slack: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,8 @@ class SamplingRules:
     large_picture: int = 960
     # px between a window and the rim of the ink: half of rounding, the rest of blur.
     rim: float = 1.5
-    edge: float = (
-        0.04  # relative step of distance within 3x3 pixels that makes them an edge
-    )
+    # Relative step of distance within 3x3 pixels that makes them an edge.
+    edge: float = 0.04
     grey_clearance: float = 0.8  # of a grey disc's radius, that is surely grey
     # Samples of a frame; more would only make one frame count more than another.
     most_of_a_frame: int = 200

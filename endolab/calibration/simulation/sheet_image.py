@@ -63,9 +63,8 @@ class Sensor:
     motion: float = 0.0  # length of the motion blur, px, in a random direction
     outliers: float = 0.0  # share of the sheet under glints and dust
     black: float = 0.04  # the ink's reflectance
-    locked: bool = (
-        False  # one gain for all frames of a video, instead of one that follows the sheet
-    )
+    # One gain for all frames of a video, instead of one that follows the sheet.
+    locked: bool = False
 
     def __post_init__(self) -> None:
         for name in ("noise", "blur", "motion"):

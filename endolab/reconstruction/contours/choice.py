@@ -43,9 +43,8 @@ class Trial:
     """A surface that is cut, or not, and what speaks for it."""
 
     surface: Iterate
-    min_steepness: float | None = (
-        None  # of the lines that are cut; None of the uncut surface
-    )
+    # Of the lines that are cut; None of the uncut surface.
+    min_steepness: float | None = None
     light: LightOutcome | None = None  # what its colours tell; None without three colours
     factor: float = 0.0  # indirect light over what the surface predicts
     misfit: float = 0.0  # mean disagreement of the three colours' log E

@@ -62,18 +62,15 @@ class LightFit:
     # Of the albedos' logarithms in red, green and blue: blood takes green and blue light, hardly red.
     texture: tuple[float, float, float] = (0.05, 0.2, 0.2)
     together: float = 0.8  # correlation of green's texture with blue's
-    pieces: float = (
-        20.0  # errors of S go on over many patches: so many of them are independent
-    )
-    least_spread: float = (
-        0.25  # robust standard deviation, in units of texture: S is never exact
-    )
+    # Errors of S go on over many patches: so many of them are independent.
+    pieces: float = 20.0
+    # Robust standard deviation, in units of texture: S is never exact.
+    least_spread: float = 0.25
     largest_factor: float = 2.5
     largest_film: float = 3.0
     at_bound: float = 0.98  # share of a bound beyond which an estimate is at it
-    most_misfit: float = (
-        0.1  # mean difference of the colours' log E beyond which they say no one E
-    )
+    # Mean difference of the colours' log E beyond which they say no one E.
+    most_misfit: float = 0.1
     none_bounced: float = 0.05  # p below which nothing is taken to have bounced
     film_seen: float = 0.2  # m beyond which a film is spoken of
     rounds: int = 3  # of the robust weights' scale

@@ -39,9 +39,8 @@ class PriorSigma:
     lam: float = 2.0  # of λ's logarithm
     border: float = 0.05  # of log d where it enters over the picture's rim
     behind: float = 0.1  # of log d where it enters behind a contour
-    contours: float = (
-        0.5  # that every line that may be a contour is one: so or not, each as likely
-    )
+    # That every line that may be a contour is one: so or not, each as likely.
+    contours: float = 0.5
     notes: tuple[str, ...] = ()  # sentences: which of them are measured, which stated
 
     def __post_init__(self) -> None:

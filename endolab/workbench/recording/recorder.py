@@ -200,9 +200,8 @@ class Recorder:
         self.path = sink.path  # None if it goes to a viewer
         self.truth = truth
         self.max_width = max_width
-        self.shown: Shown | None = (
-            None  # what the layout needs to know; None before the first iterate
-        )
+        # What the layout needs to know; None before the first iterate.
+        self.shown: Shown | None = None
         self._sink = sink
         self._run = run
         self._colour = colour

@@ -70,12 +70,10 @@ class Answer:
     seconds: float  # that it took
     subject: Subject  # what was looked at
     result: Result
-    followed: Result | None = (
-        None  # the quick answer at full size, which the final one may differ from
-    )
-    uncertainty: Uncertainty | None = (
-        None  # how far the result can be trusted, once that was asked for
-    )
+    # The quick answer at full size, which the final one may differ from.
+    followed: Result | None = None
+    # How far the result can be trusted, once that was asked for.
+    uncertainty: Uncertainty | None = None
 
     @cached_property
     def truth(self) -> FloatArray | None:

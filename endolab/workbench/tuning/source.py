@@ -23,18 +23,16 @@ class Knobs(Settings):
     """One position of all the knobs: the options of a reconstruction, and what is looked at."""
 
     width: int = 320  # columns of the frame, px
-    scene: str | None = (
-        "colon"  # rendered and looked at; None: the frame that the tuner was given
-    )
+    # Rendered and looked at; None: the frame that the tuner was given.
+    scene: str | None = "colon"
     noise: float = 0.0  # of a rendered frame: standard deviation, grey levels of 255
     # What the solver believes of light spread and response; None: as calibrated. A frame is
     # rendered by the calibration, whatever the solver believes.
     k: float | None = None
     gamma: float | None = None
     gain: float = 1.0  # that the solver believes in, over the true one
-    albedo: tuple[float, ...] | None = (
-        None  # of the wall, red, green, blue, that it believes in
-    )
+    # Of the wall, red, green, blue, that it believes in.
+    albedo: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         # Options are checked when they are solved with, and what is wrong then is shown as all else that is.

@@ -12,9 +12,8 @@ from endolab.workbench.recording import show as embed
 
 RUNS = 25
 FEW = 3  # after which all is loaded that stays
-GROWTH = (
-    15e6  # bytes over all runs; half of what fifty streams kept before they were let go
-)
+# Bytes over all runs; half of what fifty streams kept before they were let go.
+GROWTH = 15e6
 
 
 @pytest.fixture(scope="module")
