@@ -163,7 +163,7 @@ class Settings:
     )
     median_distance: float | None = option(
         None,
-        "of the result",
+        "median of the result's distances",
         NUMBER,
         form="MM",
         group=SCALE,
@@ -171,7 +171,7 @@ class Settings:
     )
     known_distance: tuple[float, float, float] | None = option(
         None,
-        "of the surface at a pixel",
+        "distance of the surface at a pixel",
         DISTANCE,
         form="MM,COLUMN,ROW",
         group=SCALE,
