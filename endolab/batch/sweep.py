@@ -6,39 +6,38 @@ import os
 import time
 import warnings
 import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from endolab._extras import MissingPackage
+import joblib
+
 from endolab.batch.table import MEASURED, Row, measure_result, read_rows, write_rows
-from endolab.batch.workers import end_with
+from endolab.batch.workers import deaf_to_interrupts, end_with
 from endolab.frames.frame import Frame
 from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
 from endolab.metrics.depth_errors import compare, resample_truth
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import unknown_name
-from endolab.model.surface import check_xi
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import number
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.solvers.problem import REGULARISERS
+from endolab.reconstruction.settings import Settings
 from endolab.solvers.result import Result
-from endolab.solvers.solvers import DEFAULT_SOLVER, check_solver_options
+from endolab.solvers.solvers import DEFAULT_SOLVER
 
 KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
 SWEEP_COLUMNS = (*KEY, "status", *MEASURED, *ERRORS, "error")
 
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
-Task = tuple[Row, Frame | PathLike, Truth | None]
+Key = tuple[object, ...]  # the values of `KEY`
+Task = tuple[Frame | PathLike, Truth | None]
 
 
 def sweep(
@@ -51,8 +50,7 @@ def sweep(
     solver: str = DEFAULT_SOLVER,
     truth: Sequence[Truth] | None = None,
     table: PathLike = "sweep.csv",
-    n_jobs: int = 1,
-    backend: str = "loky",
+    n_jobs: int | None = None,
     progress: Callable[[int, int, Row], object] | None = None,
     **options: Any,
 ) -> list[Row]:
@@ -78,10 +76,10 @@ def sweep(
         replaced whole after each reconstruction. Rows that are there already are not made again,
         but for those with an error and those that lack a truth which is given now; other rows of
         it are kept. A checksum in the column `options` tells calibrations apart.
-    n_jobs, backend
-        How many at once, -1 for as many as cores, and by what: ``"loky"``, joblib's processes, which share
-        the cores; ``"threading"``; or ``"dask"``, by workers here, or those of the client that is open or
-        of the scheduler that ``DASK_SCHEDULER_ADDRESS`` names.
+    n_jobs : int, optional
+        How many at once, -1 for as many as cores; by default one, or what `joblib.parallel_config` says.
+        They are joblib's processes, which share the cores; ``with joblib.parallel_config("dask"):`` takes
+        the workers of Dask's client that is open, on other machines too.
     progress : callable, optional
         Called as ``progress(done, total, row)`` after each reconstruction.
 
@@ -104,131 +102,71 @@ def sweep(
     >>> [(row["lam"], row["status"]) for row in rows]
     [(0.1, 'CONVERGED'), (1.0, 'CONVERGED')]
     """
-    check_solver_options(solver, {})
-    backends = ("loky", "threading", "dask")
-    if backend not in backends:
-        raise unknown_name("backend", backend, backends)
-    if n_jobs == 0:
-        raise ValueError(
-            "n_jobs (--jobs) must be at least 1, or -1 for as many as cores, got 0"
+    settings = [
+        Settings.of(
+            {"xi": one, "regulariser": order, "lam": weight, "solver": solver} | options
         )
-    xi = [check_xi(name) for name in xi]
-    regulariser = list(regulariser)
-    for name in regulariser:
-        if name not in ("auto", *REGULARISERS):
-            raise unknown_name("regulariser", name, REGULARISERS)
-    fixed = {name: value for name, value in sorted(options.items()) if value is not None}
-    fixed = {"calibration": _checksum(calibration)} | fixed
-    last = solver, " ".join(f"{name}={value}" for name, value in fixed.items())
-    weights = map(partial(number, "lam"), lam)
-    settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, weights))))
-    tasks = [
-        (dict(zip(KEY, (name, *setting, *last), strict=True)), frame, known)
-        for name, frame, known in _name_frames(list(frames), truth)
-        for setting in settings
+        for one, order, weight in itertools.product(xi, regulariser, lam)
     ]
+    given = {name: value for name, value in sorted(options.items()) if value is not None}
+    given = {"calibration": _checksum(calibration)} | given
+    text = " ".join(f"{name}={value}" for name, value in given.items())
+    tasks: dict[Key, Task] = {}
+    for (name, task), one in itertools.product(_name_frames(frames, truth), settings):
+        tasks[name, one.xi, one.regulariser, one.lam, one.solver, text] = task
     if not tasks:
         raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
     target = Path(table)
     rows = read_table(target) if os.path.lexists(target) else {}
-    # Of a row, whoever is done first.
-    place = {_key(task[0]): number for number, task in enumerate(tasks)}
-
-    def write() -> None:
-        write_rows(
-            target,
-            SWEEP_COLUMNS,
-            (rows[key] for key in sorted(rows, key=lambda key: place.get(key, -1))),
-        )
-
     todo = [
-        task
-        for task in tasks
-        if _is_unfinished(rows.get(_key(task[0])), task[2] is not None)
+        key
+        for key, (_, known) in tasks.items()
+        if _is_unfinished(rows.get(key), known is not None)
     ]
-    total = len(tasks)
-    done = total - len(todo)
+    done = len(tasks) - len(todo)
     # Its ray field stays here.
     calibration = replace(calibration, camera=replace(calibration.camera))
     solve = partial(_solve_row, calibration=calibration, options=options)
-    write()  # now, rather than after an hour's run
+    write_rows(target, SWEEP_COLUMNS, rows.values())  # now, rather than after an hour's run
     try:
-        rows_made = (
-            _by_dask(todo, solve)
-            if backend == "dask"
-            else _by_joblib(todo, solve, n_jobs, backend)
-        )
-        with closing(rows_made):
-            for row in rows_made:
+        with closing(_solve_all(solve, {key: tasks[key] for key in todo}, n_jobs)) as made:
+            for row in made:
                 if row["status"] == Status.STOPPED.name:
                     raise KeyboardInterrupt  # the user's, which ends more than this row
                 rows[_key(row)] = row
-                write()
+                write_rows(target, SWEEP_COLUMNS, rows.values())
                 done += 1
                 if progress is not None:
-                    progress(done, total, row)
+                    progress(done, len(tasks), row)
     except (KeyboardInterrupt, BrokenExecutor) as failure:
-        so_far = f"{done} of {total} rows are in the table, the same command goes on"
+        so_far = f"{done} of {len(tasks)} rows are in the table, the same command goes on"
         if isinstance(failure, KeyboardInterrupt):
             raise KeyboardInterrupt(f"interrupted; {so_far}") from failure
         raise OSError(
             f"a worker was lost, perhaps for want of memory; {so_far}"
         ) from failure
-    return [rows[_key(task[0])] for task in tasks]
+    return [rows[key] for key in tasks]
 
 
-def _by_joblib(
-    todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, backend: str
+def _solve_all(
+    solve: Callable[..., Row], tasks: dict[Key, Task], n_jobs: int | None
 ) -> Generator[Row]:
-    """Give rows as threads, or processes which end with this one, make them."""
-    import joblib
-
-    jobs = n_jobs if n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
+    """Give rows as joblib's workers make them, whose processes end with this one."""
     beginning = {"initializer": end_with, "initargs": (os.getpid(),)}  # of processes
-    parallel = joblib.Parallel(
-        n_jobs=jobs, backend=backend, return_as="generator_unordered", **beginning
-    )
-    solved = parallel(joblib.delayed(solve)(*task) for task in todo)
-    try:
+    parallel = joblib.Parallel(n_jobs, return_as="generator_unordered", **beginning)
+    with ExitStack() as ending:
+        with deaf_to_interrupts():
+            solved = parallel(
+                joblib.delayed(solve)(key, *task) for key, task in tasks.items()
+            )
+            ending.callback(_close, solved)
         yield from (row for row in solved)  # else it would be closed before what follows
-    finally:
-        with warnings.catch_warnings(
-            action="ignore"
-        ):  # joblib's: that some of it was in vain
-            solved.close()
 
 
-def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
-    """Give rows as Dask's workers make them."""
-    try:
-        import dask
-        import distributed
-    except ModuleNotFoundError as error:
-        raise MissingPackage(
-            f"{error.name} is not installed; pip install distributed brings it"
-        ) from error
-    try:
-        opened: Any = nullcontext(distributed.get_client())
-    except ValueError:
-        scheduler = dask.config.get("scheduler-address", None)
-        opened = (
-            distributed.Client(scheduler)
-            if scheduler
-            else distributed.Client(dashboard_address=None)
-        )
-    with opened as client:
-        futures = [client.submit(solve, *task, pure=False) for task in todo]
-        try:
-            for future in distributed.as_completed(futures):
-                yield future.result()
-        except (
-            CancelledError,
-            distributed.KilledWorker,
-            distributed.comm.CommClosedError,
-        ) as error:
-            raise BrokenExecutor(str(error)) from error
-        finally:
-            client.cancel(futures)
+def _close(solved: Generator[Row]) -> None:
+    # Joblib's: that some of it was in vain.
+    with warnings.catch_warnings(action="ignore"):
+        solved.close()
 
 
 def _checksum(calibration: Calibration) -> str:
@@ -237,23 +175,22 @@ def _checksum(calibration: Calibration) -> str:
 
 
 def _name_frames(
-    frames: list[Frame | PathLike], truth: Sequence[Truth] | None
-) -> Iterator[tuple[str, Frame | PathLike, Truth | None]]:
-    """Give every frame with its name, which is its own, and its truth."""
-    names = [
-        frame.name if isinstance(frame, Frame) else Path(frame).name for frame in frames
-    ]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    frames: Iterable[Frame | PathLike], truth: Sequence[Truth] | None
+) -> list[tuple[str, Task]]:
+    """Give every frame, and its truth, with its name, which is its own."""
+    pictures = [_absolute(frame) for frame in frames]
+    truths = [None] * len(pictures) if truth is None else list(map(_absolute, truth))
+    if len(truths) != len(pictures):
+        raise ValueError(
+            f"expected a truth for each of {len(pictures)} frames, found {len(truths)}"
+        )
+    names = [frame.name for frame in pictures]  # of a file, too
+    twice = sorted(name for name in set(names) if names.count(name) > 1)
     if twice:
         raise ValueError(
             f"two frames are called {twice[0]}: the table could not tell them apart"
         )
-    truths = [None] * len(names) if truth is None else list(truth)
-    if len(truths) != len(names):
-        raise ValueError(
-            f"expected a truth for each of {len(names)} frames, found {len(truths)}"
-        )
-    return zip(names, map(_absolute, frames), map(_absolute, truths), strict=True)
+    return list(zip(names, zip(pictures, truths, strict=True), strict=True))
 
 
 def _absolute(what: Any) -> Any:
@@ -261,7 +198,7 @@ def _absolute(what: Any) -> Any:
     return Path(what).absolute() if isinstance(what, str | os.PathLike) else what
 
 
-def _key(row: Row) -> tuple[object, ...]:
+def _key(row: Row) -> Key:
     return tuple(row[name] for name in KEY)
 
 
@@ -272,7 +209,7 @@ def _is_unfinished(row: Row | None, compared: bool) -> bool:
 
 
 def _solve_row(
-    key: Row,
+    key: Key,
     frame: Frame | PathLike,
     truth: Truth | None,
     *,
@@ -280,20 +217,18 @@ def _solve_row(
     options: dict[str, Any],
 ) -> Row:
     """Make one row; runs in a worker."""
-    row: Row = (
-        key | dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}
-    )
+    row: Row = dict(zip(KEY, key, strict=True))
+    energy = {name: row[name] for name in KEY[1:5]}
+    row |= dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}
     started = time.perf_counter()
-    energy = {name: key[name] for name in ("xi", "regulariser", "lam", "solver")}
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
         result = reconstruct(picture, calibration, **energy, **options)
         errors = {} if truth is None else _errors(result, truth)
     except (ValueError, OSError, MemoryError) as error:
         return row | {"error": " ".join(str(error).split()) or "out of memory"}
-    return (
-        row | measure_result(result) | {"seconds": time.perf_counter() - started} | errors
-    )
+    seconds = time.perf_counter() - started
+    return row | measure_result(result) | {"seconds": seconds} | errors
 
 
 def _errors(result: Result, truth: Truth) -> Row:
@@ -317,7 +252,7 @@ def _errors(result: Result, truth: Truth) -> Row:
     return {name: getattr(errors, name) for name in ERRORS}
 
 
-def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
+def read_table(path: PathLike) -> dict[Key, Row]:
     """Read a table that `sweep` wrote: rows by their key, the values of `KEY`; an empty cell is nan.
 
     ValueError or OSError in one sentence, if it cannot be read or is another table.

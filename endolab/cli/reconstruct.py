@@ -56,17 +56,6 @@ def _refuse(arguments: argparse.Namespace, options: tuple[str, ...], kind: str) 
             raise ValueError(f"--{option} is not of {kind}")
 
 
-def _say_if_large(arguments: argparse.Namespace, calibration: Any) -> None:
-    camera = calibration.camera
-    wide = arguments.width or camera.width
-    pixels = wide**2 * camera.height / camera.width
-    if pixels > 4e6:
-        print(
-            f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.",
-            flush=True,
-        )
-
-
 def _where(arguments: argparse.Namespace) -> dict[str, Any]:
     """Say what may be replaced in the folder of results, and what never."""
     inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
@@ -85,7 +74,6 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
 
     calibration, keywords = read_solving_options(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
-    _say_if_large(arguments, calibration)
     if depth_layout(arguments.frame) or looks_like_depth(frame.image):
         print(
             f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise."
@@ -214,7 +202,6 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     from endolab.io.datasets.folders import depth_layout
 
     calibration, keywords = read_solving_options(arguments)
-    _say_if_large(arguments, calibration)
     depths = sorted(
         path.name for path in Path(arguments.frame).glob("*") if depth_layout(path)
     )
@@ -344,7 +331,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
     from endolab.batch.sweep import sweep
 
     calibration, keywords = read_solving_options(arguments)
-    _say_if_large(arguments, calibration)
     made = 0
     with announce_compiling(), progress_bar("row", "sweep") as bar:
 
@@ -361,7 +347,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
             truth=arguments.truth,
             table=arguments.out,
             n_jobs=arguments.jobs,
-            backend=arguments.backend,
             progress=show,
             **keywords,
         )
@@ -436,15 +421,6 @@ def add_reconstruct_commands(commands: Any) -> None:
     add_solving_options(command, most_used, swept=True)
     option = command.add_argument_group("output").add_argument
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
-    option(
-        "--jobs", type=integer, default=1, metavar="N", help="at once; -1: as many as cores"
-    )
-    text = "loky (processes, the default), threading or dask"
-    option(
-        "--backend",
-        choices=("loky", "threading", "dask"),
-        default="loky",
-        metavar="NAME",
-        help=text,
-    )
+    text = "at once (default 1); -1: as many as cores"
+    option("--jobs", type=integer, metavar="N", help=text)
     add_threads(option)

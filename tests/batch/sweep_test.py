@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import joblib
 import numpy as np
 import psutil
 import pytest
@@ -171,9 +172,8 @@ def test_a_frame_that_cannot_be_used_is_a_row_with_a_sentence(frames, tmp_path):
 @pytest.mark.parametrize("backend", ["loky", "threading"])
 def test_workers_find_the_same(frames, tmp_path, backend):
     alone = sweep(frames, CALIBRATION, table=tmp_path / "1.csv")
-    together = sweep(
-        frames, CALIBRATION, table=tmp_path / "2.csv", n_jobs=2, backend=backend
-    )
+    with joblib.parallel_config(backend, n_jobs=2):
+        together = sweep(frames, CALIBRATION, table=tmp_path / "2.csv")
     for a, b in zip(alone, together, strict=True):
         assert a["frame"] == b["frame"]
         assert a["energy"] == pytest.approx(b["energy"], rel=1e-6)
@@ -185,7 +185,6 @@ def test_workers_find_the_same(frames, tmp_path, backend):
         ({"lam": ()}, "lam"),
         ({"lam": [math.nan]}, "lam"),
         ({"xi": ["w"]}, "xi"),
-        ({"backend": "smoke"}, "backend"),
         ({"truth": []}, "truth"),
         ({"frames": ["a/x.png", "b/x.png"]}, r"x\.png"),
     ],
@@ -248,30 +247,3 @@ def test_a_worker_that_is_killed_is_one_sentence_and_the_next_sweep_goes_on(
         sweep(frames[:1], CALIBRATION, **how, progress=kill)
     assert len(read_table(tmp_path / "t.csv")) >= 2
     assert len(sweep(frames[:1], CALIBRATION, **how)) == 12
-
-
-@pytest.mark.filterwarnings("ignore")  # of Dask's own
-def test_workers_of_dask_find_the_same_and_may_die(frames, tmp_path):
-    distributed = pytest.importorskip("distributed", reason='pip install "distributed"')
-    dask = pytest.importorskip("dask")
-    how = {"table": tmp_path / "far.csv", "backend": "dask"}
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        far = sweep(frames, CALIBRATION, lam=(0.1, 1.0), **how)
-
-        def kill(done, total, row):
-            client.run(os._exit, 1, on_error="ignore")
-
-        with pytest.raises(OSError, match="rows are in the table"):
-            sweep(frames, CALIBRATION, lam=np.geomspace(2, 9, 30), progress=kill, **how)
-    far += sweep(frames, CALIBRATION, lam=(10.0,), **how)  # with workers of its own
-    near = sweep(frames, CALIBRATION, lam=(0.1, 1.0, 10.0), table=tmp_path / "near.csv")
-    found = {(row["frame"], row["lam"]): row["energy"] for row in far}
-    assert found == pytest.approx(
-        {(row["frame"], row["lam"]): row["energy"] for row in near}
-    )

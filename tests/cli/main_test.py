@@ -571,7 +571,7 @@ def test_a_bad_comparison(work, tmp_path, refused, truth, options, named):
         ("reconstruct a.png --calibration paper", "--out"),
         ("sweep", "FRAME"),
         ("sweep a.png --calibration paper --lam a,b", "--lam"),
-        ("sweep a.png --calibration paper --backend smoke", "--backend"),
+        ("sweep a.png --calibration paper --jobs 0", "n_jobs"),
         ("sweep a.png --calibration paper --xi e --out o.csv", "xi"),
         ("evaluate depth.npz", "TRUTH"),
         ("calibrate v --target charuco --every 0 --out c.json", "--every"),
