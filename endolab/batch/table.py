@@ -43,21 +43,20 @@ def step_row(step: Step, index: int) -> Row:
         "frame": step.name,
         "status": "",
         "unit": "",
-    }
-    row |= {
         "warm": int(step.warm),
         "seconds": step.seconds,
         "error": " ".join(step.error.split()),
     }
-    if step.result is not None:
-        problem = step.result.problem
-        known = step.result.distance[step.result.mask]
-        row |= measure_result(step.result) | {
-            "unit": problem.unit,
-            "gain": problem.photometry.gain,
+    result = step.result
+    if result is not None:
+        known = result.distance[result.mask]
+        row |= measure_result(result) | {
+            "unit": result.problem.unit,
+            "gain": result.problem.photometry.gain,
+            "min_steepness": min_steepness_of(result) or 0,
+            "pixels": known.size,
+            "median_distance": float(np.median(known)),
         }
-        row |= {"min_steepness": min_steepness_of(step.result) or 0, "pixels": known.size}
-        row["median_distance"] = float(np.median(known))
     return row
 
 
@@ -70,11 +69,13 @@ def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) ->
     content = read_bytes(path, "table").decode(errors="surrogateescape")
     with name_damage(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
         head, *lines = filter(None, csv.reader(io.StringIO(content, newline="")))
-        rows = [dict(zip(columns, cells, strict=True)) for cells in (head, *lines)]
         if head != [*columns]:
             raise ValueError("other columns")
-        numbers = [name for name in columns if name not in words]
-        return [row | {name: _number(row[name]) for name in numbers} for row in rows[1:]]
+        rows: list[Row] = [dict(zip(columns, line, strict=True)) for line in lines]
+        for row in rows:
+            for name in set(columns).difference(words):
+                row[name] = _number(row[name])
+        return rows
 
 
 def _number(cell: str) -> float:

@@ -67,34 +67,34 @@ def name_damage(path: PathLike, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def _hidden(temporary: Path, target: Path) -> Iterator[None]:
+def _named(temporary: Path, target: Path) -> Iterator[None]:
     """Make one sentence of an OSError, in which `target` stands for what is temporary."""
     try:
         yield
     except OSError as error:
         message = str(error)
         if error.errno is not None:  # what is without a file's name failed in writing
-            name = str(error.filename or temporary)
-            message = f"{name}: {error.strerror}"
-            if name.startswith(str(temporary)):
-                message = f"cannot write {message}"
-        elif str(temporary) not in message:
-            raise
-        raise OSError(message.replace(str(temporary), str(target))) from error
+            message = f"{error.filename or temporary}: {error.strerror}"
+        raise type(error)(message.replace(str(temporary), str(target))) from error
 
 
 # Folders and files ----------------------------------------------------------------------
+def _is_read(place: Path, inputs: Iterable[PathLike | None]) -> bool:
+    """Whether a place is a file that the same call reads."""
+    read = [path for path in inputs if path is not None and os.path.exists(path)]
+    return place.exists() and any(place.samefile(path) for path in read)
+
+
 def spare_inputs(places: Iterable[Path], inputs: Iterable[PathLike | None]) -> None:
     """Raise FileExistsError in one sentence, if one of the places is a file that the same call reads."""
-    read = [path for path in inputs if path is not None and os.path.exists(path)]
     for place in places:
-        if any(os.path.exists(place) and os.path.samefile(place, path) for path in read):
+        if _is_read(place, inputs):
             raise FileExistsError(
                 f"{place} is read by this very call; write to another place"
             )
 
 
-def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
+def read_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
     """Read the report of a folder of endolab's results; an empty one, if it holds none of endolab's."""
     with suppress(OSError, ValueError):
         report = read_json(folder / name, "report")
@@ -105,13 +105,12 @@ def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
 
 def files_of_report(folder: Path, report: str = REPORT) -> list[Path]:
     """Find the files that an earlier run wrote into a folder, by its report; all others are the user's."""
-    names = _own_report(folder, report).get(FILES_KEY)
+    names = read_report(folder, report).get(FILES_KEY)
     files: list[Path] = []
     if isinstance(names, list):
         for path in folder.iterdir():
-            if (
-                path.name in names
-            ):  # a folder is that of a video's frames, in which there may be more
+            if path.name in names:
+                # A folder is that of a video's frames, in which there may be more.
                 files += path.glob("*/depth.npz") if path.is_dir() else [path]
     return files
 
@@ -122,7 +121,7 @@ def check_folder(folder: Path) -> None:
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
     # Which a killed run may leave.
     others = [name for name in names if not name.startswith(_TEMPORARY)]
-    if others and not _own_report(folder):
+    if others and not read_report(folder):
         content = f"holds {min(others)} and no results of endolab's; choose another folder"
         raise FileExistsError(f"{folder} {content}, {ASK}")
 
@@ -146,12 +145,11 @@ def stage_folder(
     if not overwrite:
         check_folder(target)
     staging = target / f"{_TEMPORARY}{secrets.token_hex(4)}"
-    with one_sentence(f"cannot write to the folder {target}"):
-        made = [path for path in (target, *target.parents) if not path.exists()]
+    made: list[Path] = []
     try:
-        with one_sentence(f"cannot write to the folder {target}"):
+        with _named(staging, target):
+            made = [path for path in (target, *target.parents) if not path.exists()]
             staging.mkdir(parents=True)
-        with _hidden(staging, target):
             yield staging
             _move_in(staging, target, inputs, report)
     finally:
@@ -164,24 +162,20 @@ def stage_folder(
 def _move_in(
     staging: Path, target: Path, inputs: Collection[PathLike | None], report: str
 ) -> None:
-    """Move all files to their places, after all that can go wrong has been tried."""
+    """Move all files to their places, the report last, after all that can go wrong has been tried."""
     files = sorted(staging.iterdir(), key=lambda path: (path.name == report, path.name))
     places = [target / path.name for path in files]
     spare_inputs(places, inputs)
     for place in places:
         if place.is_dir():
             raise OSError(f"cannot write {place}: it is a folder")
-    for path in files:
-        if path.name == report:
+    for path, place in zip(files, places, strict=True):
+        if path.name == report:  # the one before stays until all that it lists has gone
             content = json.loads(path.read_bytes())
             content.setdefault(FILES_KEY, [path.name for path in files])
             path.write_bytes(as_json(content))
-        _sync(path)
-    read = {Path(path).resolve() for path in inputs if path is not None}
-    for path, place in zip(files, places, strict=True):
-        if path.name == report:  # the one before stays until all that it lists has gone
             for old in {*files_of_report(target, report)}.difference(places):
-                if old.resolve() not in read:
+                if not _is_read(old, inputs):
                     _remove(old)
         path.replace(place)
 
@@ -194,12 +188,6 @@ def _remove(path: Path) -> None:
         path.parent.parent.rmdir()
 
 
-def _sync(path: Path) -> None:
-    """Let the system write a file to the disk, so that its name never comes to be before its content."""
-    with path.open("rb+") as stream:
-        os.fsync(stream.fileno())
-
-
 def check_file(
     path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()
 ) -> None:
@@ -207,9 +195,7 @@ def check_file(
     target = as_path(path)
     with one_sentence(f"cannot write {target}"):
         if target.exists() and not target.is_file():
-            raise OSError(
-                f"cannot write {target}: it is {'a folder' if target.is_dir() else 'no plain file'}"
-            )
+            raise OSError(f"cannot write {target}: it is a folder, or no plain file")
         spare_inputs([target], inputs)
         if target.exists() and not overwrite:
             raise FileExistsError(f"{target} is there already; choose another name, {ASK}")
@@ -228,12 +214,9 @@ def stage_file(
     target = as_path(path)
     temporary = target.parent / f"{_TEMPORARY}{secrets.token_hex(4)}{target.suffix}"
     try:
-        with one_sentence(f"cannot write {target}"):
+        with _named(temporary, target):
             temporary.touch(exist_ok=False)
-        with _hidden(temporary, target):
             yield temporary
-            _sync(temporary)
-        with one_sentence(f"cannot write {target}"):
             temporary.replace(target)
     finally:
         with suppress(OSError):
@@ -275,9 +258,5 @@ def read_json(path: PathLike, what: str) -> Any:
     try:
         # Whatever byte order mark it has.
         return json.loads(content.decode(json.detect_encoding(content)))
-    except RecursionError as error:
-        raise ValueError(
-            f"{Path(path)}: not valid JSON: it is nested too deeply"
-        ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{Path(path)}: not valid JSON: {error}") from error
