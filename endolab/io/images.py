@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +15,6 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
-from endolab.io.damaged import END, ENOUGH, JPEG, PNG, SCAN, bare_png, mend
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
@@ -29,6 +29,13 @@ if TYPE_CHECKING:
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
 PICTURE = "a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
+PNG = b"\x89PNG\r\n\x1a\n"
+# Chunks of a PNG that its picture depends on, and how that is to be turned.
+PNG_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND")
+JPEG = b"\xff\xd8"
+# Of a JPEG: before its pixels, and after them.
+SCAN = b"\xff\xda"
+END = b"\xff\xd9"
 # How what has been turned by it is turned back.
 AS_SEEN: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     2: np.fliplr,
@@ -96,26 +103,13 @@ def read_stored(path: PathLike) -> np.ndarray:
 def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
     """Decode the content of a picture's file as `read_stored` does; errors call it `name`.
 
-    Also returns alpha, (H, W), over its largest, and nan in rows that are cut off.
+    Also returns alpha, (H, W), over its largest.
     """
-    try:
-        stored, alpha = _decode(content, name)
-        whole = len(stored)
-    except ValueError:
-        with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
-            content, whole, rows = mend(content)
-        lack = f"only {whole} of its {rows} rows are whole"
-        if whole < ENOUGH * rows:
-            raise ValueError(f"{name} is damaged: {lack}") from None
-        stored, alpha = _decode(content, name)
-        log.warning(
-            "%s is damaged: %s", name, lack if whole < rows else "only its picture is whole"
-        )
+    stored, alpha = _decode(content, name)
     if not alpha.any():
         raise ValueError(f"{name} is completely transparent: there is no pixel to use")
     alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
-    alpha[whole:] = np.nan
-    stored[~(alpha >= OPAQUE)] = 0
+    stored[alpha < OPAQUE] = 0
     return stored, alpha
 
 
@@ -123,8 +117,10 @@ def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Return what is stored, R, G, B, and alpha, (H, W), in any unit."""
     from PIL import Image
 
-    # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
+    # Pillow refuses sizes that no picture has, where OpenCV does not.
     with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+        if content.startswith(PNG):
+            content = _bare_png(content)
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
         # Else all of it would be decoded.
         at_hand = picture.format != "PNG" or "exif" in picture.info
@@ -149,46 +145,60 @@ def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
     return stored, alpha
 
 
+def _bare_png(content: bytes) -> bytes:
+    """Return a PNG without what is beside its picture, of which libpng would print what is wrong.
+
+    ValueError, if the picture is not whole.
+    """
+    parts = [PNG]
+    at = len(PNG)
+    while at < len(content):
+        end = at + 12 + int.from_bytes(content[at : at + 4])
+        chunk = content[at:end]
+        name = chunk[4:8]
+        if name in PNG_CHUNKS:
+            if zlib.crc32(chunk[4:-4]) != int.from_bytes(chunk[-4:]):
+                raise ValueError
+            parts.append(chunk)
+        if name == b"IEND":
+            return b"".join(parts)
+        at = end
+    raise ValueError
+
+
 def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndarray]:
     """Decode a PNG, TIFF or BMP by OpenCV; where that leaves alpha out, find it."""
     from PIL import Image
 
-    Image.open(io.BytesIO(content), formats=FORMATS).verify()  # the checksums of a PNG
-    is_png = content.startswith(PNG)
-    if is_png and b"IEND\xaeB`\x82" not in content:  # its last chunk, and the checksum
-        raise ValueError
-    readable = bare_png(content) if is_png else content
     stored: np.ndarray = np.asarray(
-        cv2.imdecode(np.frombuffer(readable, np.uint8), cv2.IMREAD_UNCHANGED)
+        cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     )
-    alpha: np.ndarray = (
-        stored[..., 3] if stored.shape[2:] == (4,) else np.ones(stored.shape[:2])
-    )
+    alpha: np.ndarray = np.ones(stored.shape[:2])
+    if stored.shape[2:] == (4,):
+        alpha = stored[..., 3]
     if stored.ndim == 3:
-        is_grey = is_png and content[25] == 4  # its colour type: grey and alpha
+        is_grey = content.startswith(PNG) and content[25] == 4  # grey and alpha
         stored = stored[..., 0] if is_grey else stored[..., 2::-1]
     args = picture.tile[0].args or ("",)
     if args[0] == "BGRX":  # a BMP's fourth byte is unused, or alpha
         pixels = content[picture.tile[0].offset :]
-        alpha = np.asarray(
-            Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:])
-        )[..., 3]
+        coloured = Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:])
+        alpha = np.asarray(coloured)[..., 3]
     elif picture.mode == "LA":
         alpha = np.asarray(picture)[..., 1]
     elif stored.ndim == 2 and "transparency" in picture.info:  # one grey of 1 to 16 bits
         most = np.iinfo(stored.dtype).max
-        alpha = stored != min(
-            picture.info["transparency"] * (most // (2 ** content[24] - 1)), most
-        )
-    return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(
-        alpha.shape
-    )
+        step = most // (2 ** content[24] - 1)
+        alpha = stored != min(picture.info["transparency"] * step, most)
+    if content.startswith(b"BM") and not alpha.any():
+        alpha = np.ones(alpha.shape)
+    return stored, alpha
 
 
 def say_turned(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-    logging.getLogger("endolab").warning(message, name)
+    log.warning(message, name)
 
 
 def is_picture(path: PathLike) -> bool:
@@ -214,7 +224,7 @@ def read_mask(path: PathLike) -> BoolArray:
     level = image if image.ndim == 2 else image.max(axis=-1)
     bright = level > 0.5
     is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
-    return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
+    return bright if alpha.min() == 1 or is_drawn else alpha > 0.5
 
 
 def read_frame(
@@ -274,11 +284,11 @@ def read_frame(
     opaque = alpha >= OPAQUE
     if not opaque.all():
         log.warning(
-            "%s: %.3g %% of it is transparent or missing, and left out",
+            "%s: %.3g %% of it is transparent, and left out",
             path,
             100 * np.mean(~opaque),
         )
         inside &= opaque
         if not inside.any():
-            raise ValueError(f"{path} is transparent or missing wherever it would be used")
+            raise ValueError(f"{path} is transparent wherever it would be used")
     return Frame(image, inside, Path(path).name)

@@ -1,6 +1,5 @@
 """Pictures, masks and frames in files, against other programs."""
 
-import io
 import struct
 import zlib
 
@@ -96,18 +95,17 @@ def test_other_numbers_are_not_a_picture(tmp_path, dtype):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])
-def test_a_picture_of_which_too_little_is_there_is_refused_and_nothing_is_printed(
+def test_a_picture_that_is_cut_off_is_refused_and_nothing_is_printed(
     tmp_path, capfd, rng, suffix
 ):
     path = tmp_path / f"a{suffix}"
     Image.fromarray(rng.integers(0, 256, (60, 80, 3)).astype(np.uint8)).save(path)
     whole = path.read_bytes()
-    for count in (0, 8, 50, len(whole) // 2, int(0.7 * len(whole))):
+    counts = [0, 8, 50, len(whole) // 2, int(0.7 * len(whole))]
+    counts += [len(whole) - 2] if suffix in (".png", ".jpg") else []
+    for count in counts:
         path.write_bytes(whole[:count])
-        with pytest.raises(
-            ValueError,
-            match=rf"a\{suffix}( is damaged: only \d+ of its 60 rows|: not a picture)",
-        ):
+        with pytest.raises(ValueError, match=rf"a\{suffix}: not a picture"):
             read_image(path)
     assert capfd.readouterr() == ("", "")
     for nothing in (tmp_path, tmp_path / "none.png"):
@@ -115,74 +113,20 @@ def test_a_picture_of_which_too_little_is_there_is_refused_and_nothing_is_printe
             read_image(nothing)
 
 
-HOW_SAVED = {
-    "png": ("PNG", {}),
-    "jpg": ("JPEG", {"quality": 95, "subsampling": 0}),
-    "small colours.jpg": ("JPEG", {"quality": 90}),
-    "progressive.jpg": ("JPEG", {"progressive": True}),
-    "restarts.jpg": ("JPEG", {"restart_marker_rows": 1}),
-}
-
-
-@pytest.mark.parametrize("mode", ["L", "RGB"])
-@pytest.mark.parametrize("share", [0.98, 0.999, None], ids=["98 %", "99.9 %", "no end"])
-@pytest.mark.parametrize("how", HOW_SAVED)
-def test_rows_that_are_cut_off_are_no_wall_and_a_warning_says_so(
-    tmp_path, caplog, rng, how, share, mode
-):
-    row, column = np.indices((240, 320))
-    smooth = np.stack(
-        [90 + 40 * np.sin(column / 30) + row / 4, 60 + row / 5, 200 - column / 4], axis=-1
-    )
-    whole = Image.fromarray(
-        np.clip(smooth + rng.normal(0, 3, smooth.shape), 0, 255).astype(np.uint8)
-    ).convert(mode)
-    form, options = HOW_SAVED[how]
-    stream = io.BytesIO()
-    whole.save(stream, form, **options)
-    content = stream.getvalue()
-    path = tmp_path / f"a.{how}"
-    path.write_bytes(content)
-    expected = read_image(path)
-    assert not caplog.text
-    path.write_bytes(
-        content[:-2] if share is None else content[: int(share * len(content))]
-    )
-    frame = el.read_frame(path)
-    assert "is damaged" in caplog.text
-    assert frame.mask.mean() > (0.8 if share else 0.99)
-    assert frame.mask[-1].all() == (share is None)
-    np.testing.assert_array_equal(frame.image[frame.mask], expected[frame.mask])
-    if share:
-        assert not frame.image[-1].any()  # not the grey that decoders fill in
-
-
 BESIDE = {
     "wrong sum": chunk(b"tEXt", b"Comment\0hello")[:-4] + b"abcd",
-    "too long": struct.pack(">I", 99) + chunk(b"tEXt", b"Comment\0hello")[4:],
-    "too short": struct.pack(">I", 3) + chunk(b"tEXt", b"Comment\0hello")[4:],
-    "endless": struct.pack(">I", 2**31 + 9) + chunk(b"iTXt", b"Comment\0hello")[4:],
     "resolution": chunk(b"pHYs", bytes(9))[:-4] + b"abcd",
     "no animation": chunk(b"acTL", b"\0"),
+    "not to be unpacked": chunk(b"zTXt", b"IDAT\0\0IEND"),
+    "text": chunk(b"iTXt", b"IDAT\0\0IEND"),
 }
 
 
 @pytest.mark.parametrize("name", BESIDE)
-def test_a_picture_with_a_broken_chunk_beside_it_is_read_with_a_warning(
-    tmp_path, caplog, capfd, rng, name
-):
+def test_what_is_broken_beside_a_picture_says_nothing(tmp_path, caplog, capfd, rng, name):
     stored = random_stored(rng, 16, (3,))
     png(tmp_path / "a.png", stored, 16, between=BESIDE[name])
     np.testing.assert_array_equal(read_image(tmp_path / "a.png"), stored / 65535)
-    assert "a.png is damaged" in caplog.text
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_text_that_cannot_be_unpacked_says_nothing(tmp_path, caplog, capfd, rng):
-    stored = random_stored(rng, 8, (3,))
-    for text in (b"zTXt", b"iTXt", b"tEXt"):
-        png(tmp_path / "a.png", stored, 8, between=chunk(text, b"IDAT\0\0IEND"))
-        np.testing.assert_array_equal(read_image(tmp_path / "a.png"), stored / 255)
     assert not caplog.text
     assert capfd.readouterr() == ("", "")
 
