@@ -29,7 +29,7 @@ from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.model.schema import shorten
+from endolab.model.schema import Section, shorten
 
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
 
@@ -41,8 +41,8 @@ _CAMERA_TYPES = {
 
 
 # Reading XML --------------------------------------------------------------------------------
-def read_xml(path: PathLike, root: str) -> ElementTree.Element:
-    """Read an XML file of at most 1 MB whose outermost element is `root`.
+def _read_rig(path: PathLike) -> Section:
+    """Read an XML file of at most 1 MB whose outermost element is `rig`.
 
     A `<!DOCTYPE>` or `<!ENTITY>` is refused: it can blow up in memory or open other files.
     """
@@ -50,79 +50,36 @@ def read_xml(path: PathLike, root: str) -> ElementTree.Element:
     content = read_bytes(source, "calibration XML", 1_000_000)  # real ones have 1 kB
     try:
         text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: not UTF-8 text") from error
-    if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise ValueError(f"{source}: XML with a document type or entities is not read")
-    try:
+        if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
+            raise ValueError("a document type or entities are not read")
         top = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
+        values = _values(top)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise ValueError(f"{source}: not valid XML: {error}") from error
-    if top.tag != root:
-        raise ValueError(f"{source}: expected <{root}>, found <{shorten(str(top.tag))}>")
-    return top
+    if top.tag != "rig":
+        raise ValueError(f"{source}: expected <rig>, found <{shorten(top.tag)}>")
+    return Section(values, "rig", str(source))
 
 
-class _Part:
-    """An element whose children are read one by one; every error names the file and the place."""
+def _values(element: ElementTree.Element) -> Any:
+    """Return an element as JSON would hold it.
 
-    def __init__(self, element: ElementTree.Element, where: str, file: str) -> None:
-        self.element = element
-        self.where = where
-        self.file = file
-
-    def error(self, name: str, what: str) -> ValueError:
-        return ValueError(
-            f"{self.file}: {'/'.join(filter(None, (self.where, name)))}: {what}"
-        )
-
-    def children(self, name: str) -> list[_Part]:
-        """Return the children of a name, at least one."""
-        elements = self.element.findall(name)
-        if not elements:
-            raise self.error(name, "missing")
-        where = "/".join(filter(None, (self.where, name)))
-        return [_Part(element, where, self.file) for element in elements]
-
-    def child(self, name: str) -> _Part:
-        """Return the only child of a name."""
-        elements = self.children(name)
-        if len(elements) > 1:
-            raise self.error(name, f"expected one, found {len(elements)}")
-        return elements[0]
-
-    def kind(self, choices: tuple[str, ...]) -> str:
-        """Return the attribute `type`, which must be one of a few."""
-        kind = self.element.get("type")
-        if kind not in choices:
-            raise self.error(
-                "", f"expected the type {' or '.join(choices)}, found {shorten(str(kind))}"
-            )
-        return str(kind)
-
-    def numbers(self, name: str, count: int) -> tuple[float, ...]:
-        """Read `[ a; b; … ]`, or one bare number."""
-        text = (self.child(name).element.text or "").strip()
-        inner = re.fullmatch(r"\[([^\[\]]*)\]|([^\[\]]*)", text)
-        parts = (
-            re.split(r"[;,]", (inner[1] if inner[1] is not None else inner[2]))
-            if inner
-            else []
-        )
-        try:
-            values = tuple(float(part) for part in parts)
-        except ValueError:
-            values = ()
-        if len(values) != count or not all(map(math.isfinite, values)):
-            wanted = (
-                "a finite number" if count == 1 else f"{count} finite numbers [ a; b; … ]"
-            )
-            raise self.error(name, f"expected {wanted}, found {shorten(text) or 'nothing'}")
+    That is its type and its children, of which several of one name are a list, or numbers: of
+    `[ a; b; … ]`, or one.
+    """
+    if len(element) or element.attrib:
+        values: dict[str, Any] = {"type": element.get("type")}
+        for name in dict.fromkeys(child.tag for child in element):
+            found = [_values(child) for child in element.findall(name)]
+            values[name] = found[0] if len(found) == 1 else found
         return values
-
-    def number(self, name: str) -> float:
-        """Read a finite number."""
-        return self.numbers(name, 1)[0]
+    text = (element.text or "").strip()
+    parts = re.split("[;,]", text.removeprefix("[").removesuffix("]"))
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else numbers
 
 
 # The camera ---------------------------------------------------------------------------------
@@ -134,25 +91,15 @@ def read_vicalib(path: PathLike) -> Camera:
     k3 are k1 to k4 here. The type `calibu_fu_fv_u0_v0`, a pinhole, is read too. The axes `right`,
     `down` and `forward` and the `pose` concern a rig's world frame, and are not needed.
     """
-    top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    model = top.child("camera").child("camera_model")
-    count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
-    width, height = (model.number(name) for name in ("width", "height"))
+    model = _read_rig(path).section("camera").section("camera_model")
+    count = _CAMERA_TYPES[model.choice("type", tuple(_CAMERA_TYPES))]
+    width = model.integer("width")
+    height = model.integer("height")
     fu, fv, u0, v0, *distortion = model.numbers("params", count)
-    integer: dict[str, Any] = {
-        "width": width,
-        "height": height,
-        "fx": fu,
-        "fy": fv,
-        "cx": u0,
-        "cy": v0,
-    }
     try:
-        return (
-            KannalaBrandt(**integer | {"k": distortion})
-            if distortion
-            else Pinhole(**integer)
-        )
+        if distortion:
+            return KannalaBrandt(width, height, fu, fv, u0, v0, tuple(distortion))
+        return Pinhole(width, height, fu, fv, u0, v0)
     except ValueError as error:
         raise model.error("", str(error)) from error
 
@@ -177,8 +124,8 @@ def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
     return exponent, math.exp(offset), worst
 
 
-def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
-    part.kind(("sls",))
+def _light(part: Section, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
+    part.choice("type", ("sls",))
     sigma = part.number("sigma")
     mu = part.number("mu")
     position = part.numbers("P", 3)
@@ -226,14 +173,19 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     is a white Lambertian one. The evidence says what each light was, and how far the cosine power is
     from it at worst: the relative error of a distance, %.
     """
-    top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    model = top.child("camera").child("camera_model")
-    model.kind(("gamma",))
+    top = _read_rig(path)
+    model = top.section("camera").section("camera_model")
+    model.choice("type", ("gamma",))
     gamma = model.number("gamma")
-    k = model.number("vignetting") if model.element.find("vignetting") is not None else 0.0
+    k = model.number("vignetting", 0.0)
     field = camera.resize(160, max(1, round(camera.height * 160 / camera.width))).field
     rays = field.rays[field.valid & (field.cos_alpha > 0)]
-    made = [_light(light.child("light_model"), rays) for light in top.children("light")]
+    found = top.take("light")
+    parts = [
+        Section(light, "rig.light", str(path))
+        for light in (found if isinstance(found, list) else [found])
+    ]
+    made = [_light(part.section("light_model"), rays) for part in parts]
     lights = tuple(light for light, _ in made)
     evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
     if (

@@ -20,7 +20,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame, check_size
 from endolab.io.archives import read_arrays
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, name_damage
 from endolab.io.datasets.sample import Sample
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
@@ -29,7 +29,6 @@ from endolab.synthetic.scenes import Colon
 
 FOLDER = Path(__file__).resolve().parent / "frames"
 LAYERS = ("direct", "indirect", "mirrored")
-DTYPES = {"image": np.dtype("u1")} | dict.fromkeys(("distance", *LAYERS), np.dtype("u2"))
 DISTANCE_STEP = 1 / 256  # mm
 GREY_STEPS = 8 * 255
 TRACED = ("matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "foggy")
@@ -54,44 +53,34 @@ def read(path: PathLike) -> TracedSample:
     """Read a frame of the set; OSError or ValueError in one sentence, if it cannot be read or is none."""
     source = Path(path)
     what = "a path-traced frame that endolab wrote"
+    stored = read_arrays(source, what, ("image", "distance", *LAYERS, "facts"))
+    with name_damage(source, what):
+        return _unpack(stored, source.stem)
 
-    stored = read_arrays(source, what, (*DTYPES, "facts"))
-    size = stored["distance"].shape if "distance" in stored else ()
-    shapes = dict.fromkeys(("image", *LAYERS[:2]), (*size, 3)) | dict.fromkeys(
-        ("distance", "mirrored"), size
-    )
-    for name, shape in shapes.items():
-        if len(size) != 2 or name not in stored or stored[name].shape != shape:
-            raise ValueError(f"{source}: not {what}")
-        if stored[name].dtype != DTYPES[name]:
-            raise ValueError(f"{source}: not {what}")
-    try:
-        facts = json.loads(str(stored["facts"]))
-        scene = Colon(**facts["scene"])
-        made_with = Calibration.from_dict(facts["calibration"], str(source))
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"{source}: not {what} ({error})") from error
+
+def _unpack(stored: dict[str, np.ndarray], name: str) -> TracedSample:
+    facts = json.loads(str(stored["facts"]))
+    scene = Colon(**facts["scene"])
+    made_with = Calibration.from_dict(facts["calibration"], name)
     image = stored["image"] / 255
-    check_size(str(source), (image.shape[1], image.shape[0]), made_with.camera)
+    check_size(name, (image.shape[1], image.shape[0]), made_with.camera)
     codes = {
-        name: np.cumsum(stored[name], axis=1, dtype=np.uint16)
-        for name in ("distance", *LAYERS)
+        layer: np.cumsum(stored[layer], axis=1, dtype=np.uint16)
+        for layer in ("distance", *LAYERS)
     }
     layers = {
-        name: (codes[name] / GREY_STEPS) ** made_with.photometry.gamma for name in LAYERS
+        layer: (codes[layer] / GREY_STEPS) ** made_with.photometry.gamma for layer in LAYERS
     }
     mask = codes["distance"] > 0
     distance = np.where(mask, codes["distance"] * DISTANCE_STEP, np.nan)
     rays = made_with.camera.field.rays[mask]
-    normals = np.full(image.shape, np.nan)
-    here, beyond = (
-        scene.normals((distance[mask] + step)[:, None] * rays)
-        for step in (0.0, DISTANCE_STEP)
-    )
+    here = scene.normals(distance[mask][:, None] * rays)
+    beyond = scene.normals((distance[mask] + DISTANCE_STEP)[:, None] * rays)
     # Which begins at its place to rounding.
     far_wall = (beyond == [0.0, 0.0, -1.0]).all(axis=-1)
+    normals = np.full(image.shape, np.nan)
     normals[mask] = np.where(far_wall[:, None], beyond, here)
-    frame = Frame(image, mask, source.stem)
+    frame = Frame(image, mask, name)
     return TracedSample(frame, made_with, distance, normals, scene=scene, **layers)
 
 
