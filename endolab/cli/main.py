@@ -3,6 +3,7 @@
 import argparse
 import gc
 import json
+import math
 import os
 import signal
 import sys
@@ -28,6 +29,12 @@ from endolab.io.atomic import without_secrets
 
 # Of `simulate`, but for its calibration video.
 FRAME_OPTIONS = ("texture", "fog", "highlights")
+# Those of the system that ask for an end.
+SIGNALS = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)
+]
 _ended: list[int] = []  # the signals that asked for an end
 
 
@@ -64,13 +71,10 @@ def _simulate(arguments: argparse.Namespace) -> None:
         simulate_sheet(arguments, calibration)
         return
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
-    chosen = {
-        name: value for name in names if (value := getattr(arguments, name)) is not None
-    }
-    inputs = [arguments.calibration]
-    with stage_folder(
-        arguments.out, overwrite=arguments.overwrite, inputs=inputs
-    ) as folder:
+    given = {name: getattr(arguments, name) for name in names}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    replacing = {"overwrite": arguments.overwrite, "inputs": [arguments.calibration]}
+    with stage_folder(arguments.out, **replacing) as folder:
         rendered = render(
             SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen
         )
@@ -95,28 +99,25 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     from endolab.io.surfaces import read_depth
     from endolab.metrics.coverage import coverage_of
     from endolab.metrics.depth_errors import compare, resample_truth
+    from endolab.numerics.checks import number
 
     depth = read_depth(arguments.depth)
     distance = depth["distance"].astype(np.float64)
-    distance[~(distance > 0)] = np.nan
     cos_alpha = depth["z"] / distance
     shape = distance.shape
+    normals = None
     if arguments.truth.endswith(".npz"):
         maps = read_depth(arguments.truth)
         size = maps["distance"].shape
-        normals = maps.get("normals")
         truth = resample_truth(maps["distance"], shape)
-        normals = None if normals is None else resample_truth(normals, shape)
+        if "normals" in maps:
+            normals = resample_truth(maps["normals"], shape)
     else:
         z = true_z(arguments.truth)
-        normals = None
         size = z.shape
         truth = resample_truth(z, shape) / cos_alpha
-    if not 0 < arguments.max_angle <= 180:
-        raise ValueError(
-            f"--max-angle must be above 0 and at most 180, got {arguments.max_angle:g}"
-        )
-    mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
+    angle = number("--max-angle", arguments.max_angle, 0, 180)
+    mask = cos_alpha >= np.cos(np.deg2rad(angle))
     metric = bool(depth.get("metric", True))
     scale = arguments.scale or ("none" if metric else "median")
     if scale == "none" and not metric:
@@ -125,19 +126,13 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         )
     known = {"normals": depth.get("normals"), "true_normals": normals}
     e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
-    trusted = (
-        coverage_of(distance, depth["sigma"], truth, mask, scale)
-        if "sigma" in depth
-        else None
-    )
+    trusted = None
+    if "sigma" in depth:
+        trusted = coverage_of(distance, depth["sigma"], truth, mask, scale)
     if arguments.json:
-        content: dict[str, Any] = {
-            k: None if np.isnan(value) else value for k, value in asdict(e).items()
-        }
+        content = _as_json(e)
         if trusted is not None:
-            content["coverage"] = {
-                k: v if np.isfinite(v) else None for k, v in asdict(trusted).items()
-            }
+            content["coverage"] = _as_json(trusted)
         if size != shape:
             content["truth_resampled_from"] = size[::-1]
         print(json.dumps(content, indent=2))
@@ -157,12 +152,18 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     if not np.isnan(e.mean_degrees):
         print(f"normals   mean {e.mean_degrees:.4g}°, median {e.median_degrees:.4g}°")
     if trusted is not None:
-        within = (
-            f"{trusted.within_one:.0f} % within 1 σ, {trusted.within_two:.0f} % within 2 σ"
-        )
         print(
-            f"σ         {within} (68 and 95 if right); its rank follows the error's by {trusted.spearman:.2f}"
+            f"σ         {trusted.within_one:.0f} % within 1 σ, {trusted.within_two:.0f} % within 2 σ "
+            f"(68 and 95 if right); its rank follows the error's by {trusted.spearman:.2f}"
         )
+
+
+def _as_json(facts: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass of numbers; None for what is not known."""
+    return {
+        name: value if math.isfinite(value) else None
+        for name, value in asdict(facts).items()
+    }
 
 
 def _lab(arguments: argparse.Namespace) -> None:
@@ -315,16 +316,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def to_one_line(error: object) -> str:
     """Return what an error says in one printable line, without the middle of what is too long."""
+    from endolab.model.schema import shorten
+
     text = str(error) or "out of memory"
     if isinstance(error, OSError) and error.strerror:  # the system's own words
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     text = without_secrets(text)
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
-    if len(text) > 600:  # what was typed may be as long as it likes
-        text = f"{text[:300]} … {text[-300:]}"
-    return "".join(
-        c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
-    )
+    return shorten(text, 600)  # what was typed may be as long as it likes
 
 
 class _ToldToEnd(KeyboardInterrupt):
@@ -350,10 +349,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
         if getattr(arguments, "threads", None) is not None:
             os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
-        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
-            raise ValueError(
-                "NUMBA_DISABLE_JIT is set in the environment, and endolab's loops need Numba"
-            )
         arguments.run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
@@ -374,12 +369,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> NoReturn:
     """Run a command as a process of its own, which ends on SIGTERM and SIGHUP as on Ctrl-C."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if (
-            number is not None and signal.getsignal(number) is not signal.SIG_IGN
-        ):  # as of nohup
-            signal.signal(number, _interrupt)
+    for asking in SIGNALS:
+        if signal.getsignal(asking) is not signal.SIG_IGN:  # as of nohup
+            signal.signal(asking, _interrupt)
     sys.unraisablehook = _interrupt_again
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed, as after `>&-`
@@ -392,8 +384,7 @@ def run() -> NoReturn:
     # What is imported stays: to look through it takes a sixth of all importing.
     gc.set_threshold(50_000)
     status = main()
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)  # it ends already
+    for asking in SIGNALS:
+        signal.signal(asking, signal.SIG_IGN)  # it ends already
     gc.freeze()  # nothing need be looked through for what could be freed when Python ends: half a second
     raise SystemExit(status)

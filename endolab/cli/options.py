@@ -39,18 +39,21 @@ def integer(text: str) -> int:
     return value
 
 
-def count(text: str) -> int:
-    """Read how many an option asks for."""
-    if integer(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected at least 1, found {text!r}")
-    return integer(text)
+def at_least(least: int, unit: str = "") -> Callable[[str], int]:
+    """Return what reads a whole number that is not less than another."""
+
+    def read(text: str) -> int:
+        if integer(text) < least:
+            raise argparse.ArgumentTypeError(
+                f"expected at least {least}{unit}, found {text!r}"
+            )
+        return integer(text)
+
+    return read
 
 
-def wide(text: str) -> int:
-    """Read a width, px."""
-    if integer(text) < 16:
-        raise argparse.ArgumentTypeError(f"expected at least 16 px, found {text!r}")
-    return integer(text)
+count = at_least(1)
+wide = at_least(16, " px")
 
 
 def number(text: str) -> float:
@@ -249,40 +252,28 @@ def progress_bar(unit: str, what: str | None = None, total: int | None = None) -
 
 @contextmanager
 def announce_compiling() -> Iterator[None]:
-    """Say on stderr, once, that loops are compiled, if any are in the block, and show how far that is."""
+    """Say on stderr, once, that loops are compiled, if any are in the block."""
     from numba.core import event
     from tqdm import tqdm
 
     from endolab.numerics.compiled import COMPILED
 
-    bars: list[Any] = []
-
     class Watching(event.Listener):
+        said = False
+
         def on_start(self, event: object) -> None:
-            if not bars:
+            if not self.said:
                 text = (
                     "Compiling for this machine, a minute or so; only the first run does."
-                    if COMPILED["cache"]
-                    else "Compiling, a minute or so, in every run: "
-                    "NUMBA_CACHE_DIR can name a folder to keep it in."
                 )
+                if not COMPILED["cache"]:
+                    text = "Compiling, a minute or so, in every run: "
+                    text += "NUMBA_CACHE_DIR can name a folder to keep it in."
                 tqdm.write(text, file=sys.stderr)
-                bars.append(
-                    tqdm(
-                        total=170,  # that a default reconstruction compiles
-                        unit="loop",
-                        desc="compiling",
-                        leave=False,
-                        disable=None,
-                    )
-                )
+            self.said = True
 
         def on_end(self, event: object) -> None:
-            bars[0].update()
+            pass
 
-    try:
-        with event.install_listener("numba:compile", Watching()):
-            yield
-    finally:
-        for bar in bars:
-            bar.close()
+    with event.install_listener("numba:compile", Watching()):
+        yield

@@ -137,9 +137,8 @@ def _diameter(
 
 
 def _albedo(part: Section, name: str) -> float | tuple[float, ...]:
-    return (
-        part.numbers(name, 3) if isinstance(part.content[name], list) else part.number(name)
-    )
+    is_list = isinstance(part.content[name], list)
+    return part.numbers(name, 3) if is_list else part.number(name)
 
 
 READERS: dict[str, Callable[[Section, str], Any]] = {

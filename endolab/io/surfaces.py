@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,12 @@ def save_depth(
     2 border or contour, 3 prior.
     """
     maps = {name: getattr(surface, name).astype(np.float32) for name in DEPTH_MAPS}
-    flags: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
+    maps |= {"mask": surface.mask, "metric": np.array(metric)}
     if uncertainty is not None:
         maps |= {name: getattr(uncertainty, name).astype(np.float32) for name in TRUSTED}
-        flags["dominant_source"] = uncertainty.dominant_source
+        maps["dominant_source"] = uncertainty.dominant_source
     content = io.BytesIO()
-    np.savez_compressed(content, **maps, **flags)
+    np.savez_compressed(content, **maps)
     write_atomically(path, content.getvalue())
 
 
@@ -73,11 +73,8 @@ def read_depth(
     for name, values in maps.items():
         is_real = name in (*DEPTH_MAPS, *TRUSTED)
         expected = () if name == "metric" else (*size, *DEPTH_MAPS.get(name, ()))
-        if (
-            values.dtype.kind not in ("f" if is_real else "biu")
-            or values.shape != expected
-            or len(size) != 2
-        ):
+        is_of_kind = values.dtype.kind in ("f" if is_real else "biu")
+        if not is_of_kind or values.shape != expected or len(size) != 2:
             should = "a map of the size of distance" if expected else "true or false"
             raise ValueError(f"{path}: {name} is not {should}")
         if is_real:
@@ -143,11 +140,8 @@ def as_ply(
     vertices["place"][:, :3] = points
     vertices["place"][:, 3:] = normals
     vertices["colour"] = np.round(np.clip(colours, 0, 1) * 255)
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        *(f"comment {text}" for text in comments),
-    ]
+    header = ["ply", "format binary_little_endian 1.0"]
+    header += [f"comment {text}" for text in comments]
     header += [f"element vertex {len(points)}"]
     header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     header += [f"property uchar {name}" for name in ("red", "green", "blue")]
@@ -161,12 +155,9 @@ def as_ply(
     return "\n".join([*header, "end_header", ""]).encode() + body
 
 
-def _comments(mesh: Mesh) -> tuple[str, ...]:
-    return (
-        f"unit: {mesh.unit}",
-        "camera frame: x right, y down, z forward",
-        *((f"colours: {mesh.legend}",) if mesh.legend else ()),
-    )
+def _comments(mesh: Mesh) -> list[str]:
+    comments = [f"unit: {mesh.unit}", "camera frame: x right, y down, z forward"]
+    return [*comments, f"colours: {mesh.legend}"] if mesh.legend else comments
 
 
 def _as_obj(mesh: Mesh) -> bytes:
