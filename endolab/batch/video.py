@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,8 @@ from endolab.reconstruction.sequence import (
 if TYPE_CHECKING:
     from endolab.workbench.recording.sequence import SequenceRecorder
 
-VIDEO_FILES = ("frames", "frames.csv", "recording.rrd", REPORT)
+TABLE = "frames.csv"
+VIDEO_FILES = ("frames", TABLE, "recording.rrd", REPORT)
 
 Maps = dict[str, np.ndarray]
 
@@ -122,7 +124,9 @@ def reconstruct_video(
         "mask": None if mask is None else str(mask),
         "calibration": replace(calibration, evidence={}).to_dict(),
     }
-    folder = _Folder(Path(out), frames, made_with, overwrite, [source, mask, *inputs])
+    replacing = {"overwrite": overwrite, "inputs": [source, mask, *inputs]}
+    folder = _Folder(Path(out), frames, calibration, made_with, replacing)
+    folder.find_done()
     before = [name for name in wanted if folder.is_done(name)]
     complete = len(before) == len(wanted) and folder.recording.exists()
     done = len(before)
@@ -131,13 +135,13 @@ def reconstruct_video(
     try:
         for name, picture in _pictures(frames, [] if complete else wanted, inside):
             if name in before:
-                folder.record(name, picture, folder.maps(name), calibration)
+                folder.record(name, picture, folder.maps(name))
                 last = name
                 carried = None
                 continue
             if carried is None and last is not None:
                 ((_, seen),) = _pictures(frames, [last], inside)
-                carried = folder.take_up(last, as_frame(last, seen), calibration)
+                carried = folder.take_up(last, as_frame(last, seen))
             (step,) = reconstruct_sequence(
                 [(name, picture)], calibration, before=carried, **options
             )
@@ -148,7 +152,7 @@ def reconstruct_video(
             if result is not None:
                 carried = step.carried
                 maps = {"distance": result.distance, "normals": result.normals}
-                folder.record(name, picture, maps, calibration)
+                folder.record(name, picture, maps)
             done += 1
             if progress is not None:
                 progress(done, len(wanted), folder.rows[name])
@@ -182,57 +186,67 @@ def _pictures(
             yield name, image
 
 
+@dataclass
 class _Folder:
-    """Holds ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, with Rerun, a recording.
+    """Holds ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, with Rerun, a recording."""
 
-    Of an earlier call's results, those that can be read are done. ValueError in one sentence, if they were
-    made with anything else, OSError, if they are somebody else's, and this is not to `overwrite`.
-    """
+    path: Path
+    frames: Frames
+    calibration: Calibration
+    made_with: dict[str, Any]  # of another folder's frames nothing is taken
+    replacing: dict[str, Any]  # what may be replaced; see `stage_folder`
+    rows: dict[str, Row] = field(default_factory=dict)  # of the table, by the frame's name
+    recorder: SequenceRecorder | None = None
 
-    def __init__(
-        self,
-        path: Path,
-        frames: Frames,
-        made_with: dict[str, Any],
-        overwrite: bool,
-        inputs: list[PathLike | None],
-    ) -> None:
-        self.path = path
-        self.table = path / "frames.csv"
-        self.recording = path / "recording.rrd"
-        self.rows: dict[str, Row] = {}
-        self._made_with = json.loads(json.dumps(made_with))
-        self._replacing: Any = {"overwrite": overwrite, "inputs": inputs}
-        self._index = {name: index for index, name in enumerate(frames.names)}
-        self._unique = len({Path(name).stem for name in frames.names}) == len(frames.names)
-        self._recorder: SequenceRecorder | None = None
+    def find_done(self) -> None:
+        """Find the frames that an earlier call has done, and whose results can be read.
+
+        ValueError in one sentence, if they were made with anything else, OSError, if the folder is somebody
+        else's, and this is not to be replaced.
+        """
+        may_replace = self.replacing["overwrite"]
         try:
-            if self.table.is_file():
-                self._find_done()
+            if (self.path / TABLE).is_file():
+                self._check_settings()
+                self._read_done()
         except ValueError:
-            if not overwrite:
+            if not may_replace:
                 raise
-        if not self.rows and not overwrite:
-            check_folder(path)
+        if not self.rows and not may_replace:
+            check_folder(self.path)
 
-    def _find_done(self) -> None:
+    def _check_settings(self) -> None:
         before = read_report(self.path).get("settings")
         if not isinstance(before, dict):
             before = {}
-        for name in sorted({*before, *self._made_with}):
-            if before.get(name) != self._made_with.get(name):
+        now = json.loads(json.dumps(self.made_with))
+        for name in sorted({*before, *now}):
+            if before.get(name) != now.get(name):
                 raise ValueError(
                     f"{self.path} holds frames made with another {name}; choose another folder, "
                     "or begin anew with overwrite=True"
                 )
-        for row in read_rows(self.table, FRAME_COLUMNS, TEXT_COLUMNS):
-            if row["frame"] in self._index and not row["error"]:
+
+    def _read_done(self) -> None:
+        for row in read_rows(self.path / TABLE, FRAME_COLUMNS, TEXT_COLUMNS):
+            name = row["frame"]
+            if name in self.frames.names and not row["error"]:
                 with suppress(ValueError, OSError):  # it is done again
-                    self.maps(row["frame"])
-                    self.rows[row["frame"]] = row
+                    self.maps(name)
+                    self.rows[name] = row
+
+    @property
+    def recording(self) -> Path:
+        """The recording's file."""
+        return self.path / "recording.rrd"
+
+    @cached_property
+    def _is_stem_enough(self) -> bool:
+        stems = {Path(name).stem for name in self.frames.names}
+        return len(stems) == len(self.frames)
 
     def _depth(self, name: str) -> Path:
-        own = Path(name).stem if self._unique else name
+        own = Path(name).stem if self._is_stem_enough else name
         return self.path / "frames" / own / "depth.npz"
 
     def maps(self, name: str) -> Maps:
@@ -243,58 +257,50 @@ class _Folder:
         """Whether a frame needs not be done again."""
         return name in self.rows and not self.rows[name]["error"]
 
-    def take_up(self, name: str, frame: Frame, calibration: Calibration) -> Carried:
+    def take_up(self, name: str, frame: Frame) -> Carried:
         """Return what a frame that is done hands to the next."""
         row = self.rows[name]
         distance = self.maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
-        return Carried.take_up(
-            surface, frame, calibration, float(row["min_steepness"]), row["energy"]
-        )
+        steepness = float(row["min_steepness"])
+        return Carried.take_up(surface, frame, self.calibration, steepness, row["energy"])
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; OSError in one sentence, and what was there stays."""
-        rows = self.rows | {step.name: step_row(step, self._index[step.name])}
+        row = step_row(step, self.frames.names.index(step.name))
+        rows = self.rows | {step.name: row}
         result = step.result
         # That of a broken frame is in the table when the next is written.
         if result is not None:
             if not any(map(self.is_done, self.rows)):
-                with stage_folder(self.path, **self._replacing) as staging:
-                    self._write_report(staging)
+                with stage_folder(self.path, **self.replacing) as staging:
+                    self._write(staging, {})
             self._depth(step.name).parent.mkdir(parents=True, exist_ok=True)
             save_depth(self._depth(step.name), result, result.metric)
-            self._write_table(rows)
+            self._write(self.path, rows)
         self.rows = rows
 
     def close(self) -> None:
         """Write the table, with the broken frames, the recording and the report."""
         self.close_recording()
-        self._write_table(self.rows)
-        self._write_report(self.path)
+        self._write(self.path, self.rows)
 
-    def _write_table(self, rows: dict[str, Row]) -> None:
+    def _write(self, folder: Path, rows: dict[str, Row]) -> None:
+        """Write the table and the report."""
         in_order = sorted(rows.values(), key=lambda row: row["index"])
-        write_rows(self.table, FRAME_COLUMNS, in_order)
-
-    def _write_report(self, folder: Path) -> None:
-        done = [row for row in self.rows.values() if not row["error"]]
+        write_rows(folder / TABLE, FRAME_COLUMNS, in_order)
+        done = [row for row in in_order if not row["error"]]
         content = {
             "endolab": 1,
-            "frames": len(self._index),
+            "frames": len(self.frames),
             "done": len(done),
             "unit": done[0]["unit"] if done else None,
-            "settings": self._made_with,
+            "settings": self.made_with,
             "files": VIDEO_FILES,
         }
         write_atomically(folder / REPORT, as_json(content))
 
-    def record(
-        self,
-        name: str,
-        picture: Frame | FloatArray | None,
-        maps: Maps,
-        calibration: Calibration,
-    ) -> None:
+    def record(self, name: str, picture: Frame | FloatArray | None, maps: Maps) -> None:
         """Log a frame that is done, where Rerun is installed."""
         if lacking("rerun"):
             return
@@ -302,21 +308,21 @@ class _Folder:
 
         row = self.rows[name]
         height, width = maps["distance"].shape
-        if self._recorder is None:
-            self._recorder = SequenceRecorder(self.recording, row["unit"])
+        if self.recorder is None:
+            self.recorder = SequenceRecorder(self.recording, row["unit"])
             # Once, as its rays take their time.
-            self._camera = calibration.camera.resize(width, height)
+            self.camera = self.calibration.camera.resize(width, height)
         plotted = ("energy", "iterations", "seconds", "gain", "median_distance")
-        self._recorder.log(
+        self.recorder.log(
             row["index"],
             as_frame(name, picture).image,
             maps["distance"],
             maps["normals"],
-            self._camera,
+            self.camera,
             {key: row[key] for key in plotted},
         )
 
     def close_recording(self) -> None:
         """Write the recording, if there is something new in it."""
-        if self._recorder is not None:
-            self._recorder.close()
+        if self.recorder is not None:
+            self.recorder.close()

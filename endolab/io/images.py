@@ -6,7 +6,7 @@ import io
 import logging
 import warnings
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,6 @@ from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from PIL.ImageFile import ImageFile
 
     from endolab.frames.frame import Frame
     from endolab.model.endoscope import Calibration
@@ -36,17 +35,6 @@ JPEG = b"\xff\xd8"
 # Of a JPEG: before its pixels, and after them.
 SCAN = b"\xff\xda"
 END = b"\xff\xd9"
-# How what has been turned by it is turned back.
-AS_SEEN: dict[int, Callable[[np.ndarray], np.ndarray]] = {
-    2: np.fliplr,
-    3: lambda a: np.rot90(a, 2),
-    4: np.flipud,
-    5: lambda a: np.swapaxes(a, 0, 1),
-    6: np.rot90,
-    7: lambda a: np.rot90(np.swapaxes(a, 0, 1), 2),
-    8: lambda a: np.rot90(a, -1),
-}
-OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
 
 
@@ -82,7 +70,7 @@ def write_figure(path: PathLike, figure: Figure) -> None:
 def read_image(path: PathLike) -> FloatArray:
     """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
 
-    Stored values over their maximum (255 or 65535); R, G, B. What is transparent is black. OSError or
+    Stored values over their maximum (255 or 65535); R, G, B. OSError or
     ValueError in one sentence, if there is no such file or it is not such a picture; MemoryError, if it is
     too large for this machine.
     """
@@ -96,53 +84,46 @@ def _in_unit(stored: np.ndarray, path: PathLike) -> FloatArray:
 
 
 def read_stored(path: PathLike) -> np.ndarray:
-    """Read a picture as the numbers that the file holds, R, G, B; 0 where it is transparent."""
-    return decode(read_bytes(path), path)[0]
-
-
-def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
-    """Decode the content of a picture's file as `read_stored` does; errors call it `name`.
-
-    Also returns alpha, (H, W), over its largest.
-    """
-    stored, alpha = _decode(content, name)
-    if not alpha.any():
-        raise ValueError(f"{name} is completely transparent: there is no pixel to use")
-    alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
-    stored[alpha < OPAQUE] = 0
-    return stored, alpha
-
-
-def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return what is stored, R, G, B, and alpha, (H, W), in any unit."""
+    """Read a picture as the numbers that the file holds, R, G, B; errors as of `read_image`."""
     from PIL import Image
 
+    content = read_bytes(path)
     # Pillow refuses sizes that no picture has, where OpenCV does not.
-    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+    with name_damage(path, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         if content.startswith(PNG):
             content = _bare_png(content)
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
         # Else all of it would be decoded.
         at_hand = picture.format != "PNG" or "exif" in picture.info
         orientation = 274  # the tag that says how a picture is to be turned
-        turned = picture.getexif().get(orientation, 1) if at_hand else 1
+        is_turned = at_hand and picture.getexif().get(orientation, 1) != 1
     columns, rows = picture.size
-    check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
-    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+    check_memory(columns * rows * DECODED, f"{path}: a picture of {columns}x{rows} px")
+    if is_turned and picture.format == "TIFF":  # which OpenCV turns, alone of all
+        raise ValueError(f"{path} is marked to be shown turned: save it without that mark")
+    with name_damage(path, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         if content.startswith(JPEG):  # of which OpenCV prints what is wrong
             if END not in content[content.rfind(SCAN) :]:
                 raise ValueError
             stored = np.array(picture.convert("RGB") if picture.mode == "CMYK" else picture)
-            alpha = np.ones((rows, columns))
         else:
-            stored, alpha = _with_alpha(content, picture)
+            encoded = np.frombuffer(content, np.uint8)
+            stored = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED))
         if stored.shape[1::-1] != (columns, rows):
             raise ValueError
-    if turned != 1:
-        say_turned(name)
-    if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
-        return AS_SEEN[turned](stored), AS_SEEN[turned](alpha)
-    return stored, alpha
+    is_clear = picture.mode == "LA" or (stored.ndim == 2 and "transparency" in picture.info)
+    if stored.shape[2:] == (4,):
+        is_clear = np.ptp(stored[..., 3]) > 0
+    if is_clear:
+        raise ValueError(
+            f"{path} is transparent in part: save it without that, and say by a mask what is to be used"
+        )
+    if is_turned:
+        say_turned(path)
+    if stored.ndim == 2:
+        return stored
+    is_grey = content.startswith(PNG) and content[25] == 4  # grey and alpha
+    return stored[..., 0] if is_grey else stored[..., 2::-1]
 
 
 def _bare_png(content: bytes) -> bytes:
@@ -166,35 +147,6 @@ def _bare_png(content: bytes) -> bytes:
     raise ValueError
 
 
-def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndarray]:
-    """Decode a PNG, TIFF or BMP by OpenCV; where that leaves alpha out, find it."""
-    from PIL import Image
-
-    stored: np.ndarray = np.asarray(
-        cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    )
-    alpha: np.ndarray = np.ones(stored.shape[:2])
-    if stored.shape[2:] == (4,):
-        alpha = stored[..., 3]
-    if stored.ndim == 3:
-        is_grey = content.startswith(PNG) and content[25] == 4  # grey and alpha
-        stored = stored[..., 0] if is_grey else stored[..., 2::-1]
-    args = picture.tile[0].args or ("",)
-    if args[0] == "BGRX":  # a BMP's fourth byte is unused, or alpha
-        pixels = content[picture.tile[0].offset :]
-        coloured = Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:])
-        alpha = np.asarray(coloured)[..., 3]
-    elif picture.mode == "LA":
-        alpha = np.asarray(picture)[..., 1]
-    elif stored.ndim == 2 and "transparency" in picture.info:  # one grey of 1 to 16 bits
-        most = np.iinfo(stored.dtype).max
-        step = most // (2 ** content[24] - 1)
-        alpha = stored != min(picture.info["transparency"] * step, most)
-    if content.startswith(b"BM") and not alpha.any():
-        alpha = np.ones(alpha.shape)
-    return stored, alpha
-
-
 def say_turned(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
@@ -215,16 +167,9 @@ def is_picture(path: PathLike) -> bool:
 
 
 def read_mask(path: PathLike) -> BoolArray:
-    """Read a mask, (H, W): True where the picture is brighter than half.
-
-    If part of it is transparent, True elsewhere, unless black and white are drawn there.
-    """
-    stored, alpha = decode(read_bytes(path), path)
-    image = _in_unit(stored, path)
-    level = image if image.ndim == 2 else image.max(axis=-1)
-    bright = level > 0.5
-    is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
-    return bright if alpha.min() == 1 or is_drawn else alpha > 0.5
+    """Read a mask, (H, W): True where the picture is brighter than half."""
+    image = read_image(path)
+    return (image if image.ndim == 2 else image.max(axis=-1)) > 0.5
 
 
 def read_frame(
@@ -239,12 +184,12 @@ def read_frame(
     calibration : Calibration, optional
         If given, the frame must have its size.
     mask : path, optional
-        A picture of the frame's size, bright where the frame is to be used, or transparent elsewhere.
+        A picture of the frame's size, bright where the frame is to be used.
 
     Returns
     -------
     Frame
-        Stored values in [0, 1] and the pixels that are to be used, all of them opaque.
+        Stored values in [0, 1] and the pixels that are to be used.
 
     Raises
     ------
@@ -266,7 +211,7 @@ def read_frame(
     # Here, for who only writes pictures needs no compiled loops.
     from endolab.frames.frame import Frame, check_size
 
-    stored, alpha = decode(read_bytes(path), path)
+    stored = read_stored(path)
     image = _in_unit(stored, path)
     rows, columns = image.shape[:2]
     if calibration is not None:
@@ -281,14 +226,4 @@ def read_frame(
         raise ValueError(f"the mask {mask} is {shape}, the frame {columns}x{rows} px")
     if not inside.any():
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
-    opaque = alpha >= OPAQUE
-    if not opaque.all():
-        log.warning(
-            "%s: %.3g %% of it is transparent, and left out",
-            path,
-            100 * np.mean(~opaque),
-        )
-        inside &= opaque
-        if not inside.any():
-            raise ValueError(f"{path} is transparent wherever it would be used")
     return Frame(image, inside, Path(path).name)

@@ -7,27 +7,20 @@ default.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.brdf import Lambertian
 from endolab.model.endoscope import Calibration
+from endolab.model.photometry import Photometry
 from endolab.model.schema import Section, quote
-from endolab.reconstruction.settings import (
-    COUNT,
-    DIAMETER,
-    DISTANCE,
-    NUMBER,
-    SWITCH,
-    WORD,
-    option_fields,
-    option_of,
-)
+from endolab.reconstruction.settings import MAP, Settings, option_fields, option_of
 
 FORMAT = "endolab_settings"
 VERSION = 1
+BELIEFS = ("k", "gamma", "gain", "albedo")
 
 
 @dataclass(frozen=True)
@@ -48,21 +41,27 @@ class SolvingSettings:
 
     def apply(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""
+        return replace(calibration, photometry=self.believe(calibration.photometry))
+
+    def believe(self, photometry: Photometry) -> Photometry:
+        """Return the light as the settings believe it to be."""
         light = dict(self.photometry)
         if "albedo" in light:
             light["brdf"] = Lambertian(light.pop("albedo"))
-        return replace(calibration, photometry=replace(calibration.photometry, **light))
+        return replace(photometry, **light)
 
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
     """Write settings as JSON, whole or not at all; `read_settings` reads them. None is left out."""
-    given = {name: value for name, value in settings.keywords.items() if value is not None}
-    light = {
-        name: value for name, value in settings.photometry.items() if value is not None
-    }
-    write_atomically(
-        path, as_json({FORMAT: VERSION} | given | ({"photometry": light} if light else {}))
-    )
+    content = {FORMAT: VERSION} | _given(settings.keywords)
+    light = _given(settings.photometry)
+    if light:
+        content["photometry"] = light
+    write_atomically(path, as_json(content))
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def read_settings(path: PathLike) -> SolvingSettings:
@@ -73,82 +72,28 @@ def read_settings(path: PathLike) -> SolvingSettings:
         raise top.error(FORMAT, f"expected version {VERSION}, found {quote(version)}")
     light: dict[str, Any] = {}
     if "photometry" in top.content:
-        light = _read(top.section("photometry"), PHOTOMETRY_READERS)
+        light = _take(top.section("photometry"), BELIEFS)
     top.asked["photometry"] = None
-    return SolvingSettings(_read(top, _keywords()), light)
+    # An array is in no file.
+    names = [part.name for part in option_fields() if option_of(part.name).kind != MAP]
+    settings = SolvingSettings(_take(top, names), light)
+    try:
+        Settings.of(settings.keywords)
+        settings.believe(Photometry())
+    except ValueError as error:
+        raise top.error("", str(error)) from error
+    return settings
 
 
-def _keywords() -> dict[str, Callable[[Section, str], Any]]:
-    """Return what a file may say, and how it is read; the rest is the affair of `Settings`."""
-    kinds = {part.name: option_of(part.name).kind for part in option_fields()}
-    return {name: READERS[kind] for name, kind in kinds.items() if kind in READERS}
-
-
-def _read(
-    part: Section, known: Mapping[str, Callable[[Section, str], Any]]
-) -> dict[str, Any]:
-    """Read all that a part of the file says."""
-    part.asked |= dict.fromkeys(known)
+def _take(part: Section, names: Iterable[str]) -> dict[str, Any]:
+    """Take all that a part of the file says; what it may say are these names."""
+    part.asked |= dict.fromkeys(names)
     values = {
-        name: read(part, name) for name, read in known.items() if name in part.content
+        name: _as_tuples(part.take(name)) for name in part.asked if name in part.content
     }
     part.end()
     return values
 
 
-# Values ---------------------------------------------------------------------------------
-def _word(part: Section, name: str) -> str:
-    value = part.take(name)
-    if not isinstance(value, str):
-        raise part.error(name, f"expected a word in quotes, found {quote(value)}")
-    return value
-
-
-def _switch(part: Section, name: str) -> bool:
-    value = part.take(name)
-    if not isinstance(value, bool):
-        raise part.error(name, f"expected true or false, found {quote(value)}")
-    return value
-
-
-def _count(part: Section, name: str) -> int:
-    return part.integer(name, low=1)
-
-
-def _distance(part: Section, name: str) -> tuple[float, ...]:
-    return part.numbers(name, 3)
-
-
-def _diameter(
-    part: Section, name: str
-) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
-    value = part.take(name)
-    if not (
-        isinstance(value, list)
-        and len(value) == 3
-        and all(isinstance(at, list) for at in value[1:])
-    ):
-        raise part.error(
-            name, f"expected [mm, [column, row], [column, row]], found {quote(value)}"
-        )
-    flat = [value[0], *value[1], *value[2]]
-    length, *places = Section({name: flat}, part.where, part.file).numbers(name, 5)
-    return length, tuple(places[:2]), tuple(places[2:])
-
-
-def _albedo(part: Section, name: str) -> float | tuple[float, ...]:
-    is_list = isinstance(part.content[name], list)
-    return part.numbers(name, 3) if is_list else part.number(name)
-
-
-READERS: dict[str, Callable[[Section, str], Any]] = {
-    WORD: _word,
-    NUMBER: Section.number,
-    COUNT: _count,
-    SWITCH: _switch,
-    DISTANCE: _distance,
-    DIAMETER: _diameter,
-}
-PHOTOMETRY_READERS = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {
-    "albedo": _albedo
-}
+def _as_tuples(value: Any) -> Any:
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value

@@ -79,19 +79,16 @@ def test_a_slow_solver_takes_the_newest_and_counts_the_others(pictures):
 
 def test_a_fast_solver_takes_every_frame_as_a_sequence_would(pictures):
     named = [(str(n), picture) for n, picture in enumerate(pictures)]
-    expected = el.reconstruct_sequence(
-        named, UNKNOWN, channel="green", regulariser="second", **FEW
-    )
+    how = {"channel": "green", "regulariser": "second"} | FEW
+    expected = el.reconstruct_sequence(named, UNKNOWN, **how)
     for a, b in zip(patiently(named), expected, strict=True):
         assert (a.name, a.dropped) == (b.name, 0)
         np.testing.assert_allclose(a.result.distance, b.result.distance, rtol=1e-6)
 
 
 def test_it_ends_after_so_many_and_lets_the_camera_go(pictures):
-    assert (
-        len(list(reconstruct_live(coming(pictures, 10**6, 0.01), UNKNOWN, limit=2, **FEW)))
-        == 2
-    )
+    some = reconstruct_live(coming(pictures, 10**6, 0.01), UNKNOWN, limit=2, **FEW)
+    assert len(list(some)) == 2
     assert not readers()
     endless = reconstruct_live(coming(pictures, 10**6, 0.01), UNKNOWN, **FEW)
     next(endless)
@@ -103,22 +100,22 @@ def test_a_video_is_played_and_shrunk_and_lengths_go_with_it(tmp_path):
     large = datasets.load_calibration("simple", 400)
     seen = el.render(Plane(60, 0), large.camera, large.photometry, bits=8)
     write_video(tmp_path / "v.mkv", [seen.image] * 2)
-    known = {"known_distance": (60.0, 199.5, 149.5)}  # straight ahead
     calibration = el.Calibration(large.camera, replace(large.photometry, gain=None))
-    step = next(reconstruct_live(tmp_path / "v.mkv", calibration, **known, **FEW))
-    assert step.result.distance.shape == (240, LIVE_WIDTH)
-    assert step.result.metric
-    assert step.result.distance[120, 160] == pytest.approx(60, rel=0.01)
+
+    def first(**how):
+        return next(reconstruct_live(tmp_path / "v.mkv", calibration, **how, **FEW)).result
+
+    result = first(known_distance=(60.0, 199.5, 149.5))  # straight ahead
+    assert result.distance.shape == (240, LIVE_WIDTH)
+    assert result.metric
+    assert result.distance[120, 160] == pytest.approx(60, rel=0.01)
     mask = np.zeros((300, 400), np.uint8)
     mask[100:200, 100:300] = 255
     cv2.imwrite(str(tmp_path / "m.png"), mask)
-    how = {"mask": tmp_path / "m.png", "width": 100}
-    step = next(reconstruct_live(tmp_path / "v.mkv", calibration, **how, **FEW))
-    assert step.result.mask.shape == (75, 100)
-    assert 0.9 < step.result.mask.sum() / (25 * 50) <= 1.1
-    known = {"known_diameter": (20, (100, 150), (300, 150))}
-    step = next(reconstruct_live(tmp_path / "v.mkv", calibration, **known, **FEW))
-    ends = step.result.points[120, [80, 240]]
+    result = first(mask=tmp_path / "m.png", width=100)
+    assert result.mask.shape == (75, 100)
+    assert 0.9 < result.mask.sum() / (25 * 50) <= 1.1
+    ends = first(known_diameter=(20, (100, 150), (300, 150))).points[120, [80, 240]]
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(20, rel=0.05)
 
 

@@ -2,7 +2,6 @@
 
 import argparse
 import glob
-import json
 import re
 import shlex
 import shutil
@@ -11,8 +10,11 @@ import subprocess
 import pytest
 
 import endolab as el
+from endolab.calibration.targets import Chessboard
 from endolab.cli import main as cli
-from endolab.io.images import read_image, write_image
+from endolab.io.descriptions import write_target
+from endolab.io.images import write_image
+from endolab.io.settings import SolvingSettings, write_settings
 from endolab.io.surfaces import read_depth
 from endolab.io.video import write_video
 
@@ -26,13 +28,13 @@ EXAMPLES = [
     for command in COMMANDS.values()
     for line in command.epilog.splitlines()[1:]
 ]
+# Which need no camera and no screen.
 CHEAP = [
     line
     for line in EXAMPLES
     if line.split()[1] in ("reconstruct", "sweep", "evaluate", "target")
+    and "--live" not in line
 ]
-# Which needs a camera and a screen.
-CHEAP = [line for line in CHEAP if "--live" not in line]
 
 
 def words(example):
@@ -49,32 +51,21 @@ def words(example):
 def made(tmp_path_factory):
     """A folder with small files of the names that the examples use."""
     folder = tmp_path_factory.mktemp("made")
-    options = ["--calibration", "simple", "--width", "64", "--out"]
-    assert cli.main(["simulate", "curved", *options, str(folder / "sim")]) == 0
-    frame = read_image(folder / "sim/frame.png")
+    sim = folder / "sim"
+    command = f"simulate curved --calibration simple --width 64 --out {sim}"
+    assert cli.main(command.split()) == 0
     for name in ("frame", "a", "b"):
-        write_image(folder / f"{name}.png", frame)
-        shutil.copy(folder / "sim/truth.npz", folder / f"{name}.npz")
-    calibration = el.load_calibration(folder / "sim/endoscope.json")
-    el.write_calibration(calibration, folder / "endoscope.json")
-    write_video(folder / "video.mkv", [frame] * 2)
-    truth = {
-        "endolab_target": 1,
-        "kind": "chessboard",
-        "columns": 5,
-        "rows": 4,
-        "spacing": 5.0,
-    }
-    (folder / "target.json").write_text(json.dumps(truth), encoding="utf-8")
-    (folder / "tuned.json").write_text(
-        '{"endolab_settings": 1, "lam": 0.5}', encoding="utf-8"
-    )
-    frame = el.Frame(frame, frame.max(axis=-1) >= 0)
-    result = folder / "result"
-    el.save_result(el.reconstruct(frame, calibration, solver="facing"), result)
-    write_image(
-        folder / "0001_depth.png", read_depth(folder / "sim/truth.npz")["z"] / 100, 16
-    )
+        shutil.copy(sim / "frame.png", folder / f"{name}.png")
+        shutil.copy(sim / "truth.npz", folder / f"{name}.npz")
+    shutil.copy(sim / "endoscope.json", folder)
+    frame = el.read_frame(sim / "frame.png")
+    write_video(folder / "video.mkv", [frame.image] * 2)
+    write_target(Chessboard(5, 4, 5.0), folder / "target.json")
+    write_settings(SolvingSettings({"lam": 0.5}), folder / "tuned.json")
+    calibration = el.load_calibration(sim / "endoscope.json")
+    el.save_result(el.reconstruct(frame, calibration, solver="facing"), folder / "result")
+    depth = read_depth(sim / "truth.npz")["z"] / 100
+    write_image(folder / "0001_depth.png", depth, 16)
     return folder
 
 

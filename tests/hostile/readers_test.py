@@ -48,40 +48,36 @@ def read_kept(path):
 
 
 READERS = {
-    **dict.fromkeys(PICTURES, read_image),
-    **{
-        "mask.png": read_mask,
-        "0042_depth.png": true_z,
-        "video.mkv": read_video,
-        "video.avi": read_video,
-    },
-    **{"depth.npz": read_depth, "traced.npz": traced.read, "run.rrd": read_recording},
-    **{
-        "endoscope.json": el.load_calibration,
-        "target.json": read_target,
-        "settings.json": read_settings,
-    },
-    **{"table.csv": read_table, "detections.jsonl": read_kept, "rig.xml": read_vicalib},
-}
+    "mask.png": read_mask,
+    "0042_depth.png": true_z,
+    "video.mkv": read_video,
+    "video.avi": read_video,
+    "depth.npz": read_depth,
+    "traced.npz": traced.read,
+    "run.rrd": read_recording,
+    "endoscope.json": el.load_calibration,
+    "target.json": read_target,
+    "settings.json": read_settings,
+    "table.csv": read_table,
+    "detections.jsonl": read_kept,
+    "rig.xml": read_vicalib,
+} | dict.fromkeys(PICTURES, read_image)
 INSIDE = {".npz": damaged_arrays, ".json": damaged_json, ".csv": damaged_table}
 SLOW = {"run.rrd": 5}  # how many times fewer examples: it takes a process each
 
 
 def peak():
     """The most memory that this process has had, MB, since it was told to forget."""
-    return (
-        int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024
-    )
+    status = Path("/proc/self/status").read_text()
+    return int(re.search(r"VmHWM:\s+(\d+)", status)[1]) / 1024
 
 
 def damages(path):
     """Damages of a file, from without or, where its format is known, from within."""
-    inside = INSIDE.get(path.suffix)
-    return (
-        damaged_bytes(path)
-        if inside is None
-        else st.one_of(damaged_bytes(path), inside(path))
-    )
+    ways = [damaged_bytes(path)]
+    if path.suffix in INSIDE:
+        ways.append(INSIDE[path.suffix](path))
+    return st.one_of(ways)
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -111,7 +107,7 @@ def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_pa
     "name", ["frames.csv", "report.json", "frames/0/depth.npz", "frames/5/depth.npz"]
 )
 def test_a_video_goes_on_from_damaged_results_or_refuses_them(name, given, tmp_path, capfd):
-    known = ("--calibration", given / "endoscope.json", "--solver", "facing")
+    words = f"reconstruct pictures --calibration endoscope.json --solver facing --out {tmp_path}"
 
     @settings(max_examples=max(EXAMPLES // 4, 1))
     @tried(damages(given / "video" / name))
@@ -120,7 +116,7 @@ def test_a_video_goes_on_from_damaged_results_or_refuses_them(name, given, tmp_p
         shutil.copytree(given / "video", tmp_path / "video")
         (tmp_path / "video" / name).write_bytes(content)
         with contextlib.chdir(given):
-            status = run("reconstruct", "pictures", *known, "--out", tmp_path / "video")
+            status = run(f"{words}/video")
         output = capfd.readouterr().err
         assert (status, len(sentences(output))) in ((0, 0), (2, 1)), output
         if status == 0:

@@ -49,7 +49,6 @@ def saved(values):
 
 WHOLE = saved(NUMBERS)
 DAMAGED = {
-    "empty": b"",
     "text": b"hello",
     "half": WHOLE[: len(WHOLE) // 2],
     "changed": WHOLE.replace(NUMBERS.tobytes()[8:16], bytes(8)),

