@@ -132,7 +132,6 @@ def reconstruct_live(
         not the calibration's size.
     """
     full = calibration.camera
-    limit = None if limit is None else check_int("limit", limit, 1)
     wide = min(LIVE_WIDTH, full.width) if width is None else check_int("width", width, 1)
     if wide > full.width:
         raise ValueError(f"width must be at most the picture's {full.width} px, got {wide}")
@@ -144,11 +143,9 @@ def reconstruct_live(
     check_size("the mask", inside.shape[::-1], full)
     check_scale(**{name: options.get(name) for name in LENGTHS})
     share = np.array([camera.width / full.width, camera.height / full.height])
-    options |= {
-        name: _move_length(options[name], share)
-        for name in LENGTHS[1:]
-        if options.get(name) is not None
-    }
+    for name in LENGTHS[1:]:
+        if options.get(name) is not None:
+            options[name] = _move_length(options[name], share)
     named = isinstance(source, int | str | os.PathLike)
     shots = read_newest(open_stream(source) if named else source)  # type: ignore[arg-type]
     taken: list[Shot] = []
@@ -194,10 +191,8 @@ def _shrink(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Fram
 def _move_length(length: Sequence[Any], share: FloatArray) -> tuple[Any, ...]:
     """Give a known length at the pixels of a picture that is this share of the whole one."""
     mm, *pixels = length
-    places = [
-        tuple(place)
-        for place in ((np.reshape(pixels, (-1, 2)) + 0.5) * share - 0.5).tolist()
-    ]
+    moved = (np.reshape(pixels, (-1, 2)) + 0.5) * share - 0.5
+    places = [tuple(place) for place in moved.tolist()]
     return (mm, *places) if len(places) > 1 else (mm, *places[0])
 
 
@@ -209,16 +204,15 @@ def live_row(step: LiveStep) -> Row:
 
 def live_summary(rows: list[Row], seconds: float) -> str:
     """Sum the rows of so many seconds up in a sentence."""
-    summary = (
-        f"taken {len(rows)} of {len(rows) + sum(row['dropped'] for row in rows)} frames"
-    )
+    came = len(rows) + sum(row["dropped"] for row in rows)
+    summary = f"taken {len(rows)} of {came} frames"
     if rows:
         lag = 1000 * median(row["lag"] for row in rows)
         summary += f", {len(rows) / seconds:.1f} frames/s, lag {lag:.0f} ms median"
     failed = [row["error"] for row in rows if row["error"]]
-    return summary + (
-        f"; {len(failed)} could not be used, such as {failed[-1]}" if failed else ""
-    )
+    if failed:
+        summary += f"; {len(failed)} could not be used, such as {failed[-1]}"
+    return summary
 
 
 def log_steps(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:

@@ -216,16 +216,12 @@ class _Folder:
             check_folder(self.path)
 
     def _check_settings(self) -> None:
-        before = read_report(self.path).get("settings")
-        if not isinstance(before, dict):
-            before = {}
         now = json.loads(json.dumps(self.made_with))
-        for name in sorted({*before, *now}):
-            if before.get(name) != now.get(name):
-                raise ValueError(
-                    f"{self.path} holds frames made with another {name}; choose another folder, "
-                    "or begin anew with overwrite=True"
-                )
+        if read_report(self.path).get("settings") != now:
+            raise ValueError(
+                f"{self.path} holds frames of another video, or made with other settings; "
+                "choose another folder, or begin anew with overwrite=True"
+            )
 
     def _read_done(self) -> None:
         for row in read_rows(self.path / TABLE, FRAME_COLUMNS, TEXT_COLUMNS):

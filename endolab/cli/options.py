@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -64,19 +64,6 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
 
 
-def choice(name: str, choices: Sequence[str]) -> Callable[[str], str]:
-    """Return what reads one of some words, and names the one that may be meant."""
-
-    def read(text: str) -> str:
-        from endolab.model.schema import unknown_name
-
-        if text not in choices:
-            raise argparse.ArgumentTypeError(str(unknown_name(name, text, choices)))
-        return text
-
-    return read
-
-
 def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
     """Return what reads several values of a kind, ``0.1,1,10``."""
     return lambda text: [kind(part.strip()) for part in text.split(",")]
@@ -84,30 +71,17 @@ def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
 
 def albedo(text: str) -> float | tuple[float, ...]:
     """Read the albedo of a matt wall, or its three."""
-    from endolab.model.brdf import Lambertian
-
-    try:
-        first, *others = several(float)(text)
-        return Lambertian((first, *others) if others else first).albedo
-    except ValueError as error:
-        expected = "one number in (0, 1] or three (R,G,B)"
-        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}") from error
+    first, *others = several(number)(text)
+    return (first, *others) if others else first
 
 
 def _distance(text: str) -> tuple[float, ...]:
-    return tuple(_numbers(text, "MM,COLUMN,ROW"))
+    return tuple(several(number)(text))
 
 
 def _diameter(text: str) -> tuple[Any, ...]:
-    mm, *pixels = _numbers(text, "MM,COLUMN1,ROW1,COLUMN2,ROW2")
+    mm, *pixels = several(number)(text)
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
-
-
-def _numbers(text: str, form: str) -> list[float]:
-    values = several(number)(text)
-    if len(values) != form.count(",") + 1:
-        raise argparse.ArgumentTypeError(f"expected {form}, found {text!r}")
-    return values
 
 
 READERS: dict[str, Callable[[str], Any]] = {
@@ -187,12 +161,9 @@ def _add_option(add: Callable[..., Any], name: str, facts: Option, swept: bool) 
         text = f"{facts.help}; several as {lists[name]}"
         add(flag, type=several(READERS[facts.kind]), metavar=facts.form, help=text)
         return
-    reader = READERS[facts.kind]
-    if facts.kind == WORD:
-        reader = choice(name, facts.choices)
     add(
         flag,
-        type=reader,
+        type=READERS[facts.kind],
         choices=facts.choices or None,
         metavar=facts.form or None,
         help=facts.help,

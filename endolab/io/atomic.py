@@ -34,16 +34,13 @@ def without_secrets(text: str) -> str:
 
 
 def as_path(path: PathLike) -> Path:
-    """Take a path; ValueError in one sentence, if nothing can be called so."""
-    name = os.fspath(path)
-    if isinstance(name, str) and is_url(name):
+    """Take a path; ValueError in one sentence, if it is a stream's URL."""
+    name = str(os.fspath(path))
+    if is_url(name):
         raise ValueError(
             f"{without_secrets(name)} is a stream, where a file or a folder is expected"
         )
-    with suppress(UnicodeEncodeError):
-        if name and b"\0" not in os.fsencode(name):
-            return Path(name)
-    raise ValueError(f"no file or folder can be called {name!r}")
+    return Path(name)
 
 
 @contextmanager

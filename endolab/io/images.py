@@ -21,6 +21,7 @@ from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from PIL.Image import Image
 
     from endolab.frames.frame import Frame
     from endolab.model.endoscope import Calibration
@@ -111,19 +112,23 @@ def read_stored(path: PathLike) -> np.ndarray:
             stored = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED))
         if stored.shape[1::-1] != (columns, rows):
             raise ValueError
-    is_clear = picture.mode == "LA" or (stored.ndim == 2 and "transparency" in picture.info)
-    if stored.shape[2:] == (4,):
-        is_clear = np.ptp(stored[..., 3]) > 0
-    if is_clear:
+    if _is_clear(stored, picture):
         raise ValueError(
             f"{path} is transparent in part: save it without that, and say by a mask what is to be used"
         )
     if is_turned:
         say_turned(path)
-    if stored.ndim == 2:
+    if stored.ndim == 2 or content.startswith(JPEG):
         return stored
     is_grey = content.startswith(PNG) and content[25] == 4  # grey and alpha
     return stored[..., 0] if is_grey else stored[..., 2::-1]
+
+
+def _is_clear(stored: np.ndarray, picture: Image) -> bool:
+    """Whether a picture is transparent somewhere, or may be."""
+    if stored.shape[2:] == (4,):
+        return bool(np.ptp(stored[..., 3]) > 0)
+    return picture.mode == "LA" or (stored.ndim == 2 and "transparency" in picture.info)
 
 
 def _bare_png(content: bytes) -> bytes:

@@ -175,24 +175,21 @@ def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(out, tmp_pa
     assert not known[:, 50:].any()
 
 
-@pytest.mark.parametrize("change", ["lam", "mask", "calibration", "sequence"])
+@pytest.mark.parametrize("change", ["lam", "mask", "calibration", "source"])
 def test_other_settings_want_another_folder(film, out, shots, change):
-    reconstruct_video(film, UNKNOWN, out, limit=3, lam=1.0, **QUICK)
+    write_image(film.with_name("m.png"), np.ones((72, 96)))
+    write_video(film.with_name("v.mkv"), [shots[1].image])
+    before = {"source": film, "calibration": UNKNOWN, "mask": None, "lam": 1.0}
+    other = {"source": film.with_name("v.mkv"), "calibration": BASE}
+    other |= {"mask": film.with_name("m.png"), "lam": 2.0}
+    reconstruct_video(**before, out=out, limit=3, **QUICK)
     written = (out / "frames.csv").read_bytes()
-    others = film.with_name("others")
-    others.mkdir()
-    write_image(others / "frame_1.png", shots[1].image)
-    write_image(out.with_name("m.png"), np.ones((72, 96)))
-    source = others if change == "sequence" else film
-    known = BASE if change == "calibration" else UNKNOWN
-    how = {"lam": 2.0 if change == "lam" else 1.0, "limit": 1} | QUICK
-    how["mask"] = out.with_name("m.png") if change == "mask" else None
-    with pytest.raises(ValueError, match=f"{change}.*overwrite"):
-        reconstruct_video(source, known, out, **how)
+    now = before | {change: other[change]} | QUICK
+    with pytest.raises(ValueError, match=r"other settings.*overwrite"):
+        reconstruct_video(**now, out=out, limit=1)
     assert (out / "frames.csv").read_bytes() == written
-    (out / "frames/notes.txt").write_text("mine")
-    assert reconstruct_video(source, known, out, overwrite=True, **how).done_before == 0
-    assert len(names(out / "frames")) == 2
+    assert reconstruct_video(**now, out=out, limit=1, overwrite=True).done_before == 0
+    assert len(names(out / "frames")) == 1
 
 
 def test_files_of_others_are_not_replaced_unasked(film, out):

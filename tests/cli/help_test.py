@@ -1,22 +1,13 @@
-"""The examples at the end of every command's help: all parse, and run where that is quick; the version."""
+"""The examples at the end of every command's help: all parse; the version, and what a shell completes."""
 
 import argparse
-import glob
-import re
 import shlex
-import shutil
 import subprocess
 
 import pytest
 
 import endolab as el
-from endolab.calibration.targets import Chessboard
 from endolab.cli import main as cli
-from endolab.io.descriptions import write_target
-from endolab.io.images import write_image
-from endolab.io.settings import SolvingSettings, write_settings
-from endolab.io.surfaces import read_depth
-from endolab.io.video import write_video
 
 COMMANDS = next(
     action.choices
@@ -28,45 +19,6 @@ EXAMPLES = [
     for command in COMMANDS.values()
     for line in command.epilog.splitlines()[1:]
 ]
-# Which need no camera and no screen.
-CHEAP = [
-    line
-    for line in EXAMPLES
-    if line.split()[1] in ("reconstruct", "sweep", "evaluate", "target")
-    and "--live" not in line
-]
-
-
-def words(example):
-    """The arguments of an example, as a shell would give them."""
-    _, *arguments = shlex.split(example)
-    return [
-        word
-        for text in arguments
-        for word in (sorted(glob.glob(text)) if "*" in text else [text])
-    ]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """A folder with small files of the names that the examples use."""
-    folder = tmp_path_factory.mktemp("made")
-    sim = folder / "sim"
-    command = f"simulate curved --calibration simple --width 64 --out {sim}"
-    assert cli.main(command.split()) == 0
-    for name in ("frame", "a", "b"):
-        shutil.copy(sim / "frame.png", folder / f"{name}.png")
-        shutil.copy(sim / "truth.npz", folder / f"{name}.npz")
-    shutil.copy(sim / "endoscope.json", folder)
-    frame = el.read_frame(sim / "frame.png")
-    write_video(folder / "video.mkv", [frame.image] * 2)
-    write_target(Chessboard(5, 4, 5.0), folder / "target.json")
-    write_settings(SolvingSettings({"lam": 0.5}), folder / "tuned.json")
-    calibration = el.load_calibration(sim / "endoscope.json")
-    el.save_result(el.reconstruct(frame, calibration, solver="facing"), folder / "result")
-    depth = read_depth(sim / "truth.npz")["z"] / 100
-    write_image(folder / "0001_depth.png", depth, 16)
-    return folder
 
 
 def test_every_command_ends_its_help_with_examples():
@@ -82,24 +34,11 @@ def test_help_is_80_columns_wide(monkeypatch):
         assert max(map(len, parser.format_help().splitlines())) <= 80
 
 
-@pytest.mark.parametrize("example", [line for line in EXAMPLES if line not in CHEAP])
+@pytest.mark.parametrize("example", EXAMPLES)
 def test_an_example_parses(example):
-    arguments = cli._parser().parse_args(
-        words(example) if "*" not in example else shlex.split(example)[1:]
-    )
-    assert arguments.command == example.split()[1]
-
-
-@pytest.mark.parametrize("example", CHEAP)
-def test_an_example_runs(example, made, tmp_path, monkeypatch, capsys):
-    shutil.copytree(made, tmp_path / "here")
-    monkeypatch.chdir(tmp_path / "here")
-    # The frame is of that calibration's size.
-    small = re.sub("--calibration (paper|c3vd)", "--calibration endoscope.json", example)
-    small = small.replace("video.mp4", "video.mkv").replace("--width 480", "--width 48")
-    if "sweep *" in small:  # a folder of frames alone
-        (tmp_path / "here/0001_depth.png").unlink()
-    assert cli.main(words(small)) == 0, capsys.readouterr().err
+    command, *words = shlex.split(example)[1:]
+    arguments = cli._parser().parse_args([command, *words])
+    assert arguments.command == command
 
 
 def test_the_version(capsys):

@@ -65,37 +65,15 @@ def damaged_json(draw, path):
 
 
 @st.composite
-def damaged_table(draw, path):
-    """A table in which a cell is another."""
-    rows = [line.split(",") for line in path.read_text().splitlines()]
-    row = draw(st.sampled_from(rows))
-    row[draw(st.integers(0, len(row) - 1))] = draw(
-        st.sampled_from([str(odd) for odd in ODD if odd != "\ud800"])
-    )
-    return "\n".join(map(",".join, rows)).encode()
-
-
-@st.composite
 def damaged_arrays(draw, path):
     """An archive in which an array has other numbers, another shape, or another kind, or is missing."""
     with np.load(path) as archive:
         arrays = dict(archive)
     name = draw(st.sampled_from(sorted(arrays)))
     values = arrays.pop(name)
-    odd = [
-        values[..., None],
-        values.ravel()[:-1],
-        np.array(3),
-        np.array("text"),
-        np.array([{}], object),
-    ]
+    odd = [values[..., None], np.array(3), np.array("text"), np.array([{}], object)]
     if values.dtype.kind != "U":
-        odd += [
-            values.astype(complex),
-            values.astype(bool).astype(int),
-            values * np.nan,
-            values * np.float32(-1e30),
-        ]
+        odd += [values.astype(complex), values * np.nan, values * np.float32(-1e30)]
     changed = draw(st.sampled_from([None, *odd]))
     saved = io.BytesIO()
     np.savez(saved, **arrays, **({} if changed is None else {name: changed}))

@@ -4,10 +4,8 @@ import json
 
 import pytest
 
-import endolab as el
 from endolab.calibration.targets import TARGETS, DotGrid
-from endolab.io.descriptions import read_camera, read_target, write_target
-from endolab.io.settings import SolvingSettings, read_settings, write_settings
+from endolab.io.descriptions import read_target, write_target
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
 
 DOTS = {
@@ -84,23 +82,3 @@ def test_an_unknown_name_lists_those_that_are_known_and_a_missing_file_is_named(
         read_target("vicalib")
     with pytest.raises(FileNotFoundError, match=r"none\.json"):
         read_target(tmp_path / "none.json")
-
-
-@pytest.mark.parametrize(
-    "encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"]
-)
-def test_json_is_read_whatever_its_byte_order_mark(encoding, tmp_path):
-    known = el.Calibration(
-        el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5), el.Photometry(), {"from": "Gießen"}
-    )
-    settings = SolvingSettings({"lam": 0.5}, {})
-    el.write_calibration(known, tmp_path / "endoscope.json")
-    write_target(TARGETS["vicalib_big"], tmp_path / "sheet.json")
-    write_settings(settings, tmp_path / "settings.json")
-    for path in tmp_path.iterdir():
-        path.write_bytes(path.read_text(encoding="utf-8").encode(encoding))
-    read = el.load_calibration(tmp_path / "endoscope.json")
-    assert (read, read.evidence) == (known, known.evidence)
-    assert read_camera(tmp_path / "endoscope.json") == known.camera
-    assert read_target(tmp_path / "sheet.json") == TARGETS["vicalib_big"]
-    assert read_settings(tmp_path / "settings.json") == settings

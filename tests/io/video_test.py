@@ -238,9 +238,7 @@ def test_what_is_secret_in_a_url_is_in_no_message(url, read):
     "command",
     [
         "reconstruct {} --calibration simple --out r",
-        "reconstruct a.png --calibration {} --out r",
         "calibrate {} --target charuco --out c.json",
-        "simulate colon --width 16 --out {}",
         "evaluate {} {}",
     ],
 )

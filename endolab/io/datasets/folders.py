@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,6 @@ from endolab.io.datasets.sample import Sample, data_folder
 from endolab.io.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
 from endolab.io.datasets.ucl2019 import read_ucl2019, read_ucl2019_depth
 from endolab.model.cameras import Camera
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 # Of frames, by the names of their colour pictures, in order.
@@ -135,21 +135,15 @@ def find_dataset(layout: str, prefer: str = "") -> Folder | None:
     Folder or None
         The first by name, whatever it is called; None if there is none, or no `data_folder`.
     """
-    if layout not in (known := ("c3vd", "simcol3d")):
-        raise unknown_name("layout", layout, known)
     place = data_folder()
-    inside = (
-        []
-        if place is None
-        else [*sorted(entry for entry in place.iterdir() if entry.is_dir()), place]
-    )
+    if place is None:
+        return None
+    inside = [*sorted(entry for entry in place.iterdir() if entry.is_dir()), place]
     for folder in sorted(inside, key=lambda folder: prefer not in folder.name):
-        try:
+        with suppress(OSError, ValueError):  # other files, or other data
             dataset = open_dataset(folder)
-        except (OSError, ValueError):  # other files, or other data
-            continue
-        if dataset.layout == layout:
-            return dataset
+            if dataset.layout == layout:
+                return dataset
     return None
 
 
@@ -160,13 +154,9 @@ def depth_layout(path: PathLike) -> str | None:
         return "c3vd"
     if not name.endswith(".png"):
         return None
-    return (
-        "simcol3d"
-        if name.startswith("depth_")
-        else "ucl2019"
-        if "_depth_" in name
-        else None
-    )
+    if name.startswith("depth_"):
+        return "simcol3d"
+    return "ucl2019" if "_depth_" in name else None
 
 
 def true_z(path: PathLike) -> FloatArray:
