@@ -297,9 +297,7 @@ def test_a_bad_option(sim, tmp_path, refused, options, named):
     ("name", "content", "named"),
     [
         ("frame", np.full((120, 160), 0.5), "constant"),
-        ("frame", np.full((60, 80), 0.5), "80x60 px"),
         ("frame", b"hello", "frame.png"),
-        ("frame", None, "frame.png"),
         ("mask", np.ones((60, 80)), "80x60 px"),
         ("calibration", b'{"endolab": 3}', "calibration.png"),
         ("calibration", None, "calibration.png"),

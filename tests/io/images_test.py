@@ -97,9 +97,8 @@ def test_a_picture_that_is_cut_off_is_refused_and_nothing_is_printed(
     path = tmp_path / f"a{suffix}"
     Image.fromarray(rng.integers(0, 256, (60, 80, 3)).astype(np.uint8)).save(path)
     whole = path.read_bytes()
-    counts = [0, 8, 50, len(whole) // 2, int(0.7 * len(whole))]
-    counts += [len(whole) - 2] if suffix in (".png", ".jpg") else []
-    for count in counts:
+    least = 2 if suffix in (".png", ".jpg") else len(whole) // 3
+    for count in (0, 50, len(whole) // 2, len(whole) - least):
         path.write_bytes(whole[:count])
         with pytest.raises(ValueError, match=rf"a\{suffix}: not a picture"):
             read_image(path)
@@ -256,14 +255,12 @@ def test_a_grey_that_stands_for_nothing_is_refused(tmp_path):
         read_image(tmp_path / "a.png")
 
 
-@pytest.mark.parametrize("bits", range(9, 17))
+@pytest.mark.parametrize("bits", [9, 12, 16])
+@pytest.mark.parametrize("shift", [False, True])
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
-def test_fewer_bits_than_the_file_has_are_named(tmp_path, caplog, bits, suffix):
+def test_fewer_bits_than_the_file_has_are_named(tmp_path, caplog, bits, shift, suffix):
+    path = tmp_path / f"a.{suffix}"
     ramp = np.linspace(0, 2**bits - 1, 2000).reshape(40, 50).astype(np.uint16)
-    for name, stored in {"low": ramp, "high": ramp << (16 - bits)}.items():
-        (tmp_path / f"{name}.{suffix}").write_bytes(
-            cv2.imencode(f".{suffix}", stored)[1].tobytes()
-        )
-        caplog.clear()
-        el.read_frame(tmp_path / f"{name}.{suffix}")
-        assert (f"{bits} of its 16 bits" in caplog.text) is (name == "low" and bits < 16)
+    cv2.imwrite(str(path), ramp << (16 - bits) if shift else ramp)
+    el.read_frame(path)
+    assert (f"{bits} of its 16 bits" in caplog.text) is (not shift and bits < 16)

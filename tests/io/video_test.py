@@ -68,8 +68,6 @@ def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pict
     assert (frames.path, frames.names) == (tmp_path, tuple(places))
     for (_, image), picture in zip(frames, pictures, strict=False):
         np.testing.assert_allclose(image, picture, atol=1e-9)
-    together = open_frames(tmp_path / "a/2.png", tmp_path / "a/10.png")
-    assert together == open_frames(tmp_path / "a")
     assert open_frames(tmp_path / "a/2.png").names == ("2.png",)
     with pytest.raises(ValueError, match=r"none\.png"):
         open_frames(tmp_path / "a/2.png", tmp_path / "none.png")

@@ -95,8 +95,6 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
     assert np.isnan(z[540, 1])
     assert np.all(np.isnan(z[:, 0]))
     assert z[540, 3] == pytest.approx(65534 / 655.35)
-    assert z[543, 679] == pytest.approx(10.0, abs=1e-3)
-    assert not np.any(sample.distance < z)
     assert np.nanmedian(z) == pytest.approx(20.0, abs=1e-3)
     assert sample.distance[543, 679] == pytest.approx(10.0, abs=1e-3)  # on the axis
     assert sample.distance[543, 3] > 1.5 * z[543, 3]  # at the rim
@@ -125,27 +123,6 @@ def test_a_frame_of_ucl2019(tmp_path):
     side = 127.5 / 128  # the lower right corner, off the axis by as much across as down
     assert sample.distance[255, 255] == pytest.approx(40.0 * np.sqrt(1 + 2 * side**2))
     assert sample.calibration.camera == UCL
-    assert sample.calibration.photometry.gain is None
-    z = datasets.true_z(tmp_path / f"{SERIES}_Depth_0012.png")
-    assert z[5, 5] == pytest.approx(40.0)
-    assert np.isnan(z[0, :2]).all()
-
-
-@pytest.mark.parametrize(
-    ("load", "message"),
-    [
-        (lambda folder: LOAD["c3vd"](folder, 7), "0007_color.png"),
-        (LOAD["c3vd"], "0042_depth.tiff"),
-        (LOAD["simcol3d"], "Depth_0007.png"),
-        (LOAD["ucl2019"], f"{SERIES}_Depth_0012.png"),
-        (lambda folder: datasets.true_z(folder / "0001_depth.png"), "0001_depth.png"),
-    ],
-)
-def test_a_missing_file_is_named(tmp_path, load, message):
-    for name in COLOUR.values():
-        write(tmp_path, name, np.zeros((4, 4), np.uint8))
-    with pytest.raises(FileNotFoundError, match=rf"^{tmp_path}/.*{message}"):
-        load(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -180,16 +157,6 @@ def test_depth_in_another_unit(tmp_path, name, value, message):
         datasets.true_z(tmp_path / name)
 
 
-def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
-    write(tmp_path, "0042_depth.tiff", np.full((540, 675), 13107, np.uint16))
-    write(tmp_path, "0042_color.png", np.zeros((540, 675, 3), np.uint8))
-    sample = datasets.read_c3vd(tmp_path, 42)
-    assert sample.calibration == datasets.load_calibration("c3vd", 675)
-    z = sample.distance * sample.calibration.camera.field.cos_alpha
-    assert np.isfinite(z).mean() > 0.9  # the camera has no rays in the corners
-    assert_allclose(z[np.isfinite(z)], 20.0, atol=1e-3)
-
-
 @every_layout
 def test_colours_of_another_size(tmp_path, layout):
     WRITE[layout](tmp_path)
@@ -207,11 +174,8 @@ def test_a_folder_tells_its_layout(tmp_path, layout):
     (tmp_path / "notes.txt").write_text("a frame")
     folder = folders.open_dataset(tmp_path, camera)
     assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
-    by_position = folder[0]
-    by_name = folder[name]
-    assert_array_equal(by_position.distance, by_name.distance)
-    assert by_position.frame.name == name
     assert [sample.frame.name for sample in folder] == [name]
+    assert_array_equal(folder[0].distance, folder[name].distance)
     with pytest.raises(ValueError, match="7"):
         folder["7"]
     with pytest.raises(ValueError, match="camera"):
