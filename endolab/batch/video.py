@@ -52,6 +52,9 @@ if TYPE_CHECKING:
 TABLE = "frames.csv"
 VIDEO_FILES = ("frames", TABLE, "recording.rrd", REPORT)
 
+# After which what is done stays.
+ENDINGS = (KeyboardInterrupt, OSError, MemoryError)
+
 Maps = dict[str, np.ndarray]
 
 
@@ -162,7 +165,7 @@ def reconstruct_video(
                 f"no frame could be reconstructed; the first: {rows[0]['error']}"
             )
         folder.close()
-    except (KeyboardInterrupt, OSError, MemoryError) as failure:
+    except ENDINGS as failure:
         count = sum(map(folder.is_done, wanted))
         if count == 0:
             raise
@@ -170,7 +173,8 @@ def reconstruct_video(
             folder.close_recording()
         reason = str(failure) or "stopped"
         stay = f"{count} of {len(wanted)} frames are done and stay"
-        raise type(failure)(f"{reason}; {stay}, the same command goes on") from failure
+        kind = next(kind for kind in ENDINGS if isinstance(failure, kind))
+        raise kind(f"{reason}; {stay}, the same command goes on") from failure
     paths = (folder.path / name for name in VIDEO_FILES)
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 

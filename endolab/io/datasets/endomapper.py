@@ -98,7 +98,8 @@ def read_vicalib(path: PathLike) -> Camera:
     fu, fv, u0, v0, *distortion = model.numbers("params", count)
     try:
         if distortion:
-            return KannalaBrandt(width, height, fu, fv, u0, v0, tuple(distortion))
+            k = tuple(distortion)
+            return KannalaBrandt(width, height, fu, fv, u0, v0, k)  # type: ignore[arg-type]
         return Pinhole(width, height, fu, fv, u0, v0)
     except ValueError as error:
         raise model.error("", str(error)) from error
