@@ -40,7 +40,7 @@ GIVEN_UP = {
     ),
 }
 # A function is named by a verb or by what it returns; these are properties that name a quantity, and a guard.
-PARTICIPLES = {"misplaced", "shown", "arrived", "pictured", "_hidden"}
+PARTICIPLES = {"misplaced", "shown", "arrived", "pictured"}
 IRREGULAR = {
     *(
         "found",

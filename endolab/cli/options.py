@@ -230,10 +230,10 @@ def announce_compiling() -> Iterator[None]:
     from endolab.numerics.compiled import COMPILED
 
     class Watching(event.Listener):
-        said = False
+        is_first = True
 
         def on_start(self, event: object) -> None:
-            if not self.said:
+            if self.is_first:
                 text = (
                     "Compiling for this machine, a minute or so; only the first run does."
                 )
@@ -241,7 +241,7 @@ def announce_compiling() -> Iterator[None]:
                     text = "Compiling, a minute or so, in every run: "
                     text += "NUMBA_CACHE_DIR can name a folder to keep it in."
                 tqdm.write(text, file=sys.stderr)
-            self.said = True
+            self.is_first = False
 
         def on_end(self, event: object) -> None:
             pass

@@ -64,7 +64,7 @@ def name_damage(path: PathLike, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def _named(temporary: Path, target: Path) -> Iterator[None]:
+def _name_target(temporary: Path, target: Path) -> Iterator[None]:
     """Make one sentence of an OSError, in which `target` stands for what is temporary."""
     try:
         yield
@@ -144,7 +144,7 @@ def stage_folder(
     staging = target / f"{_TEMPORARY}{secrets.token_hex(4)}"
     made: list[Path] = []
     try:
-        with _named(staging, target):
+        with _name_target(staging, target):
             made = [path for path in (target, *target.parents) if not path.exists()]
             staging.mkdir(parents=True)
             yield staging
@@ -211,7 +211,7 @@ def stage_file(
     target = as_path(path)
     temporary = target.parent / f"{_TEMPORARY}{secrets.token_hex(4)}{target.suffix}"
     try:
-        with _named(temporary, target):
+        with _name_target(temporary, target):
             temporary.touch(exist_ok=False)
             yield temporary
             temporary.replace(target)

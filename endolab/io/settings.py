@@ -53,14 +53,14 @@ class SolvingSettings:
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
     """Write settings as JSON, whole or not at all; `read_settings` reads them. None is left out."""
-    content = {FORMAT: VERSION} | _given(settings.keywords)
-    light = _given(settings.photometry)
+    content = {FORMAT: VERSION} | _without_none(settings.keywords)
+    light = _without_none(settings.photometry)
     if light:
         content["photometry"] = light
     write_atomically(path, as_json(content))
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 

@@ -69,7 +69,7 @@ def read_depth(
     for name in needed:
         if name not in maps:
             raise ValueError(f"{path}: {name} is missing")
-    size = maps["distance"].shape if "distance" in maps else ()
+    size = maps["distance"].shape
     for name, values in maps.items():
         is_real = name in (*DEPTH_MAPS, *TRUSTED)
         expected = () if name == "metric" else (*size, *DEPTH_MAPS.get(name, ()))
@@ -81,8 +81,7 @@ def read_depth(
             maps[name] = np.where(np.isfinite(values), values, np.nan)
             if np.nanmax(np.abs(maps[name]), initial=0.0) > FARTHEST:
                 raise ValueError(f"{path}: {name} holds values that no surface has")
-    if "distance" in maps:
-        maps["distance"][maps["distance"] < NEAREST] = np.nan
+    maps["distance"][maps["distance"] < NEAREST] = np.nan
     return maps
 
 

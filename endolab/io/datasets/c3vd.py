@@ -77,6 +77,4 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
     depths = _files_by_number(Path(folder) / _PLACES[place], r"_depth\.(?:png|tiff)")
     depth = Path(_PLACES[place]) / depths.get(index, f"{index:04d}_depth.tiff")
     known_as = CALIBRATIONS["c3vd_v2" if place == _SECOND else "c3vd"]
-    return load_sample(
-        folder, colour, str(depth), read_c3vd_depth, known_as, shrinkable=True
-    )
+    return load_sample(folder, colour, str(depth), read_c3vd_depth, known_as)

@@ -66,32 +66,28 @@ def load_sample(
         [PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]
     ],
     calibration: Calibration,
-    shrinkable: bool = False,
 ) -> Sample:
     """Load a frame and its truth from two files of a folder.
 
     `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
-    shows. A `shrinkable` calibration follows pictures that were shrunk in proportion.
+    shows. The calibration follows pictures that were shrunk in proportion.
     """
     colour = Path(folder) / colour_name
     depth = Path(folder) / depth_name
     image = read_image(colour)
     z, known, *shown = read_depth(depth)
+    rows, columns = z.shape
     camera = calibration.camera
-    if shrinkable and z.shape[1] < camera.width:
-        shrunk = calibration.resize(
-            z.shape[1], round(camera.height * z.shape[1] / camera.width)
-        )
-        calibration = shrunk if shrunk.camera.height == z.shape[0] else calibration
+    if columns < camera.width and rows == round(camera.height * columns / camera.width):
+        calibration = calibration.resize(columns, rows)
         camera = calibration.camera
-    check_size(str(depth), z.shape[::-1], camera)
-    if image.shape != (*z.shape, 3):
+    check_size(str(depth), (columns, rows), camera)
+    if image.shape != (rows, columns, 3):
         raise ValueError(
-            f"{colour}: expected colours of {z.shape[1]}x{z.shape[0]} px as its depth map, "
+            f"{colour}: expected colours of {columns}x{rows} px as its depth map, "
             f"found the shape {image.shape}"
         )
     forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
     mask = shown[0] if shown else np.ones(z.shape, dtype=bool)
-    return Sample(
-        Frame(image, mask, colour.name), calibration, np.where(known, z, np.nan) / forward
-    )
+    distance = np.where(known, z, np.nan) / forward
+    return Sample(Frame(image, mask, colour.name), calibration, distance)
