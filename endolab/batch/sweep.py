@@ -152,7 +152,11 @@ def _solve_all(
     solve: Callable[..., Row], tasks: dict[Key, Task], n_jobs: int | None
 ) -> Generator[Row]:
     """Give rows as joblib's workers make them, whose processes end with this one."""
-    beginning = {"initializer": end_with, "initargs": (os.getpid(),)}  # of processes
+    # Of processes.
+    beginning = {
+        "initializer": end_with,
+        "initargs": (os.getpid(),),
+    }
     parallel = joblib.Parallel(n_jobs, return_as="generator_unordered", **beginning)
     with ExitStack() as ending:
         with deaf_to_interrupts():

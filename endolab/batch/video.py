@@ -127,7 +127,10 @@ def reconstruct_video(
         "mask": None if mask is None else str(mask),
         "calibration": replace(calibration, evidence={}).to_dict(),
     }
-    replacing = {"overwrite": overwrite, "inputs": [source, mask, *inputs]}
+    replacing = {
+        "overwrite": overwrite,
+        "inputs": [source, mask, *inputs],
+    }
     folder = _Folder(Path(out), frames, calibration, made_with, replacing)
     folder.find_done()
     before = [name for name in wanted if folder.is_done(name)]
@@ -154,7 +157,10 @@ def reconstruct_video(
             folder.add(step)
             if result is not None:
                 carried = step.carried
-                maps = {"distance": result.distance, "normals": result.normals}
+                maps = {
+                    "distance": result.distance,
+                    "normals": result.normals,
+                }
                 folder.record(name, picture, maps)
             done += 1
             if progress is not None:

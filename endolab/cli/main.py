@@ -73,7 +73,10 @@ def _simulate(arguments: argparse.Namespace) -> None:
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
     given = {name: getattr(arguments, name) for name in names}
     chosen = {name: value for name, value in given.items() if value is not None}
-    replacing = {"overwrite": arguments.overwrite, "inputs": [arguments.calibration]}
+    replacing = {
+        "overwrite": arguments.overwrite,
+        "inputs": [arguments.calibration],
+    }
     with stage_folder(arguments.out, **replacing) as folder:
         rendered = render(
             SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen
@@ -124,7 +127,10 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         raise ValueError(
             f"{arguments.depth} is in relative units: compare it with --scale median"
         )
-    known = {"normals": depth.get("normals"), "true_normals": normals}
+    known = {
+        "normals": depth.get("normals"),
+        "true_normals": normals,
+    }
     e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
     trusted = None
     if "sigma" in depth:

@@ -58,7 +58,12 @@ def _refuse(arguments: argparse.Namespace, options: tuple[str, ...], kind: str) 
 
 def _where(arguments: argparse.Namespace) -> dict[str, Any]:
     """Say what may be replaced in the folder of results, and what never."""
-    inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
+    inputs = [
+        arguments.frame,
+        arguments.calibration,
+        arguments.mask,
+        arguments.settings,
+    ]
     return {"overwrite": arguments.overwrite, "inputs": inputs}
 
 
