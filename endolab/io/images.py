@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
-import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +14,14 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
+from endolab.io.damaged import END, ENOUGH, JPEG, PNG, SCAN, bare_png, mend
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from PIL.Image import Image
+    from PIL.ImageFile import ImageFile
 
     from endolab.frames.frame import Frame
     from endolab.model.endoscope import Calibration
@@ -29,13 +29,17 @@ if TYPE_CHECKING:
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
 PICTURE = "a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
-PNG = b"\x89PNG\r\n\x1a\n"
-# Chunks of a PNG that its picture depends on, and how that is to be turned.
-PNG_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND")
-JPEG = b"\xff\xd8"
-# Of a JPEG: before its pixels, and after them.
-SCAN = b"\xff\xda"
-END = b"\xff\xd9"
+# How what has been turned by it is turned back.
+AS_SEEN: dict[int, Callable[[np.ndarray], np.ndarray]] = {
+    2: np.fliplr,
+    3: lambda a: np.rot90(a, 2),
+    4: np.flipud,
+    5: lambda a: np.swapaxes(a, 0, 1),
+    6: np.rot90,
+    7: lambda a: np.rot90(np.swapaxes(a, 0, 1), 2),
+    8: lambda a: np.rot90(a, -1),
+}
+OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
 
 
@@ -71,7 +75,7 @@ def write_figure(path: PathLike, figure: Figure) -> None:
 def read_image(path: PathLike) -> FloatArray:
     """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
 
-    Stored values over their maximum (255 or 65535); R, G, B. OSError or
+    Stored values over their maximum (255 or 65535); R, G, B. What is transparent is black. OSError or
     ValueError in one sentence, if there is no such file or it is not such a picture; MemoryError, if it is
     too large for this machine.
     """
@@ -85,77 +89,106 @@ def _in_unit(stored: np.ndarray, path: PathLike) -> FloatArray:
 
 
 def read_stored(path: PathLike) -> np.ndarray:
-    """Read a picture as the numbers that the file holds, R, G, B; errors as of `read_image`."""
+    """Read a picture as the numbers that the file holds, R, G, B; 0 where it is transparent."""
+    return decode(read_bytes(path), path)[0]
+
+
+def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
+    """Decode the content of a picture's file as `read_stored` does; errors call it `name`.
+
+    Also returns alpha, (H, W), over its largest, and nan in rows that are cut off.
+    """
+    try:
+        stored, alpha = _decode(content, name)
+        whole = len(stored)
+    except ValueError:
+        with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+            content, whole, rows = mend(content)
+        lack = f"only {whole} of its {rows} rows are whole"
+        if whole < ENOUGH * rows:
+            raise ValueError(f"{name} is damaged: {lack}") from None
+        stored, alpha = _decode(content, name)
+        log.warning(
+            "%s is damaged: %s", name, lack if whole < rows else "only its picture is whole"
+        )
+    if not alpha.any():
+        raise ValueError(f"{name} is completely transparent: there is no pixel to use")
+    alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
+    alpha[whole:] = np.nan
+    stored[~(alpha >= OPAQUE)] = 0
+    return stored, alpha
+
+
+def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is stored, R, G, B, and alpha, (H, W), in any unit."""
     from PIL import Image
 
-    content = read_bytes(path)
-    # Pillow refuses sizes that no picture has, where OpenCV does not.
-    with name_damage(path, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
-        if content.startswith(PNG):
-            content = _bare_png(content)
+    # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
+    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
         # Else all of it would be decoded.
         at_hand = picture.format != "PNG" or "exif" in picture.info
         orientation = 274  # the tag that says how a picture is to be turned
-        is_turned = at_hand and picture.getexif().get(orientation, 1) != 1
+        turned = picture.getexif().get(orientation, 1) if at_hand else 1
     columns, rows = picture.size
-    check_memory(columns * rows * DECODED, f"{path}: a picture of {columns}x{rows} px")
-    if is_turned and picture.format == "TIFF":  # which OpenCV turns, alone of all
-        raise ValueError(f"{path} is marked to be shown turned: save it without that mark")
-    with name_damage(path, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+    check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
+    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         if content.startswith(JPEG):  # of which OpenCV prints what is wrong
             if END not in content[content.rfind(SCAN) :]:
                 raise ValueError
             stored = np.array(picture.convert("RGB") if picture.mode == "CMYK" else picture)
+            alpha = np.ones((rows, columns))
         else:
-            encoded = np.frombuffer(content, np.uint8)
-            stored = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED))
+            stored, alpha = _with_alpha(content, picture)
         if stored.shape[1::-1] != (columns, rows):
             raise ValueError
-    if _is_clear(stored, picture):
-        raise ValueError(
-            f"{path} is transparent in part: save it without that, and say by a mask what is to be used"
+    if turned != 1:
+        say_turned(name)
+    if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
+        return AS_SEEN[turned](stored), AS_SEEN[turned](alpha)
+    return stored, alpha
+
+
+def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndarray]:
+    """Decode a PNG, TIFF or BMP by OpenCV; where that leaves alpha out, find it."""
+    from PIL import Image
+
+    Image.open(io.BytesIO(content), formats=FORMATS).verify()  # the checksums of a PNG
+    is_png = content.startswith(PNG)
+    if is_png and b"IEND\xaeB`\x82" not in content:  # its last chunk, and the checksum
+        raise ValueError
+    readable = bare_png(content) if is_png else content
+    stored: np.ndarray = np.asarray(
+        cv2.imdecode(np.frombuffer(readable, np.uint8), cv2.IMREAD_UNCHANGED)
+    )
+    alpha: np.ndarray = (
+        stored[..., 3] if stored.shape[2:] == (4,) else np.ones(stored.shape[:2])
+    )
+    if stored.ndim == 3:
+        is_grey = is_png and content[25] == 4  # its colour type: grey and alpha
+        stored = stored[..., 0] if is_grey else stored[..., 2::-1]
+    args = picture.tile[0].args or ("",)
+    if args[0] == "BGRX":  # a BMP's fourth byte is unused, or alpha
+        pixels = content[picture.tile[0].offset :]
+        alpha = np.asarray(
+            Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:])
+        )[..., 3]
+    elif picture.mode == "LA":
+        alpha = np.asarray(picture)[..., 1]
+    elif stored.ndim == 2 and "transparency" in picture.info:  # one grey of 1 to 16 bits
+        most = np.iinfo(stored.dtype).max
+        alpha = stored != min(
+            picture.info["transparency"] * (most // (2 ** content[24] - 1)), most
         )
-    if is_turned:
-        say_turned(path)
-    if stored.ndim == 2 or content.startswith(JPEG):
-        return stored
-    is_grey = content.startswith(PNG) and content[25] == 4  # grey and alpha
-    return stored[..., 0] if is_grey else stored[..., 2::-1]
-
-
-def _is_clear(stored: np.ndarray, picture: Image) -> bool:
-    """Whether a picture is transparent somewhere, or may be."""
-    if stored.shape[2:] == (4,):
-        return bool(np.ptp(stored[..., 3]) > 0)
-    return picture.mode == "LA" or (stored.ndim == 2 and "transparency" in picture.info)
-
-
-def _bare_png(content: bytes) -> bytes:
-    """Return a PNG without what is beside its picture, of which libpng would print what is wrong.
-
-    ValueError, if the picture is not whole.
-    """
-    parts = [PNG]
-    at = len(PNG)
-    while at < len(content):
-        end = at + 12 + int.from_bytes(content[at : at + 4])
-        chunk = content[at:end]
-        name = chunk[4:8]
-        if name in PNG_CHUNKS:
-            if zlib.crc32(chunk[4:-4]) != int.from_bytes(chunk[-4:]):
-                raise ValueError
-            parts.append(chunk)
-        if name == b"IEND":
-            return b"".join(parts)
-        at = end
-    raise ValueError
+    return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(
+        alpha.shape
+    )
 
 
 def say_turned(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-    log.warning(message, name)
+    logging.getLogger("endolab").warning(message, name)
 
 
 def is_picture(path: PathLike) -> bool:
@@ -172,9 +205,16 @@ def is_picture(path: PathLike) -> bool:
 
 
 def read_mask(path: PathLike) -> BoolArray:
-    """Read a mask, (H, W): True where the picture is brighter than half."""
-    image = read_image(path)
-    return (image if image.ndim == 2 else image.max(axis=-1)) > 0.5
+    """Read a mask, (H, W): True where the picture is brighter than half.
+
+    If part of it is transparent, True elsewhere, unless black and white are drawn there.
+    """
+    stored, alpha = decode(read_bytes(path), path)
+    image = _in_unit(stored, path)
+    level = image if image.ndim == 2 else image.max(axis=-1)
+    bright = level > 0.5
+    is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
+    return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
 
 
 def read_frame(
@@ -189,12 +229,12 @@ def read_frame(
     calibration : Calibration, optional
         If given, the frame must have its size.
     mask : path, optional
-        A picture of the frame's size, bright where the frame is to be used.
+        A picture of the frame's size, bright where the frame is to be used, or transparent elsewhere.
 
     Returns
     -------
     Frame
-        Stored values in [0, 1] and the pixels that are to be used.
+        Stored values in [0, 1] and the pixels that are to be used, all of them opaque.
 
     Raises
     ------
@@ -216,7 +256,7 @@ def read_frame(
     # Here, for who only writes pictures needs no compiled loops.
     from endolab.frames.frame import Frame, check_size
 
-    stored = read_stored(path)
+    stored, alpha = decode(read_bytes(path), path)
     image = _in_unit(stored, path)
     rows, columns = image.shape[:2]
     if calibration is not None:
@@ -231,4 +271,14 @@ def read_frame(
         raise ValueError(f"the mask {mask} is {shape}, the frame {columns}x{rows} px")
     if not inside.any():
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
+    opaque = alpha >= OPAQUE
+    if not opaque.all():
+        log.warning(
+            "%s: %.3g %% of it is transparent or missing, and left out",
+            path,
+            100 * np.mean(~opaque),
+        )
+        inside &= opaque
+        if not inside.any():
+            raise ValueError(f"{path} is transparent or missing wherever it would be used")
     return Frame(image, inside, Path(path).name)
