@@ -10,7 +10,7 @@ from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
 from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
 from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field
-from endolab.reconstruction.uncertainty.estimate import SAMPLING, uncertainty_of
+from endolab.reconstruction.uncertainty.estimate import SAMPLING, re_solve, uncertainty_of
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import NOMINAL_SIGMA, PriorSigma
 from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
@@ -18,7 +18,7 @@ from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import LightOutcome, LightReport, Provenance, Scale
 from endolab.solvers.result import Iterate, run
-from tests.tools.problems import problem_of
+from tests.tools.problems import finish, problem_of
 
 CERTAIN = PriorSigma(**{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"})
 
@@ -168,6 +168,27 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
         assert 0.5 < sigma[rows].mean() / off[rows].mean() < 3
     assert np.all(uncertainty.dominant_source[above[0]] == BORDER)
     assert np.mean(uncertainty.dominant_source[20:30, 40:80] == DATA) > 0.9
+
+
+@pytest.mark.parametrize("choice", ["λ", "contours"])
+def test_another_choice_moves_a_surface_as_a_whole_run_does(choice):
+    """Four steps of the solver, against those to the end."""
+
+    def settle(problem, start=None):
+        *_, last = gauss_newton(problem, start=start, tolerance=1e-4, max_iterations=100)
+        return np.where(problem.mask, last.log_distance, 0.0)
+
+    problem, _ = problem_of("colon", 100)
+    v = settle(problem)
+    other = replace(problem, lam=4 * problem.lam)
+    if choice == "contours":
+        other = cut_at_contours(problem)
+    found = finish(re_solve(other, v)) - v
+    there = settle(other, v) - v
+    assert np.std(there) > 0.005
+    assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.8
+    assert np.std(found) == pytest.approx(np.std(there), rel=0.3)
+    assert np.all(found[~problem.mask] == 0)
 
 
 def test_light_that_bounced_and_was_left_in_counts_whole(curved):
