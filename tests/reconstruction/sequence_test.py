@@ -108,7 +108,8 @@ def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(
     last = whole[2].result
     min_steepness = min_steepness_of(last) or 0
     frame = as_frame(*frames[2])
-    kept = Carried.take_up(Surface.of(last), frame, calibration, min_steepness, last.energy)
+    surface = Surface(last.distance, last.problem.photometry.gain, last.metric)
+    kept = Carried.take_up(surface, frame, calibration, min_steepness, last.energy)
     (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, **options)
     assert rest.warm == whole[3].warm
     off = np.abs(rest.result.distance / whole[3].result.distance - 1)[rest.result.mask]
@@ -121,7 +122,7 @@ def test_the_link_is_exact_for_one_surface_in_two_units():
         el.Frame(shots(WAYS["tube"][:1])[0].image, BASE.camera.field.valid), UNKNOWN
     )
     other = replace(result, iterate=in_unit(result.iterate, 3.0, False))
-    assert scale_between(Surface.of(other), result) == pytest.approx(3, rel=1e-6)
+    assert scale_between(other, result) == pytest.approx(3, rel=1e-6)
 
 
 def test_a_start_from_the_last_is_as_good_as_a_cold_one():

@@ -238,84 +238,48 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     assert np.median(share[mask & ~lost]) < 0.2
 
 
+def stop_at(draw, wish=None):
+    """Observers that want a stop after a draw, or raise a wish of the user's."""
+
+    def observer(progress):
+        if progress.done == draw and wish is not None:
+            raise wish
+        return progress.done == draw
+
+    return {"observers": [observer]}
+
+
 def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     _, _, result, uncertainty = curved
-    assert np.array_equal(
-        uncertainty_of(result, threads=1).sigma, uncertainty.sigma, equal_nan=True
-    )
+    again = uncertainty_of(result, threads=1)
+    assert np.array_equal(again.sigma, uncertainty.sigma, equal_nan=True)
     assert uncertainty.status is Status.CONVERGED
-    early = uncertainty_of(result, observers=[lambda progress: progress.done == 6])
+    early = uncertainty_of(result, **stop_at(6))
     assert (early.draws, early.status) == (6, Status.STOPPED)
     assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
-
-    def interrupt(progress):
-        if progress.done == SAMPLING.least_draws:
-            raise KeyboardInterrupt
-
-    assert uncertainty_of(result, observers=[interrupt]).draws == SAMPLING.least_draws
+    least = SAMPLING.least_draws
+    assert uncertainty_of(result, **stop_at(least, KeyboardInterrupt)).draws == least
 
 
 def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
-    """σ of the named causes alone would be too small."""
-    with pytest.raises(Stopped, match="before there was anything"):
-        uncertainty_of(
-            curved[2],
-            observers=[lambda progress: progress.done == SAMPLING.least_draws - 1],
-        )
-
-    def interrupt(progress):
-        if progress.done == SAMPLING.least_draws - 1:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):  # which is no observer's wish
-        uncertainty_of(curved[2], observers=[interrupt])
-
-
-def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
-    problem, _ = problem_of("colon", 120)
-    cut = cut_at_contours(problem)
-    assert cut.cuts is not None
-    result = solved(cut)
-    uncertainty = uncertainty_of(result)
-    assert np.all(np.isfinite(uncertainty.sigma[result.mask]))
-    assert uncertainty.causes["contours"][result.mask].max() > 0.05
+    """σ of the named causes alone would be too small; an interrupt is no observer's wish."""
+    for wish, raised in ((None, Stopped), (KeyboardInterrupt, KeyboardInterrupt)):
+        with pytest.raises(raised):
+            uncertainty_of(curved[2], **stop_at(SAMPLING.least_draws - 1, wish))
 
 
 @pytest.mark.parametrize(
-    ("evidence", "k", "gamma"),
+    ("photometry", "k", "gamma"),
     [
         ({}, PriorSigma.k, PriorSigma.gamma),
-        (
-            {"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}},
-            0.011,
-            PriorSigma.gamma,
-        ),
-        (
-            {"photometry": {"nominal": True}},
-            EXPONENT_SEARCH.usual_error,
-            NOMINAL_SIGMA["gamma"],
-        ),
-        (
-            {"photometry": {"nominal": True, "standard_errors": {"k": 0.02}}},
-            0.02,
-            NOMINAL_SIGMA["gamma"],
-        ),
-        (
-            {"photometry": [1], "unknown_light": {"standard_error": 0.4}},
-            0.4,
-            NOMINAL_SIGMA["gamma"],
-        ),
-        (
-            {"photometry": {"nominal": "no", "standard_errors": 3}},
-            PriorSigma.k,
-            PriorSigma.gamma,
-        ),
+        ({"standard_errors": {"k": 0.011, "gamma": 0.0}}, 0.011, PriorSigma.gamma),
+        ({"nominal": True}, EXPONENT_SEARCH.usual_error, NOMINAL_SIGMA["gamma"]),
+        ({"nominal": "no", "standard_errors": 3}, PriorSigma.k, PriorSigma.gamma),
     ],
 )
-def test_doubts_are_the_standard_errors_of_the_calibration(evidence, k, gamma):
-    prior_sigma = PriorSigma.of(
-        replace(el.load_calibration("paper", width=80), evidence=evidence)
-    )
+def test_doubts_are_the_standard_errors_of_the_calibration(photometry, k, gamma):
+    known = el.load_calibration("paper", width=80)
+    prior_sigma = PriorSigma.of(replace(known, evidence={"photometry": photometry}))
     assert (prior_sigma.k, prior_sigma.gamma) == (k, gamma)
     assert f"± {k:.2g}" in " ".join(prior_sigma.notes)
 
