@@ -44,8 +44,9 @@ def scale_by_length(
         scale = Scale("known diameter", known_diameter)
     else:
         return iterate
-    by_gain = scale.length[0] / factor if scale_of(iterate) == "gain" else None
-    return in_unit(iterate, factor, scale=replace(scale, by_gain=by_gain))
+    if scale_of(iterate) == "gain":
+        scale = replace(scale, by_gain=scale.length[0] / factor)
+    return in_unit(iterate, factor, scale=scale)
 
 
 def factor_of_distance(
@@ -153,18 +154,15 @@ def _surface_at(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
     own = own_pixel(result, pixel)
     mask = result.mask
-    column, row = np.clip(
-        np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1]
-    )
+    most = np.array(mask.shape[::-1]) - 1
+    column, row = np.clip(np.round(own).astype(int), 0, most)
     if not mask[row, column]:
         raise ValueError(
             f"the pixel at {pixel_name(pixel)} is outside the mask, where no distance is known"
         )
-    low = max(row - NEIGHBOURS, 0), max(column - NEIGHBOURS, 0)
-    around = result.distance[
-        low[0] : row + NEIGHBOURS + 1, low[1] : column + NEIGHBOURS + 1
-    ]
+    rows = slice(max(row - NEIGHBOURS, 0), row + NEIGHBOURS + 1)
+    columns = slice(max(column - NEIGHBOURS, 0), column + NEIGHBOURS + 1)
     ray = result.problem.camera.unproject(own)
     if not np.all(np.isfinite(ray)):  # the pixel's centre is seen, this corner of it is not
         ray = result.problem.field.rays[row, column]
-    return float(np.nanmedian(around)) * ray
+    return float(np.nanmedian(result.distance[rows, columns])) * ray

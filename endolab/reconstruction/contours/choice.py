@@ -52,7 +52,11 @@ class Trial:
     @property
     def cut_length(self) -> float:
         """How long its cuts are, in heights of the picture."""
-        return length_of(self.surface.problem.cuts, self.surface.mask)
+        cuts = self.surface.problem.cuts
+        if cuts is None:
+            return 0.0
+        mask = self.surface.mask
+        return float(cuts.sum()) * max(mask.shape) / float(mask.sum())
 
 
 @dataclass(frozen=True)
@@ -106,17 +110,16 @@ class ContourChoice:
         self, trials: Sequence[Trial], first: int
     ) -> tuple[int, ContourOutcome]:
         allowed = range(first, len(trials))
+        by_energy = ContourOutcome.BY_ENERGY
         if trials[0].light is LightOutcome.NONE_BOUNCED:  # its energy is the picture's own
-            return self._cheapest(
-                trials, allowed, self.clean_price
-            ), ContourOutcome.BY_ENERGY
+            return self._cheapest(trials, allowed, self.clean_price), by_energy
         if not self.colours_are_reliable(trials):
             is_cut = first == 1 or is_worth_cutting(trials[1], trials[0], self.price)
-            return int(is_cut), ContourOutcome.BY_ENERGY
+            return int(is_cut), by_energy
         limit = self._misfit_limit(trials, trials[first:])
         as_good = [number for number in allowed if trials[number].misfit <= limit]
         if as_good[0] == 0:  # the colours do not tell it from those that are cut
-            return self._cheapest(trials, as_good, self.price), ContourOutcome.BY_ENERGY
+            return self._cheapest(trials, as_good, self.price), by_energy
         return as_good[0], ContourOutcome.BY_COLOURS
 
     def colours_are_reliable(self, trials: Sequence[Trial]) -> bool:
@@ -143,13 +146,6 @@ class ContourChoice:
 
 
 CHOICE = ContourChoice()
-
-
-def length_of(cuts: BoolArray | None, mask: BoolArray) -> float:
-    """Return how long cuts are, in heights of the picture."""
-    if cuts is None:
-        return 0.0
-    return float(cuts.sum()) * max(mask.shape) / float(mask.sum())
 
 
 def is_worth_cutting(cut: Trial, uncut: Trial, price: float = CHOICE.price) -> bool:
@@ -256,8 +252,11 @@ def with_contours(
     min_steepness: float | None = None,
 ) -> Task:
     """Return a task whose problem is cut, with the report on it."""
-    cuts = problem.cuts
-    steps = 0 if cuts is None else int(cuts.sum())
-    report = ContourReport(outcome, steps, min_steepness)
+    report = ContourReport(outcome, count_cuts(problem), min_steepness)
     provenance: Provenance = replace(task.provenance, contours=report)
     return replace(task, problem=problem, provenance=provenance)
+
+
+def count_cuts(problem: Problem) -> int:
+    """Return over how many steps a surface is cut."""
+    return 0 if problem.cuts is None else int(problem.cuts.sum())
