@@ -6,6 +6,7 @@ distances go with the square root of the gain, so that a result is scaled after 
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,12 @@ Pixel = tuple[float, float]
 KnownDistance = tuple[float, float, float]  # mm, column, row
 KnownDiameter = tuple[float, Pixel, Pixel]  # mm, two of (column, row)
 
+# How each length is written, and the shapes of its parts.
+FORMS: dict[str, tuple[str, list[tuple[int, ...]]]] = {
+    "median_distance": ("mm", [()]),
+    "known_distance": ("(mm, column, row)", [(), (), ()]),
+    "known_diameter": ("(mm, (column, row), (column, row))", [(), (2,), (2,)]),
+}
 NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
 LEAST_APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
 
@@ -106,30 +113,23 @@ def scale_of(result: Result | Iterate) -> str:
     return "gain" if result.problem.metric else "none"
 
 
-def check_scale(
-    median_distance: float | None = None,
-    known_distance: KnownDistance | None = None,
-    known_diameter: KnownDiameter | None = None,
-) -> None:
+def check_scale(**lengths: Any) -> None:
     """Raise a ValueError if what fixes the scale is not one thing, or not a length in mm at pixels."""
-    given = {
-        "median_distance": (median_distance, "mm", 1),
-        "known_distance": (known_distance, "(mm, column, row)", 3),
-        "known_diameter": (known_diameter, "(mm, (column, row), (column, row))", 5),
-    }
-    given_names = [name for name, (value, _, _) in given.items() if value is not None]
-    if len(given_names) > 1:
-        raise ValueError(f"{' and '.join(given_names)} exclude each other; give one")
-    for name in given_names:
-        value, form, count = given[name]
+    given = {name: value for name, value in lengths.items() if value is not None}
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)} exclude each other; give one")
+    for name, value in given.items():
+        form, shapes = FORMS[name]
         try:
-            outer = np.atleast_1d(np.asarray(value, dtype=object))
-            numbers = np.hstack([np.ravel(part) for part in outer]).astype(np.float64)
+            parts = [
+                np.asarray(part, dtype=np.float64)
+                for part in ([value] if len(shapes) == 1 else value)
+            ]
         except (TypeError, ValueError):
-            outer = numbers = np.empty(0)
-        if outer.shape != (min(count, 3),) or numbers.size != count:
+            parts = []
+        if [part.shape for part in parts] != shapes:
             raise ValueError(f"{name} must be {form}, got {value}")
-        number(f"{name} (mm)", numbers[0], *RANGES["length"])
+        number(f"{name} (mm)", parts[0], *RANGES["length"])
 
 
 def pixel_name(pixel: Pixel) -> str:

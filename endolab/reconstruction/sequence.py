@@ -156,7 +156,7 @@ def reconstruct_sequence(
         If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
     lengths = {name: options.pop(name, None) for name in LENGTHS[1:]}
-    check_scale(options.get("median_distance"), **lengths)
+    check_scale(median_distance=options.get("median_distance"), **lengths)
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     carried = before
     for index, (name, picture) in enumerate(frames):

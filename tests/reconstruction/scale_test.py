@@ -124,22 +124,6 @@ def test_a_bad_length_is_refused(given):
         check_scale(**given)
 
 
-def test_the_first_frames_length_is_that_of_all(shot):
-    lights = {"a": 1.0, "b": 0.9, "c": 0.95}
-    frames = [(name, light * shot.frame.image) for name, light in lights.items()]
-    known = {"known_distance": (30.0, *ONE)}
-    steps = el.reconstruct_sequence(frames, shot.up_to_scale, **known)
-    results = [step.result for step in steps]
-    ways = [scale_of(result) for result in results]
-    assert ways == ["known distance", "frame before", "frame before"]
-    for result in results:
-        assert result.metric
-        assert 1 / factor_of_distance(result, 1.0, *ONE) == pytest.approx(30, rel=0.05)
-    broken = el.reconstruct_sequence([("a", None), *frames], shot.up_to_scale, **known)
-    with pytest.raises(ValueError, match="a: cannot be read"):  # it is said of no other
-        next(broken)
-
-
 def test_how_the_scale_was_fixed_is_said(shot, relative):
     for way in ("median distance", "known distance"):
         length = 30 if way == "median distance" else (30, *ONE)

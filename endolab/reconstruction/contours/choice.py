@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -192,23 +193,33 @@ def min_steepness_of(result: Result) -> float | None:
     return known or CHOICE.min_steepness[0]
 
 
+def solve_stage(
+    problem: Problem, provenance: Provenance, stage: str, number: int = 0, **options: Any
+) -> Generator[Iterate, None, Iterate]:
+    """Solve a problem as a round of a stage; return the answer."""
+    steps = with_provenance(gauss_newton(problem, **options), provenance)
+    return (yield from name_stage(steps, stage, number))
+
+
 def solve_cut(
-    uncut: Iterate, choice: ContourChoice = CHOICE, always: bool = False
+    uncut: Iterate, always: bool = False, price: float = CHOICE.price
 ) -> Generator[Iterate, None, Iterate]:
     """Solve a problem of one channel again, cut at its steepest lines; return the surface that is taken.
 
-    It is the `uncut` one if there are no such lines, or if cuts do not pay, unless they are asked for
-    `always`.
+    It is the `uncut` one if there are no such lines, or if cuts do not save their `price`, unless they are
+    asked for `always`.
     """
-    problem = cut_at_contours(uncut.problem, choice.min_steepness[0])
+    problem = cut_at_contours(uncut.problem)
     if problem.cuts is None:
         return uncut
-    solver = gauss_newton(
-        problem, start=uncut.log_distance, max_iterations=choice.max_iterations
+    surface = yield from solve_stage(
+        problem,
+        uncut.provenance,
+        CONTOURS,
+        start=uncut.log_distance,
+        max_iterations=CHOICE.max_iterations,
     )
-    steps = with_provenance(solver, uncut.provenance)
-    surface = yield from name_stage(steps, CONTOURS)
-    is_cut = always or is_worth_cutting(Trial(surface), Trial(uncut), choice.price)
+    is_cut = always or is_worth_cutting(Trial(surface), Trial(uncut), price)
     return surface if is_cut else uncut
 
 
@@ -234,8 +245,7 @@ def choose_contours(
             ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
         )
         return with_contours(task, cut, outcome, steepness)
-    steps = with_provenance(gauss_newton(task.small), task.provenance)
-    uncut = yield from name_stage(steps, SMOOTH)
+    uncut = yield from solve_stage(task.small, task.provenance, SMOOTH)
     surface = yield from solve_cut(uncut, always=bool(contours))
     if surface.problem.cuts is None:
         return with_contours(task, problem, ContourOutcome.NONE_CLEAR)

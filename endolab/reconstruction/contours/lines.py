@@ -56,6 +56,14 @@ LINE_SEARCH = LineSearch()
 
 
 @kernel
+def _root(parent: IntArray, label: int) -> int:
+    """The basin that a basin has become a part of."""
+    while parent[label] != label:
+        label = parent[label]
+    return label
+
+
+@kernel
 def _flood(
     order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, region: IndexArray
 ) -> int:
@@ -70,43 +78,33 @@ def _flood(
     taken = np.zeros(steps.size, np.bool_)
     for pixel in order:
         first = -1
-        least = np.inf
-        for step in steps:
-            if region[pixel + step] >= 0 and slope[pixel + step] < least:
-                first = region[pixel + step]
-                least = slope[pixel + step]
-        if first < 0:
-            region[pixel] = parent[count] = count
-            floor[count] = slope[pixel]
-            count += 1
-            continue
-        while parent[first] != first:
-            first = parent[first]
-        region[pixel] = first
         taken[:] = False
-        for _ in (
-            steps
-        ):  # from the lowest neighbour upwards, whichever way the picture is turned
+        # From the lowest flooded neighbour upwards, whichever way the picture is turned.
+        for _ in steps:
             lowest = np.inf
             at = -1
             for k in range(steps.size):
-                if (
-                    not taken[k]
-                    and region[pixel + steps[k]] >= 0
-                    and slope[pixel + steps[k]] < lowest
-                ):
-                    lowest = slope[pixel + steps[k]]
+                near = pixel + steps[k]
+                if not taken[k] and region[near] >= 0 and slope[near] < lowest:
+                    lowest = slope[near]
                     at = k
             if at < 0:
                 break
             taken[at] = True
-            other = region[pixel + steps[at]]
-            while parent[other] != other:
-                other = parent[other]
-            if other != first and slope[pixel] - max(floor[other], floor[first]) < shallow:
+            other = _root(parent, region[pixel + steps[at]])
+            if first < 0:
+                first = other
+                region[pixel] = first
+            elif (
+                other != first and slope[pixel] - max(floor[other], floor[first]) < shallow
+            ):
                 if floor[other] < floor[first]:
                     first, other = other, first
                 parent[other] = first
+        if first < 0:
+            region[pixel] = parent[count] = count
+            floor[count] = slope[pixel]
+            count += 1
     number = np.empty(count, np.int64)
     basins = 0
     for label in range(count):
@@ -114,10 +112,7 @@ def _flood(
             number[label] = basins
             basins += 1
     for pixel in order:
-        label = region[pixel]
-        while parent[label] != label:
-            label = parent[label]
-        region[pixel] = number[label]
+        region[pixel] = number[_root(parent, region[pixel])]
     return basins
 
 

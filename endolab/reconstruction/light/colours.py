@@ -244,19 +244,18 @@ def refine_per_pixel(
     redder than the wall. The most likely s is told by least squares, with a prior and the wall's texture, as
     strong as the picture shows it.
     """
-    if light.reason or not indirect_ratio.any():
-        return indirect_ratio
     exact = all_exact(colours) & (indirect_ratio[..., 0] > 0)
-    if not exact.any():
+    if light.reason or not exact.any():
         return indirect_ratio
     ratio = indirect_ratio[exact]
     picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
     lit = colours[1].photometry.gamma * np.log(np.maximum(picture, FRAME_LIMITS.rounding))
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
-    tint = wall @ _tint_whitening().T
+    whitening = _tint_whitening().T
+    tint = wall @ whitening
     sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)
     tint = FIT.outlier * np.tanh(tint / (FIT.outlier * sigma))
-    slope = (ratio / (1 + ratio)) @ _tint_whitening().T / sigma
+    slope = (ratio / (1 + ratio)) @ whitening / sigma
     width = FIT.width_per_pixel * ratio[:, 0] / (1 + ratio[:, 0])
     s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
     corrected = indirect_ratio.copy()
@@ -361,7 +360,6 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     high = np.array(
         [FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [FIT.albedos[1]])]
     )
-    tint = _tint_whitening()
     x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
     sigma = 1.0
     for _ in range(FIT.rounds):
@@ -375,9 +373,8 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
             xtol=1e-5,
             ftol=1e-5,
         ).x
-        sigma = max(
-            1.48 * float(np.median(np.abs(log_direct(x) @ tint.T))), FIT.least_spread
-        )
+        tint = np.median(np.abs(log_direct(x) @ _tint_whitening().T))
+        sigma = max(1.48 * float(tint), FIT.least_spread)
     light = log_direct(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[3:])
@@ -402,11 +399,9 @@ def _why_unlikely(estimate: Light) -> str:
         return "more light than can have bounced"
     if estimate.film > FIT.at_bound * FIT.largest_film:
         return "more mirrored light than a film returns"
+    least, most = FIT.albedos
     albedo = estimate.albedo
-    if (
-        albedo.max() > FIT.at_bound * FIT.albedos[1]
-        or albedo.min() < FIT.albedos[0] / FIT.at_bound
-    ):
+    if albedo.max() > FIT.at_bound * most or albedo.min() < least / FIT.at_bound:
         return "albedos that no tissue has"
     if estimate.misfit > FIT.most_misfit:
         return "the channels disagree on the direct light"

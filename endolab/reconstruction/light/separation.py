@@ -46,6 +46,7 @@ from endolab.reconstruction.contours.choice import (
     cut_at_contours,
     enlarge_cuts,
     min_steepness_of,
+    solve_stage,
 )
 from endolab.reconstruction.contours.lines import find_contours
 from endolab.reconstruction.light.colours import (
@@ -59,7 +60,6 @@ from endolab.reconstruction.light.colours import (
     refine_per_pixel,
 )
 from endolab.reconstruction.light.walls import Walls
-from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import EXACT, NONE, Problem
 from endolab.solvers.provenance import (
     ContourOutcome,
@@ -69,7 +69,7 @@ from endolab.solvers.provenance import (
     Provenance,
     SearchedPicture,
 )
-from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
+from endolab.solvers.result import Iterate, Result
 
 BOUNCED = "bounced light"  # stage
 
@@ -216,8 +216,8 @@ def separate(
     _check_colours(colours)
     prior = AlbedoPrior.of(albedo)
     first = merge(colours, _guess(colours, prior), prior.albedo)
-    steps = gauss_newton(first, max_iterations=SEPARATION_ROUNDS.uncut[0])
-    surface = yield from name_stage(with_provenance(steps, provenance), BOUNCED, 1)
+    few = SEPARATION_ROUNDS.uncut[0]
+    surface = yield from solve_stage(first, provenance, BOUNCED, 1, max_iterations=few)
     for number, count in enumerate(SEPARATION_ROUNDS.uncut[1:], 2):
         ratio, light = estimate_indirect(colours, surface, prior)
         surface = yield from solve_direct(colours, ratio, light, surface, number, count)
@@ -283,11 +283,14 @@ def _try_contours(
         if problem.cuts is None:
             continue
         number += 1
-        steps = gauss_newton(
-            problem, start=last.log_distance, max_iterations=SEPARATION_ROUNDS.cut
+        surface = yield from solve_stage(
+            problem,
+            last.provenance,
+            CONTOURS,
+            number,
+            start=last.log_distance,
+            max_iterations=SEPARATION_ROUNDS.cut,
         )
-        steps = with_provenance(steps, last.provenance)
-        surface = yield from name_stage(steps, CONTOURS, number)
         trials.append(judge(surface, min_steepness))
         if not CHOICE.goes_on(trials):
             break
@@ -362,9 +365,11 @@ def solve_direct(
         problem = replace(problem, cuts=surface.problem.cuts)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_d0)
-    solver = gauss_newton(problem, start=start, max_iterations=count)
+    provenance = surface.provenance
     return (
-        yield from name_stage(with_provenance(solver, surface.provenance), BOUNCED, number)
+        yield from solve_stage(
+            problem, provenance, BOUNCED, number, start=start, max_iterations=count
+        )
     )
 
 

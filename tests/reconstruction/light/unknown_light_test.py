@@ -130,15 +130,3 @@ def test_observers_see_every_solve_and_may_stop_it(tube):
     assert {step.problem.photometry.k for step in steps} == {*found.exponents}
     with pytest.raises(ValueError, match="stopped"):
         estimate_light([tube], FISHEYE, observers=[lambda step: True])
-
-
-def test_it_is_ready_to_reconstruct_with_and_to_be_kept(tube, of_tube, tmp_path):
-    calibration = el.Calibration(FISHEYE, of_tube.photometry, of_tube.evidence)
-    el.write_calibration(calibration, tmp_path / "endoscope.json")
-    read = el.load_calibration(tmp_path / "endoscope.json")
-    assert read.photometry == of_tube.photometry
-    assert read.evidence["unknown_light"]["outcome"] == of_tube.outcome
-    assert list(read.evidence["unknown_light"]["costs"]) == ["tube"]
-    result = el.reconstruct(tube, read)
-    assert result.status is Status.CONVERGED
-    assert not result.metric

@@ -10,7 +10,7 @@ from endolab import datasets
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.light import walls as walls_module
 from endolab.reconstruction.light.walls import Walls, _exchange, bounced_light_and_slope
-from endolab.synthetic.scenes import Colon, Tube
+from endolab.synthetic.scenes import Colon
 
 
 def ball(count=600, radius=20.0):
@@ -135,17 +135,6 @@ def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colo
     assert_allclose(larger.indirect_ratio(0.38), green, rtol=1e-9)
     assert np.all((green > 0) & (green < red), where=mask)
     assert np.isfinite(red).all()
-
-
-def test_a_long_tube_shows_what_its_unseen_walls_send(colon):
-    """The middle of a tube's wall sees walls all around: far more than the picture shows of them."""
-    field = colon[1]
-    v = np.log(Tube(length=200.0).distance(field.rays))
-    walls = Walls.of(v, np.isfinite(v), field, 2.5)
-    seen = int(walls.seen.sum())
-    near = walls.points[:seen, 2] < 40
-    assert walls.exchange[:seen][near].sum(axis=1).mean() > 0.75
-    assert walls.exchange[:seen, :seen][near].sum(axis=1).mean() < 0.65
 
 
 def test_light_by_bounces_sums_to_that_of_the_balance(walls):

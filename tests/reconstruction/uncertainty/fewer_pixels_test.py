@@ -54,22 +54,15 @@ def test_sigma_is_that_of_the_frame_taken_smaller(large):
 
 
 def test_cuts_evidence_and_blur_go_along(large):
-    problem = large.problem
-    evidence = np.zeros(problem.mask.shape, np.int8)
+    shape = large.mask.shape
+    evidence = np.zeros(shape, np.int8)
     evidence[200:300, 300:500] = NONE
-    cuts = np.zeros((2, *problem.mask.shape), bool)
+    cuts = np.zeros((2, *shape), bool)
     cuts[0, :, 399] = True
-    cut = replace(problem, evidence=evidence, cuts=cuts)
-    report = PreparationReport(
-        "frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep"
-    )
-    fewer = thin(
-        replace(large.iterate, problem=cut, provenance=Provenance(preparation=report))
-    )
+    report = PreparationReport("frame", shape[::-1], "green", *shape, 2.0, "keep")
+    provenance = Provenance(preparation=report)
+    problem = replace(large.problem, evidence=evidence, cuts=cuts)
+    fewer = thin(replace(large.iterate, problem=problem, provenance=provenance))
     assert fewer.provenance.preparation.smooth == 0.5
-    small = fewer.problem
-    assert small.evidence is not None
-    assert (small.evidence[52:73, 77:123] == NONE).all()
-    assert small.cuts is not None
-    assert small.cuts[0][small.mask[:, :]].any()
-    assert np.flatnonzero(small.cuts[0].any(axis=0)).size == 1
+    assert (fewer.problem.evidence[52:73, 77:123] == NONE).all()
+    assert np.flatnonzero(fewer.problem.cuts[0].any(axis=0)).size == 1
