@@ -96,10 +96,12 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
     begin = task.start
     if begin is None and before is not None:
         begin = start_from(before.iterate, problem)
-    is_settled = before is not None and before.status is Status.CONVERGED
+    converged_at = None
+    if before is not None and before.status is Status.CONVERGED:
+        converged_at = before.energy
     helpful: dict[str, Any] = {
         "start": begin,
-        "converged_at": before.energy if is_settled else None,
+        "converged_at": converged_at,
         "settled": None if problem.cuts is None else SETTLED,
         "max_iterations": settings.max_iterations,
     }

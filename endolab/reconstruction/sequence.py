@@ -210,8 +210,9 @@ def _solve_next(
         if is_good or warm.status is Status.STOPPED:
             return Carried(warm, light, before.least, before.age + 1), True
     cold = reconstruct(frame, calibration, **options)
-    is_warm = warm is not None and warm.energy < cold.energy
-    return Carried(warm if is_warm else cold, light, cold.energy, 1), is_warm
+    if warm is not None and warm.energy < cold.energy:
+        return Carried(warm, light, cold.energy, 1), True
+    return Carried(cold, light, cold.energy, 1), False
 
 
 def _link(before: Result, result: Result) -> Result:

@@ -31,14 +31,6 @@ def small():
     return Shot("curved", datasets.load_calibration("simple", 80))
 
 
-@pytest.fixture
-def holed(small):
-    """The small frame without a part of its middle."""
-    mask = small.frame.mask.copy()
-    mask[20:30, 30:50] = False
-    return el.Frame(np.where(mask[..., None], small.frame.image, np.nan), mask)
-
-
 every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
 
 
@@ -132,22 +124,6 @@ def test_a_frame_can_be_shrunk_first(ball):
     assert errors.mean_degrees < 0.15  # measured 0.11: curvature charges a ball
 
 
-def test_offset_lights_are_replaced_by_one():
-    """Three lights 3 mm off the centre look like one from 60 mm; without them it is exact."""
-    lights = tuple(
-        el.SpotLight((x, y, 0), exponent=1.0) for x, y in ((3, 0), (-3, 1), (0, -3))
-    )
-    shot = Shot(
-        "curved", CALIBRATION, replace(CALIBRATION.photometry, k=1.5, lights=lights)
-    )
-    result = shot.reconstruct()
-    used = result.problem.photometry
-    assert (used.lights, used.k, result.metric) == ((), 2.5, True)
-    assert used.gain == pytest.approx(3 * shot.calibration.photometry.gain)
-    assert shot.errors(result).mean_percent < 0.7
-    assert shot.errors(result).mean_degrees < 1.0
-
-
 def test_a_tabulated_brdf():
     theta = np.linspace(0, np.pi / 2, 15)
     brdf = el.TabulatedBRDF(tuple(theta), tuple(0.2 + 0.1 * np.cos(theta)))
@@ -156,34 +132,6 @@ def test_a_tabulated_brdf():
     matt = replace(shot.calibration.photometry, brdf=el.Lambertian(0.3 * np.pi))
     result = el.reconstruct(shot.frame, replace(shot.calibration, photometry=matt))
     assert shot.errors(result).mean_percent > 1.0
-
-
-def test_maps_are_known_within_the_mask_and_nan_outside(small, holed):
-    result = el.reconstruct(holed, small.calibration)
-    assert not np.any(result.mask & ~holed.mask)
-    assert result.mask.sum() > 0.97 * holed.mask.sum()
-    maps = np.dstack([result.distance, result.z, result.normals, result.points])
-    known = np.repeat(result.mask[..., None], maps.shape[-1], axis=2)
-    np.testing.assert_array_equal(np.isfinite(maps), known)
-    towards = np.einsum("hwi,hwi->hw", result.normals, result.points)
-    assert np.all(towards[result.mask] < 0)
-
-
-@pytest.mark.parametrize("wish", [True, KeyboardInterrupt])
-@pytest.mark.parametrize(
-    "options", [{"solver": "fast_marching", "snapshots": 5}, {"channel": "green"}]
-)
-def test_a_run_can_be_stopped(small, wish, options):
-    def observer(iterate):
-        if iterate.k == 2 and wish is not True:
-            raise wish
-        return iterate.k == 2
-
-    result = small.reconstruct(observers=[observer], **options)
-    assert (result.status, result.iterations) == (el.Status.STOPPED, 2)
-    assert np.all(np.isfinite(result.distance[result.mask]))
-    short = small.reconstruct(max_iterations=1, **options)
-    assert (short.status, short.iterations) == (el.Status.MAX_ITERATIONS, 1)
 
 
 @every_solver

@@ -200,7 +200,7 @@ def _step(region: IntArray, axis: int) -> IntArray:
     return np.diff(region, axis=axis, append=end)
 
 
-def _depths(inside: BoolArray, region: IntArray, count: int) -> FloatArray:
+def _depths(inside: BoolArray, region: IntArray, count: int) -> Any:
     """How far each region's pixels are at most from what is not inside, px, (count,)."""
     padded = np.pad(inside, 1).astype(np.uint8)
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]

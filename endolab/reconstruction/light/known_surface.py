@@ -176,8 +176,8 @@ class _Patches:
         mask = np.isfinite(known) & field.valid & small.mask
         if mask.sum() < FIT.least_patches:
             raise ValueError(TOO_LITTLE.format(frame.name))
-        v = np.log(np.where(mask, known, 1.0))
-        walls = Walls.of(v, mask, field, 0.0, depth_cuts(np.where(mask, known, np.nan)))
+        known = np.where(mask, known, np.nan)
+        walls = Walls.of(np.log(known), mask, field, 0.0, depth_cuts(known))
         mirrored = find_highlights(small.image, mask, SURFACE_FIT.gamma[0])
         cos_alpha = np.nan_to_num(field.cos_alpha, nan=-1.0)
         near = cos_alpha > np.cos(np.deg2rad(SURFACE_FIT.widest))

@@ -403,14 +403,13 @@ def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
     if small.cuts is not None:
         by_energy = report.outcome is ContourOutcome.BY_ENERGY
         if by_energy or small.mask.shape == shape:  # it chose these very lines
-            cuts = enlarge_cuts(small.cuts, shape)
+            problem = replace(problem, cuts=enlarge_cuts(small.cuts, shape))
         else:  # the colours chose how steep they must be
             searched = report.searched or SearchedPicture(
                 separation.indirect_ratio, light.albedo
             )
             steepness = report.min_steepness or CHOICE.min_steepness[0]
-            cuts = _find_cuts(colours, searched, steepness)
-        problem = replace(problem, cuts=cuts)
+            problem = replace(problem, cuts=_find_cuts(colours, searched, steepness))
     if problem.cuts is not None and report.outcome is ContourOutcome.NOT_ASKED:
         report = ContourReport(ContourOutcome.GIVEN)
     problem = in_units(problem)

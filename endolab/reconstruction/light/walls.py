@@ -31,7 +31,7 @@ share of k lights the walls (`Walls.under`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -154,7 +154,7 @@ def _fill_exchange(
 
 
 def _exchange(
-    x: FloatArray, n: FloatArray, area: FloatArray, cell: FloatArray, nearest: FloatArray
+    x: FloatArray, n: FloatArray, area: FloatArray, cell: IntArray, nearest: FloatArray
 ) -> FloatArray:
     """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
     factors = np.zeros((len(x), len(x)))
@@ -193,16 +193,15 @@ class Walls:
         k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
         surface is cut, see `Problem`.
         """
-        v = np.where(mask, log_distance, 0.0)
-        f_u, f_v = gradient(v, mask, cuts)
+        f_u, f_v = gradient(log_distance, mask, cuts)
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-        solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
-        cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
-        distance = np.where(mask, np.exp(v), 1.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            solid = 1 / np.sqrt(guu * gvv - guv**2)
+        cosine = 1 / np.sqrt(1 + slant(f_u, f_v, field))
+        facing = normals_from_gradient(f_u, f_v, field)
+        distance = np.exp(log_distance)
         cos_alpha = np.where(mask, np.maximum(field.cos_alpha, WALL_MODEL.grazing), 1.0)
-        light = np.where(mask, cos_alpha**k, 0.0)
-        rays = np.where(mask[..., None], field.rays, 0.0)
-        facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
+        light = cos_alpha**k
         area = solid * distance**2 / np.maximum(cosine, WALL_MODEL.least_cosine)
 
         step = max(1.0, np.sqrt(mask.sum() / WALL_MODEL.patches))
@@ -211,10 +210,10 @@ class Walls:
             mask,
             area,
             light * solid,
-            (area * distance)[..., None] * rays,
+            (area * distance)[..., None] * field.rays,
             area[..., None] * facing,
         ]
-        sums = _cell_sums(np.dstack(layers), cells)
+        sums = _cell_sums(np.where(mask[..., None], np.dstack(layers), 0.0), cells)
         seen = sums[..., 0] > 0.5 * mask.size / (cells[0] * cells[1])
         covered = sums[seen, 1]
         points = sums[seen, 3:6] / covered[:, None]
@@ -255,7 +254,7 @@ class Walls:
         return int(self.seen.sum())
 
     def averages(
-        self, maps: FloatArray, usable: BoolArray, exponents: Sequence[float]
+        self, maps: FloatArray, usable: BoolArray, exponents: Iterable[float]
     ) -> tuple[FloatArray, FloatArray, list[FloatArray], BoolArray]:
         """Average maps (H, W, C), and the light under lamps of these exponents, over the usable pixels.
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import links, px_per_reference
 from endolab.reconstruction.contours.lines import find_contours
@@ -37,7 +36,7 @@ class CauseLimits:
     around: float = 10.0  # of the residuals that count for a pixel
     # Of the median of what fits leave, below which a pixel's own is not taken.
     least_left: float = 0.5
-    grazing: float = 0.05  # cos θ below which a lamp's place tells nothing more
+    grazing: float = 0.05  # cos θ below which a lamp's place tells nothing more, and cos α
     # Of the light's logarithm, that a lamp beside the optical centre changes at most.
     lamp_change: float = 1.0
     # From which on every second line is a contour: log d₀ per 1/320 of the longer side.
@@ -98,32 +97,27 @@ def texture_strength(
 def light_changes(
     iterate: Iterate, prior_sigma: PriorSigma
 ) -> Iterator[tuple[str, FloatArray]]:
-    """What one standard deviation of each named cause changes in the logarithm of the light."""
+    """What one standard deviation of each named cause changes in the logarithm of the mask's light."""
     problem = iterate.problem
-    log_distance = iterate.log_distance
-    mask = problem.mask
     field = problem.field
-    brightness = np.where(mask, problem.image, 1.0)
     if prior_sigma.k:
-        yield "k", -prior_sigma.k * np.log(np.where(mask, field.cos_alpha, 1.0))
+        yield "k", -prior_sigma.k * np.log(np.maximum(field.cos_alpha, CAUSES.grazing))
     if prior_sigma.gamma:
-        yield "gamma", prior_sigma.gamma * np.log(np.maximum(brightness, 0.5 / 255))
+        yield "gamma", prior_sigma.gamma * np.log(np.maximum(problem.image, 0.5 / 255))
     removed = iterate.provenance.albedo is not None
     share = prior_sigma.bounced if removed else prior_sigma.left_in
     bounced = share * bounced_light(iterate)
     if bounced.any():
         yield "bounced light", bounced
     if prior_sigma.lamp and problem.metric:
-        rays = np.where(mask[..., None], field.rays, 0.0)
-        normal = np.nan_to_num(normals(np.where(mask, log_distance, np.nan), field, mask))
-        cosine = np.maximum(-(normal * rays).sum(axis=-1), CAUSES.grazing)
-        distance = np.exp(np.where(mask, log_distance, 0.0))
-        for axis in range(2):
+        normals = iterate.normals
+        cosine = np.maximum(-(normals * field.rays).sum(axis=-1), CAUSES.grazing)
+        most = CAUSES.lamp_change
+        for axis, name in enumerate("xy"):
             # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
-            slope = (3 * rays[..., axis] + normal[..., axis] / cosine) / distance
-            most = CAUSES.lamp_change
-            change = np.clip(prior_sigma.lamp * slope, -most, most)
-            yield f"lamp {'xy'[axis]}", np.where(mask, change, 0.0)
+            slope = 3 * field.rays[..., axis] + normals[..., axis] / cosine
+            slope = slope / iterate.distance
+            yield f"lamp {name}", np.clip(prior_sigma.lamp * slope, -most, most)
 
 
 def bounced_light(iterate: Iterate) -> FloatArray:

@@ -133,9 +133,10 @@ class Linearised:
 
         What is common to all pixels moves all of them alike, as ξ̃ goes with it.
         """
-        common = float(np.median(change[self.problem.mask]))
-        answer = self.to_picture(self.by_light * (change - common))
-        return answer - 0.5 * common * self.problem.mask
+        mask = self.problem.mask
+        common = float(np.median(change[mask]))
+        by_shape = np.where(mask, self.by_light * (change - common), 0.0)
+        return self.to_picture(by_shape) - 0.5 * common * mask
 
     def in_light(self, change: FloatArray | float) -> FloatArray:
         """A change of the picture as one of its light's logarithm; 0 where there is none."""

@@ -111,15 +111,6 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     assert "estimated albedos" in note(result)
 
 
-def test_from_a_result_it_is_one_round(dry):
-    first = solved(dry.frame, dry.calibration, contours=False)
-    brighter = without(dry.calibration, brdf=el.Lambertian(tuple(1.05 * ALBEDO)))
-    again = solved(dry.frame, brighter, start=first, contours=False)
-    assert error(again, dry) < error(first, dry) + 2
-    rounds = {(stage.name, stage.round) for stage in again.stages}
-    assert rounds == {("bounced light", 1), ("solution", 0)}
-
-
 @pytest.mark.parametrize("contours", [None, False])
 def test_what_is_asked_again_is_answered_again(dry, contours):
     """Bounced light and lines found anew, on the answer's own surface, moved it by up to 14 %."""
