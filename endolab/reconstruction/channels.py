@@ -240,16 +240,11 @@ def in_units(problem: Problem) -> Problem:
 # An earlier surface as a start ----------------------------------------------------------
 
 
-def resample_maps(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Resample maps (h, w, ...) to (H, W, ...), linearly."""
-    return maps if maps.shape[:2] == shape else resample(maps, shape)
-
-
 def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
     """Return log d of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
     shape = problem.mask.shape
-    share = resample_maps(surface.mask.astype(np.float64), shape)
-    v = resample_maps(np.where(surface.mask, surface.log_distance, 0.0), shape)
+    share = resample(surface.mask.astype(np.float64), shape)
+    v = resample(np.where(surface.mask, surface.log_distance, 0.0), shape)
     gain = problem.photometry.gain or 1.0
     gain_before = surface.problem.photometry.gain or 1.0
     moved = v / np.where(share > 0, share, 1) + 0.5 * np.log(gain / gain_before)

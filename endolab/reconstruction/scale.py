@@ -5,6 +5,7 @@ distance, the distance to one point, or that between two. The energy is the same
 distances go with the square root of the gain, so that a result is scaled after it was found.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -132,7 +133,7 @@ def check_scale(**lengths: Any) -> None:
         number(f"{name} (mm)", parts[0], *RANGES["length"])
 
 
-def pixel_name(pixel: Pixel) -> str:
+def pixel_name(pixel: Sequence[float]) -> str:
     """Say where a pixel is."""
     return f"column {pixel[0]:g}, row {pixel[1]:g}"
 

@@ -28,13 +28,13 @@ import numpy as np
 from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
+from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows
 from endolab.reconstruction.channels import (
     Channel,
     Channels,
     Task,
     in_units,
-    resample_maps,
     resample_surface,
     start_from,
 )
@@ -387,7 +387,7 @@ def _find_cuts(
     What bounces on a cut surface takes so much light from limbs, and from what lies behind folds, that new
     lines would come of it: so it is that without the light that bounced on the surface when it was uncut.
     """
-    ratio = resample_maps(searched.indirect_ratio, colours[1].mask.shape)
+    ratio = resample(searched.indirect_ratio, colours[1].mask.shape)
     picture = merge(colours, ratio, searched.albedo)
     return cut_at_contours(picture, searched.share * min_steepness).cuts
 
@@ -397,7 +397,7 @@ def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
     colours = [channel.problem for channel in channels.full]
     shape = colours[1].mask.shape
     light = separation.light
-    problem = merge(colours, resample_maps(separation.indirect_ratio, shape), light.albedo)
+    problem = merge(colours, resample(separation.indirect_ratio, shape), light.albedo)
     report = separation.contours
     small = separation.surface.problem
     if small.cuts is not None:

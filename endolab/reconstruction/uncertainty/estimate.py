@@ -12,7 +12,7 @@ path-traced and real frames and their truth in view.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.ndimage
@@ -181,31 +181,31 @@ def uncertainty_of(
 Answer = tuple[str, FloatArray]  # a cause, and what it or a draw of it does to log d
 
 
+@dataclass
 class _Estimate:
     """What is known so far."""
 
-    def __init__(self, iterate: Iterate, prior_sigma: PriorSigma, draws: int) -> None:
-        self._iterate = iterate
-        self._prior_sigma = prior_sigma
-        self._asked = draws
-        self._shares: FloatArray
-        self.done = 0
-        self._answers: dict[str, list[FloatArray]] = {}
+    iterate: Iterate
+    prior_sigma: PriorSigma
+    asked: int  # draws
+    done: int = 0
+    answers: dict[str, list[FloatArray]] = field(default_factory=dict)
+    shares: FloatArray = field(init=False)
 
     def steps(self) -> Generator[Progress, None, Status]:
         """Solve for every cause, a step each."""
         for step in self._answer_each():
             if step is not None:
-                self._answers.setdefault(step[0], []).append(step[1])
-            yield Progress(self.done, self._asked)
+                self.answers.setdefault(step[0], []).append(step[1])
+            yield Progress(self.done, self.asked)
         return Status.CONVERGED
 
     def _answer_each(self) -> Generator[Answer | None, None, None]:
         """What each cause does, or a draw of it; None while what that takes is made ready."""
-        prior_sigma = self._prior_sigma
-        problem = self._iterate.problem
+        prior_sigma = self.prior_sigma
+        problem = self.iterate.problem
         mask = problem.mask
-        v = np.where(mask, self._iterate.log_distance, 0.0)
+        v = np.where(mask, self.iterate.log_distance, 0.0)
         surface = Linearised.at(problem, v)
         rng = np.random.default_rng(0)
         unit = px_per_reference(mask.shape)
@@ -219,29 +219,29 @@ class _Estimate:
             bumps.append(bump)
             answers.append(answer)
             yield "bumps", prior_sigma.bumps * (bump - answer)
-        self._shares = shares_of(surface, v, bumps, answers, length)
+        self.shares = shares_of(surface, v, bumps, answers, length)
         yield None
-        for cause, light in light_changes(self._iterate, prior_sigma):
+        for cause, light in light_changes(self.iterate, prior_sigma):
             yield cause, surface.to_light(light)
         for cause in ("gain", "albedo"):  # they move all pixels alike
             yield cause, 0.5 * getattr(prior_sigma, cause) * mask
         cuts = possible_cuts(problem)
-        others = replace(problem, cuts=problem.cuts if cuts is None else cuts)
+        others = problem if cuts is None else replace(problem, cuts=cuts)
         yield from self._choices(v, others)
         entering = follow_rim(surface if cuts is None else Linearised.at(others, v), v)
         doubt = np.where(_at_contours(others), prior_sigma.behind, prior_sigma.border)
         yield None
         left = []
         for _ in range(SAMPLING.tries):
-            field = correlated_field(rng, mask.shape, length)
-            change = surface.apply(surface.to_light(field))
-            left.append(field - surface.in_light(change))
+            light = correlated_field(rng, mask.shape, length)
+            change = surface.apply(surface.to_light(light))
+            left.append(light - surface.in_light(change))
             yield None
-        noise, blur = noise_left(self._iterate)
+        noise, blur = noise_left(self.iterate)
         strength = texture_strength(surface, left, noise, prior_sigma.texture)
-        for draw in range(self._asked):
-            field = correlated_field(rng, mask.shape, length)
-            yield "texture", surface.to_light(strength * field)
+        for draw in range(self.asked):
+            light = correlated_field(rng, mask.shape, length)
+            yield "texture", surface.to_light(strength * light)
             if draw < SAMPLING.few_draws:
                 along = correlated_field(rng, mask.shape, SAMPLING.along * unit)
                 yield "border", entering(doubt * along)
@@ -254,13 +254,13 @@ class _Estimate:
         self, v: FloatArray, others: Problem
     ) -> Generator[Answer | None, None, None]:
         """What another λ does, and cuts at all `others`."""
-        problem = self._iterate.problem
-        prior_sigma = self._prior_sigma
+        problem = self.iterate.problem
+        prior_sigma = self.prior_sigma
         choices: dict[str, tuple[float, Problem]] = {}
         if prior_sigma.lam:
             lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
             choices["lambda"] = 1.0, replace(problem, lam=lam)
-        if others.cuts is not problem.cuts:
+        if others is not problem:
             choices["contours"] = prior_sigma.contours, others
         most = SAMPLING.largest_change
         still = (yield from re_solve(problem, v)) if choices else v
@@ -270,9 +270,9 @@ class _Estimate:
 
     def uncertainty(self, status: Status, whole: Iterate) -> Uncertainty:
         """Sum up, on the pixels of the whole frame."""
-        mask = self._iterate.mask
-        lost = _without_evidence(self._iterate.problem)
-        parts = enlarge(self._shares, mask, whole.mask)
+        mask = self.iterate.mask
+        lost = _without_evidence(self.iterate.problem)
+        parts = enlarge(self.shares, mask, whole.mask)
         largest = SAMPLING.largest_sigma
         together = np.zeros(mask.shape)
         shape = np.zeros(mask.shape)
@@ -283,7 +283,7 @@ class _Estimate:
             known = np.where(lost, largest, np.minimum(np.sqrt(square), largest))
             return freeze(enlarge(known, mask, whole.mask))
 
-        for cause, maps in self._answers.items():
+        for cause, maps in self.answers.items():
             of_all, of_shape, of_scale = self._squares(np.stack(maps))
             together += of_all
             shape += of_shape
@@ -300,13 +300,13 @@ class _Estimate:
             scales=scales,
             draws=self.done,
             status=status,
-            notes=self._prior_sigma.notes,
+            notes=self.prior_sigma.notes,
         )
 
     def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Mean squares of some answers, (n, H, W): in all, of the shape, and of what all pixels share."""
-        common = maps[:, self._iterate.mask].mean(axis=1)
-        held = _pixels_of_scale(self._iterate)
+        common = maps[:, self.iterate.mask].mean(axis=1)
+        held = _pixels_of_scale(self.iterate)
         if held is None:
             kept = 0 * common
         elif len(held):

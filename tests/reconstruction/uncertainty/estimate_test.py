@@ -281,7 +281,6 @@ def test_what_cannot_be_asked_is_refused(curved):
         (3, {}, "result must be"),
         (result, {"draws": 1}, "draws"),
         (result, {"prior_sigma": 0.1}, "prior_sigma must be"),
-        (result, {"observers": [3]}, "observers"),
     ):
         with pytest.raises(ValueError, match=named):
             uncertainty_of(given, **options)
