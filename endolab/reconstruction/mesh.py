@@ -100,7 +100,14 @@ def make_mesh(
     vertices = points[used]
     rgb = np.broadcast_to(colours.reshape(*shape, -1), (*shape, 3)).reshape(-1, 3)
     normals = vertex_normals(vertices, triangles)
-    return Mesh(vertices, triangles, rgb[used].clip(0, 1), normals, unit, legend)
+    return Mesh(
+        vertices,
+        triangles,
+        rgb[used].clip(0, 1),
+        normals,
+        unit,
+        legend,
+    )
 
 
 def _certainty(sigma: FloatArray, shown: Result | Iterate) -> tuple[FloatArray, str]:

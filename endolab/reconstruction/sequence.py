@@ -16,7 +16,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.model.thinned import thin_normals
+from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.reconstruct import reconstruct
@@ -182,7 +182,15 @@ def reconstruct_sequence(
             yield Step(index, name, None, message, seconds=seconds)
             continue
         carried = replace(found, result=result)
-        yield Step(index, name, result, "", warm, time.perf_counter() - started, carried)
+        seconds = time.perf_counter() - started
+        yield Step(
+            index,
+            name,
+            result,
+            warm=warm,
+            seconds=seconds,
+            carried=carried,
+        )
         if result.status is Status.STOPPED:
             return
 
@@ -282,7 +290,8 @@ def scale_between(before: Result, result: Result) -> float:
         return by_gain
     old = before.distance[thin]
     new = result.distance[thin]
-    n = thin_normals(before.iterate.log_distance, field, before.mask, step)
+    maps = ThinnedMaps(field, before.mask, None, step)
+    n = maps.normals(before.iterate.log_distance)
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):

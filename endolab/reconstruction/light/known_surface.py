@@ -191,7 +191,13 @@ class _Patches:
         points = walls.points[: walls.count][full]
         far = np.linalg.norm(points, axis=-1)
         part = 2 * sectors(points, SURFACE_FIT.sectors) + (far > np.median(far))
-        return cls(means[:, :3], means[:, 3], np.log(direct), orders, part)
+        return cls(
+            means[:, :3],
+            means[:, 3],
+            np.log(direct),
+            orders,
+            part,
+        )
 
     def light(self, k: float, albedo: FloatArray, lamp: float) -> FloatArray:
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""

@@ -235,7 +235,16 @@ class Walls:
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         cosine = np.where(mask, cosine, 0.0)
         return cls(
-            points, normals, areas, lit, exchange, seen, direct, cos_alpha, cosine, k
+            points,
+            normals,
+            areas,
+            lit,
+            exchange,
+            seen,
+            direct,
+            cos_alpha,
+            cosine,
+            k,
         )
 
     def under(self, k: float) -> Walls:
