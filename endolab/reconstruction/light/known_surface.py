@@ -114,8 +114,8 @@ def measure_light(
     seen = [
         _Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)
     ]
-    fitted = _fit(seen, lamp)
-    parts = [_fit(seen, lamp, fitted, part) for part in range(2 * SURFACE_FIT.sectors)]
+    fitted = _fit(seen)
+    parts = [_fit(seen, fitted, part) for part in range(2 * SURFACE_FIT.sectors)]
     apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
     covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(
         np.square(SURFACE_FIT.model_errors)
@@ -133,7 +133,7 @@ def measure_light(
         round(float(gamma), 2),
         brdf=Lambertian((red, green, blue)),
     )
-    left = np.concatenate([np.ravel(part) for part in _residuals(fitted, seen, lamp)])
+    left = np.concatenate([np.ravel(part) for part in _residuals(fitted, seen)])
     return MeasuredLight(
         light,
         dict(zip(("k", "gamma", *CHANNELS), spread.tolist(), strict=True)),
@@ -147,7 +147,7 @@ class _Patches:
     """A frame averaged over the patches of its surface."""
 
     grey: FloatArray  # (P, 3), stored values, grey levels of 255
-    aside: FloatArray  # (P,), log cos α
+    aside: FloatArray  # (P,), log cos α, as far as it is the lens's
     direct: FloatArray  # (K, P), log E under each of LIT_EXPONENTS
     orders: list[FloatArray]  # (bounces, P) under each, see `Walls.orders`
     part: FloatArray  # (P,), number of the part of the scene
@@ -182,7 +182,7 @@ class _Patches:
         cos_alpha = np.nan_to_num(field.cos_alpha, nan=-1.0)
         near = cos_alpha > np.cos(np.deg2rad(SURFACE_FIT.widest))
         usable = mask & near & (clipped == 0) & ~mirrored & (walls.direct > 0)
-        aside = np.log(np.where(usable, cos_alpha, 1.0))
+        aside = (1 - lamp) * np.log(np.where(usable, cos_alpha, 1.0))
         means, direct, orders, full = walls.averages(
             np.dstack([255 * small.image, aside]), usable, lamp * LIT_EXPONENTS
         )
@@ -199,21 +199,21 @@ class _Patches:
             part,
         )
 
-    def light(self, k: float, albedo: FloatArray, lamp: float) -> FloatArray:
+    def light(self, k: float, albedo: FloatArray) -> FloatArray:
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
         place = k / (LIT_EXPONENTS[1] - LIT_EXPONENTS[0])
         low = min(int(place), len(LIT_EXPONENTS) - 2)
-        shares = {low: 1 - place + low, low + 1: place - low}
-        direct = sum(share * self.direct[i] for i, share in shares.items())
-        bounced = sum(
-            share * bounced_light_and_slope(self.orders[i], albedo)[0]
-            for i, share in shares.items()
+        share = place - low
+        direct = (1 - share) * self.direct[low] + share * self.direct[low + 1]
+        less, more = (
+            bounced_light_and_slope(orders, albedo)[0]
+            for orders in self.orders[low : low + 2]
         )
-        whole = np.log(np.exp(direct)[:, None] + bounced)
-        return np.asarray(whole + ((1 - lamp) * k * self.aside)[:, None])
+        bounced = (1 - share) * less + share * more
+        return np.log(np.exp(direct)[:, None] + bounced) + (k * self.aside)[:, None]
 
 
-def _residuals(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArray]:
+def _residuals(x: FloatArray, seen: Sequence[_Patches]) -> list[FloatArray]:
     """What the model leaves of each frame, (P, 3), grey levels.
 
     x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
@@ -221,13 +221,13 @@ def _residuals(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[Flo
     albedo = np.exp(x[2:5])
     levels = x[5:].reshape(len(seen), 3)
     return [
-        255 * np.exp((patches.light(x[0], albedo, lamp) + level) / x[1]) - patches.grey
+        255 * np.exp((patches.light(x[0], albedo) + level) / x[1]) - patches.grey
         for patches, level in zip(seen, levels, strict=True)
     ]
 
 
 def _fit(
-    seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1
+    seen: Sequence[_Patches], start: FloatArray | None = None, but: int = -1
 ) -> FloatArray:
     """Fit the model to frames, `but` for one part of the scene."""
     if start is None:
@@ -237,13 +237,13 @@ def _fit(
         start = np.array([k, gamma, *np.log(albedo)])
         for patches in seen:
             log_light = gamma * np.log(np.maximum(patches.grey, 1) / 255)
-            level = np.median(log_light - patches.light(k, albedo, lamp), axis=0)
+            level = np.median(log_light - patches.light(k, albedo), axis=0)
             start = np.append(start, level)
 
     def residual(x: FloatArray) -> FloatArray:
         left = [
             r[patches.part != but].ravel()
-            for r, patches in zip(_residuals(x, seen, lamp), seen, strict=True)
+            for r, patches in zip(_residuals(x, seen), seen, strict=True)
         ]
         return np.concatenate(left) / SURFACE_FIT.usual_misfit
 
