@@ -7,13 +7,12 @@ import endolab as el
 from endolab.reconstruction.channels import Task, make_problem
 from endolab.reconstruction.contours.choice import (
     choose_contours,
-    cut_at_contours,
     solve_cut,
 )
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.provenance import ContourOutcome, Provenance
 from endolab.solvers.result import name_stage
-from tests.tools.problems import finish, percent_off, problem_of
+from tests.tools.problems import finish
 
 
 def solved(problem):
@@ -46,22 +45,6 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
     assert cut.problem.cuts is not None
     assert error(cut, truth) < min(most, error(smooth, truth) - 1.5)
     assert cut.energy < smooth.energy
-
-
-@pytest.mark.parametrize("scene", ["plane", "curved"])
-def test_a_wall_without_folds_is_left_whole(scene):
-    problem, _ = problem_of(scene, 160, noise=1, bits=8)
-    smooth = solved(problem)
-    assert finish(solve_cut(smooth)) is smooth
-    assert cut_at_contours(problem).cuts is None
-
-
-def test_a_tube_loses_nothing():
-    """Its dark end may be cut. Measured 1.5 and 2.5 %; where the energies are least, 2.6 and 3.1 %."""
-    problem, seen = problem_of("tube", 160)
-    smooth = solved(problem)
-    cut = finish(solve_cut(smooth))
-    assert percent_off(cut, seen) < percent_off(smooth, seen) + 1.1
 
 
 def test_what_was_cut_before_is_cut_again_without_asking():
