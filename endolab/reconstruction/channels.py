@@ -92,10 +92,6 @@ class Task:
     provenance: Provenance
     start: FloatArray | None = None  # log d to begin with, (H, W)
 
-    def with_light(self, report: LightReport) -> Task:
-        """Add what was found of indirect light."""
-        return replace(self, provenance=replace(self.provenance, light=report))
-
 
 def prepare_channels(frame: Frame, endoscope: Calibration, settings: Settings) -> Channels:
     """Prepare what the settings ask for: three colours, or one channel."""
@@ -104,18 +100,21 @@ def prepare_channels(frame: Frame, endoscope: Calibration, settings: Settings) -
         raise ValueError(
             f"{frame.name} is grey, and channel='separated' needs its three colours"
         )
+    names: Sequence[str | None] = [settings.used_channel]
+    light = None
     if settings.uses_colours:
         settings = replace(settings, highlights=settings.highlights or "ignore")
-    if settings.uses_colours and not grey:
-        full, small = _in_two_sizes(frame, endoscope, settings, CHANNELS)
-        return Channels(full, small)
-    channel = None if settings.uses_colours else settings.used_channel
-    light = LightReport(LightOutcome.GREY) if settings.used_channel == AUTO else None
-    if not settings.searches_contours:
-        full = make_channels(frame, endoscope, settings, [channel])
-        return Channels(full, full, light=light)
-    full, small = _in_two_sizes(frame, endoscope, settings, [channel])
-    return Channels(full, small, light=light)
+        names = [None] if grey else CHANNELS
+        light = LightReport(LightOutcome.GREY) if grey else None
+    full = make_channels(frame, endoscope, settings, names)
+    small = full
+    if len(names) > 1 or settings.searches_contours:
+        camera = full[0].problem.camera
+        share = SIZES.small / max(camera.width, camera.height)
+        if share < 1 and share * min(camera.width, camera.height) >= SIZES.least_side:
+            less = replace(settings, width=round(share * camera.width), cuts=None)
+            small = make_channels(frame, endoscope, less, names)
+    return Channels(full, small, light)
 
 
 def make_problem(frame: Frame, endoscope: Calibration, **options: object) -> Problem:
@@ -152,15 +151,15 @@ def make_channels(
         raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
     known = frame.pixels_to_use() & camera.field.valid
     no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
-    highlights = settings.highlights or "keep"
     mirrored = no_evidence
+    highlights = settings.highlights or "keep"
     if highlights != "keep":
         mirrored = no_evidence | find_highlights(frame.image, known, photometry.gamma)
+    if highlights == "ignore":
+        no_evidence = mirrored
     treated = frame
     if mirrored.any():
         treated = replace(frame, image=inpaint(frame.image, mirrored, known))
-    if highlights == "ignore":
-        no_evidence = mirrored
     fingerprint = _fingerprint(frame, endoscope)
 
     def make(wanted: str | None) -> Channel:
@@ -210,26 +209,12 @@ def make_channels(
 def _fingerprint(frame: Frame, endoscope: Calibration) -> str:
     """Digits that are equal for the same picture of the same endoscope, whatever its gain."""
     total = hashlib.blake2b(digest_size=16)
-    silent = b"" if frame.silent is None else frame.silent.tobytes()
     known = replace(endoscope.photometry, gain=None)
-    for part in (frame.image, frame.mask):
+    silent = np.empty(0) if frame.silent is None else frame.silent
+    for part in (frame.image, frame.mask, silent):
         total.update(np.ascontiguousarray(part).data)
-    total.update(silent)
     total.update(repr((frame.image.shape, endoscope.camera, known)).encode())
     return total.hexdigest()
-
-
-def _in_two_sizes(
-    frame: Frame, endoscope: Calibration, settings: Settings, names: Sequence[str | None]
-) -> tuple[list[Channel], list[Channel]]:
-    """Make channels on all pixels, and on few."""
-    full = make_channels(frame, endoscope, settings, names)
-    camera = full[0].problem.camera
-    share = SIZES.small / max(camera.width, camera.height)
-    if share >= 1 or share * min(camera.width, camera.height) < SIZES.least_side:
-        return full, full
-    less = replace(settings, width=round(share * camera.width), cuts=None)
-    return full, make_channels(frame, endoscope, less, names)
 
 
 def _check_frame(width: int, height: int, channels: int) -> None:
@@ -255,16 +240,11 @@ def in_units(problem: Problem) -> Problem:
 # An earlier surface as a start ----------------------------------------------------------
 
 
-def resample_maps(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Resample maps (h, w, ...) to (H, W, ...), linearly."""
-    return maps if maps.shape[:2] == shape else resample(maps, shape)
-
-
 def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
     """Return log d of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
     shape = problem.mask.shape
-    share = resample_maps(surface.mask.astype(np.float64), shape)
-    v = resample_maps(np.where(surface.mask, surface.log_distance, 0.0), shape)
+    share = resample(surface.mask.astype(np.float64), shape)
+    v = resample(np.where(surface.mask, surface.log_distance, 0.0), shape)
     gain = problem.photometry.gain or 1.0
     gain_before = surface.problem.photometry.gain or 1.0
     moved = v / np.where(share > 0, share, 1) + 0.5 * np.log(gain / gain_before)

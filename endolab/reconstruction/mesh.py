@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
+from endolab.numerics.checks import excerpt
 from endolab.numerics.derivatives import links
 from endolab.solvers.result import Iterate, Result
 
@@ -61,74 +62,65 @@ def make_mesh(
     ('mm', 3)
     """
     legend = ""
-    if sigma is not None:
-        colours, legend = _certainty(sigma, shown)
+    unit = "mm"
     if isinstance(shown, Result | Iterate):
         problem = shown.problem
         points = shown.points
-        unit = shown.problem.unit
+        unit = problem.unit
         colours = problem.shown if colours is None else colours
         cuts = problem.cuts if cuts is None else cuts
+        if sigma is not None:
+            colours, legend = _certainty(sigma, shown)
+    elif sigma is not None:
+        raise ValueError("sigma is of a result: mere points have none")
     else:
         points = np.asarray(shown, dtype=np.float64)
-        unit = "mm"
     if points.ndim != 3 or points.shape[2] != 3:
-        raise ValueError(
-            f"points must be an array of shape (H, W, 3), found {points.shape}"
-        )
+        raise ValueError(f"points must have shape (H, W, 3), found {points.shape}")
     shape = points.shape[:2]
-    if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
-        raise ValueError(
-            f"cuts must be a bool array of shape {(2, *shape)}, found {cuts.dtype} of shape {cuts.shape}"
-        )
     colours = np.full(shape, 0.7) if colours is None else colours  # grey
     if colours.shape not in (shape, (*shape, 3)):
         raise ValueError(
             f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}"
         )
+    if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
+        raise ValueError(f"cuts must be {excerpt(np.empty((2, *shape), bool))}")
     if not (jump >= 1 and 0 <= grazing <= 90):
         raise ValueError(
             f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
         )
     distance = np.linalg.norm(points, axis=-1)
-    triangles = join_triangles(
-        distance, links(np.isfinite(distance) & (distance > 0), cuts)
-    )
+    joined = links(np.isfinite(distance) & (distance > 0), cuts)
+    triangles = join_triangles(distance, joined)
     points = points.reshape(-1, 3)
     triangles = triangles[~_joins_two_surfaces(points, triangles, jump, grazing)]
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
-    vertices = points[used]
     triangles = (np.cumsum(used, dtype=np.int32) - 1)[triangles]
-    colours = colours[..., None] if colours.ndim == 2 else colours
-    colours = np.broadcast_to(colours, (*shape, 3)).reshape(-1, 3)[used].clip(0, 1)
+    vertices = points[used]
+    rgb = np.broadcast_to(colours.reshape(*shape, -1), (*shape, 3)).reshape(-1, 3)
+    normals = vertex_normals(vertices, triangles)
     return Mesh(
-        vertices, triangles, colours, vertex_normals(vertices, triangles), unit, legend
+        vertices,
+        triangles,
+        rgb[used].clip(0, 1),
+        normals,
+        unit,
+        legend,
     )
 
 
-def _certainty(
-    sigma: FloatArray, shown: Result | Iterate | FloatArray
-) -> tuple[FloatArray, str]:
-    """Colours of σ, from dark, certain, to bright, and what they mean; (H, W, 3)."""
-    if not isinstance(shown, Result | Iterate):
-        raise ValueError(
-            "sigma is of a result, whose distances it is a share of: mere points have none"
-        )
+def _certainty(sigma: FloatArray, shown: Result | Iterate) -> tuple[FloatArray, str]:
+    """Colours of σ, from dark, certain, to bright, (H, W, 3), and what they mean."""
     if sigma.shape != shown.mask.shape:
         raise ValueError(f"sigma has shape {sigma.shape}, the result {shown.mask.shape}")
     percent = np.where(shown.mask, 100 * sigma / shown.distance, 0.0)
     # As in figures, 98 % of the pixels are within the scale.
     most = float(f"{np.percentile(percent[shown.mask], 98):.2g}") or 1.0
     places = np.round(255 * np.clip(percent / most, 0, 1)).astype(np.uint8)
-    scale = (
-        np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)[..., ::-1]
-        / 255
-    )
-    return (
-        scale,
-        f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)",
-    )
+    bgr = np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)
+    legend = f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
+    return bgr[..., ::-1] / 255, legend
 
 
 def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
@@ -144,7 +136,8 @@ def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
         return a[:-1, :-1], a[:-1, 1:], a[1:, :-1], a[1:, 1:]
 
     a, b, c, d = corners(number)
-    (top, _, bottom, _), (left, far, _, _) = corners(right), corners(lower)
+    top, _, bottom, _ = corners(right)
+    left, far, _, _ = corners(lower)
     upper_left = top & left
     lower_right = bottom & far
     lower_left = left & bottom
@@ -157,14 +150,12 @@ def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
     # The diagonal is a-d, else b-c.
     falls = (falling > rising) | ((falling == rising) & flatter)
     parts = [
-        (upper_left & ~falls, (a, c, b)),
-        (lower_right & ~falls, (b, c, d)),
-        (lower_left & falls, (a, c, d)),
-        (upper_right & falls, (a, d, b)),
+        np.stack([a, c, b], -1)[upper_left & ~falls],
+        np.stack([b, c, d], -1)[lower_right & ~falls],
+        np.stack([a, c, d], -1)[lower_left & falls],
+        np.stack([a, d, b], -1)[upper_right & falls],
     ]
-    return np.concatenate(
-        [np.stack([corner[kept] for corner in three], -1) for kept, three in parts]
-    )
+    return np.concatenate(parts)
 
 
 def _joins_two_surfaces(

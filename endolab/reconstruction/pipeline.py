@@ -96,17 +96,21 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
     begin = task.start
     if begin is None and before is not None:
         begin = start_from(before.iterate, problem)
-    helpful: dict[str, Any] = {}
-    if begin is not None:
-        helpful["start"] = begin
+    converged_at = None
     if before is not None and before.status is Status.CONVERGED:
-        helpful["converged_at"] = before.energy
-    if problem.cuts is not None:
-        helpful["settled"] = SETTLED
-    if settings.max_iterations is not None:
-        helpful["max_iterations"] = settings.max_iterations
+        converged_at = before.energy
+    helpful: dict[str, Any] = {
+        "start": begin,
+        "converged_at": converged_at,
+        "settled": None if problem.cuts is None else SETTLED,
+        "max_iterations": settings.max_iterations,
+    }
     taken = options_of(settings.solver)
-    options = {name: value for name, value in helpful.items() if name in taken}
+    options = {
+        name: value
+        for name, value in helpful.items()
+        if name in taken and value is not None
+    }
     options |= settings.solver_options
     asked = settings.as_dict() | {"regulariser": regulariser}
     provenance = replace(task.provenance, asked=asked)

@@ -5,7 +5,9 @@ distance, the distance to one point, or that between two. The energy is the same
 distances go with the square root of the gain, so that a result is scaled after it was found.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +21,12 @@ Pixel = tuple[float, float]
 KnownDistance = tuple[float, float, float]  # mm, column, row
 KnownDiameter = tuple[float, Pixel, Pixel]  # mm, two of (column, row)
 
+# How each length is written, and the shapes of its parts.
+FORMS: dict[str, tuple[str, list[tuple[int, ...]]]] = {
+    "median_distance": ("mm", [()]),
+    "known_distance": ("(mm, column, row)", [(), (), ()]),
+    "known_diameter": ("(mm, (column, row), (column, row))", [(), (2,), (2,)]),
+}
 NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
 LEAST_APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
 
@@ -44,8 +52,9 @@ def scale_by_length(
         scale = Scale("known diameter", known_diameter)
     else:
         return iterate
-    by_gain = scale.length[0] / factor if scale_of(iterate) == "gain" else None
-    return in_unit(iterate, factor, scale=replace(scale, by_gain=by_gain))
+    if scale_of(iterate) == "gain":
+        scale = replace(scale, by_gain=scale.length[0] / factor)
+    return in_unit(iterate, factor, scale=scale)
 
 
 def factor_of_distance(
@@ -105,33 +114,26 @@ def scale_of(result: Result | Iterate) -> str:
     return "gain" if result.problem.metric else "none"
 
 
-def check_scale(
-    median_distance: float | None = None,
-    known_distance: KnownDistance | None = None,
-    known_diameter: KnownDiameter | None = None,
-) -> None:
+def check_scale(**lengths: Any) -> None:
     """Raise a ValueError if what fixes the scale is not one thing, or not a length in mm at pixels."""
-    given = {
-        "median_distance": (median_distance, "mm", 1),
-        "known_distance": (known_distance, "(mm, column, row)", 3),
-        "known_diameter": (known_diameter, "(mm, (column, row), (column, row))", 5),
-    }
-    given_names = [name for name, (value, _, _) in given.items() if value is not None]
-    if len(given_names) > 1:
-        raise ValueError(f"{' and '.join(given_names)} exclude each other; give one")
-    for name in given_names:
-        value, form, count = given[name]
+    given = {name: value for name, value in lengths.items() if value is not None}
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)} exclude each other; give one")
+    for name, value in given.items():
+        form, shapes = FORMS[name]
         try:
-            outer = np.atleast_1d(np.asarray(value, dtype=object))
-            numbers = np.hstack([np.ravel(part) for part in outer]).astype(np.float64)
+            parts = [
+                np.asarray(part, dtype=np.float64)
+                for part in ([value] if len(shapes) == 1 else value)
+            ]
         except (TypeError, ValueError):
-            outer = numbers = np.empty(0)
-        if outer.shape != (min(count, 3),) or numbers.size != count:
+            parts = []
+        if [part.shape for part in parts] != shapes:
             raise ValueError(f"{name} must be {form}, got {value}")
-        number(f"{name} (mm)", numbers[0], *RANGES["length"])
+        number(f"{name} (mm)", parts[0], *RANGES["length"])
 
 
-def pixel_name(pixel: Pixel) -> str:
+def pixel_name(pixel: Sequence[float]) -> str:
     """Say where a pixel is."""
     return f"column {pixel[0]:g}, row {pixel[1]:g}"
 
@@ -153,18 +155,15 @@ def _surface_at(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
     own = own_pixel(result, pixel)
     mask = result.mask
-    column, row = np.clip(
-        np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1]
-    )
+    most = np.array(mask.shape[::-1]) - 1
+    column, row = np.clip(np.round(own).astype(int), 0, most)
     if not mask[row, column]:
         raise ValueError(
             f"the pixel at {pixel_name(pixel)} is outside the mask, where no distance is known"
         )
-    low = max(row - NEIGHBOURS, 0), max(column - NEIGHBOURS, 0)
-    around = result.distance[
-        low[0] : row + NEIGHBOURS + 1, low[1] : column + NEIGHBOURS + 1
-    ]
+    rows = slice(max(row - NEIGHBOURS, 0), row + NEIGHBOURS + 1)
+    columns = slice(max(column - NEIGHBOURS, 0), column + NEIGHBOURS + 1)
     ray = result.problem.camera.unproject(own)
     if not np.all(np.isfinite(ray)):  # the pixel's centre is seen, this corner of it is not
         ray = result.problem.field.rays[row, column]
-    return float(np.nanmedian(around)) * ray
+    return float(np.nanmedian(result.distance[rows, columns])) * ray

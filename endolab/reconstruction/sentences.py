@@ -96,7 +96,7 @@ def _of_scale(result: Result | Iterate) -> Iterator[str]:
         yield f"Distances are in mm, because their median was given as {scale.length:g} mm."
     elif kind == "known distance" and scale:
         mm, *pixel = scale.length
-        where = pixel_name((pixel[0], pixel[1]))
+        where = pixel_name(pixel)
         yield f"Distances are in mm, because the surface at {where} was given as {mm:g} mm away."
     elif kind == "known diameter" and scale:
         mm, start, end = scale.length
@@ -138,12 +138,10 @@ def _of_bounces(result: Result | Iterate) -> str:
 def _of_gamma(result: Result | Iterate) -> str:
     """Tell what an error of γ does: d goes with I^(-γ/2), and the scale keeps the median."""
     problem = result.problem
-    informative = (
-        problem.mask
-        if problem.evidence is None
-        else problem.mask & (problem.evidence != NONE)
-    )
-    image = problem.image[informative & (problem.image > 0)]
+    informative = problem.mask & (problem.image > 0)
+    if problem.evidence is not None:
+        informative = informative & (problem.evidence != NONE)
+    image = problem.image[informative]
     low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
     dark, bright = (abs(GAMMA_STEP / 2 * np.log(limit / middle)) for limit in (low, high))
     gamma = problem.photometry.gamma
@@ -157,17 +155,15 @@ def _of_gamma(result: Result | Iterate) -> str:
 def of_evidence(result: Result | Iterate) -> Iterator[str]:
     """Say how many pixels are saturated, and how many say nothing."""
     problem = result.problem
-    total = int(problem.mask.sum())
-
-    def share(count: int) -> str:
-        return f"{count} of {total} pixels ({100 * count / max(total, 1):.2g} %)"
-
     if problem.evidence is None:
         return
-    saturated, silent = (
-        int((problem.evidence[problem.mask] == what).sum()) for what in (LOWER_BOUND, NONE)
-    )
-    if saturated:
-        yield f"The sensor is saturated in {share(saturated)}, which count as 'at least this bright'."
-    if silent:
-        yield f"Highlights and overlays hide {share(silent)}, where the surface is interpolated."
+    known = problem.evidence[problem.mask]
+
+    def share(what: int) -> str:
+        count = int((known == what).sum())
+        return f"{count} of {known.size} pixels ({100 * count / known.size:.2g} %)"
+
+    if LOWER_BOUND in known:
+        yield f"The sensor is saturated in {share(LOWER_BOUND)}, which count as 'at least this bright'."
+    if NONE in known:
+        yield f"Highlights and overlays hide {share(NONE)}, where the surface is interpolated."

@@ -16,7 +16,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.model.thinned import thin_normals
+from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.reconstruct import reconstruct
@@ -51,17 +51,11 @@ LINKING = Linking()
 
 @dataclass(frozen=True)
 class Surface:
-    """What the next frame's scale is linked to."""
+    """What is kept of a frame that was done: with it the next goes on."""
 
     distance: FloatArray  # (H, W), at its linked scale, mm or relative; nan where unknown
     gain: float  # that belongs to this scale
     metric: bool  # whether distances are in mm
-
-    @classmethod
-    def of(cls, result: Result) -> Surface:
-        """Take it from a result."""
-        gain = result.problem.photometry.gain or 1.0
-        return cls(result.distance, gain, result.metric)
 
 
 @dataclass(frozen=True)
@@ -89,24 +83,20 @@ class Carried:
         It was cut at lines steeper than `min_steepness`; 0 if it was not cut.
         """
         v = np.log(surface.distance)
-        camera = calibration.camera
-        if v.shape != (camera.height, camera.width):
-            camera = camera.resize(v.shape[1], v.shape[0])
-        photometry = replace(calibration.photometry, gain=surface.gain)
+        height, width = v.shape
         problem = Problem(
             np.zeros(v.shape),
             np.isfinite(v),
-            camera,
-            photometry,
+            calibration.camera.resize(width, height),
+            replace(calibration.photometry, gain=surface.gain),
             metric=surface.metric,
             cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
         )
         contours = ContourReport(
             ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
         )
-        iterate = Iterate(
-            problem, 0, freeze(v), {}, provenance=Provenance(contours=contours)
-        )
+        provenance = Provenance(contours=contours)
+        iterate = Iterate(problem, 0, freeze(v), {}, provenance=provenance)
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 
@@ -129,7 +119,7 @@ def reconstruct_sequence(
     frames: Iterable[tuple[str, Frame | FloatArray | None]],
     calibration: Calibration,
     *,
-    before: Surface | Carried | None = None,
+    before: Carried | None = None,
     **options: Any,
 ) -> Iterator[Step]:
     """Reconstruct the frames of a video, one after the other.
@@ -145,9 +135,9 @@ def reconstruct_sequence(
         Names and pictures, as `endolab.open_frames` gives them; None for a broken one.
     calibration : Calibration
         For pictures of that size.
-    before : Surface or Carried, optional
-        Of the frame before the first: its surface, if its scale is to go on, or `Step.carried`, with which
-        all goes on as if there had hardly been a break.
+    before : Carried, optional
+        `Step.carried` of the frame before the first, with which all goes on as if there had hardly been a
+        break.
     **options
         See `endolab.reconstruct`. What fixes the scale, such as `median_distance`, is said of the
         first frame and fixes that of all; it is not used with `before`.
@@ -166,75 +156,88 @@ def reconstruct_sequence(
         If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
     lengths = {name: options.pop(name, None) for name in LENGTHS[1:]}
-    check_scale(options.get("median_distance"), **lengths)
+    check_scale(median_distance=options.get("median_distance"), **lengths)
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
-    known_gain = calibration.photometry.gain is not None
-    carried = before if isinstance(before, Carried) else None
-    surface = Surface.of(before.result) if isinstance(before, Carried) else before
+    carried = before
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
+        if carried is not None:
+            options.pop("median_distance", None)
         try:
             frame = as_frame(name, picture)
-            light = _light(frame, calibration.photometry.gamma)
-            own = (
-                options
-                if surface is None
-                else {k: v for k, v in options.items() if k not in LENGTHS}
-            )
-            result = None
-            warm = False
-            least = np.inf
-            age = 0
-            if carried is not None:
-                least = carried.least
-                age = carried.age
-            if carried is not None and can_start:
-                last = carried.result
-                start = last if known_gain else _as_bright(last, light / carried.light)
-                result = reconstruct(frame, calibration, start=start, **own)
-                warm = result.status is Status.STOPPED or (
-                    result.status is Status.CONVERGED
-                    and result.energy <= LINKING.worse * least
-                    and age < LINKING.refresh
-                )
-            if result is None or not warm:
-                cold = reconstruct(frame, calibration, **own)
-                least = cold.energy
-                age = 0
-                warm = result is not None and result.energy < cold.energy
-                if result is None or not warm:
-                    result = cold
-            if surface is None:
+            start = carried if can_start else None
+            found, warm = _solve_next(frame, calibration, start, options)
+            result = found.result
+            if carried is None:
                 result = replace(result, iterate=scale_by_length(result.iterate, **lengths))
+            else:
+                result = _link(carried.result, result)
         except (ValueError, OSError) as error:
-            if surface is None and any(length is not None for length in lengths.values()):
-                raise ValueError(
-                    _sentence(name, error)
-                ) from error  # another frame shows other places
-            yield Step(
-                index,
-                name,
-                None,
-                _sentence(name, error),
-                False,
-                time.perf_counter() - started,
-            )
+            message = str(error)
+            if name not in message:
+                message = f"{name}: {message}"
+            if carried is None and any(length is not None for length in lengths.values()):
+                raise ValueError(message) from error  # another frame shows other places
+            seconds = time.perf_counter() - started
+            yield Step(index, name, None, message, seconds=seconds)
             continue
-        if surface is not None:
-            gain = result.problem.photometry.gain or 1.0
-            factor = (
-                np.sqrt(surface.gain / gain)
-                if known_gain
-                else scale_between(surface, result)
-            )
-            linked = None if known_gain and np.isclose(factor, 1) else Scale("frame before")
-            linked_iterate = in_unit(result.iterate, float(factor), surface.metric, linked)
-            result = replace(result, iterate=linked_iterate)
-        carried = Carried(result, light, least, age + 1)
-        surface = Surface.of(result)
-        yield Step(index, name, result, "", warm, time.perf_counter() - started, carried)
+        carried = replace(found, result=result)
+        seconds = time.perf_counter() - started
+        yield Step(
+            index,
+            name,
+            result,
+            warm=warm,
+            seconds=seconds,
+            carried=carried,
+        )
         if result.status is Status.STOPPED:
             return
+
+
+def _solve_next(
+    frame: Frame,
+    calibration: Calibration,
+    before: Carried | None,
+    options: dict[str, Any],
+) -> tuple[Carried, bool]:
+    """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
+    photometry = calibration.photometry
+    light = _light(frame, photometry.gamma)
+    warm = None
+    if before is not None:
+        start = before.result
+        if photometry.gain is None:
+            start = _as_bright(start, light / before.light)
+        warm = reconstruct(frame, calibration, start=start, **options)
+        is_good = (
+            warm.status is Status.CONVERGED
+            and warm.energy <= LINKING.worse * before.least
+            and before.age < LINKING.refresh
+        )
+        if is_good or warm.status is Status.STOPPED:
+            return Carried(warm, light, before.least, before.age + 1), True
+    cold = reconstruct(frame, calibration, **options)
+    if warm is not None and warm.energy < cold.energy:
+        return Carried(warm, light, cold.energy, 1), True
+    return Carried(cold, light, cold.energy, 1), False
+
+
+def _link(before: Result, result: Result) -> Result:
+    """Give a result the scale of the frame before."""
+    scale: Scale | None = Scale("frame before")
+    factor = scale_between(before, result)
+    if result.metric:
+        factor = _by_gain(before, result)
+        scale = None if np.isclose(factor, 1) else scale
+    iterate = in_unit(result.iterate, factor, before.metric, scale)
+    return replace(result, iterate=iterate)
+
+
+def _by_gain(before: Result, result: Result) -> float:
+    """What a frame's distances must be multiplied by if the light did not change since the frame before."""
+    gains = [seen.problem.photometry.gain or 1.0 for seen in (before, result)]
+    return float(np.sqrt(gains[0] / gains[1]))
 
 
 def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
@@ -263,12 +266,7 @@ def _as_bright(last: Result, ratio: float) -> Result:
     return replace(last, iterate=replace(last.iterate, log_distance=moved))
 
 
-def _sentence(name: str, error: Exception) -> str:
-    message = str(error)
-    return message if name in message else f"{name}: {message}"
-
-
-def scale_between(before: Surface, result: Result) -> float:
+def scale_between(before: Result, result: Result) -> float:
     """What a frame's distances must be multiplied by to be in the unit of the frame before.
 
     The unknowns are the log of that factor c, and the camera's motion T, ω between the two frames.
@@ -284,35 +282,32 @@ def scale_between(before: Surface, result: Result) -> float:
     pixels' errors are alike, so that all count as `LINKING.independent` ones. Coming straight at a flat wall
     and turning up the gain look the same: then the priors share the change between them.
     """
-    gain = result.problem.photometry.gain or 1.0
-    prior = 0.5 * np.log(before.gain / gain)
-    if before.distance.shape != result.mask.shape:
-        return float(np.exp(prior))
+    by_gain = _by_gain(before, result)
     field = result.problem.field
-    thin = (
-        slice(None, None, max(1, int(np.sqrt(result.mask.size / LINKING.samples)))),
-    ) * 2
+    step = max(1, int(np.sqrt(result.mask.size / LINKING.samples)))
+    thin = (slice(None, None, step),) * 2
+    if before.mask.shape != result.mask.shape:
+        return by_gain
     old = before.distance[thin]
     new = result.distance[thin]
-    n = thin_normals(
-        np.log(before.distance), field, np.isfinite(before.distance), thin[0].step
-    )
+    maps = ThinnedMaps(field, before.mask, None, step)
+    n = maps.normals(before.iterate.log_distance)
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
         good = (old > 0) & (new > 0) & (facing < -LINKING.grazing)
     if good.sum() < LINKING.independent:
-        return float(np.exp(prior))
+        return by_gain
     old = old[good]
-    new = new[good]
     n = n[good]
-    u = u[good]
     facing = facing[good, None]
-    y = np.log(old / new)
+    y = np.log(old / new[good])
     by_motion = n * (np.median(old) / old)[:, None] / facing
-    a = np.concatenate([np.ones_like(facing), by_motion, np.cross(u, n) / facing], axis=-1)
+    by_turn = np.cross(u[good], n) / facing
+    a = np.concatenate([np.ones_like(facing), by_motion, by_turn], axis=-1)
+    prior = np.array([np.log(by_gain), 0, 0, 0, 0, 0, 0])
     prior_weight = np.array([2 / LINKING.gain_step, *[1 / LINKING.motion_step] * 6]) ** 2
-    x = np.array([np.median(y), *[0.0] * 6])
+    x = np.array([np.median(y), 0, 0, 0, 0, 0, 0])
     for _ in range(LINKING.rounds):
         residual = y - a @ x
         last = x
@@ -320,9 +315,7 @@ def scale_between(before: Surface, result: Result) -> float:
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
         weight *= min(1.0, LINKING.independent / len(y))
         information = (a * weight[:, None]).T @ a + np.diag(prior_weight)
-        x = np.linalg.solve(
-            information, a.T @ (weight * y) + prior_weight * np.array([prior, *[0.0] * 6])
-        )
+        x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * prior)
         if np.abs(x - last).max() < LINKING.settled:
             break
     return float(np.exp(x[0]))

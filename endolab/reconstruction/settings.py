@@ -208,7 +208,7 @@ class Settings:
     def of(cls, options: Mapping[str, Any]) -> Self:
         """Take keywords of `reconstruct`; those that are no options of it are the solver's own."""
         names = {part.name for part in option_fields()}
-        own = {name: value for name, value in options.items() if name in names}
+        own = {name: options[name] for name in names.intersection(options)}
         others = {name: value for name, value in options.items() if name not in names}
         return cls(**own, solver_options=others)
 
@@ -220,7 +220,7 @@ class Settings:
     @property
     def used_channel(self) -> str | None:
         """The channel, or None for green: the paper's solvers take the paper's."""
-        if self.channel is None and self.solver == _default("solver"):
+        if self.channel is None and self.solver == Settings.solver:
             return AUTO
         return self.channel
 
@@ -257,14 +257,8 @@ def option_fields() -> list[Field[Any]]:
 
 def option_of(name: str) -> Option:
     """Return what is known of an option."""
-    facts: Option = next(part for part in option_fields() if part.name == name).metadata[
-        "option"
-    ]
+    facts: Option = Settings.__dataclass_fields__[name].metadata["option"]
     return facts
-
-
-def _default(name: str) -> Any:
-    return next(part.default for part in option_fields() if part.name == name)
 
 
 def _check(part: Field[Any], value: Any) -> Any:
@@ -295,17 +289,14 @@ ANCHOR = "    **options\n"  # of a docstring, before which the options are liste
 def takes_settings(function: Function) -> Function:
     """Show the options of `Settings` in the signature and the docstring of a function with ``**options``."""
     signature = inspect.signature(function)
-    own = list(signature.parameters.values())
+    *own, others = signature.parameters.values()
     keywords = [
         inspect.Parameter(
-            part.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=part.default,
-            annotation=part.type,
+            part.name, others.KEYWORD_ONLY, default=part.default, annotation=part.type
         )
         for part in option_fields()
     ]
-    function.__signature__ = signature.replace(parameters=[*own[:-1], *keywords, own[-1]])  # type: ignore[attr-defined]
+    function.__signature__ = signature.replace(parameters=[*own, *keywords, others])  # type: ignore[attr-defined]
     if function.__doc__ and ANCHOR in function.__doc__:
         function.__doc__ = function.__doc__.replace(ANCHOR, _describe_options() + ANCHOR)
     return function
@@ -317,9 +308,9 @@ def _describe_options() -> str:
     for part in option_fields():
         facts: Option = part.metadata["option"]
         kind = f"{{{', '.join(facts.choices)}}}" if facts.choices else str(part.type)
-        text = f"{facts.help[0].upper()}{facts.help[1:]}." + (
-            f" {facts.more}." if facts.more else ""
-        )
+        text = f"{facts.help[0].upper()}{facts.help[1:]}."
+        if facts.more:
+            text += f" {facts.more}."
         lines.append(f"    {part.name} : {kind}, by default {part.default!r}")
         lines += textwrap.wrap(text, 100, initial_indent=" " * 8, subsequent_indent=" " * 8)
     return "\n".join(lines) + "\n"

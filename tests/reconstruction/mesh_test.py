@@ -1,7 +1,6 @@
-"""Meshes: whole where the surface is, cut where it is cut, written as they are, measured rightly."""
+"""Meshes: whole where the surface is, cut where it is cut, written as they are."""
 
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +10,9 @@ from matplotlib import colormaps
 from endolab.io.datasets import load_calibration
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.metrics.mesh_distance import distance_to, to_open3d
 from endolab.reconstruction.mesh import make_mesh
 from endolab.solvers.result import Iterate
-from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
+from endolab.synthetic.scenes import SCENES
 from tests.tools.problems import coloured_colon
 
 CAMERA = load_calibration("paper", 160).camera
@@ -75,15 +73,13 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
 
 
 def test_no_triangle_crosses_a_cut():
-    points = wall(6, 8)
     cuts = np.zeros((2, 6, 8), dtype=bool)
     cuts[0, :, 3] = True  # columns 3 and 4 are cut apart
     cuts[1, 2, :4] = True  # and rows 2 and 3 on the left
-    mesh = make_mesh(points, cuts=cuts)
-    left, upper = np.moveaxis(mesh.vertices[mesh.triangles][..., :2] < 0.5, -1, 0)
-    at_left = left.all(axis=1)
-    assert (at_left | ~left.any(axis=1)).all()
-    assert (upper[at_left].all(axis=1) | ~upper[at_left].any(axis=1)).all()
+    mesh = make_mesh(wall(6, 8), cuts=cuts)
+    is_left, is_upper = np.moveaxis(mesh.vertices[mesh.triangles][..., :2] < 0.5, -1, 0)
+    part = np.where(is_left, 1 + is_upper, 0)
+    assert np.all(part == part[:, :1])
     assert len(mesh.triangles) == 2 * (3 * 5 + 3 * 2 * 2)
     assert len(mesh.vertices) == 48
 
@@ -159,81 +155,15 @@ def test_open3d_reads_what_was_written(coloured, tmp_path, open3d, suffix):
         assert np.abs(np.asarray(values)[theirs] - wanted[ours]).max() < tolerance
 
 
-@pytest.fixture(scope="module")
-def doubted():
-    """A colon's surface, and a σ that grows to the right."""
+def test_colours_of_sigma_grow_brighter_with_it_and_say_so():
+    """On a surface whose σ grows to the right, up to a fifth of the distance."""
     problem, colon = coloured_colon(CAMERA.resize(80, 60))
     iterate = Iterate.of(problem, np.log(colon.distance))
-    return iterate, np.linspace(0.01, 0.2, 80) * iterate.distance
-
-
-def test_colours_of_sigma_grow_brighter_with_it_and_a_file_says_so(doubted, tmp_path):
-    iterate, sigma = doubted
-    mesh = make_mesh(iterate, sigma=sigma)
-    plain = make_mesh(iterate)
-    assert np.array_equal(mesh.vertices, plain.vertices)
+    percent = np.tile(np.linspace(1, 20, 80), (60, 1))
+    mesh = make_mesh(iterate, sigma=percent / 100 * iterate.distance)
+    assert np.array_equal(mesh.vertices, make_mesh(iterate).vertices)
     u, v = np.round(iterate.problem.camera.project(mesh.vertices)).astype(int).T
-    percent = (100 * sigma / iterate.distance)[v, u]
-    most = float(
-        re.fullmatch(r".* bright ([\d.]+) % of it, or more \(magma\)", mesh.legend)[1]
-    )
-    assert most == pytest.approx(
-        np.nanpercentile(100 * sigma / iterate.distance, 98), rel=0.05
-    )
-    scale = np.asarray(colormaps["magma"](np.clip(percent / most, 0, 1)))[:, :3]
-    assert np.abs(mesh.colours - scale).max() < 0.02
-    write_mesh(tmp_path / "a.ply", mesh)
-    head = (tmp_path / "a.ply").read_bytes()[:400]
-    assert mesh.legend.encode() in head
-    assert b"unit: mm" in head
-
-
-@pytest.mark.parametrize(
-    ("scene", "off"),
-    [
-        (Plane(60.0, 20.0), lambda p: (p - [0, 0, 60.0]) @ Plane(60.0, 20.0)._normal),
-        (Bowl(), lambda p: 115.0 - np.linalg.norm(p - np.array(Bowl().centre), axis=-1)),
-        (Tube(18.5, 400.0), lambda p: 18.5 - np.linalg.norm(p[:, :2], axis=-1)),
-    ],
-    ids=["plane", "ball", "tube"],
-)
-def test_distances_are_those_of_the_analytic_surface(scene, off, open3d):
-    """Of a surface that is too near by a few per cent, to 0.01 mm."""
-    distance = scene.distance(RAYS)
-    distance = np.where(distance < 150, distance * np.linspace(0.95, 1.0, 160), np.nan)
-    mesh = make_mesh(distance[..., None] * RAYS)
-    found = distance_to(mesh, scene.mesh())
-    expected = np.abs(off(mesh.vertices))
-    assert np.abs(found.distance - expected).max() < 0.01
-    stated = (found.mean, found.median, found.percentile_95)
-    true = np.percentile(expected, [50, 95])
-    assert stated == pytest.approx((expected.mean(), *true), abs=0.01)
-    assert expected.max() > 0.5
-    same = distance_to(mesh, make_mesh(points_of(scene)))  # a mesh from a grid is coarser
-    assert same.mean == pytest.approx(expected.mean(), abs=0.1)
-
-
-def test_a_mesh_without_a_scale_needs_one(open3d):
-    mesh = replace(make_mesh(wall() / 10), unit="relative units")
-    with pytest.raises(ValueError, match="relative units: give scale"):
-        distance_to(mesh, make_mesh(wall()))
-    assert distance_to(mesh, make_mesh(wall()), scale=10.0).mean == pytest.approx(
-        0, abs=1e-4
-    )
-    with pytest.raises(
-        ValueError, match="nothing to measure: the mesh has 35 vertices, the truth 0"
-    ):
-        distance_to(mesh, np.full((3, 3), np.nan), scale=10.0)
-
-
-def test_without_open3d_meshes_are_made_and_written_and_the_rest_says_why(
-    monkeypatch, tmp_path
-):
-    monkeypatch.setitem(sys.modules, "open3d", None)
-    mesh = make_mesh(wall())
-    write_mesh(tmp_path / "mesh.obj", mesh)
-    for call in (to_open3d, lambda m: distance_to(m, m)):
-        with pytest.raises((ImportError, OSError), match=r"(?i)open3d"):
-            call(mesh)
-    points = wall() + np.array([0, 0, 2.0])  # mere points do without
-    assert distance_to(mesh, points).distance == pytest.approx(np.full(35, 2.0))
+    most = float(re.search(r"bright ([\d.]+) % of it", mesh.legend)[1])
+    assert most == pytest.approx(20, rel=0.05)
+    scale = np.asarray(colormaps["magma"](np.clip(percent / most, 0, 1)))[..., :3]
+    assert np.abs(mesh.colours - scale[v, u]).max() < 0.02

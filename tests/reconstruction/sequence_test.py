@@ -7,12 +7,8 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import (
-    Carried,
-    Surface,
-    as_frame,
     reconstruct_sequence,
     scale_between,
 )
@@ -85,43 +81,12 @@ def test_the_first_frames_median_fixes_the_scale_of_all():
     assert abs(moved - 1) > 1e-3  # and not each frame's own
 
 
-@pytest.mark.parametrize(
-    ("gain", "options"),
-    [
-        (900.0, {}),
-        (None, {"channel": "separated"}),
-        (None, {"known_distance": (60, 48, 36), "width": 48}),
-    ],
-)
-def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(
-    gain, options
-):
-    calibration = el.Calibration(BASE.camera, replace(BASE.photometry, gain=gain))
-    lights = [replace(BASE.photometry, gain=float(each)) for each in (900, 950, 1000)]
-    scenes = zip(WAYS["tube"], lights, strict=False)
-    frames = named(
-        [el.render(scene, BASE.camera, light, noise=1.0, bits=8) for scene, light in scenes]
-    )
-    frames.insert(1, ("lost", None))
-    whole = list(reconstruct_sequence(frames, calibration, **options))
-    assert [step.result is None for step in whole] == [False, True, False, False]
-    last = whole[2].result
-    min_steepness = min_steepness_of(last) or 0
-    frame = as_frame(*frames[2])
-    kept = Carried.take_up(Surface.of(last), frame, calibration, min_steepness, last.energy)
-    (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, **options)
-    assert rest.warm == whole[3].warm
-    off = np.abs(rest.result.distance / whole[3].result.distance - 1)[rest.result.mask]
-    assert np.percentile(off, 95) < 1e-3
-    assert off.max() < 1e-2  # behind cuts, by which little holds
-
-
 def test_the_link_is_exact_for_one_surface_in_two_units():
     result = el.reconstruct(
         el.Frame(shots(WAYS["tube"][:1])[0].image, BASE.camera.field.valid), UNKNOWN
     )
     other = replace(result, iterate=in_unit(result.iterate, 3.0, False))
-    assert scale_between(Surface.of(other), result) == pytest.approx(3, rel=1e-6)
+    assert scale_between(other, result) == pytest.approx(3, rel=1e-6)
 
 
 def test_a_start_from_the_last_is_as_good_as_a_cold_one():
@@ -144,14 +109,14 @@ def test_a_cut_in_the_film_is_begun_again():
 def test_what_cannot_be_used_is_named_and_skipped():
     seen = named(shots(WAYS["tube"][:3]))
     small = np.full((10, 12), 0.5)
-    dark = np.zeros(seen[0][1].shape)
-    frames = [("lost", None), seen[0], ("small", small), ("dark", dark), seen[1]]
+    frames = [("lost", None), seen[0], ("small", small), seen[1]]
     steps = list(reconstruct_sequence(frames, KNOWN))
-    assert [step.result is None for step in steps] == [True, False, True, True, False]
+    assert [step.result is None for step in steps] == [True, False, True, False]
     assert steps[0].error == "lost: cannot be read"
     assert "small is 12x10 px, but the calibration is for 96x72 px" in steps[2].error
-    assert "dark" in steps[3].error
-    assert steps[4].warm
+    assert steps[3].warm
+    with pytest.raises(ValueError, match="lost: cannot be read"):  # it is said of no other
+        next(reconstruct_sequence(frames, UNKNOWN, known_distance=(30.0, 40, 50)))
 
 
 def test_a_stop_ends_it():

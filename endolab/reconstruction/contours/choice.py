@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,11 @@ class Trial:
     @property
     def cut_length(self) -> float:
         """How long its cuts are, in heights of the picture."""
-        return length_of(self.surface.problem.cuts, self.surface.mask)
+        cuts = self.surface.problem.cuts
+        if cuts is None:
+            return 0.0
+        mask = self.surface.mask
+        return float(cuts.sum()) * max(mask.shape) / float(mask.sum())
 
 
 @dataclass(frozen=True)
@@ -106,17 +111,16 @@ class ContourChoice:
         self, trials: Sequence[Trial], first: int
     ) -> tuple[int, ContourOutcome]:
         allowed = range(first, len(trials))
+        by_energy = ContourOutcome.BY_ENERGY
         if trials[0].light is LightOutcome.NONE_BOUNCED:  # its energy is the picture's own
-            return self._cheapest(
-                trials, allowed, self.clean_price
-            ), ContourOutcome.BY_ENERGY
+            return self._cheapest(trials, allowed, self.clean_price), by_energy
         if not self.colours_are_reliable(trials):
             is_cut = first == 1 or is_worth_cutting(trials[1], trials[0], self.price)
-            return int(is_cut), ContourOutcome.BY_ENERGY
+            return int(is_cut), by_energy
         limit = self._misfit_limit(trials, trials[first:])
         as_good = [number for number in allowed if trials[number].misfit <= limit]
         if as_good[0] == 0:  # the colours do not tell it from those that are cut
-            return self._cheapest(trials, as_good, self.price), ContourOutcome.BY_ENERGY
+            return self._cheapest(trials, as_good, self.price), by_energy
         return as_good[0], ContourOutcome.BY_COLOURS
 
     def colours_are_reliable(self, trials: Sequence[Trial]) -> bool:
@@ -143,13 +147,6 @@ class ContourChoice:
 
 
 CHOICE = ContourChoice()
-
-
-def length_of(cuts: BoolArray | None, mask: BoolArray) -> float:
-    """Return how long cuts are, in heights of the picture."""
-    if cuts is None:
-        return 0.0
-    return float(cuts.sum()) * max(mask.shape) / float(mask.sum())
 
 
 def is_worth_cutting(cut: Trial, uncut: Trial, price: float = CHOICE.price) -> bool:
@@ -196,23 +193,33 @@ def min_steepness_of(result: Result) -> float | None:
     return known or CHOICE.min_steepness[0]
 
 
+def solve_stage(
+    problem: Problem, provenance: Provenance, stage: str, number: int = 0, **options: Any
+) -> Generator[Iterate, None, Iterate]:
+    """Solve a problem as a round of a stage; return the answer."""
+    steps = with_provenance(gauss_newton(problem, **options), provenance)
+    return (yield from name_stage(steps, stage, number))
+
+
 def solve_cut(
-    uncut: Iterate, choice: ContourChoice = CHOICE, always: bool = False
+    uncut: Iterate, always: bool = False, price: float = CHOICE.price
 ) -> Generator[Iterate, None, Iterate]:
     """Solve a problem of one channel again, cut at its steepest lines; return the surface that is taken.
 
-    It is the `uncut` one if there are no such lines, or if cuts do not pay, unless they are asked for
-    `always`.
+    It is the `uncut` one if there are no such lines, or if cuts do not save their `price`, unless they are
+    asked for `always`.
     """
-    problem = cut_at_contours(uncut.problem, choice.min_steepness[0])
+    problem = cut_at_contours(uncut.problem)
     if problem.cuts is None:
         return uncut
-    solver = gauss_newton(
-        problem, start=uncut.log_distance, max_iterations=choice.max_iterations
+    surface = yield from solve_stage(
+        problem,
+        uncut.provenance,
+        CONTOURS,
+        start=uncut.log_distance,
+        max_iterations=CHOICE.max_iterations,
     )
-    steps = with_provenance(solver, uncut.provenance)
-    surface = yield from name_stage(steps, CONTOURS)
-    is_cut = always or is_worth_cutting(Trial(surface), Trial(uncut), choice.price)
+    is_cut = always or is_worth_cutting(Trial(surface), Trial(uncut), price)
     return surface if is_cut else uncut
 
 
@@ -238,8 +245,7 @@ def choose_contours(
             ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
         )
         return with_contours(task, cut, outcome, steepness)
-    steps = with_provenance(gauss_newton(task.small), task.provenance)
-    uncut = yield from name_stage(steps, SMOOTH)
+    uncut = yield from solve_stage(task.small, task.provenance, SMOOTH)
     surface = yield from solve_cut(uncut, always=bool(contours))
     if surface.problem.cuts is None:
         return with_contours(task, problem, ContourOutcome.NONE_CLEAR)
@@ -256,8 +262,11 @@ def with_contours(
     min_steepness: float | None = None,
 ) -> Task:
     """Return a task whose problem is cut, with the report on it."""
-    cuts = problem.cuts
-    steps = 0 if cuts is None else int(cuts.sum())
-    report = ContourReport(outcome, steps, min_steepness)
+    report = ContourReport(outcome, count_cuts(problem), min_steepness)
     provenance: Provenance = replace(task.provenance, contours=report)
     return replace(task, problem=problem, provenance=provenance)
+
+
+def count_cuts(problem: Problem) -> int:
+    """Return over how many steps a surface is cut."""
+    return 0 if problem.cuts is None else int(problem.cuts.sum())

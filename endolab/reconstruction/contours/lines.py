@@ -28,7 +28,7 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import px_per_reference
+from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.side_by_side import side_by_side
 
 
@@ -56,6 +56,14 @@ LINE_SEARCH = LineSearch()
 
 
 @kernel
+def _root(parent: IntArray, label: int) -> int:
+    """The basin that a basin has become a part of."""
+    while parent[label] != label:
+        label = parent[label]
+    return label
+
+
+@kernel
 def _flood(
     order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, region: IndexArray
 ) -> int:
@@ -70,43 +78,33 @@ def _flood(
     taken = np.zeros(steps.size, np.bool_)
     for pixel in order:
         first = -1
-        least = np.inf
-        for step in steps:
-            if region[pixel + step] >= 0 and slope[pixel + step] < least:
-                first = region[pixel + step]
-                least = slope[pixel + step]
-        if first < 0:
-            region[pixel] = parent[count] = count
-            floor[count] = slope[pixel]
-            count += 1
-            continue
-        while parent[first] != first:
-            first = parent[first]
-        region[pixel] = first
         taken[:] = False
-        for _ in (
-            steps
-        ):  # from the lowest neighbour upwards, whichever way the picture is turned
+        # From the lowest flooded neighbour upwards, whichever way the picture is turned.
+        for _ in steps:
             lowest = np.inf
             at = -1
             for k in range(steps.size):
-                if (
-                    not taken[k]
-                    and region[pixel + steps[k]] >= 0
-                    and slope[pixel + steps[k]] < lowest
-                ):
-                    lowest = slope[pixel + steps[k]]
+                near = pixel + steps[k]
+                if not taken[k] and region[near] >= 0 and slope[near] < lowest:
+                    lowest = slope[near]
                     at = k
             if at < 0:
                 break
             taken[at] = True
-            other = region[pixel + steps[at]]
-            while parent[other] != other:
-                other = parent[other]
-            if other != first and slope[pixel] - max(floor[other], floor[first]) < shallow:
+            other = _root(parent, region[pixel + steps[at]])
+            if first < 0:
+                first = other
+                region[pixel] = first
+            elif (
+                other != first and slope[pixel] - max(floor[other], floor[first]) < shallow
+            ):
                 if floor[other] < floor[first]:
                     first, other = other, first
                 parent[other] = first
+        if first < 0:
+            region[pixel] = parent[count] = count
+            floor[count] = slope[pixel]
+            count += 1
     number = np.empty(count, np.int64)
     basins = 0
     for label in range(count):
@@ -114,10 +112,7 @@ def _flood(
             number[label] = basins
             basins += 1
     for pixel in order:
-        label = region[pixel]
-        while parent[label] != label:
-            label = parent[label]
-        region[pixel] = number[label]
+        region[pixel] = number[_root(parent, region[pixel])]
     return basins
 
 
@@ -144,21 +139,12 @@ def _medians(values: FloatArray, labels: Any, count: int) -> FloatArray:
     `scipy.ndimage.median` takes ten times as long.
     """
     order = np.argsort(values)
-    order = order[
-        np.argsort(labels[order].astype(np.min_scalar_type(count)), kind="stable")
-    ]
+    by_value = labels[order].astype(np.min_scalar_type(count))
+    order = order[np.argsort(by_value, kind="stable")]
     size = np.bincount(labels, minlength=count)
     first = np.cumsum(size) - size
     grouped = values[order]
     return (grouped[first + (size - 1) // 2] + grouped[first + size // 2]) / 2
-
-
-def _largest(values: Any, region: Any, count: int) -> Any:
-    """Largest value of a map in each region."""
-    out = np.zeros(count, values.dtype)
-    known = region >= 0
-    np.maximum.at(out, region[known], values[known])
-    return out
 
 
 def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
@@ -177,48 +163,51 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
         lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size
     )
     smooth = light / np.maximum(share, 1e-6)
-    slope = (
-        np.asarray(np.hypot(*np.gradient(smooth)) * unit)
-        if min(mask.shape) > 1
-        else np.zeros(mask.shape)
-    )
+    if min(mask.shape) == 1:
+        return steepness
+    slope = np.hypot(*np.gradient(smooth)) * unit
     slope = slope.round(LINE_SEARCH.digits)
     region, count = basins(slope, mask)
-    places = []
-    pairs = []
-    slopes = []
-    rises = []
-    for axis in (1, 0):
-        here, there = (
-            (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
-        )
-        where = np.nonzero(mask[here] & mask[there] & (region[here] != region[there]))
-        places.append(where)
-        pairs.append(np.stack([region[here][where], region[there][where]]))
-        slopes.append((slope[here][where] + slope[there][where]) / 2)
-        rise = (smooth[there] - smooth[here])[where] * unit
-        rises.append(np.where(pairs[-1][0] < pairs[-1][1], rise, -rise))
-    pair = np.sort(np.concatenate(pairs, axis=1).astype(np.int64), axis=0)
-    if pair.size == 0:
+    # Of every step that crosses a line: the pixels on either side, as numbers.
+    axis, row, column = np.nonzero(
+        links(mask) & np.stack([_step(region, axis) != 0 for axis in (1, 0)])
+    )
+    if axis.size == 0:
         return steepness
-    both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
+    here = (row, column)
+    there = (row + (axis == 1), column + (axis == 0))
+    sides = np.stack([region[here], region[there]]).astype(np.int64)
+    along = (slope[here] + slope[there]) / 2
+    rise = (smooth[there] - smooth[here]) * unit
+    across = np.where(sides[0] < sides[1], rise, -rise)
+    low, high = np.sort(sides, axis=0)
+    both, line = np.unique(low * count + high, return_inverse=True)
     both = np.stack(np.divmod(both, count))
-    steep = _medians(np.concatenate(slopes), line, both.shape[1])
-    across, along = (np.bincount(line, np.concatenate(parts)) for parts in (rises, slopes))
-    steep[np.abs(across) < LINE_SEARCH.across * along] = 0.0
-    within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[
-        1:-1, 1:-1
-    ]
-    at_rim = _largest(within, region, count) <= LINE_SEARCH.rim_width * unit
-    steep[
-        at_rim[both].any(axis=0)
-        | _joins_a_limb(both, region, count, log_d0, LINE_SEARCH.limb_width * unit)
-    ] = 0.0
-    for by_axis, where, steep_of_axis in zip(
-        steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
-    ):
-        by_axis[where] = steep_of_axis
+    steep = _medians(along, line, both.shape[1])
+    total_across, total_along = (np.bincount(line, parts) for parts in (across, along))
+    steep[np.abs(total_across) < LINE_SEARCH.across * total_along] = 0.0
+    at_rim = _depths(mask, region, count) <= LINE_SEARCH.rim_width * unit
+    thin = LINE_SEARCH.limb_width * unit
+    steep[at_rim[both].any(axis=0)] = 0.0
+    steep[_joins_a_limb(both, region, count, log_d0, thin)] = 0.0
+    steepness[axis, row, column] = steep[line]
     return steepness
+
+
+def _step(region: IntArray, axis: int) -> IntArray:
+    """Difference of each pixel and the next along an axis, (H, W); 0 at the end."""
+    end = region.take([-1], axis)
+    return np.diff(region, axis=axis, append=end)
+
+
+def _depths(inside: BoolArray, region: IntArray, count: int) -> Any:
+    """How far each region's pixels are at most from what is not inside, px, (count,)."""
+    padded = np.pad(inside, 1).astype(np.uint8)
+    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    known = region >= 0
+    deepest = np.zeros(count, depth.dtype)
+    np.maximum.at(deepest, region[known], depth[known])
+    return deepest
 
 
 def _joins_a_limb(
@@ -227,16 +216,15 @@ def _joins_a_limb(
     """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
     around = np.pad(region, 1, constant_values=-1)
     sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
-    inside = np.pad(np.all([side == region for side in sides], axis=0), 1).astype(np.uint8)
-    depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    is_thin = 2 * _largest(depth, region, count) + 1 < thin
+    inside = np.all([side == region for side in sides], axis=0)
+    is_thin = 2 * _depths(inside, region, count) + 1 < thin
     known = region >= 0
     far = _medians(log_d0[known], region[known], count)
     lightest = far.copy()
     for end, far_end in (both, both[::-1]):
         np.minimum.at(lightest, end, far[far_end])
     limit = lightest + LINE_SEARCH.limb_share * (far - lightest)
-    end, far_end = both
-    return (is_thin[end] & (far[far_end] < limit[end])) | (
-        is_thin[far_end] & (far[end] < limit[far_end])
-    )
+    joins = [
+        is_thin[end] & (far[far_end] < limit[end]) for end, far_end in (both, both[::-1])
+    ]
+    return joins[0] | joins[1]

@@ -188,26 +188,22 @@ class Patches:
     def of(cls, colours: Sequence[Problem], walls: Walls) -> Patches:
         """Average a picture over the patches of its walls."""
         photometry = colours[1].photometry
-        exact = all_exact(colours) & (walls.direct > 0)
-        lit = [walls.under(lamp * photometry.k) for lamp in LAMPS]
         pictures = [colour.image**photometry.gamma for colour in colours]
-        direct = [under.direct for under in lit]
-        maps = np.dstack(
-            [np.ones(exact.shape), *pictures, *direct, film_lobe(walls.cosine)]
+        means, direct, orders, _ = walls.averages(
+            np.dstack([*pictures, film_lobe(walls.cosine)]),
+            all_exact(colours) & (walls.direct > 0),
+            [lamp * photometry.k for lamp in LAMPS],
         )
-        sums = walls.sums(np.where(exact[..., None], maps, 0.0))
-        full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.full / 2)
-        means = sums[full, 1:] / sums[full, :1]
-        orders = [under.orders[:, : walls.count][:, full] for under in lit]
-        return cls(np.log(means[:, :3]), means[:, 3:-1].T, orders, means[:, -1])
+        return cls(np.log(means[:, :3]), direct, orders, means[:, 3])
 
-    def ratio_and_slopes(
-        self, factor: float, lamp: float, albedo: FloatArray, film: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def ratio_and_slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return indirect over direct light, (P, 3), and its derivatives, (4, P, 3).
 
-        They are those by the factor, the lamp's share, the film and the logarithm of the colour's albedo.
+        They are those by the factor, the lamp's share, the film and the logarithm of the colour's albedo; x
+        is as of `ColourResiduals`.
         """
+        factor, lamp, film = x[:3]
+        albedo = np.exp(x[3:])
         place = lamp * (len(LAMPS) - 1)
         low = min(int(place), len(LAMPS) - 2)
         ratios = []
@@ -248,19 +244,18 @@ def refine_per_pixel(
     redder than the wall. The most likely s is told by least squares, with a prior and the wall's texture, as
     strong as the picture shows it.
     """
-    if light.reason or not indirect_ratio.any():
-        return indirect_ratio
     exact = all_exact(colours) & (indirect_ratio[..., 0] > 0)
-    if not exact.any():
+    if light.reason or not exact.any():
         return indirect_ratio
     ratio = indirect_ratio[exact]
     picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
     lit = colours[1].photometry.gamma * np.log(np.maximum(picture, FRAME_LIMITS.rounding))
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
-    tint = wall @ _tint_whitening().T
+    whitening = _tint_whitening().T
+    tint = wall @ whitening
     sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)
     tint = FIT.outlier * np.tanh(tint / (FIT.outlier * sigma))
-    slope = (ratio / (1 + ratio)) @ _tint_whitening().T / sigma
+    slope = (ratio / (1 + ratio)) @ whitening / sigma
     width = FIT.width_per_pixel * ratio[:, 0] / (1 + ratio[:, 0])
     s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
     corrected = indirect_ratio.copy()
@@ -293,62 +288,55 @@ def _charbonnier(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.sign(r) * size, slope
 
 
+@dataclass(frozen=True)
 class ColourResiduals:
     """How far the colours and the priors are from what light and albedos x make of them.
 
     x holds p, b, m and the logarithms of the albedos.
     """
 
-    def __init__(self, patches: Patches, prior: AlbedoPrior, sigma: float) -> None:
-        self._patches = patches
-        self._prior = prior
-        self._tint = _tint_whitening().T / sigma
-        self._weight = float(np.sqrt(min(FIT.pieces / len(patches.light), 1.0)))
-        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    patches: Patches
+    prior: AlbedoPrior
+    sigma: float  # of the tint, in units of texture
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return what least squares are of, (2 P + 6,)."""
-        return self._at(x)[1]
+        return self._both(x)[0]
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Return its derivatives, a column for each of x."""
-        return self._at(x)[2]
+        return self._both(x)[1]
 
-    def _at(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = (x.copy(), *self._compute(x))
-        return self._last
-
-    def _compute(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _both(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         by_colours, slopes_by_colours = self._of_colours(x)
         by_prior, slopes_by_prior = self._of_prior(x)
-        residual = np.concatenate([by_colours.ravel(), by_prior])
-        return residual, np.concatenate(
-            [slopes_by_colours.reshape(-1, len(x)), slopes_by_prior]
-        )
+        slopes = [slopes_by_colours.reshape(-1, len(x)), slopes_by_prior]
+        return np.concatenate([by_colours.ravel(), by_prior]), np.concatenate(slopes)
 
     def _of_colours(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (P, 2), and by x (P, 2, 6)."""
-        ratio, slopes = self._patches.ratio_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])
-        apart = (self._patches.light - np.log1p(ratio) - x[3:]) @ self._tint
+        ratio, slopes = self.patches.ratio_and_slopes(x)
+        tint = _tint_whitening().T / self.sigma
+        weight = float(np.sqrt(min(FIT.pieces / len(ratio), 1.0)))
+        apart = (self.patches.light - np.log1p(ratio) - x[3:]) @ tint
         slopes = -slopes / (1 + ratio)
         jacobian = np.empty((*apart.shape, len(x)))
-        jacobian[..., :3] = np.moveaxis(slopes[:3] @ self._tint, 0, -1)
-        jacobian[..., 3:] = (slopes[3] - 1)[:, None] * self._tint.T
+        jacobian[..., :3] = np.moveaxis(slopes[:3] @ tint, 0, -1)
+        jacobian[..., 3:] = (slopes[3] - 1)[:, None] * tint.T
         apart, bend = _charbonnier(apart)
-        jacobian *= self._weight * bend[..., None]
-        return self._weight * apart, jacobian
+        jacobian *= weight * bend[..., None]
+        return weight * apart, jacobian
 
     def _of_prior(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (6,), and by x (6, 6): a line far from the middle for p and m."""
         middle, width = np.transpose([FIT.factor, FIT.lamp, FIT.film])
-        whitening = self._prior.whitening
+        whitening = self.prior.whitening
         light = (x[:3] - middle) / width
         by_light = np.diag(1 / width)
         for index in (0, 2):
             light[index], bend = _charbonnier(light[index])
             by_light[index, index] *= bend
-        albedo = whitening @ (x[3:] - np.log(self._prior.albedo))
+        albedo = whitening @ (x[3:] - np.log(self.prior.albedo))
         none = np.zeros((3, 3))
         return np.concatenate([light, albedo]), np.block(
             [[by_light, none], [none, whitening]]
@@ -365,14 +353,13 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
 
     def log_direct(x: FloatArray) -> FloatArray:
         """Return log E_c but for a constant, (P, 3)."""
-        ratio, _ = patches.ratio_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])
+        ratio, _ = patches.ratio_and_slopes(x)
         return patches.light - np.log1p(ratio) - x[3:]
 
     low = np.array([0.0, 0.0, 0.0, *np.log(3 * [FIT.albedos[0]])])
     high = np.array(
         [FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [FIT.albedos[1]])]
     )
-    tint = _tint_whitening()
     x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
     sigma = 1.0
     for _ in range(FIT.rounds):
@@ -386,9 +373,8 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
             xtol=1e-5,
             ftol=1e-5,
         ).x
-        sigma = max(
-            1.48 * float(np.median(np.abs(log_direct(x) @ tint.T))), FIT.least_spread
-        )
+        tint = np.median(np.abs(log_direct(x) @ _tint_whitening().T))
+        sigma = max(1.48 * float(tint), FIT.least_spread)
     light = log_direct(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[3:])
@@ -413,11 +399,9 @@ def _why_unlikely(estimate: Light) -> str:
         return "more light than can have bounced"
     if estimate.film > FIT.at_bound * FIT.largest_film:
         return "more mirrored light than a film returns"
+    least, most = FIT.albedos
     albedo = estimate.albedo
-    if (
-        albedo.max() > FIT.at_bound * FIT.albedos[1]
-        or albedo.min() < FIT.albedos[0] / FIT.at_bound
-    ):
+    if albedo.max() > FIT.at_bound * most or albedo.min() < least / FIT.at_bound:
         return "albedos that no tissue has"
     if estimate.misfit > FIT.most_misfit:
         return "the channels disagree on the direct light"

@@ -31,7 +31,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.light.colours import FIT
-from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
+from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope, sectors
 
 
 @dataclass(frozen=True)
@@ -114,36 +114,31 @@ def measure_light(
     seen = [
         _Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)
     ]
-    fitted = _fit(seen, lamp)
-    parts = [_fit(seen, lamp, fitted, part) for part in range(2 * SURFACE_FIT.sectors)]
+    fitted = _fit(seen)
+    parts = [_fit(seen, fitted, part) for part in range(2 * SURFACE_FIT.sectors)]
     apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
     covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(
         np.square(SURFACE_FIT.model_errors)
     )
     usual = np.array([SURFACE_FIT.gamma[0], *np.log(FIT.tissue)])
-    width = np.array(
-        [SURFACE_FIT.gamma[1], SURFACE_FIT.tint, SURFACE_FIT.tint, SURFACE_FIT.tint]
-    )
+    width = np.array([SURFACE_FIT.gamma[1], *[SURFACE_FIT.tint] * 3])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
     albedo = np.clip(np.exp(logs), *FIT.albedos)
+    spread[2:] *= albedo
     red, green, blue = (round(float(rho), 2) for rho in albedo)
-    errors = dict(
-        zip(("k", "gamma", *CHANNELS), [*spread[:2], *(albedo * spread[2:])], strict=True)
-    )
     light = Photometry(
         round(max(float(k), 0.0), 2),
         round(float(gamma), 2),
         brdf=Lambertian((red, green, blue)),
     )
-    left = np.concatenate([np.ravel(part) for part in _residuals(fitted, seen, lamp)])
-    names = tuple(frame.name for frame in frames)
+    left = np.concatenate([np.ravel(part) for part in _residuals(fitted, seen)])
     return MeasuredLight(
         light,
-        {n: float(e) for n, e in errors.items()},
+        dict(zip(("k", "gamma", *CHANNELS), spread.tolist(), strict=True)),
         float(np.median(np.abs(left))),
-        names,
+        tuple(frame.name for frame in frames),
     )
 
 
@@ -152,9 +147,9 @@ class _Patches:
     """A frame averaged over the patches of its surface."""
 
     grey: FloatArray  # (P, 3), stored values, grey levels of 255
-    aside: FloatArray  # (P,), log cos α
+    aside: FloatArray  # (P,), log cos α, as far as it is the lens's
     direct: FloatArray  # (K, P), log E under each of LIT_EXPONENTS
-    orders: FloatArray  # (K, bounces, P), see `Walls.orders`
+    orders: list[FloatArray]  # (bounces, P) under each, see `Walls.orders`
     part: FloatArray  # (P,), number of the part of the scene
 
     @classmethod
@@ -173,111 +168,92 @@ class _Patches:
         height = max(1, round(frame.height * SURFACE_FIT.width / frame.width))
         small = frame.resize(SURFACE_FIT.width, height, SURFACE_FIT.gamma[0])
         clipped = frame.image.max(axis=-1) >= FRAME_LIMITS.bright
-        clipped = (
-            cv2.resize(
-                clipped.astype(float),
-                (SURFACE_FIT.width, height),
-                interpolation=cv2.INTER_AREA,
-            )
-            > 0
+        clipped = cv2.resize(
+            clipped.astype(float), (small.width, height), interpolation=cv2.INTER_AREA
         )
         known = resample_truth(distance, (height, SURFACE_FIT.width))
         field = camera.resize(SURFACE_FIT.width, height).field
         mask = np.isfinite(known) & field.valid & small.mask
         if mask.sum() < FIT.least_patches:
             raise ValueError(TOO_LITTLE.format(frame.name))
-        v = np.log(np.where(mask, known, 1.0))
-        walls = Walls.of(v, mask, field, 0.0, depth_cuts(np.where(mask, known, np.nan)))
+        known = np.where(mask, known, np.nan)
+        walls = Walls.of(np.log(known), mask, field, 0.0, depth_cuts(known))
         mirrored = find_highlights(small.image, mask, SURFACE_FIT.gamma[0])
-        usable = mask & ~clipped & ~mirrored & (walls.direct > 0)
-        usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(
-            np.deg2rad(SURFACE_FIT.widest)
+        cos_alpha = np.nan_to_num(field.cos_alpha, nan=-1.0)
+        near = cos_alpha > np.cos(np.deg2rad(SURFACE_FIT.widest))
+        usable = mask & near & (clipped == 0) & ~mirrored & (walls.direct > 0)
+        aside = (1 - lamp) * np.log(np.where(usable, cos_alpha, 1.0))
+        means, direct, orders, full = walls.averages(
+            np.dstack([255 * small.image, aside]), usable, lamp * LIT_EXPONENTS
         )
-        lit = [walls.under(lamp * k) for k in LIT_EXPONENTS]
-        aside = np.log(np.where(usable, field.cos_alpha, 1.0))
-        maps = np.dstack(
-            [usable, 255 * small.image, aside, *(lit_colour.direct for lit_colour in lit)]
-        )
-        sums = walls.sums(np.where(usable[..., None], maps, 0.0))
-        full = sums[:, 0] > walls.full / 2
-        if full.sum() < FIT.least_patches:
+        if len(means) < FIT.least_patches:
             raise ValueError(TOO_LITTLE.format(frame.name))
-        means = sums[full, 1:] / sums[full, :1]
         points = walls.points[: walls.count][full]
-        around = (
-            np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SURFACE_FIT.sectors
-        ).astype(int)
         far = np.linalg.norm(points, axis=-1)
-        orders = np.array(
-            [lit_colour.orders[:, : walls.count][:, full] for lit_colour in lit]
-        )
+        part = 2 * sectors(points, SURFACE_FIT.sectors) + (far > np.median(far))
         return cls(
             means[:, :3],
             means[:, 3],
-            np.log(means[:, 4:].T),
+            np.log(direct),
             orders,
-            2 * around + (far > np.median(far)),
+            part,
         )
 
-    def light(self, k: float, albedo: FloatArray, lamp: float) -> FloatArray:
+    def light(self, k: float, albedo: FloatArray) -> FloatArray:
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
         place = k / (LIT_EXPONENTS[1] - LIT_EXPONENTS[0])
         low = min(int(place), len(LIT_EXPONENTS) - 2)
-        shares = (low, 1 - place + low), (low + 1, place - low)
-        direct = sum(share * self.direct[i] for i, share in shares)
-        bounced = sum(
-            share * bounced_light_and_slope(self.orders[i], albedo)[0]
-            for i, share in shares
+        share = place - low
+        direct = (1 - share) * self.direct[low] + share * self.direct[low + 1]
+        less, more = (
+            bounced_light_and_slope(orders, albedo)[0]
+            for orders in self.orders[low : low + 2]
         )
-        whole = np.log(np.exp(direct)[:, None] + bounced)
-        return np.asarray(whole + ((1 - lamp) * k * self.aside)[:, None])
+        bounced = (1 - share) * less + share * more
+        return np.log(np.exp(direct)[:, None] + bounced) + (k * self.aside)[:, None]
 
 
-def _residuals(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArray]:
+def _residuals(x: FloatArray, seen: Sequence[_Patches]) -> list[FloatArray]:
     """What the model leaves of each frame, (P, 3), grey levels.
 
     x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
     """
+    albedo = np.exp(x[2:5])
     levels = x[5:].reshape(len(seen), 3)
-    made = [
-        patches.light(x[0], np.exp(x[2:5]), lamp) + level
-        for patches, level in zip(seen, levels, strict=True)
-    ]
     return [
-        255 * np.exp(light / x[1]) - patches.grey
-        for light, patches in zip(made, seen, strict=True)
+        255 * np.exp((patches.light(x[0], albedo) + level) / x[1]) - patches.grey
+        for patches, level in zip(seen, levels, strict=True)
     ]
 
 
 def _fit(
-    seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1
+    seen: Sequence[_Patches], start: FloatArray | None = None, but: int = -1
 ) -> FloatArray:
     """Fit the model to frames, `but` for one part of the scene."""
     if start is None:
+        k = 1.5
+        gamma = SURFACE_FIT.gamma[0]
         albedo = np.array(FIT.tissue)
-        levels = [
-            np.median(
-                SURFACE_FIT.gamma[0] * np.log(np.maximum(patches.grey, 1) / 255)
-                - patches.light(1.5, albedo, lamp),
-                axis=0,
-            )
-            for patches in seen
-        ]
-        start = np.concatenate([[1.5, SURFACE_FIT.gamma[0]], np.log(albedo), *levels])
+        start = np.array([k, gamma, *np.log(albedo)])
+        for patches in seen:
+            log_light = gamma * np.log(np.maximum(patches.grey, 1) / 255)
+            level = np.median(log_light - patches.light(k, albedo), axis=0)
+            start = np.append(start, level)
 
     def residual(x: FloatArray) -> FloatArray:
         left = [
             r[patches.part != but].ravel()
-            for r, patches in zip(_residuals(x, seen, lamp), seen, strict=True)
+            for r, patches in zip(_residuals(x, seen), seen, strict=True)
         ]
         return np.concatenate(left) / SURFACE_FIT.usual_misfit
 
-    low = np.full(len(start), -np.inf)
-    high = np.full(len(start), np.inf)
-    low[:5] = [0, SURFACE_FIT.gammas[0], *np.log(3 * [FIT.albedos[0]])]
-    high[:5] = [4, SURFACE_FIT.gammas[1], *np.log(3 * [FIT.albedos[1]])]
-    inside = np.clip(start, low + 1e-3, high - 1e-3)
+    bounds = np.full((2, len(start)), np.inf)
+    bounds[0] = -np.inf
+    bounds[:, 0] = 0, 4
+    bounds[:, 1] = SURFACE_FIT.gammas
+    bounds[:, 2:5] = np.log(FIT.albedos)[:, None]
+    inside = np.clip(start, bounds[0] + 1e-3, bounds[1] - 1e-3)
     fitted: FloatArray = scipy.optimize.least_squares(
-        residual, inside, bounds=(low, high), loss="soft_l1"
+        residual, inside, bounds=bounds, loss="soft_l1"
     ).x
     return fitted

@@ -24,18 +24,17 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
+from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows
 from endolab.reconstruction.channels import (
     Channel,
     Channels,
     Task,
     in_units,
-    resample_maps,
     resample_surface,
     start_from,
 )
@@ -43,9 +42,11 @@ from endolab.reconstruction.contours.choice import (
     CHOICE,
     CONTOURS,
     Trial,
+    count_cuts,
     cut_at_contours,
     enlarge_cuts,
     min_steepness_of,
+    solve_stage,
 )
 from endolab.reconstruction.contours.lines import find_contours
 from endolab.reconstruction.light.colours import (
@@ -59,7 +60,6 @@ from endolab.reconstruction.light.colours import (
     refine_per_pixel,
 )
 from endolab.reconstruction.light.walls import Walls
-from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import EXACT, NONE, Problem
 from endolab.solvers.provenance import (
     ContourOutcome,
@@ -69,7 +69,7 @@ from endolab.solvers.provenance import (
     Provenance,
     SearchedPicture,
 )
-from endolab.solvers.result import Iterate, Result, name_stage, with_provenance
+from endolab.solvers.result import Iterate, Result
 
 BOUNCED = "bounced light"  # stage
 
@@ -215,13 +215,9 @@ def separate(
     provenance = Provenance(preparation=channels[1].report)
     _check_colours(colours)
     prior = AlbedoPrior.of(albedo)
-    ratio = _guess(colours, prior)
-    light = prior.light
-    first = merge(colours, ratio, prior.albedo)
-    steps = with_provenance(
-        gauss_newton(first, max_iterations=SEPARATION_ROUNDS.uncut[0]), provenance
-    )
-    surface = yield from name_stage(steps, BOUNCED, 1)
+    first = merge(colours, _guess(colours, prior), prior.albedo)
+    few = SEPARATION_ROUNDS.uncut[0]
+    surface = yield from solve_stage(first, provenance, BOUNCED, 1, max_iterations=few)
     for number, count in enumerate(SEPARATION_ROUNDS.uncut[1:], 2):
         ratio, light = estimate_indirect(colours, surface, prior)
         surface = yield from solve_direct(colours, ratio, light, surface, number, count)
@@ -232,14 +228,14 @@ def separate(
         searched = SearchedPicture(ratio, light.albedo)
         trials = yield from _try_contours(colours, surface, prior)
         number += len(trials) - 1
-        chosen, outcome = CHOICE.choose(
-            [trial.facts for trial in trials], always=bool(contours)
+        chosen, outcome = CHOICE.choose(trials, always=bool(contours))
+        trial = trials[chosen]
+        surface = trial.surface
+        ratio = trial.indirect_ratio
+        light = trial.lit
+        report = ContourReport(
+            outcome, min_steepness=trial.min_steepness, searched=searched
         )
-        ratio = trials[chosen].indirect_ratio
-        light = trials[chosen].light
-        surface = trials[chosen].facts.surface
-        steepness = trials[chosen].facts.min_steepness
-        report = ContourReport(outcome, min_steepness=steepness, searched=searched)
     if light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, ratio, light)
         surface = yield from solve_direct(
@@ -249,13 +245,12 @@ def separate(
     return Separation(ratio, light, surface, report)
 
 
-@dataclass(frozen=True)
-class _LitTrial:
+@dataclass(frozen=True, kw_only=True)
+class _LitTrial(Trial):
     """A surface that is cut, or not, with its light."""
 
-    facts: Trial
     indirect_ratio: FloatArray
-    light: Light
+    lit: Light
 
 
 def _try_contours(
@@ -269,25 +264,35 @@ def _try_contours(
 
     def judge(surface: Iterate, min_steepness: float | None) -> _LitTrial:
         ratio, light = estimate_indirect(colours, surface, prior)
-        facts = Trial(surface, min_steepness, light.outcome, light.factor, light.misfit)
-        return _LitTrial(facts, ratio, light)
+        return _LitTrial(
+            surface,
+            min_steepness,
+            light.outcome,
+            light.factor,
+            light.misfit,
+            indirect_ratio=ratio,
+            lit=light,
+        )
 
     trials = [judge(surface, None)]
     lines = find_contours(surface.problem.log_d0, surface.problem.mask)
     number = len(SEPARATION_ROUNDS.uncut)
-    for min_steepness in CHOICE.steepnesses(trials[0].facts):
-        last = trials[-1].facts.surface
+    for min_steepness in CHOICE.steepnesses(trials[0]):
+        last = trials[-1].surface
         problem = cut_at_contours(last.problem, min_steepness, lines)
         if problem.cuts is None:
             continue
         number += 1
-        solver = gauss_newton(
-            problem, start=last.log_distance, max_iterations=SEPARATION_ROUNDS.cut
+        surface = yield from solve_stage(
+            problem,
+            last.provenance,
+            CONTOURS,
+            number,
+            start=last.log_distance,
+            max_iterations=SEPARATION_ROUNDS.cut,
         )
-        steps = with_provenance(solver, last.provenance)
-        surface = yield from name_stage(steps, CONTOURS, number)
         trials.append(judge(surface, min_steepness))
-        if not CHOICE.goes_on([trial.facts for trial in trials]):
+        if not CHOICE.goes_on(trials):
             break
     return trials
 
@@ -311,17 +316,18 @@ def separate_from(
         searched = SearchedPicture(
             _guess(colours, prior), prior.albedo, SEPARATION_ROUNDS.guessed_steepness
         )
-    cuts = None
+    problem = colours[1]
+    outcome = ContourOutcome.NONE_CLEAR
     if min_steepness is not None:
         cuts = _find_cuts(colours, searched, min_steepness)
-    problem = replace(colours[1], cuts=cuts)
+        problem = replace(problem, cuts=cuts)
+        outcome = ContourOutcome.NONE_CLEAR if cuts is None else ContourOutcome.AS_BEFORE
     provenance = Provenance(preparation=channels[1].report)
     surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     surface = yield from solve_direct(
         colours, ratio, light, surface, 1, SEPARATION_ROUNDS.uncut[0]
     )
-    outcome = ContourOutcome.NONE_CLEAR if cuts is None else ContourOutcome.AS_BEFORE
     report = ContourReport(outcome, min_steepness=min_steepness, searched=searched)
     return Separation(ratio, light, surface, report)
 
@@ -359,9 +365,11 @@ def solve_direct(
         problem = replace(problem, cuts=surface.problem.cuts)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_d0)
-    solver = gauss_newton(problem, start=start, max_iterations=count)
+    provenance = surface.provenance
     return (
-        yield from name_stage(with_provenance(solver, surface.provenance), BOUNCED, number)
+        yield from solve_stage(
+            problem, provenance, BOUNCED, number, start=start, max_iterations=count
+        )
     )
 
 
@@ -379,7 +387,7 @@ def _find_cuts(
     What bounces on a cut surface takes so much light from limbs, and from what lies behind folds, that new
     lines would come of it: so it is that without the light that bounced on the surface when it was uncut.
     """
-    ratio = resample_maps(searched.indirect_ratio, colours[1].mask.shape)
+    ratio = resample(searched.indirect_ratio, colours[1].mask.shape)
     picture = merge(colours, ratio, searched.albedo)
     return cut_at_contours(picture, searched.share * min_steepness).cuts
 
@@ -389,33 +397,27 @@ def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
     colours = [channel.problem for channel in channels.full]
     shape = colours[1].mask.shape
     light = separation.light
-    problem = merge(colours, resample_maps(separation.indirect_ratio, shape), light.albedo)
+    problem = merge(colours, resample(separation.indirect_ratio, shape), light.albedo)
     report = separation.contours
-    cuts = separation.surface.problem.cuts
-    if cuts is not None:
-        if (
-            report.outcome is ContourOutcome.BY_ENERGY or cuts.shape[1:] == shape
-        ):  # it chose these very lines
-            cuts = enlarge_cuts(cuts, shape)
+    small = separation.surface.problem
+    if small.cuts is not None:
+        by_energy = report.outcome is ContourOutcome.BY_ENERGY
+        if by_energy or small.mask.shape == shape:  # it chose these very lines
+            problem = replace(problem, cuts=enlarge_cuts(small.cuts, shape))
         else:  # the colours chose how steep they must be
             searched = report.searched or SearchedPicture(
                 separation.indirect_ratio, light.albedo
             )
-            cuts = _find_cuts(
-                colours, searched, report.min_steepness or CHOICE.min_steepness[0]
-            )
-        problem = replace(problem, cuts=cuts)
-    cuts = problem.cuts
-    if cuts is not None and report.outcome is ContourOutcome.NOT_ASKED:
+            steepness = report.min_steepness or CHOICE.min_steepness[0]
+            problem = replace(problem, cuts=_find_cuts(colours, searched, steepness))
+    if problem.cuts is not None and report.outcome is ContourOutcome.NOT_ASKED:
         report = ContourReport(ContourOutcome.GIVEN)
-    steps = 0 if cuts is None else int(cuts.sum())
     problem = in_units(problem)
     provenance = Provenance(
         preparation=channels.middle.report,
         light=_report_on(light, separation.indirect_ratio, given),
-        contours=replace(report, steps=steps),
+        contours=replace(report, steps=count_cuts(problem)),
     )
-    small = separation.surface.problem
     return Task(problem, small, provenance, start_from(separation.surface, problem))
 
 
@@ -449,12 +451,13 @@ def merge(
     """
     gamma = colours[1].photometry.gamma
     mask = np.any([colour.mask for colour in colours], axis=0)
-    kinds = np.stack([np.where(colour.mask, _evidence(colour), NONE) for colour in colours])
-    evidence = kinds.min(axis=0).astype(np.int8)  # EXACT before LOWER_BOUND before NONE
-    noises = [
-        max(noise_level(colour.image, colour.mask), FRAME_LIMITS.rounding)
-        for colour in colours
-    ]
+    kinds = np.full((3, *mask.shape), EXACT, np.int8)
+    for kind, colour in zip(kinds, colours, strict=True):
+        if colour.evidence is not None:
+            kind[:] = colour.evidence
+        kind[~colour.mask] = NONE
+    evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
+    noises = [_noise(colour) for colour in colours]
     image = np.empty(mask.shape)
 
     def merge_rows(rows: slice) -> None:
@@ -472,33 +475,27 @@ def merge(
             )
             total += weight * log_direct
             weights += weight
-        light = np.where(
-            mask[rows], np.exp(total / np.where(mask[rows], weights, 1.0)), 0.0
-        )
+        mean = total / np.where(mask[rows], weights, 1.0)
+        light = np.where(mask[rows], np.exp(mean), 0.0)
         image[rows] = light ** (1 / gamma)
 
     by_rows(merge_rows, mask.shape)
+    evidence[~mask] = EXACT
     return replace(
-        colours[1],
-        image=image,
-        mask=mask,
-        evidence=np.where(mask, evidence, EXACT).astype(np.int8)
-        if evidence[mask].any()
-        else None,
+        colours[1], image=image, mask=mask, evidence=evidence if evidence.any() else None
     )
 
 
-def _evidence(problem: Problem) -> NDArray[np.int8]:
-    if problem.evidence is None:
-        return np.full(problem.mask.shape, EXACT, np.int8)
-    return problem.evidence
+def _noise(problem: Problem) -> float:
+    """Return the noise of a channel, that of rounding at least."""
+    return max(noise_level(problem.image, problem.mask), FRAME_LIMITS.rounding)
 
 
 def _signal(problem: Problem) -> float:
     """Return median grey level over noise; less where much is saturated."""
     image = problem.image[problem.mask]
-    noise = max(noise_level(problem.image, problem.mask), FRAME_LIMITS.rounding)
-    return float(np.median(image) * np.mean(image < FRAME_LIMITS.bright)) / noise
+    share = np.mean(image < FRAME_LIMITS.bright)
+    return float(np.median(image) * share) / _noise(problem)
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:
@@ -506,9 +503,7 @@ def _check_colours(colours: Sequence[Problem]) -> None:
     mask = np.all([colour.mask for colour in colours], axis=0)
     if not mask.any():
         return
-    green = colours[1].image[mask]
-    if (
-        max(np.median(np.abs(colour.image[mask] / green - 1)) for colour in colours)
-        < SEPARATION_ROUNDS.same_colour
-    ):
+    red, green, blue = (colour.image[mask] for colour in colours)
+    differences = [np.median(np.abs(other / green - 1)) for other in (red, blue)]
+    if max(differences) < SEPARATION_ROUNDS.same_colour:
         raise NoColour("red, green and blue are one")

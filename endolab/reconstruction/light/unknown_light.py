@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -43,20 +44,14 @@ from endolab.reconstruction.channels import Channel, make_channels
 from endolab.reconstruction.light.colours import NoColour, known_albedo
 from endolab.reconstruction.light.separation import separate, separate_from
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.gauss_newton import gauss_newton
-from endolab.solvers.provenance import Provenance
-from endolab.solvers.result import Iterate, Observer, name_stage, with_provenance
+from endolab.solvers.result import Iterate, Observer
 
-LIGHT = "light"  # stage
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
 
 
 @dataclass(frozen=True)
 class ExponentSearch:
-    """How k is found. T and the widths make the true k of 31 path-traced frames likeliest.
-
-    Pairs are for frames in colour, and without.
-    """
+    """How k is found. T and the widths make the true k of 31 path-traced frames likeliest."""
 
     first: int = 4  # of the exponents that are tried, with which to begin: 2
     width: int = 200  # px; it is the surface's large shape that tells
@@ -71,8 +66,8 @@ class ExponentSearch:
     temperature: float = 0.03
     # What shapes pretend: standard deviation of the part of a frame's log light that looks like
     # log cos α, as a share of the spread of that; and of k, for all frames of an endoscope together.
-    aside: tuple[float, float] = (0.08, 0.15)
-    alike: tuple[float, float] = (0.3, 0.5)
+    aside: float = 0.08
+    alike: float = 0.3
     wrong: float = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
     # Power of two shapes' correlation to which they are one place; 0.98 of neighbours,
     # 0.5 of others.
@@ -102,7 +97,6 @@ class LightEstimate:
     photometry: Photometry
     exponents: FloatArray  # (K,), those that were tried
     costs: FloatArray  # (F, K), c of every frame, its least being 0
-    likelihood: FloatArray  # (N, 2), k and how likely it is, per unit of k
     places: float  # as many independent frames the frames are worth
     names: tuple[str, ...]  # of the F frames
     refused: dict[str, str]  # names of others, and why, in a sentence
@@ -111,13 +105,20 @@ class LightEstimate:
     @property
     def evidence(self) -> dict[str, Any]:
         """All of it in plain numbers, for `endoscope.json`."""
-        plain = ("k", "standard_error", "outcome", "verdict", "places", "refused")
-        record: dict[str, Any] = {name: getattr(self, name) for name in plain}
-        record |= {"interval": list(self.interval), "exponents": self.exponents.tolist()}
+        plain = (
+            "k",
+            "standard_error",
+            "interval",
+            "outcome",
+            "verdict",
+            "places",
+            "refused",
+        )
+        record = {name: getattr(self, name) for name in plain}
+        record["exponents"] = self.exponents.tolist()
         costs = np.round(self.costs, 4).tolist()
-        return {
-            "unknown_light": record | {"costs": dict(zip(self.names, costs, strict=True))}
-        }
+        record["costs"] = dict(zip(self.names, costs, strict=True))
+        return {"unknown_light": record}
 
 
 def estimate_light(
@@ -139,7 +140,7 @@ def estimate_light(
     Parameters
     ----------
     frames : iterable of Frame
-        Of one endoscope, in colour, so that bounced light can be told from direct; grey ones tell less.
+        Of one endoscope, in colour, so that bounced light can be told from direct.
     camera : Camera
         For pictures of that size.
     gamma : float
@@ -186,6 +187,8 @@ def estimate_light(
                 raise ValueError(f"frames must be several of Frame, got {excerpt(frame)}")
             try:
                 scans.append((yield from _scan(frame, endoscope)))
+            except NoColour as error:
+                refused[frame.name] = f"{frame.name}: its colours tell nothing ({error})"
             except ValueError as error:
                 refused[frame.name] = str(error)
             if progress is not None:
@@ -213,38 +216,27 @@ class _Scan:
     costs: FloatArray  # (K,), c, its least being 0
     spread: float  # standard deviation of log cos α
     shape: FloatArray  # (H, W), log d but for its mean and what goes with log cos α; nan where unknown
-    coloured: bool  # whether indirect light was removed
 
 
 def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
     """Solve a frame under every k; the iterates are yielded."""
-    coloured = frame.image.ndim == 3
-    if coloured:
-        try:
-            surfaces = yield from _surfaces_of_colours(frame, calibration)
-        except NoColour:
-            coloured = False
-    if not coloured:
-        surfaces = yield from _surfaces_of_grey(frame, calibration)
+    surfaces = yield from _solve_for_all_k(frame, calibration)
     costs = np.array([_cost(surface) for surface in surfaces])
-    mask = surfaces[EXPONENT_SEARCH.first].mask
-    v = surfaces[EXPONENT_SEARCH.first].log_distance
-    fall = np.log(surfaces[EXPONENT_SEARCH.first].problem.field.cos_alpha[mask])
+    middle = surfaces[EXPONENT_SEARCH.first]
+    mask = middle.mask
+    v = middle.log_distance[mask]
+    fall = np.log(middle.problem.field.cos_alpha[mask])
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
         raise ValueError(f"{frame.name}: its surface has no contrast")
-    line = np.polyfit(fall, v[mask], 1)
     shape = np.full(mask.shape, np.nan)
-    shape[mask] = v[mask] - np.polyval(line, fall)
-    return _Scan(frame.name, costs - costs.min(), float(fall.std()), shape, coloured)
+    shape[mask] = v - np.polyval(np.polyfit(fall, v, 1), fall)
+    return _Scan(frame.name, costs - costs.min(), float(fall.std()), shape)
 
 
-Chain = Generator[Iterate, None, Iterate]
-
-
-def _surfaces_of_colours(
+def _solve_for_all_k(
     frame: Frame, calibration: Calibration
 ) -> Generator[Iterate, None, list[Iterate]]:
-    """The surface under every k, indirect light removed each time."""
+    """Return the surface under every k, from a middle one outwards, indirect light removed each time."""
     settings = Settings(
         width=min(EXPONENT_SEARCH.width, frame.width),
         smooth=EXPONENT_SEARCH.smooth,
@@ -252,56 +244,27 @@ def _surfaces_of_colours(
     )
     colours = make_channels(frame, calibration, settings, CHANNELS)
     albedo = known_albedo(calibration)
-
-    def solve(k: float, before: Iterate | None) -> Chain:
-        lit = [_under(colour, k) for colour in colours]
-        if before is None:
-            separation = yield from separate(lit, albedo, False)
-        else:
-            separation = yield from separate_from(lit, albedo, _move_sides(before, k))
-        return separation.surface
-
-    return (yield from _solve_for_all_k(solve))
-
-
-def _surfaces_of_grey(
-    frame: Frame, calibration: Calibration
-) -> Generator[Iterate, None, list[Iterate]]:
-    """The surface under every k, all light being taken for direct."""
-    settings = Settings(
-        width=min(EXPONENT_SEARCH.width, frame.width), smooth=EXPONENT_SEARCH.smooth
-    )
-    (channel,) = make_channels(frame, calibration, settings, [None])
-    provenance = Provenance(preparation=channel.report)
-
-    def solve(k: float, before: Iterate | None) -> Chain:
-        start = None if before is None else _move_sides(before, k)
-        number = int(np.argmin(np.abs(EXPONENTS - k))) + 1
-        solver = gauss_newton(_under(channel, k).problem, start=start)
-        return (yield from name_stage(with_provenance(solver, provenance), LIGHT, number))
-
-    return (yield from _solve_for_all_k(solve))
+    first = EXPONENT_SEARCH.first
+    separation = yield from separate(_under(colours, EXPONENTS[first]), albedo, False)
+    surfaces = {first: separation.surface}
+    for index in (*range(first + 1, len(EXPONENTS)), *reversed(range(first))):
+        neighbour = surfaces[index - 1 if index > first else index + 1]
+        k = EXPONENTS[index]
+        separation = yield from separate_from(
+            _under(colours, k), albedo, _move_sides(neighbour, k)
+        )
+        surfaces[index] = separation.surface
+    return [surface for _, surface in sorted(surfaces.items())]
 
 
-def _solve_for_all_k(
-    solve: Callable[[float, Iterate | None], Chain],
-) -> Generator[Iterate, None, list[Iterate]]:
-    """Solve for every k, from FIRST outwards, each from its neighbour's surface."""
-    first = yield from solve(float(EXPONENTS[EXPONENT_SEARCH.first]), None)
-    up = [first]
-    down = [first]
-    for k in EXPONENTS[EXPONENT_SEARCH.first + 1 :]:
-        up.append((yield from solve(float(k), up[-1])))
-    for k in EXPONENTS[: EXPONENT_SEARCH.first][::-1]:
-        down.append((yield from solve(float(k), down[-1])))
-    return [*down[:0:-1], *up]
-
-
-def _under(channel: Channel, k: float) -> Channel:
-    problem = channel.problem
-    return replace(
-        channel, problem=replace(problem, photometry=replace(problem.photometry, k=k))
-    )
+def _under(colours: Sequence[Channel], k: float) -> list[Channel]:
+    """Return the same picture under a light of another k."""
+    lit = []
+    for colour in colours:
+        problem = colour.problem
+        photometry = replace(problem.photometry, k=float(k))
+        lit.append(replace(colour, problem=replace(problem, photometry=photometry)))
+    return lit
 
 
 def _move_sides(surface: Iterate, k: float) -> FloatArray:
@@ -314,11 +277,10 @@ def _move_sides(surface: Iterate, k: float) -> FloatArray:
 def _cost(surface: Iterate) -> float:
     """What a surface costs for its contrast, c."""
     nearness = 1 / surface.distance[surface.mask]
+    contrast = nearness.std() / nearness.mean()
     with np.errstate(divide="ignore"):
-        return float(
-            np.log(surface.energy)
-            - EXPONENT_SEARCH.contrast * np.log(nearness.std() / nearness.mean())
-        )
+        cost = np.log(surface.energy) - EXPONENT_SEARCH.contrast * np.log(contrast)
+    return float(cost)
 
 
 # All of them ----------------------------------------------------------------------------
@@ -327,94 +289,70 @@ def _cost(surface: Iterate) -> float:
 def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
     """What each of several frames counts: two that show one place count half each."""
     correlation = np.eye(len(shapes))
-    for i, shape in enumerate(shapes):
-        for j, other in enumerate(shapes[:i]):
-            both = (
-                np.isfinite(shape) & np.isfinite(other)
-                if shape.shape == other.shape
-                else np.zeros(1, bool)
-            )
-            if both.sum() > 1 and min(shape[both].std(), other[both].std()) > 0:
-                correlation[i, j] = correlation[j, i] = (
-                    max(np.corrcoef(shape[both], other[both])[0, 1], 0.0)
-                    ** EXPONENT_SEARCH.same
-                )
+    for i, j in combinations(range(len(shapes)), 2):
+        both = np.isfinite(shapes[i]) & np.isfinite(shapes[j])
+        alike = max(0.0, np.corrcoef(shapes[i][both], shapes[j][both])[0, 1])
+        correlation[i, j] = correlation[j, i] = alike**EXPONENT_SEARCH.same
     return np.asarray(1 / correlation.sum(axis=1))
 
 
-def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> FloatArray:
-    """How likely every k is, (N, 2): k, and per unit of k."""
-    k = np.linspace(
-        EXPONENTS[0],
-        EXPONENTS[-1],
-        round((EXPONENTS[-1] - EXPONENTS[0]) / EXPONENT_SEARCH.step) + 1,
-    )
+def _likelihood(k: FloatArray, scans: Sequence[_Scan], weights: FloatArray) -> FloatArray:
+    """How likely every k is, per unit of k, (N,)."""
+    step = EXPONENT_SEARCH.step
 
     def blur(density: FloatArray, width: float) -> FloatArray:
-        smooth = np.asarray(
-            gaussian_filter1d(density, width / EXPONENT_SEARCH.step, mode="constant")
-        )
-        return smooth / (smooth.sum() * EXPONENT_SEARCH.step)
+        smooth = np.asarray(gaussian_filter1d(density, width / step, mode="constant"))
+        return smooth / (smooth.sum() * step)
 
     total = np.zeros(len(k))
+    wrong = EXPONENT_SEARCH.wrong
     for scan, weight in zip(scans, weights, strict=True):
         cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
-        says = blur(
-            np.exp(-(cost - cost.min()) / EXPONENT_SEARCH.temperature),
-            EXPONENT_SEARCH.aside[not coloured] / scan.spread,
-        )
-        total += weight * np.log(
-            (1 - EXPONENT_SEARCH.wrong) * says + EXPONENT_SEARCH.wrong / (k[-1] - k[0])
-        )
-    return np.stack(
-        [k, blur(np.exp(total - total.max()), EXPONENT_SEARCH.alike[not coloured])], axis=1
-    )
+        alone = np.exp(-(cost - cost.min()) / EXPONENT_SEARCH.temperature)
+        alone = blur(alone, EXPONENT_SEARCH.aside / scan.spread)
+        total += weight * np.log((1 - wrong) * alone + wrong / (k[-1] - k[0]))
+    return blur(np.exp(total - total.max()), EXPONENT_SEARCH.alike)
 
 
 def _estimate(
     scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry, status: Status
 ) -> LightEstimate:
     """What the frames tell together."""
-    coloured = all(scan.coloured for scan in scans)
     weights = _weights([scan.shape for scan in scans])
-    likelihood = _likelihood(scans, weights, coloured)
-    k = likelihood[:, 0]
-    share = np.cumsum(likelihood[:, 1]) * EXPONENT_SEARCH.step
+    steps = round(EXPONENTS[-1] / EXPONENT_SEARCH.step)
+    k = np.linspace(0.0, EXPONENTS[-1], steps + 1)
+    likelihood = _likelihood(k, scans, weights)
+    share = np.cumsum(likelihood) * EXPONENT_SEARCH.step
     low, below, middle, above, high = np.interp(
         [0.025, 0.16, 0.5, 0.84, 0.975], share, k
     ).tolist()
     error = (above - below) / 2
-    at_bound = k[np.argmax(likelihood[:, 1])] > k[-1] - EXPONENT_SEARCH.edge
     frames = f"{len(scans)} frame{'' if len(scans) == 1 else 's'}"
-    if at_bound or error > EXPONENT_SEARCH.roughly:
+    found = f"{middle:.1f} ± {error:.1f}, by {frames}"
+    taken = middle
+    if k[np.argmax(likelihood)] > k[-1] - EXPONENT_SEARCH.edge:
         outcome = "not found"
-        why = (
-            f"it would be {k[-1]:g} or more"
-            if at_bound
-            else f"{low:.1f} to {high:.1f} are likely"
+        why = f"it would be {k[-1]:g} or more"
+    elif error > EXPONENT_SEARCH.roughly:
+        outcome = "not found"
+        why = f"{low:.1f} to {high:.1f} are likely"
+    elif error > EXPONENT_SEARCH.found:
+        outcome = "roughly"
+        precision = [error**-2, EXPONENT_SEARCH.usual_error**-2]
+        taken = float(np.average([middle, usual.k], weights=precision))
+        verdict = (
+            f"The light falls off with k = roughly {found}; with {usual.k:g} in mind, "
+            f"{taken:.1f} is taken."
         )
+    else:
+        outcome = "found"
+        verdict = f"The light falls off with k = {found}."
+    if outcome == "not found":
         verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
     else:
-        outcome = "found" if error <= EXPONENT_SEARCH.found else "roughly"
-        taken = middle
-        roughly = ""
-        instead = ""
-        if outcome == "roughly":
-            taken = float(
-                np.average(
-                    [middle, usual.k], weights=[error**-2, EXPONENT_SEARCH.usual_error**-2]
-                )
-            )
-            roughly = "roughly "
-            instead = f"; with {usual.k:g} in mind, {taken:.1f} is taken"
-        verdict = f"The light falls off with k = {roughly}{middle:.1f} ± {error:.1f}, by {frames}{instead}."
         usual = replace(usual, k=round(taken, 2))
     if weights.sum() < 0.75 * len(scans):
         verdict += f" They show much the same, and count as {weights.sum():.1f}."
-    if not coloured:
-        verdict += (
-            " Not all show three colours, so that light that bounced counts as direct."
-        )
     return LightEstimate(
         k=middle,
         standard_error=error,
@@ -424,7 +362,6 @@ def _estimate(
         photometry=usual,
         exponents=freeze(EXPONENTS.copy()),
         costs=freeze(np.array([scan.costs for scan in scans])),
-        likelihood=freeze(likelihood),
         places=float(weights.sum()),
         names=tuple(scan.name for scan in scans),
         refused=refused,

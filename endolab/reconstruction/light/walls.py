@@ -31,6 +31,7 @@ share of k lights the walls (`Walls.under`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -153,13 +154,13 @@ def _fill_exchange(
 
 
 def _exchange(
-    x: FloatArray, n: FloatArray, area: FloatArray, cell: FloatArray, nearest: FloatArray
+    x: FloatArray, n: FloatArray, area: FloatArray, cell: IntArray, nearest: FloatArray
 ) -> FloatArray:
     """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
     factors = np.zeros((len(x), len(x)))
-    maps = (np.ascontiguousarray(a.T) for a in (x, n))
-    places = np.ascontiguousarray(cell.T, dtype=np.int64)
-    _fill_exchange(factors, *maps, area, places, 1 / (WALL_MODEL.nearer * nearest))
+    columns = [np.ascontiguousarray(a.T) for a in (x, n, cell.astype(np.int64))]
+    limit = 1 / (WALL_MODEL.nearer * nearest)
+    _fill_exchange(factors, columns[0], columns[1], area, columns[2], limit)
     return factors
 
 
@@ -192,83 +193,91 @@ class Walls:
         k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
         surface is cut, see `Problem`.
         """
-        v = np.where(mask, log_distance, 0.0)
-        f_u, f_v = gradient(v, mask, cuts)
+        f_u, f_v = gradient(log_distance, mask, cuts)
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-        solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
-        cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
-        distance = np.where(mask, np.exp(v), 1.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            solid = 1 / np.sqrt(guu * gvv - guv**2)
+        cosine = 1 / np.sqrt(1 + slant(f_u, f_v, field))
+        facing = normals_from_gradient(f_u, f_v, field)
+        distance = np.exp(log_distance)
         cos_alpha = np.where(mask, np.maximum(field.cos_alpha, WALL_MODEL.grazing), 1.0)
-        light = np.where(mask, cos_alpha**k, 0.0)
-        rays = np.where(mask[..., None], field.rays, 0.0)
-        facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
+        light = cos_alpha**k
         area = solid * distance**2 / np.maximum(cosine, WALL_MODEL.least_cosine)
 
         step = max(1.0, np.sqrt(mask.sum() / WALL_MODEL.patches))
         cells = tuple(max(1, round(length / step)) for length in mask.shape)
-        weighted = np.concatenate(
-            [(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1
-        )
-        sums = _cell_sums(np.dstack([mask, area, light * solid, weighted]), cells)
+        layers = [
+            mask,
+            area,
+            light * solid,
+            (area * distance)[..., None] * field.rays,
+            area[..., None] * facing,
+        ]
+        sums = _cell_sums(np.where(mask[..., None], np.dstack(layers), 0.0), cells)
         seen = sums[..., 0] > 0.5 * mask.size / (cells[0] * cells[1])
         covered = sums[seen, 1]
-        flux = sums[seen, 2]
         points = sums[seen, 3:6] / covered[:, None]
         normals = sums[seen, 6:]
-        places = np.argwhere(seen)
+        normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
         nearest = np.full(seen.shape, np.inf)
         nearest[seen] = np.linalg.norm(points, axis=-1)
-        lit = flux / covered
 
         rim, ring_points, ring_normals, ring_area = _draw_back(points)
-        points = np.concatenate([points, ring_points])
-        normals = np.concatenate(
-            [normals / np.linalg.norm(normals, axis=-1, keepdims=True), ring_normals]
-        )
+        lit = sums[seen, 2] / covered
         lit = np.concatenate([lit, _lamp(ring_points, ring_normals, k)])
+        points = np.concatenate([points, ring_points])
+        normals = np.concatenate([normals, ring_normals])
         areas = np.concatenate([covered, ring_area])
-        exchange = _exchange(
-            points, normals, areas, np.concatenate([places, places[rim]]), nearest
-        )
+        places = np.argwhere(seen)
+        places = np.concatenate([places, places[rim]])
+        exchange = _exchange(points, normals, areas, places, nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         cosine = np.where(mask, cosine, 0.0)
         return cls(
-            points, normals, areas, lit, exchange, seen, direct, cos_alpha, cosine, k
+            points,
+            normals,
+            areas,
+            lit,
+            exchange,
+            seen,
+            direct,
+            cos_alpha,
+            cosine,
+            k,
         )
 
     def under(self, k: float) -> Walls:
         """Return the same walls under a lamp of another spread."""
-        points = self.points[self.count :]
-        normals = self.normals[self.count :]
-        seen_points = self.points[: self.count]
-        cos_alpha = np.maximum(
-            seen_points[:, 2] / np.linalg.norm(seen_points, axis=-1), WALL_MODEL.grazing
-        )
-        lit = [
-            self.lit[: self.count] * cos_alpha ** (k - self.k),
-            _lamp(points, normals, k),
-        ]
-        return replace(
-            self,
-            lit=np.concatenate(lit),
-            direct=self.direct * self.cos_alpha ** (k - self.k),
-            k=k,
-        )
+        more = k - self.k
+        centres = self.points[: self.count]
+        cos_alpha = centres[:, 2] / np.linalg.norm(centres, axis=-1)
+        fall = np.maximum(cos_alpha, WALL_MODEL.grazing) ** more
+        beside = _lamp(self.points[self.count :], self.normals[self.count :], k)
+        lit = np.concatenate([self.lit[: self.count] * fall, beside])
+        return replace(self, lit=lit, direct=self.direct * self.cos_alpha**more, k=k)
 
     @property
     def count(self) -> int:
         """How many patches are in the picture."""
         return int(self.seen.sum())
 
-    @property
-    def full(self) -> float:
-        """Pixels in a patch that the mask does not cut."""
-        return self.direct.size / self.seen.size
+    def averages(
+        self, maps: FloatArray, usable: BoolArray, exponents: Iterable[float]
+    ) -> tuple[FloatArray, FloatArray, list[FloatArray], BoolArray]:
+        """Average maps (H, W, C), and the light under lamps of these exponents, over the usable pixels.
 
-    def sums(self, maps: FloatArray) -> FloatArray:
-        """Sum maps (H, W, C) over the pixels of each patch in the picture, (count, C)."""
-        return _cell_sums(maps, self.seen.shape)[self.seen]
+        Returns, of the P patches of the picture half of which is usable: means (P, C), E (L, P), `orders`
+        (bounces, P) under each lamp, and which patches they are, (count,).
+        """
+        lit = [self.under(k) for k in exponents]
+        layers = np.dstack([usable, maps, *(walls.direct for walls in lit)])
+        layers = np.where(usable[..., None], layers, 0.0)
+        sums = _cell_sums(layers, self.seen.shape)[self.seen]
+        full = sums[:, 0] > 0.5 * self.direct.size / self.seen.size
+        means = sums[full, 1:] / sums[full, :1]
+        orders = [walls.orders[:, : self.count][:, full] for walls in lit]
+        return means[:, : -len(lit)], means[:, -len(lit) :].T, orders, full
 
     @cached_property
     def orders(self) -> FloatArray:
@@ -301,11 +310,9 @@ class Walls:
             spread = spread.reshape(shape) / np.maximum(share, 1e-6)[..., None]
             coarse = np.where(reached[..., None], spread, 0.0)
             known = reached.astype(np.float64)
-        lit = self.direct > 0
-        share = (
-            resample(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
-        )
-        ratio = np.where(lit[..., None], np.minimum(share, WALL_MODEL.most_indirect), 0.0)
+        lit = self.direct[..., None]
+        share = resample(coarse, lit.shape[:2]) / np.where(lit > 0, lit, 1.0)
+        ratio = np.where(lit > 0, np.minimum(share, WALL_MODEL.most_indirect), 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
@@ -352,11 +359,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     area, (M,).
     """
     across = np.hypot(points[:, 0], points[:, 1])
-    sector = (
-        (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0)
-        * WALL_MODEL.rim_sectors
-    ).astype(int)
     alpha = np.arctan2(across, points[:, 2])
+    sector = sectors(points, WALL_MODEL.rim_sectors)
     rim = np.array(
         [max(np.flatnonzero(sector == s), key=alpha.__getitem__) for s in np.unique(sector)]
     )
@@ -365,21 +369,21 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
-    deep = (
-        (np.median(start[:, 2]) + WALL_MODEL.back * np.median(radius)) / step
-        if step > 0
-        else 0.0
-    )
-    rings = int(np.ceil(min(deep, WALL_MODEL.rings)))
+    deep = 0.0
+    if step > 0:
+        deep = (np.median(start[:, 2]) + WALL_MODEL.back * np.median(radius)) / step
+    rings = max(int(np.ceil(min(deep, WALL_MODEL.rings))), 0)
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
-    back = (
-        (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
-    )
-    drawn = (start - back).reshape(-1, 3)
-    times = drawn.shape[0] // len(rim)
+    back = (np.arange(rings) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
     return (
-        np.tile(rim, times),
-        drawn,
-        np.tile(normal, (times, 1)),
-        np.tile(length * step, times),
+        np.tile(rim, rings),
+        (start - back).reshape(-1, 3),
+        np.tile(normal, (rings, 1)),
+        np.tile(length * step, rings),
     )
+
+
+def sectors(points: FloatArray, count: int) -> IntArray:
+    """Number of the sector around the axis in which each of points (N, 3) lies."""
+    turn = np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi)
+    return (turn % 1.0 * count).astype(int)

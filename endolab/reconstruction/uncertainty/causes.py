@@ -8,13 +8,12 @@ leaves. The residual around a pixel over that share is how strong such a field m
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import links, px_per_reference
 from endolab.reconstruction.contours.lines import find_contours
@@ -37,7 +36,7 @@ class CauseLimits:
     around: float = 10.0  # of the residuals that count for a pixel
     # Of the median of what fits leave, below which a pixel's own is not taken.
     least_left: float = 0.5
-    grazing: float = 0.05  # cos θ below which a lamp's place tells nothing more
+    grazing: float = 0.05  # cos θ below which a lamp's place tells nothing more, and cos α
     # Of the light's logarithm, that a lamp beside the optical centre changes at most.
     lamp_change: float = 1.0
     # From which on every second line is a contour: log d₀ per 1/320 of the longer side.
@@ -67,105 +66,58 @@ def _blur(a: FloatArray, sigma: float) -> FloatArray:
     return np.asarray(blurred, dtype=np.float64)
 
 
-def rms_around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
-    """Root mean square around each pixel of those that are said."""
+def mean_square_around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
+    """Mean square around each pixel of those that are said."""
     share = np.maximum(_blur(weight, sigma), 1e-6)
-    return np.asarray(np.sqrt(np.maximum(_blur(weight * values**2, sigma), 0.0) / share))
+    return np.asarray(np.maximum(_blur(weight * values**2, sigma), 0.0) / share)
 
 
-class Texture:
-    """The wall's texture, and all else that the model does not explain, as a random field of the light."""
+def texture_strength(
+    surface: Linearised, left: Sequence[FloatArray], noise: float, least: float
+) -> FloatArray:
+    """Standard deviation of the light's logarithm by texture and all else that the model does not explain.
 
-    def __init__(self, surface: Linearised, rng: np.random.Generator, least: float) -> None:
-        self._surface = surface
-        self._rng = rng
-        self._least = least
-        problem = surface.problem
-        self._scale = px_per_reference(problem.mask.shape)
-        self._informative = (surface.weight > 0).astype(np.float64)
-        # Change of I per change of log light.
-        self._light = surface.model / problem.photometry.gamma
-        self._left: list[FloatArray] = []
+    `left` is what fits leave of fields of unit variance; the rest of the residual is `noise`.
+    """
+    informative = surface.weight > 0
+    sigma = CAUSES.around * px_per_reference(informative.shape)
 
-    def draw(self) -> FloatArray:
-        """One of unit variance."""
-        return correlated_field(
-            self._rng, self._informative.shape, CAUSES.length * self._scale
-        )
+    def around(field: FloatArray) -> FloatArray:
+        return mean_square_around(field, informative.astype(np.float64), sigma)
 
-    def try_field(self) -> None:
-        """See what a fit leaves of a field of unit variance."""
-        field = self.draw()
-        change = self._surface.apply(self._surface.to_light(field))
-        left = field - self._in_light(change)
-        self._left.append(
-            rms_around(left, self._informative, CAUSES.around * self._scale) ** 2
-        )
-
-    def _in_light(self, change: FloatArray | float) -> FloatArray:
-        """A change of the picture as one of the light's logarithm; 0 where there is none."""
-        light = self._light
-        return np.asarray(
-            np.divide(change, light, out=np.zeros_like(light), where=light > 0)
-        )
-
-    def strength(self, noise: float) -> FloatArray:
-        """Standard deviation of the light's logarithm, by what fits leave and the residual beside noise."""
-        left = np.sqrt(np.mean(self._left, axis=0))
-        usual = (
-            float(np.median(left[self._informative > 0]))
-            if self._informative.any()
-            else 1.0
-        )
-        unexplained = self._in_light(self._surface.residual)
-        by_noise = self._in_light(noise)
-        squares = [
-            rms_around(square, self._informative, CAUSES.around * self._scale) ** 2
-            for square in (unexplained, by_noise)
-        ]
-        strength = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
-        return np.hypot(
-            strength / np.maximum(left, CAUSES.least_left * max(usual, 1e-6)), self._least
-        )
+    usual_left = np.sqrt(np.mean([around(field) for field in left], axis=0))
+    usual = float(np.median(usual_left[informative])) if informative.any() else 1.0
+    unexplained = around(surface.in_light(surface.residual))
+    unexplained -= around(surface.in_light(noise))
+    strength = np.sqrt(np.maximum(unexplained, 0.0))
+    floor = CAUSES.least_left * max(usual, 1e-6)
+    return np.hypot(strength / np.maximum(usual_left, floor), least)
 
 
 def light_changes(
     iterate: Iterate, prior_sigma: PriorSigma
 ) -> Iterator[tuple[str, FloatArray]]:
-    """What one standard deviation of each named cause changes in the logarithm of the light."""
+    """What one standard deviation of each named cause changes in the logarithm of the mask's light."""
     problem = iterate.problem
-    log_distance = iterate.log_distance
-    mask = problem.mask
     field = problem.field
-    brightness = np.where(mask, problem.image, 1.0)
     if prior_sigma.k:
-        yield "k", -prior_sigma.k * np.log(np.where(mask, field.cos_alpha, 1.0))
+        yield "k", -prior_sigma.k * np.log(np.maximum(field.cos_alpha, CAUSES.grazing))
     if prior_sigma.gamma:
-        yield "gamma", prior_sigma.gamma * np.log(np.maximum(brightness, 0.5 / 255))
-    share = (
-        prior_sigma.left_in if iterate.provenance.albedo is None else prior_sigma.bounced
-    )
-    bounced = share * bounced_light(iterate) if share else None
-    if bounced is not None and bounced.any():
+        yield "gamma", prior_sigma.gamma * np.log(np.maximum(problem.image, 0.5 / 255))
+    removed = iterate.provenance.albedo is not None
+    share = prior_sigma.bounced if removed else prior_sigma.left_in
+    bounced = share * bounced_light(iterate)
+    if bounced.any():
         yield "bounced light", bounced
     if prior_sigma.lamp and problem.metric:
-        rays = np.where(mask[..., None], field.rays, 0.0)
-        normal = np.nan_to_num(normals(np.where(mask, log_distance, np.nan), field, mask))
-        cosine = np.maximum(-(normal * rays).sum(axis=-1), CAUSES.grazing)
-        distance = np.exp(np.where(mask, log_distance, 0.0))
-        for axis in range(2):
+        normals = iterate.normals
+        cosine = np.maximum(-(normals * field.rays).sum(axis=-1), CAUSES.grazing)
+        most = CAUSES.lamp_change
+        for axis, name in enumerate("xy"):
             # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
-            slope = (3 * rays[..., axis] + normal[..., axis] / cosine) / distance
-            yield (
-                f"lamp {'xy'[axis]}",
-                np.where(
-                    mask,
-                    np.clip(
-                        prior_sigma.lamp * slope, -CAUSES.lamp_change, CAUSES.lamp_change
-                    ),
-                    0.0,
-                ),
-            )
+            slope = 3 * field.rays[..., axis] + normals[..., axis] / cosine
+            slope = slope / iterate.distance
+            yield f"lamp {name}", np.clip(prior_sigma.lamp * slope, -most, most)
 
 
 def bounced_light(iterate: Iterate) -> FloatArray:
@@ -175,29 +127,21 @@ def bounced_light(iterate: Iterate) -> FloatArray:
     light = iterate.provenance.light
     if light is not None and light.outcome is LightOutcome.NONE_BOUNCED:
         return np.zeros(problem.mask.shape)
-    brdf = problem.photometry.brdf
-    rho = (
-        float(np.pi * brdf.value(np.ones(1), np.ones(1))[0])
-        if albedo is None
-        else albedo[1]
-    )
-    rho = min(rho, 0.95)
+    if albedo is None:
+        facing = np.ones(1)
+        rho = float(np.pi * problem.photometry.brdf.value(facing, facing)[0])
+    else:
+        rho = albedo[1]
     mask = problem.mask
-    walls = Walls.of(
-        np.where(mask, iterate.log_distance, np.nan),
-        mask,
-        problem.field,
-        problem.photometry.k,
-        problem.cuts,
-    )
-    return np.where(mask, np.log1p(walls.indirect_ratio(np.full(3, rho))[..., 1]), 0.0)
+    k = problem.photometry.k
+    walls = Walls.of(iterate.log_distance, mask, problem.field, k, problem.cuts)
+    return np.where(mask, np.log1p(walls.indirect_ratio(min(rho, 0.95))), 0.0)
 
 
 def possible_cuts(problem: Problem) -> BoolArray | None:
-    """Cuts at every line of the picture that may be a contour, beside those of the problem."""
-    cuts = (
-        find_contours(problem.log_d0, problem.mask) > CAUSES.possible_steepness
-    ) & links(problem.mask, problem.cuts)
+    """Cuts at every line of the picture that may be a contour, with the problem's; None if there is none."""
+    lines = find_contours(problem.log_d0, problem.mask)
+    cuts = (lines > CAUSES.possible_steepness) & links(problem.mask, problem.cuts)
     if not cuts.any():
-        return problem.cuts
+        return None
     return cuts if problem.cuts is None else cuts | problem.cuts

@@ -12,7 +12,7 @@ path-traced and real frames and their truth in view.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.ndimage
@@ -20,7 +20,7 @@ import scipy.ndimage
 from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
-from endolab.numerics.arrays import BoolArray, FloatArray, freeze
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, freeze
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.derivatives import links, px_per_reference, shift
 from endolab.numerics.iteration import (
@@ -31,18 +31,19 @@ from endolab.numerics.iteration import (
     drive,
 )
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.scale import Pixel, own_pixel
+from endolab.reconstruction.scale import own_pixel
 from endolab.reconstruction.uncertainty.causes import (
-    Texture,
+    CAUSES,
     correlated_field,
     light_changes,
     possible_cuts,
+    texture_strength,
 )
 from endolab.reconstruction.uncertainty.fewer_pixels import enlarge, thin
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
-from endolab.reconstruction.uncertainty.re_solve import re_solve
-from endolab.reconstruction.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
+from endolab.reconstruction.uncertainty.shares import DATA, OUTSIDE, follow_rim, shares_of
+from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE, Problem
 from endolab.solvers.result import Iterate, Result
 
@@ -177,150 +178,175 @@ def uncertainty_of(
     return estimate.uncertainty(status, iterate)
 
 
+Answer = tuple[str, FloatArray]  # a cause, and what it or a draw of it does to log d
+
+
+@dataclass
 class _Estimate:
     """What is known so far."""
 
-    def __init__(self, iterate: Iterate, prior_sigma: PriorSigma, draws: int) -> None:
-        self._iterate = iterate
-        self._prior_sigma = prior_sigma
-        self._asked = draws
-        self.done = 0
-        self._answers: dict[
-            str, list[FloatArray]
-        ] = {}  # of log d, to each cause or draw of it
-        self._shares: FloatArray = np.zeros((3, *iterate.mask.shape))
+    iterate: Iterate
+    prior_sigma: PriorSigma
+    asked: int  # draws
+    done: int = 0
+    answers: dict[str, list[FloatArray]] = field(default_factory=dict)
+    shares: FloatArray = field(init=False)
 
     def steps(self) -> Generator[Progress, None, Status]:
         """Solve for every cause, a step each."""
         for step in self._answer_each():
             if step is not None:
-                self._answers.setdefault(step[0], []).append(step[1])
-            yield Progress(self.done, self._asked)
+                self.answers.setdefault(step[0], []).append(step[1])
+            yield Progress(self.done, self.asked)
         return Status.CONVERGED
 
-    def _answer_each(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
+    def _answer_each(self) -> Generator[Answer | None, None, None]:
         """What each cause does, or a draw of it; None while what that takes is made ready."""
-        problem = self._iterate.problem
-        prior_sigma = self._prior_sigma
-        mask = self._iterate.mask
-        v = np.where(mask, self._iterate.log_distance, 0.0)
+        prior_sigma = self.prior_sigma
+        problem = self.iterate.problem
+        mask = problem.mask
+        v = np.where(mask, self.iterate.log_distance, 0.0)
         surface = Linearised.at(problem, v)
         rng = np.random.default_rng(0)
+        unit = px_per_reference(mask.shape)
+        length = CAUSES.length * unit
         yield None
-        bumps = Bumps(surface, rng)
+        bumps = []
+        answers = []
         for _ in range(SAMPLING.tries):
-            yield "bumps", prior_sigma.bumps * bumps.try_field()
-        self._shares = bumps.shares(v)
+            bump = mask * correlated_field(rng, mask.shape, length)
+            answer = surface.to_picture(surface.apply(bump))
+            bumps.append(bump)
+            answers.append(answer)
+            yield "bumps", prior_sigma.bumps * (bump - answer)
+        self.shares = shares_of(surface, v, bumps, answers, length)
         yield None
-        for cause, light in light_changes(self._iterate, prior_sigma):
+        for cause, light in light_changes(self.iterate, prior_sigma):
             yield cause, surface.to_light(light)
         for cause in ("gain", "albedo"):  # they move all pixels alike
             yield cause, 0.5 * getattr(prior_sigma, cause) * mask
-        choices: dict[str, tuple[float, Problem]] = {}
-        loose = surface
-        if prior_sigma.lam:
-            lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
-            choices["lambda"] = 1.0, replace(problem, lam=lam)
         cuts = possible_cuts(problem)
-        if cuts is not None and cuts is not problem.cuts:
-            choices["contours"] = prior_sigma.contours, replace(problem, cuts=cuts)
-            loose = Linearised.at(choices["contours"][1], v)
-            yield None
-        still = (yield from re_solve(problem, v)) if choices else v
-        for cause, (share, other) in choices.items():
-            moved = (yield from re_solve(other, v)) - still
-            yield (
-                cause,
-                share * np.clip(moved, -SAMPLING.largest_change, SAMPLING.largest_change),
-            )
-        entering = Rim(loose, v)
-        doubt = np.where(
-            _at_contours(loose.problem), prior_sigma.behind, prior_sigma.border
-        )
-        texture = Texture(surface, rng, prior_sigma.texture)
+        others = problem if cuts is None else replace(problem, cuts=cuts)
+        yield from self._choices(v, others)
+        entering = follow_rim(surface if cuts is None else Linearised.at(others, v), v)
+        doubt = np.where(_at_contours(others), prior_sigma.behind, prior_sigma.border)
+        yield None
+        left = []
         for _ in range(SAMPLING.tries):
-            texture.try_field()
+            light = correlated_field(rng, mask.shape, length)
+            change = surface.apply(surface.to_light(light))
+            left.append(light - surface.in_light(change))
             yield None
-        noise, blur = noise_left(self._iterate)
-        strength = texture.strength(noise)
-        for draw in range(self._asked):
-            yield "texture", surface.to_light(strength * texture.draw())
+        noise, blur = noise_left(self.iterate)
+        strength = texture_strength(surface, left, noise, prior_sigma.texture)
+        for draw in range(self.asked):
+            light = correlated_field(rng, mask.shape, length)
+            yield "texture", surface.to_light(strength * light)
             if draw < SAMPLING.few_draws:
-                along = correlated_field(
-                    rng, mask.shape, SAMPLING.along * px_per_reference(mask.shape)
-                )
-                yield "border", entering.follow(doubt * along)
+                along = correlated_field(rng, mask.shape, SAMPLING.along * unit)
+                yield "border", entering(doubt * along)
                 white = correlated_field(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
             self.done = draw + 1
             yield None
 
+    def _choices(
+        self, v: FloatArray, others: Problem
+    ) -> Generator[Answer | None, None, None]:
+        """What another λ does, and cuts at all `others`."""
+        problem = self.iterate.problem
+        prior_sigma = self.prior_sigma
+        choices: dict[str, tuple[float, Problem]] = {}
+        if prior_sigma.lam:
+            lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
+            choices["lambda"] = 1.0, replace(problem, lam=lam)
+        if others is not problem:
+            choices["contours"] = prior_sigma.contours, others
+        most = SAMPLING.largest_change
+        still = (yield from re_solve(problem, v)) if choices else v
+        for cause, (share, other) in choices.items():
+            moved = (yield from re_solve(other, v)) - still
+            yield cause, share * np.clip(moved, -most, most)
+
     def uncertainty(self, status: Status, whole: Iterate) -> Uncertainty:
         """Sum up, on the pixels of the whole frame."""
-        mask = self._iterate.mask
-        lost = _without_evidence(self._iterate.problem)
-        parts = enlarge(self._shares, mask, whole.mask)
-        squares = {
-            cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()
-        }
+        mask = self.iterate.mask
+        lost = _without_evidence(self.iterate.problem)
+        parts = enlarge(self.shares, mask, whole.mask)
+        largest = SAMPLING.largest_sigma
+        together = np.zeros(mask.shape)
+        shape = np.zeros(mask.shape)
+        causes: dict[str, FloatArray] = {}
+        scales: dict[str, float] = {}
 
-        def sigma(squares: Iterable[FloatArray]) -> FloatArray:
-            capped = np.minimum(
-                np.sqrt(sum(squares, np.zeros(mask.shape))), SAMPLING.largest_sigma
-            )
-            return enlarge(np.where(lost, SAMPLING.largest_sigma, capped), mask, whole.mask)
+        def sigma(square: FloatArray) -> FloatArray:
+            known = np.where(lost, largest, np.minimum(np.sqrt(square), largest))
+            return freeze(enlarge(known, mask, whole.mask))
 
+        for cause, maps in self.answers.items():
+            of_all, of_shape, of_scale = self._squares(np.stack(maps))
+            together += of_all
+            shape += of_shape
+            causes[cause] = sigma(of_shape)
+            scales[cause] = float(np.sqrt(of_scale))
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
-        scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
         return Uncertainty(
-            sigma=freeze(
-                whole.distance * sigma(together for together, _, _ in squares.values())
-            ),
-            sigma_shape=freeze(
-                whole.distance * sigma(shape for _, shape, _ in squares.values())
-            ),
+            sigma=freeze(whole.distance * sigma(together)),
+            sigma_shape=freeze(whole.distance * sigma(shape)),
             sigma_scale=float(np.linalg.norm([*scales.values()])),
             shares=freeze(parts),
             dominant_source=freeze(decided.astype(np.uint8)),
-            causes={
-                cause: freeze(sigma([shape])) for cause, (_, shape, _) in squares.items()
-            },
+            causes=causes,
             scales=scales,
             draws=self.done,
             status=status,
-            notes=self._prior_sigma.notes,
+            notes=self.prior_sigma.notes,
         )
 
     def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Mean squares of some answers, (n, H, W): in all, of the shape, and of what all pixels share."""
-        common = maps[:, self._iterate.mask].mean(axis=1)
-        held = _pixels_of_scale(self._iterate)
-        kept = common
+        common = maps[:, self.iterate.mask].mean(axis=1)
+        held = _pixels_of_scale(self.iterate)
         if held is None:
             kept = 0 * common
-        elif held:
-            kept = np.mean([maps[:, row, column] for row, column in held], axis=0)
+        elif len(held):
+            kept = maps[:, *held.T].mean(axis=1)
+        else:
+            kept = common
         together, shape = (
             np.mean((maps - level[:, None, None]) ** 2, axis=0) for level in (kept, common)
         )
         return together, shape, float(np.mean((common - kept) ** 2))
 
 
-def _pixels_of_scale(iterate: Iterate) -> list[tuple[int, int]] | None:
-    """Pixels (row, column) whose distance fixes the unit; [] if all do together, None if the gain does."""
+def re_solve(
+    problem: Problem, log_distance: FloatArray
+) -> Generator[None, None, FloatArray]:
+    """Log d (H, W) after a few steps from a map, a step of the solver each, so that who waits can stop.
+
+    In four steps a surface goes most of its way. Where a region is weakly connected, another λ or another
+    contour moves it farther than its linear model says, and elsewhere.
+    """
+    last = log_distance
+    for iterate in gauss_newton(problem, start=log_distance, max_iterations=4):
+        last = iterate.log_distance
+        yield None
+    return np.where(problem.mask, last, 0.0)
+
+
+def _pixels_of_scale(iterate: Iterate) -> IntArray | None:
+    """Pixels whose distance fixes the unit, (n, 2); n = 0 if all do together, None if the gain does.
+
+    Each is a row and a column.
+    """
     scale = iterate.provenance.scale
     if scale is None:
-        return None if iterate.problem.metric else []
-    pixels: list[Pixel] = []
-    if scale.by == "known distance":
-        pixels = [scale.length[1:]]
-    elif scale.by == "known diameter":
-        pixels = list(scale.length[1:])
+        return None if iterate.problem.metric else np.empty((0, 2), int)
+    known = scale.by in ("known distance", "known diameter")
+    pixels = np.reshape(scale.length[1:] if known else (), (-1, 2))
     most = np.array(iterate.mask.shape) - 1
-    places = [
-        np.clip(np.round(own_pixel(iterate, pixel)[::-1]), 0, most) for pixel in pixels
-    ]
-    return [(int(row), int(column)) for row, column in places]
+    places = [np.round(own_pixel(iterate, pixel)[::-1]) for pixel in pixels]
+    return np.clip(np.reshape(places, (-1, 2)), 0, most).astype(int)
 
 
 def noise_left(result: Result | Iterate) -> tuple[float, float]:
@@ -328,16 +354,12 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     shown = result.problem.shown
     prepared = result.provenance.preparation
     blur = 0.0 if prepared is None else prepared.smooth
-    level = max(
-        noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask),
-        FRAME_LIMITS.rounding,
-    )
+    green = shown if shown.ndim == 2 else shown[..., 1]
+    level = max(noise_level(green, result.mask), FRAME_LIMITS.rounding)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
-    return (
-        (level / (2 * np.sqrt(np.pi) * blur), blur)
-        if blur >= SAMPLING.sharp
-        else (level, 0.0)
-    )
+    if blur < SAMPLING.sharp:
+        return level, 0.0
+    return level / (2 * np.sqrt(np.pi) * blur), blur
 
 
 def _at_contours(problem: Problem) -> BoolArray:

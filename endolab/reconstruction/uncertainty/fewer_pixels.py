@@ -5,11 +5,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import affine_transform, distance_transform_edt
 
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import half_size, inner, leads, pad_maps
-from endolab.numerics.resampling import resample
+from endolab.numerics.compiled import inner, leads, pad_maps
 from endolab.solvers.grid import Grid
 from endolab.solvers.result import Iterate
 
@@ -62,15 +61,16 @@ def enlarge(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
     if known.shape == mask.shape:
         return np.where(mask, a, np.nan)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    large = np.moveaxis(a[(..., *nearest)].reshape(-1, *known.shape), 0, -1)
-    sizes = [mask.shape]
-    while sizes[-1] != known.shape:
-        sizes.append((half_size(sizes[-1][0]), half_size(sizes[-1][1])))
-    for height, width in sizes[-2::-1]:
-        large = resample(large, (2 * large.shape[0], 2 * large.shape[1]))
-        down = (large.shape[0] - height) // 2
-        across = (large.shape[1] - width) // 2
-        large = large[down : down + height, across : across + width]
-    return np.where(
-        mask, np.moveaxis(large, -1, 0).reshape(*a.shape[:-2], *mask.shape), np.nan
+    filled = a[(..., *nearest)].reshape(-1, *known.shape)
+    shares = np.array(mask.shape) / known.shape
+    step = 1 / np.round(shares.max())  # both grids have one middle
+    offset = 0.5 * (np.array(known.shape) - 1 - step * (np.array(mask.shape) - 1))
+    large = affine_transform(
+        filled,
+        [1.0, step, step],
+        [0.0, *offset],
+        output_shape=(len(filled), *mask.shape),
+        order=1,
+        mode="nearest",
     )
+    return np.where(mask, large.reshape(*a.shape[:-2], *mask.shape), np.nan)

@@ -10,8 +10,10 @@ is what becomes of v if the picture changes by δI.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy
 
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, pad_maps
@@ -71,42 +73,44 @@ class Linearised:
         return self.grid.problem
 
     @property
+    def by_light(self) -> FloatArray:
+        """Change of I per change of the light's logarithm."""
+        return self.model / self.problem.photometry.gamma
+
+    @property
     def weight(self) -> FloatArray:
         """W; 0 where the picture says nothing."""
         return inner(self.coefficients.weight)
 
-    # J --------------------------------------------------------------------------------
-
-    def _sides(self) -> tuple[FloatArray, ...]:
-        """Whether there is a step to the right, left, below and above."""
-        across, down = inner(self.grid.link).astype(np.float64)
-        return across, shift(across, -1, 1, 0.0), down, shift(down, -1, 0, 0.0)
-
-    def _by_slopes(self) -> tuple[FloatArray, FloatArray]:
-        """b of J, by the sums of the differences to both sides."""
-        right, left, below, above = self._sides()
-        root = inner(self.coefficients.by_v_u) * (1 - 0.5 * right * left)
-        return root, inner(self.coefficients.by_v_v) * (1 - 0.5 * below * above)
+    @cached_property
+    def jacobian(self) -> scipy.sparse.csr_array:
+        """J, (N, N), of the frame's pixels, row by row: slopes are means of the differences to both sides."""
+        right, below = inner(self.grid.link).astype(np.float64)
+        left = shift(right, -1, 1, 0.0)
+        above = shift(below, -1, 0, 0.0)
+        by_u = inner(self.coefficients.by_v_u) * (1 - 0.5 * right * left)
+        by_w = inner(self.coefficients.by_v_v) * (1 - 0.5 * below * above)
+        middle = (
+            inner(self.coefficients.by_v) + by_u * (left - right) + by_w * (above - below)
+        )
+        width = right.shape[1]
+        bands = {
+            0: middle,
+            1: by_u * right,
+            -1: -by_u * left,
+            width: by_w * below,
+            -width: -by_w * above,
+        }
+        columns = np.stack([*bands.values()]).reshape(len(bands), -1)
+        # That matrix's bands are stored by its columns: J's rows.
+        transposed = scipy.sparse.dia_array(
+            (columns, [-step for step in bands]), shape=(middle.size, middle.size)
+        )
+        return transposed.T.tocsr()
 
     def apply(self, x: FloatArray) -> FloatArray:
         """J x: how the picture changes with v."""
-        right, left, below, above = self._sides()
-        by_u, by_w = self._by_slopes()
-        along_u = right * (shift(x, 1, 1, 0.0) - x) + left * (x - shift(x, -1, 1, 0.0))
-        along_w = below * (shift(x, 1, 0, 0.0) - x) + above * (x - shift(x, -1, 0, 0.0))
-        return inner(self.coefficients.by_v) * x + by_u * along_u + by_w * along_w
-
-    def adjoint(self, f: FloatArray) -> FloatArray:
-        """Jᵀ f."""
-        right, left, below, above = self._sides()
-        by_u, by_w = (factor * f for factor in self._by_slopes())
-        out = (
-            inner(self.coefficients.by_v) * f
-            + by_u * (left - right)
-            + by_w * (above - below)
-        )
-        out += shift(by_u * right, -1, 1, 0.0) - shift(by_u * left, 1, 1, 0.0)
-        return out + shift(by_w * below, -1, 0, 0.0) - shift(by_w * above, 1, 0, 0.0)
+        return np.asarray(self.jacobian @ x.ravel()).reshape(x.shape)
 
     # H⁻¹ ------------------------------------------------------------------------------
 
@@ -121,16 +125,22 @@ class Linearised:
 
     def to_picture(self, change: FloatArray) -> FloatArray:
         """How v answers to a change of the picture, of stored values."""
-        return self.solve(self.adjoint(self.weight * change))
+        weighted = (self.weight * change).ravel()
+        return self.solve((self.jacobian.T @ weighted).reshape(change.shape))
 
     def to_light(self, change: FloatArray) -> FloatArray:
         """How v answers to light that is brighter by this share, a change of its logarithm.
 
         What is common to all pixels moves all of them alike, as ξ̃ goes with it.
         """
-        common = float(np.median(change[self.problem.mask]))
-        per_share = self.model / self.problem.photometry.gamma
-        return (
-            self.to_picture(per_share * (change - common))
-            - 0.5 * common * self.problem.mask
+        mask = self.problem.mask
+        common = float(np.median(change[mask]))
+        by_shape = np.where(mask, self.by_light * (change - common), 0.0)
+        return self.to_picture(by_shape) - 0.5 * common * mask
+
+    def in_light(self, change: FloatArray | float) -> FloatArray:
+        """A change of the picture as one of its light's logarithm; 0 where there is none."""
+        by_light = self.by_light
+        return np.asarray(
+            np.divide(change, by_light, out=np.zeros_like(by_light), where=by_light > 0)
         )

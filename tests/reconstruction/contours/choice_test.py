@@ -6,15 +6,13 @@ import pytest
 import endolab as el
 from endolab.reconstruction.channels import Task, make_problem
 from endolab.reconstruction.contours.choice import (
-    ContourChoice,
     choose_contours,
-    cut_at_contours,
     solve_cut,
 )
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.provenance import ContourOutcome, Provenance
 from endolab.solvers.result import name_stage
-from tests.tools.problems import finish, percent_off, problem_of
+from tests.tools.problems import finish
 
 
 def solved(problem):
@@ -43,26 +41,10 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
     """Measured in %, smooth and cut: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
     problem, truth = direct(name)
     smooth = solved(problem)
-    cut = finish(solve_cut(smooth, ContourChoice(price=0.03)))
+    cut = finish(solve_cut(smooth, price=0.03))
     assert cut.problem.cuts is not None
     assert error(cut, truth) < min(most, error(smooth, truth) - 1.5)
     assert cut.energy < smooth.energy
-
-
-@pytest.mark.parametrize("scene", ["plane", "curved"])
-def test_a_wall_without_folds_is_left_whole(scene):
-    problem, _ = problem_of(scene, 160, noise=1, bits=8)
-    smooth = solved(problem)
-    assert finish(solve_cut(smooth)) is smooth
-    assert cut_at_contours(problem).cuts is None
-
-
-def test_a_tube_loses_nothing():
-    """Its dark end may be cut. Measured 1.5 and 2.5 %; where the energies are least, 2.6 and 3.1 %."""
-    problem, seen = problem_of("tube", 160)
-    smooth = solved(problem)
-    cut = finish(solve_cut(smooth))
-    assert percent_off(cut, seen) < percent_off(smooth, seen) + 1.1
 
 
 def test_what_was_cut_before_is_cut_again_without_asking():
@@ -77,19 +59,6 @@ def test_what_was_cut_before_is_cut_again_without_asking():
     again = end.value.value
     assert again.provenance.contours.outcome is ContourOutcome.AS_BEFORE
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
-
-
-def test_with_a_channel_of_its_own_and_without_contours():
-    """`contours=True` cuts a single channel, too, and says so; a plane has no contours."""
-    calibration = el.load_calibration("simple", 160)
-    for scene, expected in (("colon", True), ("plane", False)):
-        seen = el.render(
-            el.SCENES[scene], calibration.camera, calibration.photometry, bits=8
-        )
-        known = el.Calibration(seen.camera, seen.photometry)
-        result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
-        assert (result.provenance.contours.steps > 0) is expected
-        assert (result.problem.cuts is not None) is expected
 
 
 def test_lines_that_the_energy_chose_are_those_that_are_cut(data):

@@ -52,14 +52,14 @@ def test_the_light_of_c3vd_is_what_its_frames_tell():
 
 def test_what_cannot_be_measured_is_one_sentence():
     sample = el.load_traced("matt")
-    camera = sample.calibration.camera
+    frame = sample.frame
     distance = sample.distance
-    grey = el.Frame(sample.frame.image[..., 0], sample.frame.mask, "one.png")
+    grey = el.Frame(frame.image[..., 0], frame.mask, "one.png")
     for frames, distances, named in (
         ([], [], "frames"),
         ([grey], [distance], "one.png"),
-        ([sample.frame], [distance[1:]], "distance"),
-        ([sample.frame], [np.full(distance.shape, np.nan)], sample.frame.name),
+        ([frame], [distance[1:]], "distance"),
+        ([frame], [np.full(distance.shape, np.nan)], frame.name),
     ):
         with pytest.raises(ValueError, match=named):
-            el.measure_light(frames, camera, distances)
+            el.measure_light(frames, sample.calibration.camera, distances)

@@ -7,7 +7,6 @@ import pytest
 
 import endolab as el
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.light import unknown_light
 from endolab.reconstruction.light.unknown_light import estimate_light
 
 FISHEYE = el.load_calibration("paper", width=120).camera
@@ -47,15 +46,11 @@ def test_scenes_of_the_model_tell_k(k):
     """Cavities, seen by a fisheye: each has its least within a half, together they are within 0.3."""
     found = estimate_light([frame_of(scene, k) for scene in SCENES], FISHEYE)
     assert found.k == pytest.approx(k, abs=0.3)
-    assert found.outcome == "found"
     assert found.photometry == el.Photometry(round(found.k, 2), 2.2, None)
     assert found.interval[0] < k < found.interval[1]
-    assert found.standard_error < 0.45
+    assert (found.outcome, found.standard_error < 0.45) == ("found", True)
     least = found.exponents[np.argmin(found.costs, axis=1)]
     np.testing.assert_allclose(least, k, atol=0.5)
-    np.testing.assert_allclose(found.costs.min(axis=1), 0)
-    assert found.verdict.startswith(f"The light falls off with k = {found.k:.1f} ± ")
-    assert (found.names, found.refused, found.status) == (SCENES, {}, Status.CONVERGED)
 
 
 def test_a_traced_frame_tells_k_though_its_light_bounced():
@@ -69,34 +64,9 @@ def test_a_traced_frame_tells_k_though_its_light_bounced():
 def test_a_camera_that_sees_no_fall_finds_nothing():
     frames = [frame_of("colon", 2.5, NARROW)]
     found = estimate_light(frames, NARROW, otherwise=1.75, gamma=2.0)
-    assert found.outcome == "not found"
-    assert found.standard_error > 1
+    assert (found.outcome, found.standard_error > 1) == ("not found", True)
     assert (found.photometry.k, found.photometry.gamma) == (1.75, 2.0)
-    assert found.verdict.startswith("k is not found: by 1 frame, ")
     assert "1.75 is taken" in found.verdict
-
-
-def scan_of(k, steep, spread, seed=0):
-    """What a frame would cost that is least at k, of a shape of its own."""
-    costs = steep * (unknown_light.EXPONENTS - k) ** 2
-    shape = np.random.default_rng(seed).normal(size=(20, 20))
-    return unknown_light._Scan(f"f{seed}", costs - costs.min(), spread, shape, True)
-
-
-def estimate(*scans, otherwise=2.5):
-    return unknown_light._estimate(scans, {}, el.Photometry(otherwise), Status.CONVERGED)
-
-
-def test_what_is_found_roughly_is_averaged_with_what_is_usual():
-    sure, rough, none = (
-        estimate(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04)
-    )
-    assert [one.outcome for one in (sure, rough, none)] == ["found", "roughly", "not found"]
-    assert sure.photometry.k == round(sure.k, 2)
-    share = rough.standard_error**2 / (1 + rough.standard_error**2)
-    assert rough.photometry.k == pytest.approx(rough.k + share * (2.5 - rough.k), abs=0.01)
-    assert f"with 2.5 in mind, {rough.photometry.k:.1f} is taken" in rough.verdict
-    assert none.photometry.k == 2.5
 
 
 def test_what_ends_at_the_bound_is_not_found():
@@ -108,23 +78,18 @@ def test_what_ends_at_the_bound_is_not_found():
 
 def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
     found = estimate_light([tube] * 2, FISHEYE)
-    assert found.places == pytest.approx(1)
+    assert (found.places, of_tube.places) == pytest.approx((1, 1))
     assert (found.k, found.standard_error) == pytest.approx(
         (of_tube.k, of_tube.standard_error)
     )
     assert "count as 1.0" in found.verdict
-    assert of_tube.places == 1
-    assert "count as" not in of_tube.verdict
 
 
-def test_without_colours_less_is_told(tube, of_tube):
-    as_rgb = replace(tube, image=np.repeat(tube.image[..., 1:2], 3, axis=2))
-    for frame in (grey(tube), as_rgb):
-        found = estimate_light([frame], FISHEYE)
-        assert found.k == pytest.approx(2.5, abs=0.7)
-        assert found.standard_error > 1.3 * of_tube.standard_error
-        assert "counts as direct" in found.verdict
-    assert "counts as direct" not in of_tube.verdict
+def test_frames_without_colours_are_left_out_and_named(tube):
+    white = replace(tube, image=np.repeat(tube.image[..., 1:2], 3, axis=2), name="white")
+    for frame, reason in ((grey(tube), "no red channel"), (white, "are one")):
+        with pytest.raises(ValueError, match=f"{frame.name}.* {reason}"):
+            estimate_light([frame], FISHEYE)
 
 
 def test_frames_that_cannot_be_used_are_named(tube, of_tube):
@@ -132,21 +97,15 @@ def test_frames_that_cannot_be_used_are_named(tube, of_tube):
     dark = replace(tube, image=np.zeros_like(tube.image), name="dark")
     seen = []
     found = estimate_light(
-        [small, tube, dark], FISHEYE, progress=lambda done, name: seen.append((done, name))
+        [small, tube, dark], FISHEYE, progress=lambda *state: seen.append(state)
     )
     assert list(found.refused) == ["small", "dark"]
-    assert "50 px" in found.refused["small"]
-    assert found.names == ("tube",)
-    assert found.k == of_tube.k
+    assert "small is 120x50 px" in found.refused["small"]
+    assert (found.names, found.k) == (("tube",), of_tube.k)
     assert seen == [(1, "small"), (2, "tube"), (3, "dark")]
-    with pytest.raises(
-        ValueError, match=r"^no frame tells of the light: small is 120x50 px"
-    ):
-        estimate_light([small], FISHEYE)
 
 
 def test_observers_see_every_solve_and_may_stop_it(tube):
-    other = grey(tube)
     steps = []
     done = []
 
@@ -154,27 +113,12 @@ def test_observers_see_every_solve_and_may_stop_it(tube):
         steps.append(step)
         return len(done) == 1
 
-    found = estimate_light(
-        [other, tube],
-        FISHEYE,
-        observers=[stop_in_the_second],
-        progress=lambda *state: done.append(state),
-    )
-    assert found.status is Status.STOPPED
-    assert found.names == ("tube",)
+    watch = {
+        "observers": [stop_in_the_second],
+        "progress": lambda *state: done.append(state),
+    }
+    found = estimate_light([tube, tube], FISHEYE, **watch)
+    assert (found.names, found.status) == (("tube",), Status.STOPPED)
     assert {step.problem.photometry.k for step in steps} == {*found.exponents}
-    assert [step.stage for step in steps[:-1]] == ["light"] * (len(steps) - 1)
     with pytest.raises(ValueError, match="stopped"):
         estimate_light([tube], FISHEYE, observers=[lambda step: True])
-
-
-def test_it_is_ready_to_reconstruct_with_and_to_be_kept(tube, of_tube, tmp_path):
-    calibration = el.Calibration(FISHEYE, of_tube.photometry, of_tube.evidence)
-    el.write_calibration(calibration, tmp_path / "endoscope.json")
-    read = el.load_calibration(tmp_path / "endoscope.json")
-    assert read.photometry == of_tube.photometry
-    assert read.evidence["unknown_light"]["outcome"] == of_tube.outcome
-    assert list(read.evidence["unknown_light"]["costs"]) == ["tube"]
-    result = el.reconstruct(tube, read)
-    assert result.status is Status.CONVERGED
-    assert not result.metric

@@ -10,7 +10,7 @@ from endolab import datasets
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.light import walls as walls_module
 from endolab.reconstruction.light.walls import Walls, _exchange, bounced_light_and_slope
-from endolab.synthetic.scenes import Colon, Tube
+from endolab.synthetic.scenes import Colon
 
 
 def ball(count=600, radius=20.0):
@@ -43,6 +43,12 @@ def colon():
     return np.log(Colon().distance(field.rays)), field
 
 
+@pytest.fixture(scope="module")
+def walls(colon):
+    v, field = colon
+    return Walls.of(v, np.isfinite(v), field, 2.5)
+
+
 def test_the_exchange_is_that_of_its_plain_twin(rng):
     x, n, area = ball(120)
     turned = n + 0.5 * rng.normal(size=n.shape)
@@ -68,9 +74,7 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
         assert np.ptp(walls.bounced_light(albedo)) < 0.05 * expected
 
 
-def test_light_is_exchanged_both_ways_and_none_is_made(colon):
-    v, field = colon
-    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+def test_light_is_exchanged_both_ways_and_none_is_made(walls):
     assert walls.exchange.sum(axis=1).max() <= 1 + 1e-12
     raw = _exchange(walls.points, walls.normals, walls.area, *open_cells(len(walls.points)))
     given = walls.area[:, None] * raw
@@ -83,10 +87,8 @@ def test_light_is_exchanged_both_ways_and_none_is_made(colon):
         assert walls.bounced_light(albedo).min() >= 0
 
 
-def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
+def test_what_blocks_is_found_as_by_walking_every_chord(walls, all_cores):
     """Cell by cell, as one would write it down; and the same on one core as on all, to the bit."""
-    v, field = colon
-    walls = Walls.of(v, np.isfinite(v), field, 2.5)
     cells = np.argwhere(walls.seen).astype(float)
     x, n, area = (a[: walls.count] for a in (walls.points, walls.normals, walls.area))
     nearest = np.full(walls.seen.shape, np.inf)
@@ -125,34 +127,18 @@ def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
     assert_allclose(after, turn(before), rtol=5e-3)
 
 
-def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon):
+def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon, walls):
     v, field = colon
     mask = np.isfinite(v)
-    walls = Walls.of(v, mask, field, 2.5)
     larger = Walls.of(v + np.log(7.0), mask, field, 2.5)
-    green = walls.indirect_ratio(0.38)
-    red = walls.indirect_ratio(0.75)
+    green, red = (walls.indirect_ratio(albedo) for albedo in (0.38, 0.75))
     assert_allclose(larger.indirect_ratio(0.38), green, rtol=1e-9)
-    assert np.all(red[mask] > green[mask])
-    assert np.all(green[mask] > 0)
+    assert np.all((green > 0) & (green < red), where=mask)
     assert np.isfinite(red).all()
 
 
-def test_a_long_tube_shows_what_its_unseen_walls_send(colon):
-    """The middle of a tube's wall sees walls all around: far more than the picture shows of them."""
-    field = colon[1]
-    v = np.log(Tube(length=200.0).distance(field.rays))
-    walls = Walls.of(v, np.isfinite(v), field, 2.5)
-    seen = int(walls.seen.sum())
-    near = walls.points[:seen, 2] < 40
-    assert walls.exchange[:seen][near].sum(axis=1).mean() > 0.75
-    assert walls.exchange[:seen, :seen][near].sum(axis=1).mean() < 0.65
-
-
-def test_light_by_bounces_sums_to_that_of_the_balance(colon):
+def test_light_by_bounces_sums_to_that_of_the_balance(walls):
     """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
-    v, field = colon
-    walls = Walls.of(v, np.isfinite(v), field, 2.5)
     hidden = walls_module.WALL_MODEL.hidden * np.maximum(
         1 - walls.exchange.sum(axis=1), 0.0
     )
@@ -164,27 +150,23 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
 
 
 @pytest.mark.parametrize("albedo", [0.05, 0.4, 0.93])
-def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
-    v, field = colon
-    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+def test_the_slope_by_the_albedo_is_that_of_differences(walls, albedo):
     step = 1e-5
     more, less = (walls.bounced_light([albedo * np.exp(one)]) for one in (step, -step))
     slope = bounced_light_and_slope(walls.orders, np.array([albedo]))[1]
     assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
 
 
-def test_another_lamps_spread_is_as_if_made_with_it(colon):
+def test_another_lamps_spread_is_as_if_made_with_it(colon, walls):
     v, field = colon
     mask = np.isfinite(v)
-    spot = Walls.of(v, mask, field, 2.5)
     even = Walls.of(v, mask, field, 0.0)
-    turned = spot.under(0.0)
+    turned = walls.under(0.0)
     assert_allclose(turned.direct, even.direct, rtol=1e-9)
     assert_allclose(turned.lit, even.lit, rtol=0.05)  # by the patches' centres
-    assert_allclose(
-        turned.indirect_ratio(0.38)[mask], even.indirect_ratio(0.38)[mask], rtol=0.02
+    by_even, by_turned, by_spot = (
+        lit.indirect_ratio(0.38)[mask] for lit in (even, turned, walls)
     )
+    assert_allclose(by_turned, by_even, rtol=0.02)
     # A lamp that shines evenly lights the walls beside the camera, too.
-    assert (
-        np.median(even.indirect_ratio(0.38)[mask] / spot.indirect_ratio(0.38)[mask]) > 1.3
-    )
+    assert np.median(by_even / by_spot) > 1.3
