@@ -101,13 +101,13 @@ def show_detection(
             colour = colours[number % len(colours)]
             ax.plot(*pixels[run].T, "o-", color=colour, lw=1.3, ms=2.6)
     if len(ids):
-        circle = {"ms": 13, "mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
+        circle: Any = {"ms": 13, "mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
         ax.plot(*pixels[0], "o", label=f"id {ids[0]}", **circle)
         ax.legend(frameon=True)
     return ax
 
 
-def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
+def points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Pixels (n, 2), residuals (n, 2) and inliers (n,) of all views."""
     pixels = np.concatenate([view.pixels for view in geometry.views])
     return pixels, np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
@@ -121,7 +121,7 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     deviations, or outliers would hide the rest; of more than 800 inliers or outliers some, chosen at
     random, are left out.
     """
-    pixels, residuals, inliers = _points_of(geometry)
+    pixels, residuals, inliers = points_of(geometry)
     camera = geometry.camera
     sigma = max(geometry.sigma, 1e-6)
     magnify = round_length(0.02 * camera.width / sigma)
@@ -143,7 +143,7 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
 def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
     ax = new_axes(ax)
-    _, residuals, inliers = _points_of(geometry)
+    _, residuals, inliers = points_of(geometry)
     values = residuals[inliers].ravel()
     label = f"{count_of(int(inliers.sum()), 'point')}, u and v"
     plots_of_light.histogram(ax, values, 0.0, float(np.std(values)), label)
@@ -154,7 +154,7 @@ def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) 
 @house()
 def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show where in the picture features were seen, with circles of equal angle off the axis."""
-    pixels, _, inliers = _points_of(geometry)
+    pixels, _, inliers = points_of(geometry)
     camera = geometry.camera
     seen = np.rad2deg(geometry.max_angle_seen)
     ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
@@ -164,7 +164,8 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
         around = ring(camera, np.deg2rad(angle))
         ax.plot(*around.T, color="0.35", lw=0.8)
-        ax.text(*around[30], f"{angle}°", clip_on=True, **words)
+        u, v = around[30]
+        ax.text(u, v, f"{angle}°", clip_on=True, **words)
     farthest = ring(camera, geometry.max_angle_seen).T
     ax.plot(*farthest, "--", color=HOUSE.vermilion, lw=2.2, label="farthest feature")
     ax.legend(loc="upper right", frameon=True)

@@ -168,9 +168,9 @@ def show_dominant_source(
     inside = dominant_source[dominant_source > 0]
     patches = []
     for k, name in enumerate(SOURCE_COLOURS, 1):
-        share = (inside == k).sum() / max(inside.size, 1)
+        share = 100 * (inside == k).sum() / max(inside.size, 1)
         lines = name.replace(" or ", "\nor ")
-        patches.append(Patch(color=colours[k], label=f"{lines}\n{share:.0%}"))
+        patches.append(Patch(color=colours[k], label=f"{lines}\n{share:.0f} %"))
     # Where colour bars are: on the map it would hide what it names.
     ax.legend(
         handles=patches,
