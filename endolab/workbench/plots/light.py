@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
@@ -27,7 +28,7 @@ def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: st
     share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
     ax.stairs(share, bins, fill=True, color=HOUSE.sky, label=label)
     x = np.linspace(bins[0], bins[-1], 301)
-    curve = np.exp(-0.5 * ((x - mean) / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
+    curve = norm.pdf(x, mean, sigma)
     ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
     ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
     ax.locator_params(axis="x", nbins=5)

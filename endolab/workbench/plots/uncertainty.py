@@ -17,16 +17,9 @@ from endolab.calibration.uncertainty import (
     values_within,
 )
 from endolab.model.cameras import Camera
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import common_limit
 from endolab.workbench.plots.style import HOUSE, house, page, pixel_axes, show_values
-
-# What can be shown of rays: field of `RayUncertainty`, title and label.
-RAY_MAPS = {
-    "shape": ("mrad_shape", "Rays, a common turn apart", "σ of the ray [mrad]"),
-    "px": ("px", "Pixel of a ray", "σ of the pixel [px]"),
-}
 
 
 def ring(camera: Camera, angle: float) -> FloatArray:
@@ -71,28 +64,24 @@ def show_ray_uncertainty(
     geometry: GeometricFit,
     ax: Axes | None = None,
     *,
-    what: str = "shape",
     limit: float | None = None,
-    title: str | None = None,
+    title: str = "Rays, a common turn apart",
 ) -> Axes:
-    """Show how well the ray of each pixel is known; beyond the dashed ring it was not seen, but follows.
+    """Show how well the ray of each pixel is known, a turn that all rays share apart.
+
+    Beyond the dashed ring it was not seen, but follows.
 
     Parameters
     ----------
     geometry : GeometricFit
-    what : {"shape", "px"}
-        How far rays are off without the turn that all share, or how far pixels are.
     limit : float, optional
-        Where the colours end, mrad or px; by default such that most of what was seen is below.
+        Where the colours end, mrad; by default such that most of what was seen is below.
     """
-    if what not in RAY_MAPS:
-        raise unknown_name("what", what, tuple(RAY_MAPS))
-    name, usual, label = RAY_MAPS[what]
     camera = geometry.camera
     seen = geometry.max_angle_seen
-    values = getattr(ray_uncertainty(camera, geometry.covariance, max_angle=seen), name)
-    title = usual if title is None else title
-    return _show(values, camera, seen, ax, title, label, "farthest feature", limit)
+    known = ray_uncertainty(camera, geometry.covariance, max_angle=seen)
+    words = (title, "σ of the ray [mrad]", "farthest feature")
+    return _show(known.mrad_shape, camera, seen, ax, *words, limit)
 
 
 @house()
@@ -114,19 +103,14 @@ def show_fall_off_uncertainty(
 
 
 def uncertainty_figure(session: Session) -> Figure:
-    """Draw what a session knows of its rays and light on one page; ValueError if it found neither."""
+    """Draw what a session knows of its rays and light on one page, one of which it must have found."""
     geometry = session.geometry
     light = session.light
-    count = 2 * (geometry is not None) + (light is not None)
-    if not count:
-        raise ValueError(
-            "session has no uncertainty to draw: its camera was given, its light refused"
-        )
+    count = (geometry is not None) + (light is not None)
     with page(6.5 * count, 5) as figure:
         axes = figure.subplots(1, count, squeeze=False)[0]
         if geometry is not None:
             show_ray_uncertainty(geometry, axes[0])
-            show_ray_uncertainty(geometry, axes[1], what="px")
         if light is not None:
             show_fall_off_uncertainty(light, session.camera, axes[-1])
     return figure

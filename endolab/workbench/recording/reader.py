@@ -81,8 +81,8 @@ def _take(batch: Any, entities: Entities) -> None:
     at: list[int | None] = [None] * len(batch)
     if ITERATIONS in batch.schema.names:
         at = batch.column(ITERATIONS).to_pylist()
-    for name, kind in zip(batch.schema.names, batch.schema.types, strict=True):
-        if ":" in name and pa.types.is_list(kind):
+    for name in batch.schema.names:
+        if ":" in name:
             column = batch.column(name)
             rows = entities.setdefault(entity, {}).setdefault(name.split(":")[1], {})
             rows |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -38,17 +38,6 @@ from endolab.workbench.recording.stream import (
 
 if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty.estimate import Uncertainty
-
-
-@dataclass(frozen=True)
-class PictureRate:
-    """Of which iterates pictures are kept, that a recording stays small."""
-
-    all_until: int = 20  # the first ones, ...
-    growth: float = 1.5  # ... then each time k has grown by half
-
-
-PICTURE_RATE = PictureRate()
 
 
 def record(
@@ -195,11 +184,9 @@ class Recorder:
         self._at(iterate)
         self._log_scalars(iterate)
         shown = self._pictured
-        solving = iterate.stage == SOLUTION
-        soon = iterate.k <= PICTURE_RATE.all_until
-        if shown is None or (
-            solving and (soon or iterate.k >= PICTURE_RATE.growth * shown.k)
-        ):
+        # Ever fewer, that a recording stays small.
+        often = shown is not None and (iterate.k <= 20 or iterate.k >= 1.5 * shown.k)
+        if shown is None or (often and iterate.stage == SOLUTION):
             self._log_pictures(iterate)
 
     def add_uncertainty(self, uncertainty: Uncertainty, result: Result | Iterate) -> None:

@@ -190,15 +190,12 @@ class Sink:
 
 def camera_shape(camera: Camera, size: float) -> rr.LineStrips3D:
     """What the camera sees, as a cone about `size` long; Rerun's own pinhole knows no distortion."""
-    # Of the rays in 97 directions the last one in the picture.
-    around = np.linspace(0, 2 * np.pi, 97)[:, None]
-    angle = np.linspace(0, camera.max_angle * (1 - 1e-6), 400)
-    across = np.stack([np.cos(around), np.sin(around)], axis=-1) * np.sin(angle)[:, None]
-    forward = np.broadcast_to(np.cos(angle)[:, None], (97, 400, 1))
-    rays = np.concatenate([across, forward], axis=-1)
-    pixels = camera.project(rays) + 0.5
-    inside = ((pixels >= 0) & (pixels <= [camera.width, camera.height])).all(axis=-1)
-    rim = size * rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)]
+    # Pixels along the outline of what is seen, once around.
+    seen = camera.field.valid.astype(np.uint8)
+    outlines, _ = cv2.findContours(seen, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = max(outlines, key=len)[:, 0]
+    ends = outline[np.linspace(0, len(outline), 97).astype(int) % len(outline)]
+    rim = size * camera.field.rays[ends[:, 1], ends[:, 0]]
     spokes = [np.stack([np.zeros(3), end]) for end in rim[:-1:12]]
     return rr.LineStrips3D([rim, *spokes], colors=OKABE_ITO.sky, radii=THIN)
 

@@ -67,14 +67,14 @@ def draw_sheet(target: Target) -> Figure:
     page = np.array([max(width, PAGE.words), height + PAGE.caption]) + 2 * PAGE.edge
     if np.all(page <= PAGE.size):
         page = np.array(PAGE.size)
-    figure = Figure(figsize=page / 25.4)
+    figure = Figure(figsize=(page[0] / 25.4, page[1] / 25.4))
     axes = figure.add_axes((0, 0, 1, 1))
     x = left + (width - page[0]) / 2
     y = top - (page[1] - height - PAGE.caption) / 2
     axes.set(xlim=(x, x + page[0]), ylim=(y + page[1], y))
     axes.set_axis_off()
 
-    rim = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
+    rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
     axes.add_patch(Rectangle((left, top), width, height, **rim))
     ink = target.ink
     for reflectance in np.unique(ink.greys[:, 3]):

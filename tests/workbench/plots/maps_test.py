@@ -9,7 +9,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.text import Text
-from skimage.color import rgb2lab
 
 import endolab as el
 from endolab import plots
@@ -179,27 +178,6 @@ def test_an_overview_without_a_gain_says_relative_and_may_be_grey(start, rendere
     assert 0.5 < np.nanmedian(estimate.get_xdata() / truth.get_xdata()) < 2
     labels = [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes]
     assert not any("mm" in label for label in labels)
-
-
-WAYS_TO_SEE = {  # Machado et al. 2009, linear RGB, severity 1; rows sum to 1
-    "normal": ((1, 0), (0, 1), (0, 0)),
-    "deuteranopia": ((0.367322, 0.860646), (0.280085, 0.672501), (-0.011820, 0.042940)),
-    "protanopia": ((0.152286, 1.052583), (0.114503, 0.786281), (-0.003882, -0.048116)),
-}
-
-
-@pytest.mark.parametrize("eyes", WAYS_TO_SEE)
-def test_colours_of_lines_are_told_apart(eyes):
-    lines = ["black", style.HOUSE.sky, style.HOUSE.vermilion, *style.HOUSE.curve_colours]
-    stored = np.array([to_rgb(colour) for colour in lines])
-    light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    way = np.array([[red, green, 1 - red - green] for red, green in WAYS_TO_SEE[eyes]])
-    seen = (light @ way.T).clip(0, 1)
-    seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
-    lab = rgb2lab(seen)
-    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lines), 1)]
-    assert apart.min() > 10  # about 2 can be seen side by side
-    assert (lab[:, 0] < 80).all()  # and on white paper
 
 
 def one_of_each(start, rendered, axes=(None,) * 7):
