@@ -26,7 +26,6 @@ from endolab.workbench.plots.style import (
     HOUSE,
     decorate,
     house,
-    new_axes,
     page,
     pixel_axes,
 )
@@ -142,13 +141,13 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
 @house()
 def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
-    ax = new_axes(ax)
+    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
+    ax = decorate(ax, title, "measured - predicted [px]", "density [1/px]")
     _, residuals, inliers = points_of(geometry)
     values = residuals[inliers].ravel()
     label = f"{count_of(int(inliers.sum()), 'point')}, u and v"
     plots_of_light.histogram(ax, values, 0.0, float(np.std(values)), label)
-    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
-    return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
+    return ax
 
 
 @house()
@@ -211,16 +210,16 @@ def show_frame_errors(
     unit: str = "px",
 ) -> Axes:
     """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
-    ax = new_axes(ax)
+    ax = decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
     names = list(errors)
     values = np.nan_to_num(list(errors.values()))
     colours = [HOUSE.vermilion if name in marked else HOUSE.sky for name in names]
     ax.bar(range(len(names)), values, color=colours)
     labelled = names if len(names) <= CROWDING.few_frames else list(marked)
     places = [names.index(name) for name in labelled]
-    ax.set_xticks(places, labelled, rotation=90, size="small")
+    ax.set_xticks(places, labelled, rotation=90)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    return decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
+    return ax
 
 
 @house()

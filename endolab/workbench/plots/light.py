@@ -18,7 +18,7 @@ from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots.maps import show_picture
-from endolab.workbench.plots.style import HOUSE, decorate, house, new_axes
+from endolab.workbench.plots.style import HOUSE, decorate, house
 
 
 def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
@@ -88,14 +88,13 @@ def show_sampling(
 @house()
 def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian."""
-    ax = new_axes(ax)
     values = light.residuals[light.used]
     left_out = np.count_nonzero(~light.used)
-    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
     title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
-    return decorate(
-        ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]"
-    )
+    off = "measured - predicted [grey levels of 255]"
+    ax = decorate(ax, title, off, "density [1/grey level]")
+    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
+    return ax
 
 
 @house()
@@ -105,7 +104,9 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     Angles at which there were no samples are shaded. If the light's place was fitted, α is the
     angle off its direction.
     """
-    ax = new_axes(ax)
+    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
+    share = "share of the light on the axis"
+    ax = decorate(ax, "Light's fall-off", f"angle {what} [°]", share)
     k = light.k
     error = light.standard_errors["k"]
     alpha = np.linspace(0, 90, 361)
@@ -117,10 +118,7 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     _show_band(ax, alpha, cosine ** (k + error), cosine ** (k - error))
     ax.set_ylim(0, 1.05)
     ax.legend(loc="upper right")
-    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
-    return decorate(
-        ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis"
-    )
+    return ax
 
 
 @house()
@@ -141,7 +139,7 @@ def show_gains(
     distance : (m,) float array, optional
         Mean distance of each frame's samples, mm.
     """
-    ax = new_axes(ax)
+    ax = decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
     frames = light.frames if frames is None else frames
     known = np.isfinite(light.gain_errors)
     gains = np.where(known, light.gains, np.nan)
@@ -160,7 +158,7 @@ def show_gains(
         handles += twin.plot(frames, distance, **look)
         twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
-    return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
+    return ax
 
 
 @house()
@@ -179,7 +177,7 @@ def show_brdf(
     samples : Samples, optional
         Those of the fit; how many lie at each angle is then drawn below.
     """
-    ax = new_axes(ax)
+    ax = decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
     theta, relative, errors = brdf_of(light)
     degrees = np.rad2deg(theta)
     _shade_unseen(ax, degrees[0], degrees[-1])
@@ -197,13 +195,15 @@ def show_brdf(
         below: Any = {"transform": ax.get_xaxis_transform(), "label": "samples"}
         ax.bar(bins[:-1] + 1.5, heights, 2.6, color=HOUSE.sky, alpha=0.8, **below)
     ax.legend(loc="upper right")
-    return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
+    return ax
 
 
 @house()
 def show_scores(scores: HeldOut, ax: Axes | None = None) -> Axes:
     """Show by how much the light of frames that the fit has not seen differs from the model's."""
-    ax = new_axes(ax)
+    title = "Frames held out, with samples"
+    what = "measured/modelled light - 1 [%]"
+    ax = decorate(ax, title, "angle α off the axis [°]", what)
     edges = np.rad2deg(scores.edges)
     half = np.diff(edges) / 2
     middle = edges[:-1] + half
@@ -222,8 +222,7 @@ def show_scores(scores: HeldOut, ax: Axes | None = None) -> Axes:
     for at, count in zip(middle, scores.count, strict=True):
         if count:
             ax.text(at, 0.02, f"{count}", ha="center", **below)
-    what = "measured/modelled light - 1 [%]"
-    return decorate(ax, "Frames held out, with samples", "angle α off the axis [°]", what)
+    return ax
 
 
 @house()
@@ -233,7 +232,7 @@ def show_ridge(
     title: str = "What the samples know of γ",
 ) -> Axes:
     """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
-    ax = new_axes(ax)
+    ax = decorate(ax, title, "γ", "σ of residuals, and k")
     gammas = [fit.photometry.gamma for fit in fits]
     sigmas = [fit.sigma for fit in fits]
     ks = [fit.photometry.k for fit in fits]
@@ -241,4 +240,4 @@ def show_ridge(
     ax.plot(gammas, ks, "--", color=HOUSE.blue, label="k")
     ax.set_ylim(0, 1.2 * max(*sigmas, *ks))
     ax.legend(loc="lower right")
-    return decorate(ax, title, "γ", "σ of residuals, and k")
+    return ax

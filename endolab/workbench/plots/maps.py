@@ -38,28 +38,13 @@ def _draw(picture: FloatArray, ax: Axes | None, title: str, **look: Any) -> Axes
     return ax
 
 
-def _draw_values(
-    values: FloatArray,
-    ax: Axes | None,
-    title: str,
-    label: str,
-    limits: tuple[float, float],
-    **look: Any,
-) -> Axes:
-    """Show a map on pixel axes, with a colour bar."""
-    ax = style.pixel_axes(ax, title)
-    style.show_values(values, ax, label, limits, **look)
-    ax.locator_params(nbins=3)
-    return ax
-
-
 def _draw_signed(
     values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None = None
 ) -> Axes:
     """Show a map of values of both signs, white at 0."""
     limit = common_limit([values]) if limit is None else limit
     limits = (-limit, limit)
-    return _draw_values(values, ax, title, label, limits, ends="both", cmap="RdBu_r")
+    return style.show_values(values, ax, title, label, limits, ends="both", cmap="RdBu_r")
 
 
 @style.house()
@@ -96,7 +81,7 @@ def show_depth(
     """
     limits = common_limits([distance]) if limits is None else limits
     label = f"distance [{unit}]" if label is None else label
-    return _draw_values(distance, ax, title, label, limits, cmap="viridis")
+    return style.show_values(distance, ax, title, label, limits, cmap="viridis")
 
 
 @style.house()
@@ -147,7 +132,7 @@ def show_sigma(percent: FloatArray, ax: Axes | None = None) -> Axes:
     """
     limits = (0.0, common_limit([percent]))
     label = "σ of the distance [%]"
-    return _draw_values(percent, ax, "Uncertainty: σ", label, limits, cmap="magma")
+    return style.show_values(percent, ax, "Uncertainty: σ", label, limits, cmap="magma")
 
 
 @style.house()
@@ -204,7 +189,8 @@ def show_section(
         Which; the middle one by default.
     """
     column = field.shape[1] // 2 if column is None else column
-    ax = style.new_axes(ax)
+    title = f"Section along column {column}" if title is None else title
+    ax = style.decorate(ax, title, f"z [{unit}]", f"y [{unit}]")
     # The truth is black, as a reference should be.
     lines = {"truth": "black", "start": style.HOUSE.sky, "estimate": style.HOUSE.vermilion}
     more_colours = iter(style.HOUSE.curve_colours * len(distances))
@@ -226,8 +212,6 @@ def show_section(
         ha="right",
         va="center",
     )
-    title = f"Section along column {column}" if title is None else title
-    style.decorate(ax, title, f"z [{unit}]", f"y [{unit}]")
     shown = np.concatenate(followed)
     low = shown.min(axis=0)
     high = shown.max(axis=0)
@@ -252,7 +236,7 @@ def show_history(
     ----------
     history : sequence of mappings: k, energy and its terms, as in `Result.history`
     """
-    ax = style.new_axes(ax)
+    ax = style.decorate(ax, title, "iteration", "energy [1]")
     k = [entry["k"] for entry in history]
     lines = (
         ("energy", "black", "-"),
@@ -265,7 +249,7 @@ def show_history(
         if np.any(values > 0):
             values[values <= 0] = np.nan
             ax.plot(k, values, dashes, color=colour, lw=2, label=name)
-    style.decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
+    ax.set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
     return ax

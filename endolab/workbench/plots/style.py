@@ -124,8 +124,12 @@ def new_axes(ax: Axes | None) -> Axes:
     return ax
 
 
-def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
-    """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit]."""
+def decorate(ax: Axes | None, title: str, x: str, y: str, grid: bool = True) -> Axes:
+    """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit].
+
+    Without any it makes new ones.
+    """
+    ax = new_axes(ax)
     ax.set_facecolor(HOUSE.paper)
     ax.set_title(title)
     ax.set_xlabel(x, size=matplotlib.rcParams["axes.labelsize"])
@@ -138,20 +142,22 @@ def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
 
 def pixel_axes(ax: Axes | None, title: str) -> Axes:
     """Axes of a picture, in px; grey where it is not known."""
-    ax = decorate(new_axes(ax), title, "column u [px]", "row v [px]", grid=False)
+    ax = decorate(ax, title, "column u [px]", "row v [px]", grid=False)
     ax.set_facecolor(HOUSE.left_out)
     return ax
 
 
 def show_values(
     values: FloatArray,
-    ax: Axes,
+    ax: Axes | None,
+    title: str,
     label: str,
     limits: tuple[float, float],
     ends: str | None = None,
     **look: Any,
-) -> None:
+) -> Axes:
     """Show a map with a colour bar, whose `ends` are pointed where values exceed the limits."""
+    ax = pixel_axes(ax, title)
     low, high = limits
     shown = ax.imshow(values, vmin=low, vmax=high, interpolation="nearest", **look)
     if ends is None:
@@ -159,6 +165,8 @@ def show_values(
         above = bool(np.any(values > high))
         ends = (("neither", "max"), ("min", "both"))[below][above]
     colour_bar(ax, shown, label, ends)
+    ax.locator_params(nbins=3)
+    return ax
 
 
 def colour_bar(

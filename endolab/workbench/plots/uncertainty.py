@@ -4,6 +4,8 @@ As in `maps`, every function but the page draws into the axes ``ax`` it is given
 ``title``, and returns the axes.
 """
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -19,7 +21,7 @@ from endolab.calibration.uncertainty import (
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import common_limit
-from endolab.workbench.plots.style import HOUSE, house, page, pixel_axes, show_values
+from endolab.workbench.plots.style import HOUSE, house, page, show_values
 
 
 def ring(camera: Camera, angle: float) -> FloatArray:
@@ -43,12 +45,12 @@ def _show(
     limit: float | None = None,
 ) -> Axes:
     """Show a map at `places` with the ring of the largest angle seen."""
-    ax = pixel_axes(ax, title)
     # Colours end at the 90th percentile of what lies within the angles seen: the rim is far worse.
     if limit is None:
         limit = common_limit([values_within(values, camera, seen)], 90)
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
-    show_values(values, ax, label, (0.0, limit), cmap="viridis", extent=extent)
+    look: Any = {"cmap": "viridis", "extent": extent}
+    ax = show_values(values, ax, title, label, (0.0, limit), **look)
     ax.locator_params(nbins=4)
     name = f"{ends}, {np.rad2deg(seen):.0f}°"
     rim = ring(camera, seen).T

@@ -14,6 +14,7 @@ import rerun as rr
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import check_int
 from endolab.reconstruction.sentences import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limits, in_colour
@@ -79,8 +80,7 @@ def record(
     """
     if (path is not None) == spawn:
         raise ValueError("give record() either a path or spawn=True")
-    if max_width < 1:
-        raise ValueError(f"max_width must be at least 1 px, got {max_width}")
+    check_int("max_width", max_width, 1)
     return Recorder(Sink(path), truth, max_width)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from endolab.io.atomic import PathLike
+from endolab.numerics.checks import check_int
 from endolab.workbench.recording.reader import Recording, read_recording
 from endolab.workbench.recording.viewer import front_end, notebook_viewer, start_viewer
 
@@ -49,8 +50,7 @@ def show(
     path = recording if isinstance(recording, str | os.PathLike) else recording.path
     if path is None:
         raise ValueError("that run went to a viewer: there is no file to show")
-    if height < 100:
-        raise ValueError(f"height must be at least 100 px, got {height}")
+    check_int("height", height, 100)
     kept = read_recording(path)
     name = kept.path.name
     why = "Nobody is there to show the viewer to"
@@ -59,7 +59,7 @@ def show(
             start_viewer(kept.path)
             return
         except OSError as error:
-            why = str(error).capitalize()
+            why = f"No viewer: {error}"
     elif front_end():
         _embed(kept.path, height)
         return
