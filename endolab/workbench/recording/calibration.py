@@ -1,16 +1,10 @@
-"""Recordings of a calibration for the Rerun viewer: its frames, and the steps of the light's fit.
+"""Recordings of a calibration for the Rerun viewer: what was found in its frames, and how well it fits."""
 
-The timeline "frame" shows what was found and how well it is explained, "iteration" how the light
-was fitted.
-"""
-
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Named, Session
 from endolab.calibration.summary import account, light_errors, mean_distances
 from endolab.io.atomic import PathLike
@@ -24,7 +18,7 @@ from endolab.workbench.plots.calibration import (
 )
 from endolab.workbench.plots.scales import OKABE_ITO, blue_white_red
 from endolab.workbench.recording import layouts
-from endolab.workbench.recording.layouts import FRAMES, ITERATIONS
+from endolab.workbench.recording.layouts import FRAMES
 from endolab.workbench.recording.stream import (
     TRUTH_COLOUR,
     Sink,
@@ -36,26 +30,19 @@ from endolab.workbench.recording.stream import (
 
 
 def record_calibration(
-    session: Session,
-    frames: Named,
-    path: PathLike,
-    *,
-    light_steps: Sequence[FitIterate] = (),
-    max_width: int = 480,
+    session: Session, frames: Named, path: PathLike, *, max_width: int = 480
 ) -> None:
     """Record a calibration to a file for the Rerun viewer, whole or not at all.
 
-    `frames` is what was calibrated from, `light_steps` what ``steps.append`` among the
-    session's `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
+    `frames` is what was calibrated from; pictures wider than `max_width`, px, are thinned.
 
-    Static: ``account``, ``world/camera``. Per frame: ``picture``, ``picture/detected``,
+    Static: ``account``, ``world/camera``. On the timeline "frame": ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
     measured - predicted grey level), ``world/sheet`` (the target's points), ``plots/gain``,
-    ``plots/distance``, ``plots/residual`` (root mean square). Per iteration: ``fit/k``, ``fit/gamma``,
-    ``fit/sigma``, ``fit/cost``, ``fit/change``.
+    ``plots/distance``, ``plots/residual`` (root mean square).
     """
     with Sink(path) as sink:
-        _Recording(sink, session, max_width).log(frames, light_steps)
+        _Recording(sink, session, max_width).log(frames)
 
 
 class _Recording:
@@ -71,7 +58,7 @@ class _Recording:
         # A reprojection residual of one standard deviation is 1.5 % of the picture's width.
         self.magnify = 0.015 * session.camera.width / max(self.sigma, 1e-6)
 
-    def log(self, frames: Named, light_steps: Sequence[FitIterate]) -> None:
+    def log(self, frames: Named) -> None:
         # 300 frames of a long video, evenly; curves have all.
         shown = set(self.names[:: -(-len(self.names) // 300)])
         self._log_static()
@@ -81,12 +68,6 @@ class _Recording:
             if name in shown:
                 self.sink.at(FRAMES, self.names.index(name))
                 self._log_frame(name, image)
-        for step in light_steps:
-            self.sink.at(ITERATIONS, step.k)
-            self.sink.log_scalar("fit/k", step.unknowns.k)
-            self.sink.log_scalar("fit/gamma", step.unknowns.gamma)
-            for name in ("sigma", "cost", "change"):
-                self.sink.log_scalar(f"fit/{name}", getattr(step, name))
 
     def _log_points(
         self, entity: str, pixels: FloatArray, colours: Any, radius: float
@@ -111,7 +92,6 @@ class _Recording:
             "outliers red\n"
             "- **Brightness**: where the paper's brightness was read; blue is darker than the model, "
             "red brighter, grey was left out\n"
-            "- **Fit**: set the timeline to *iteration* to see the light being fitted\n"
         )
         self.sink.log("account", markdown(text), static=True)
         self.sink.log("world", rr.ViewCoordinates.RDF, static=True)

@@ -1,7 +1,7 @@
 """How the Rerun viewer opens a recording: what is shown, and where.
 
 `reconstruction` shows everything about a run, `comparison` several runs side by side, `sequence` a
-video's frames, `calibration` a calibration's frames, sheet and fit.
+video's frames, `calibration` a calibration's frames and sheet.
 """
 
 from collections.abc import Mapping, Sequence
@@ -168,7 +168,7 @@ def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> Layout:
 
 
 def calibration(centre: FloatArray, curves: Curves) -> Layout:
-    """The frame, the sheet in space, the curves over the frames; the account, and behind it the light's fit.
+    """The frame, the sheet in space with the curves over the frames, and the account.
 
     The sheet is mostly at `centre`, (3,), mm.
     """
@@ -181,12 +181,7 @@ def calibration(centre: FloatArray, curves: Curves) -> Layout:
     # From aside, between the camera and where the sheet mostly is.
     away = 2 * np.linalg.norm(centre) * np.array(FROM_BEHIND)
     sheet = _space("Sheet", "/world", centre / 2, centre / 2 + away)
-    fit = rrb.Vertical(
-        _curves("k and γ", ["/fit/k", "/fit/gamma"]),
-        _curves("σ [grey levels]", ["/fit/sigma"]),
-        name="Fit",
-    )
-    words = rrb.Tabs(alone.words("account"), fit)
+    words = alone.words("account")
     middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
     parts = rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1])
     return _open_at(FRAMES, parts)

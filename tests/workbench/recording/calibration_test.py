@@ -15,15 +15,15 @@ from tests.tools.simulated_session import COUNT, LOST, refused, simulated
 
 @pytest.fixture(scope="module", params=["vicalib_small", "vicalib_folded"])
 def recorded(request, tmp_path_factory):
-    session, frames, steps = simulated(request.param)
+    session, frames, _ = simulated(request.param)
     path = tmp_path_factory.mktemp("recording") / "calibration.rrd"
-    record_calibration(session, frames, path, light_steps=steps)
+    record_calibration(session, frames, path)
     assert [file.name for file in path.parent.iterdir()] == ["calibration.rrd"]
-    return session, frames, steps, Recorded(path)
+    return session, frames, Recorded(path)
 
 
 def test_every_frame_has_its_picture_and_its_features(recorded):
-    session, frames, _, file = recorded
+    session, frames, file = recorded
     names = list(session.detections)
     assert list(file.rows["/picture"]["blob"]) == list(range(len(names)))
     shown = file.picture("/picture", 4, grey=True)
@@ -34,7 +34,7 @@ def test_every_frame_has_its_picture_and_its_features(recorded):
 
 
 def test_the_sheet_stands_where_its_poses_say(recorded):
-    session, _, _, file = recorded
+    session, _, file = recorded
     target = session.target
     panel = target.panel_of(target.points)
     for number, name in enumerate(session.detections):
@@ -49,7 +49,7 @@ def test_the_sheet_stands_where_its_poses_say(recorded):
 
 
 def test_arrows_are_the_residuals_of_the_frame(recorded):
-    session, _, _, file = recorded
+    session, _, file = recorded
     geometry = session.geometry
     number = 6
     name = list(session.detections)[number]
@@ -71,7 +71,7 @@ def test_arrows_are_the_residuals_of_the_frame(recorded):
 
 
 def test_samples_are_coloured_by_their_residual(recorded):
-    session, _, _, file = recorded
+    session, _, file = recorded
     number = 7
     light = session.light
     here = samples_of(session, list(session.detections)[number])
@@ -90,10 +90,8 @@ def test_samples_are_coloured_by_their_residual(recorded):
     assert np.all(red[~used] == 160)
 
 
-def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_fit(
-    recorded,
-):
-    session, _, steps, file = recorded
+def test_curves_are_on_the_frames_of_the_video(recorded):
+    session, _, file = recorded
     names = list(session.detections)
     located = [names.index(name) for name in session.poses]
     gains = dict(zip(located, session.light.gains, strict=True))
@@ -101,33 +99,14 @@ def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_f
     distances = mean_distances(session.samples, np.arange(COUNT))
     found = file.numbers("/plots/distance", "scalars")
     assert [found[k].item() for k in located] == pytest.approx(distances.tolist())
-    # A new round begins with the last step of the one before.
-    fits = {step.k: step for step in steps}
-    ks = {k: step.unknowns.k for k, step in fits.items()}
-    assert file.numbers("/fit/k", "scalars") == ks
-    sigmas = {k: step.sigma for k, step in fits.items()}
-    assert file.numbers("/fit/sigma", "scalars") == sigmas
 
 
 def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
-    session, frames, steps = simulated("vicalib_folded")
+    session, frames, _ = simulated("vicalib_folded")
     poses = session.poses | {"frame_0": (None, session.poses["frame_0"][1])}
     session = replace(refused(session), geometry=None, poses=poses)
     frames = [(name, None if name == "frame_2" else image) for name, image in frames]
-    record_calibration(session, frames, tmp_path / "calibration.rrd", light_steps=steps)
+    record_calibration(session, frames, tmp_path / "calibration.rrd")
     file = Recorded(tmp_path / "calibration.rrd")
     assert 2 not in file.numbers("/picture", "blob")
     assert "/plots/gain" not in file.rows
-    assert "/fit/k" in file.rows
-
-
-def test_a_failure_leaves_nothing(tmp_path):
-    session, frames, _ = simulated()
-
-    def broken():
-        yield frames[0]
-        raise OSError("the disk is gone")
-
-    with pytest.raises(OSError, match="the disk is gone"):
-        record_calibration(session, broken(), tmp_path / "run.rrd")
-    assert list(tmp_path.iterdir()) == []
