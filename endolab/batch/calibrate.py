@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import need
-from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Progress, Session, calibrate, check_names, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import (
@@ -73,8 +72,6 @@ def calibrate_to_files(
     check_file(
         calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read
     )
-    steps: list[FitIterate] = []
-    options["light_observers"] = [steps.append] if record else []
     with stage_folder(folder, overwrite=overwrite, inputs=read) as staging:
         cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
         detecting: dict[str, Any] = {
@@ -90,9 +87,7 @@ def calibrate_to_files(
         if record:
             from endolab.workbench.recording.calibration import record_calibration
 
-            record_calibration(
-                session, frames, staging / "recording.rrd", light_steps=steps
-            )
+            record_calibration(session, frames, staging / "recording.rrd")
     with stage_file(calibration, inputs=read) as temporary:
         write_calibration(make_calibration(session, str(frames.path), channel), temporary)
     return session

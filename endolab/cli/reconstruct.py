@@ -289,7 +289,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
                 sinks.append(ending.enter_context(Sink(folder / "recording.rrd")))
             if arguments.live:
                 try:
-                    sinks.append(ending.enter_context(Sink(None, memory="2GB")))
+                    sinks.append(ending.enter_context(Sink()))
                 except OSError as error:
                     if arguments.out is None:
                         raise

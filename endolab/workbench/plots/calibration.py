@@ -22,7 +22,13 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots import light as plots_of_light
 from endolab.workbench.plots.maps import show_picture
 from endolab.workbench.plots.scales import round_length
-from endolab.workbench.plots.style import HOUSE, decorate, house, new_axes
+from endolab.workbench.plots.style import (
+    HOUSE,
+    decorate,
+    house,
+    page,
+    pixel_axes,
+)
 from endolab.workbench.plots.uncertainty import ring
 
 
@@ -40,26 +46,26 @@ CROWDING = Crowding()
 
 def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
     """Axes of a picture that is not shown, pixels as in an array."""
-    ax = new_axes(ax)
-    ax.set(
-        xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal"
-    )
-    return decorate(ax, title, "column u [px]", "row v [px]", grid=False)
+    ax = pixel_axes(ax, title)
+    ax.set_facecolor(HOUSE.paper)
+    ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))
+    ax.set_aspect("equal")
+    return ax
+
+
+def shorten(vectors: FloatArray, most: float) -> FloatArray:
+    """Vectors, (n, 2), no longer than `most`: those of outliers would run across the picture."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors * np.minimum(1, most / np.maximum(length, 1e-12))
 
 
 def _arrows(
     ax: Axes, at: FloatArray, off: FloatArray, magnify: float, most: float, **look: Any
 ) -> None:
-    """Draw differences of pixels, longer than they are by a factor; they end at `most` px."""
-    length = np.linalg.norm(off, axis=1, keepdims=True)
-    shown = off * np.minimum(1, most / np.maximum(length, 1e-12))
-    style: dict[str, Any] = {
-        "angles": "xy",
-        "scale_units": "xy",
-        "scale": 1 / magnify,
-        "width": 0.0025,
-    }
-    ax.quiver(*at.T, *shown.T, **style, **look)
+    """Draw differences of pixels, at most so many px, longer than they are by a factor."""
+    shown = shorten(off, most).T
+    look |= {"angles": "xy", "scale_units": "xy", "width": 0.0025}
+    ax.quiver(*at.T, *shown, scale=1 / magnify, **look)
 
 
 @house()
@@ -82,11 +88,8 @@ def show_detection(
     """
     ids = detection.ids
     pixels = detection.pixels
-    ax = show_picture(
-        image,
-        ax,
-        f"{title}: {len(ids)} of {len(target.points)} {detection.reason}".rstrip(),
-    )
+    title = f"{title}: {len(ids)} of {len(target.points)} {detection.reason}"
+    ax = show_picture(image, ax, title.rstrip())
     column, row = np.round(target.points[ids, :2] / target.spacing).astype(int).T
     colours = (HOUSE.sky, HOUSE.vermilion, *HOUSE.curve_colours)  # of rows, over and over
     for number in np.unique(row):
@@ -94,28 +97,16 @@ def show_detection(
         of_row = of_row[np.argsort(column[of_row])]
         # Features that are farther apart than one that was missed are not joined.
         for run in np.split(of_row, np.flatnonzero(np.diff(column[of_row]) > 2) + 1):
-            ax.plot(
-                *pixels[run].T,
-                color=colours[number % len(colours)],
-                lw=1.3,
-                marker="o",
-                ms=2.6,
-            )
+            colour = colours[number % len(colours)]
+            ax.plot(*pixels[run].T, "o-", color=colour, lw=1.3, ms=2.6)
     if len(ids):
-        ax.plot(
-            *pixels[0],
-            "o",
-            ms=13,
-            mfc="none",
-            mec=HOUSE.vermilion,
-            mew=2,
-            label=f"id {ids[0]}",
-        )
+        circle: Any = {"ms": 13, "mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
+        ax.plot(*pixels[0], "o", label=f"id {ids[0]}", **circle)
         ax.legend(frameon=True)
     return ax
 
 
-def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
+def points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Pixels (n, 2), residuals (n, 2) and inliers (n,) of all views."""
     pixels = np.concatenate([view.pixels for view in geometry.views])
     return pixels, np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
@@ -129,27 +120,20 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     deviations, or outliers would hide the rest; of more than 800 inliers or outliers some, chosen at
     random, are left out.
     """
-    pixels, residuals, inliers = _points_of(geometry)
+    pixels, residuals, inliers = points_of(geometry)
     camera = geometry.camera
     sigma = max(geometry.sigma, 1e-6)
     magnify = round_length(0.02 * camera.width / sigma)
     ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
+    most = CROWDING.longest_arrow * sigma
     for which, colour, what, order in (
         (inliers, HOUSE.blue, "inlier", 3),
         (~inliers, HOUSE.vermilion, "outlier", 2),
     ):
-        drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[
-            : CROWDING.most_arrows
-        ]
+        drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))
+        drawn = drawn[: CROWDING.most_arrows]
         look = {"color": colour, "label": count_of(int(which.sum()), what), "zorder": order}
-        _arrows(
-            ax,
-            pixels[drawn],
-            residuals[drawn],
-            magnify,
-            CROWDING.longest_arrow * sigma,
-            **look,
-        )
+        _arrows(ax, pixels[drawn], residuals[drawn], magnify, most, **look)
     ax.legend(loc="upper right", ncols=2, frameon=True)
     return ax
 
@@ -157,46 +141,32 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
 @house()
 def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
-    ax = new_axes(ax)
-    _, residuals, inliers = _points_of(geometry)
+    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
+    ax = decorate(ax, title, "measured - predicted [px]", "density [1/px]")
+    _, residuals, inliers = points_of(geometry)
     values = residuals[inliers].ravel()
     label = f"{count_of(int(inliers.sum()), 'point')}, u and v"
     plots_of_light.histogram(ax, values, 0.0, float(np.std(values)), label)
-    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
-    return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
+    return ax
 
 
 @house()
 def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show where in the picture features were seen, with circles of equal angle off the axis."""
-    pixels, _, inliers = _points_of(geometry)
+    pixels, _, inliers = points_of(geometry)
     camera = geometry.camera
     seen = np.rad2deg(geometry.max_angle_seen)
     ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
     ax.plot(*pixels[inliers].T, ".", color=HOUSE.blue, ms=3, alpha=0.5, mew=0)
     box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
+    words: Any = {"ha": "center", "va": "center", "size": "small", "bbox": box}
     for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
         around = ring(camera, np.deg2rad(angle))
         ax.plot(*around.T, color="0.35", lw=0.8)
         u, v = around[30]
-        ax.text(
-            u,
-            v,
-            f"{angle}°",
-            ha="center",
-            va="center",
-            size="small",
-            bbox=box,
-            clip_on=True,
-        )
-    label = "farthest feature"
-    ax.plot(
-        *ring(camera, geometry.max_angle_seen).T,
-        "--",
-        color=HOUSE.vermilion,
-        lw=2.2,
-        label=label,
-    )
+        ax.text(u, v, f"{angle}°", clip_on=True, **words)
+    farthest = ring(camera, geometry.max_angle_seen).T
+    ax.plot(*farthest, "--", color=HOUSE.vermilion, lw=2.2, label="farthest feature")
     ax.legend(loc="upper right", frameon=True)
     return ax
 
@@ -207,25 +177,23 @@ def best_frame(session: Session) -> str:
 
     def worth(name: str) -> float:
         pixels = detections[name].pixels
-        return (
-            float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0))))
-            if len(pixels)
-            else 0.0
-        )
+        if not len(pixels):
+            return 0.0
+        return float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0))))
 
     return max(session.poses or detections, key=worth)
 
 
 def samples_of(session: Session, name: str) -> BoolArray:
     """Tell which of a session's samples were read in a frame, (n,)."""
-    names = list(session.poses)
-    return session.samples.frame == (names.index(name) if name in session.poses else -1)
+    number = list(session.poses).index(name) if name in session.poses else -1
+    return session.samples.frame == number
 
 
 def video_frames(session: Session) -> IntArray:
     """Numbers, in the video, of the frames that were located: those that ``samples.frame`` counts."""
-    number = {name: index for index, name in enumerate(session.detections)}
-    return np.array([number[name] for name in session.poses], dtype=int)
+    names = list(session.detections)
+    return np.array([names.index(name) for name in session.poses], dtype=int)
 
 
 def worst_frames(session: Session, count: int = 4) -> list[str]:
@@ -242,20 +210,16 @@ def show_frame_errors(
     unit: str = "px",
 ) -> Axes:
     """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
-    ax = new_axes(ax)
+    ax = decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
     names = list(errors)
-    place = np.arange(len(errors))
-    values = np.nan_to_num([errors[name] for name in names])
-    ax.bar(
-        place,
-        values,
-        width=0.8,
-        color=[HOUSE.vermilion if name in marked else HOUSE.sky for name in names],
-    )
-    labelled = [i for i in place if names[i] in marked or len(names) <= CROWDING.few_frames]
-    ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
+    values = np.nan_to_num(list(errors.values()))
+    colours = [HOUSE.vermilion if name in marked else HOUSE.sky for name in names]
+    ax.bar(range(len(names)), values, color=colours)
+    labelled = names if len(names) <= CROWDING.few_frames else list(marked)
+    places = [names.index(name) for name in labelled]
+    ax.set_xticks(places, labelled, rotation=90)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    return decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
+    return ax
 
 
 @house()
@@ -282,15 +246,10 @@ def show_features(
     ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
     ax.plot(*expected.T, "o", ms=8, mfc="none", mec=HOUSE.orange, mew=1.4, label="expected")
     ax.plot(*detected.T, "o", ms=3, color=HOUSE.sky, label="found")
-    _arrows(
-        ax,
-        expected,
-        detected - expected,
-        magnify,
-        CROWDING.longest_arrow * error,
-        color=HOUSE.vermilion,
-    )
-    (left, top), (right, bottom) = low - room, high + room
+    most = CROWDING.longest_arrow * error
+    _arrows(ax, expected, detected - expected, magnify, most, color=HOUSE.vermilion)
+    left, top = low - room
+    right, bottom = high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
     ax.legend(loc="upper right", frameon=True)
     return ax
@@ -305,13 +264,13 @@ def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figur
     pictures : mapping of str to (H, W) or (H, W, 3) float array
         Frames to show, as `worst_frames` names them; stored values in [0, 1].
     """
-    rows = {"px": session.errors, "grey levels": light_errors(session)}
-    rows = {unit: errors for unit, errors in rows.items() if errors}
+    rows = {"px": session.errors}
+    if session.light is not None:
+        rows["grey levels"] = light_errors(session)
     shown = [*pictures, ".", ".", "."]
     mosaic: Any = [[unit, unit] for unit in rows] + [shown[:2], shown[2:4]]
     heights = [4] * len(rows) + [5.5, 5.5]
-    with house(HOUSE.page_text_size):
-        figure = Figure(figsize=(16, sum(heights)), dpi=100, layout="constrained")
+    with page(16, sum(heights)) as figure:
         axes = figure.subplot_mosaic(mosaic, height_ratios=heights)
         for unit, errors in rows.items():
             show_frame_errors(errors, pictures, axes[unit], unit=unit)
@@ -336,12 +295,10 @@ def geometry_figure(session: Session, image: FloatArray) -> Figure:
     """
     if session.geometry is None:
         raise ValueError("session has no geometry to draw: its camera was given")
-    with house(HOUSE.page_text_size):
-        figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
+    detection = session.detections[best_frame(session)]
+    with page(16, 11.2) as figure:
         ((detected, arrows), (covered, spread)) = figure.subplots(2, 2)
-        show_detection(
-            image, session.detections[best_frame(session)], session.target, detected
-        )
+        show_detection(image, detection, session.target, detected)
         show_reprojection(session.geometry, arrows)
         show_coverage(session.geometry, covered)
         show_reprojection_histogram(session.geometry, spread)
@@ -358,12 +315,11 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
     of_frame = samples_of(session, best_frame(session))
-    with house(HOUSE.page_text_size):
-        figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
+    here = samples[of_frame]
+    with page(18, 10) as figure:
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
-        plots_of_light.show_sampling(
-            image, samples[of_frame], session.camera, sampling, used=light.used[of_frame]
-        )
+        used = light.used[of_frame]
+        plots_of_light.show_sampling(image, here, session.camera, sampling, used=used)
         plots_of_light.show_light_residuals(light, residuals)
         plots_of_light.show_fall_off(light, fall_off)
         frames = video_frames(session)[light.frames]

@@ -5,9 +5,12 @@ As in `maps`, every function draws into the axes ``ax`` it is given, or into new
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
@@ -15,7 +18,7 @@ from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots.maps import show_picture
-from endolab.workbench.plots.style import HOUSE, decorate, house, new_axes
+from endolab.workbench.plots.style import HOUSE, decorate, house
 
 
 def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
@@ -25,11 +28,16 @@ def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: st
     share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
     ax.stairs(share, bins, fill=True, color=HOUSE.sky, label=label)
     x = np.linspace(bins[0], bins[-1], 301)
-    curve = np.exp(-0.5 * ((x - mean) / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
+    curve = norm.pdf(x, mean, sigma)
     ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
     ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
     ax.locator_params(axis="x", nbins=5)
     ax.legend(loc="upper right", ncols=2)
+
+
+def _show_band(ax: Axes, x: NDArray, low: FloatArray, high: FloatArray) -> None:
+    """Shade what lies within a standard error of a curve."""
+    ax.fill_between(x, low, high, color=HOUSE.vermilion, alpha=0.35, lw=0)
 
 
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
@@ -65,13 +73,13 @@ def show_sampling(
     ax = show_picture(image, ax, f"{title}: {len(samples)} in this frame")
     pixels = camera.project(samples.points)
     paper = samples.material == 0
-    for which, look, label in (
-        (used & paper, {"mfc": HOUSE.vermilion, "mec": "white"}, "bare paper"),
-        (used & ~paper, {"mfc": HOUSE.blue, "mec": "white"}, "grey patch"),
-        (~used, {"mfc": "none", "mec": "black"}, "left out"),
+    for which, fill, edge, label in (
+        (used & paper, HOUSE.vermilion, "white", "bare paper"),
+        (used & ~paper, HOUSE.blue, "white", "grey patch"),
+        (~used, "none", "black", "left out"),
     ):
         if which.any():
-            ax.plot(*pixels[which].T, "o", ms=5, mew=0.8, label=label, **look)  # type: ignore[arg-type]
+            ax.plot(*pixels[which].T, "o", ms=5, mfc=fill, mec=edge, mew=0.8, label=label)
     if len(samples):
         ax.legend(frameon=True)
     return ax
@@ -80,14 +88,13 @@ def show_sampling(
 @house()
 def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian."""
-    ax = new_axes(ax)
     values = light.residuals[light.used]
     left_out = np.count_nonzero(~light.used)
-    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
     title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
-    return decorate(
-        ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]"
-    )
+    off = "measured - predicted [grey levels of 255]"
+    ax = decorate(ax, title, off, "density [1/grey level]")
+    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
+    return ax
 
 
 @house()
@@ -97,30 +104,21 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     Angles at which there were no samples are shaded. If the light's place was fitted, α is the
     angle off its direction.
     """
-    ax = new_axes(ax)
+    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
+    share = "share of the light on the axis"
+    ax = decorate(ax, "Light's fall-off", f"angle {what} [°]", share)
     k = light.k
     error = light.standard_errors["k"]
     alpha = np.linspace(0, 90, 361)
     cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
     _shade_unseen(ax, *np.rad2deg(light.alpha_range))
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
-    ax.plot(
-        alpha, cosine**k, color=HOUSE.vermilion, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}"
-    )
-    ax.fill_between(
-        alpha,
-        cosine ** (k - error),
-        cosine ** (k + error),
-        color=HOUSE.vermilion,
-        alpha=0.35,
-        lw=0,
-    )
+    label = f"cosᵏ α, k = {k:.3f} ± {error:.3f}"
+    ax.plot(alpha, cosine**k, color=HOUSE.vermilion, label=label)
+    _show_band(ax, alpha, cosine ** (k + error), cosine ** (k - error))
     ax.set_ylim(0, 1.05)
     ax.legend(loc="upper right")
-    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
-    return decorate(
-        ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis"
-    )
+    return ax
 
 
 @house()
@@ -141,17 +139,14 @@ def show_gains(
     distance : (m,) float array, optional
         Mean distance of each frame's samples, mm.
     """
-    ax = new_axes(ax)
+    ax = decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
     frames = light.frames if frames is None else frames
     known = np.isfinite(light.gain_errors)
     gains = np.where(known, light.gains, np.nan)
     errors = np.where(known, light.gain_errors, np.nan)
-    ax.fill_between(
-        frames, gains - errors, gains + errors, color=HOUSE.vermilion, alpha=0.35, lw=0
-    )
-    handles = ax.plot(
-        frames, gains, color=HOUSE.vermilion, marker=".", label="gain ± 1 s.e."
-    )
+    _show_band(ax, frames, gains - errors, gains + errors)
+    label = "gain ± 1 s.e."
+    handles = ax.plot(frames, gains, color=HOUSE.vermilion, marker=".", label=label)
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
     if distance is not None:
         twin = ax.twinx()
@@ -159,12 +154,11 @@ def show_gains(
         for axes, colour in ((ax, HOUSE.vermilion), (twin, HOUSE.blue)):
             axes.yaxis.label.set_color(colour)
             axes.tick_params(axis="y", colors=colour)
-        handles += twin.plot(
-            frames, distance, color=HOUSE.blue, lw=1.5, ls="--", label="distance"
-        )
+        look: Any = {"color": HOUSE.blue, "lw": 1.5, "ls": "--", "label": "distance"}
+        handles += twin.plot(frames, distance, **look)
         twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
-    return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
+    return ax
 
 
 @house()
@@ -183,80 +177,62 @@ def show_brdf(
     samples : Samples, optional
         Those of the fit; how many lie at each angle is then drawn below.
     """
-    ax = new_axes(ax)
+    ax = decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
     theta, relative, errors = brdf_of(light)
     degrees = np.rad2deg(theta)
     _shade_unseen(ax, degrees[0], degrees[-1])
     ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
-    ax.errorbar(
-        degrees,
-        relative,
-        errors,
-        color=HOUSE.vermilion,
-        marker="o",
-        capsize=3,
-        label="fitted ± 1 s.e.",
-    )
+    look: Any = {"color": HOUSE.vermilion, "marker": "o", "capsize": 3}
+    ax.errorbar(degrees, relative, errors, label="fitted ± 1 s.e.", **look)
     bottom = (relative - errors).min()
     top = (relative + errors).max()
     room = max(top - bottom, 0.2)
     ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
     if samples is not None:
-        bins = np.arange(0, 91, 3)
-        count = np.histogram(
-            np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins
-        )[0]
+        incidence = np.arccos(np.minimum(samples.cos_theta[light.used], 1))
+        count, bins = np.histogram(np.rad2deg(incidence), 30, (0, 90))
         heights = 0.2 * count / max(count.max(), 1)
-        below = ax.get_xaxis_transform()
-        ax.bar(
-            bins[:-1] + 1.5,
-            heights,
-            width=2.6,
-            transform=below,
-            color=HOUSE.sky,
-            alpha=0.8,
-            label="samples",
-        )
+        below: Any = {"transform": ax.get_xaxis_transform(), "label": "samples"}
+        ax.bar(bins[:-1] + 1.5, heights, 2.6, color=HOUSE.sky, alpha=0.8, **below)
     ax.legend(loc="upper right")
-    return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
+    return ax
 
 
 @house()
-def show_scores(
-    scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out"
-) -> Axes:
+def show_scores(scores: HeldOut, ax: Axes | None = None) -> Axes:
     """Show by how much the light of frames that the fit has not seen differs from the model's."""
-    ax = new_axes(ax)
+    title = "Frames held out, with samples"
+    what = "measured/modelled light - 1 [%]"
+    ax = decorate(ax, title, "angle α off the axis [°]", what)
     edges = np.rad2deg(scores.edges)
-    middle = (edges[1:] + edges[:-1]) / 2
     half = np.diff(edges) / 2
+    middle = edges[:-1] + half
+    # Nan where there were no samples, which is not drawn.
     error = 100 * scores.error
     spread = 100 * scores.standard_error
-    known = scores.count > 0
     ax.axhline(0, color="black", lw=1.2)
-    x, y, dy, dx = (values[known] for values in (middle, error, spread, half))
-    ax.errorbar(x, y, dy, dx, color=HOUSE.vermilion, ls="none", marker="o", capsize=3)
-    # a bin of a few samples must not make the others small.
+    look: Any = {"color": HOUSE.vermilion, "ls": "none", "marker": "o", "capsize": 3}
+    ax.errorbar(middle, error, spread, half, **look)
+    # A bin of a few samples must not make the others small.
     sure = scores.count >= LEAST_SCORED
     reach = 1.25 * np.max(np.abs(error[sure]) + spread[sure], initial=0.1)
-    ax.set(
-        xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=range(0, int(edges[-1]) + 1, 15)
-    )
-    below = ax.get_xaxis_transform()
-    for at, count in zip(middle[known], scores.count[known], strict=True):
-        ax.text(
-            at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below
-        )
-    what = "measured/modelled light - 1 [%]"
-    return decorate(ax, f"{title}, with samples", "angle α off the axis [°]", what)
+    ticks = range(0, int(edges[-1]) + 1, 15)
+    ax.set(xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=ticks)
+    below: Any = {"transform": ax.get_xaxis_transform(), "color": "0.3", "size": "small"}
+    for at, count in zip(middle, scores.count, strict=True):
+        if count:
+            ax.text(at, 0.02, f"{count}", ha="center", **below)
+    return ax
 
 
 @house()
 def show_ridge(
-    fits: Sequence[PhotometricFit], ax: Axes | None = None, *, title: str = ""
+    fits: Sequence[PhotometricFit],
+    ax: Axes | None = None,
+    title: str = "What the samples know of γ",
 ) -> Axes:
     """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
-    ax = new_axes(ax)
+    ax = decorate(ax, title, "γ", "σ of residuals, and k")
     gammas = [fit.photometry.gamma for fit in fits]
     sigmas = [fit.sigma for fit in fits]
     ks = [fit.photometry.k for fit in fits]
@@ -264,4 +240,4 @@ def show_ridge(
     ax.plot(gammas, ks, "--", color=HOUSE.blue, label="k")
     ax.set_ylim(0, 1.2 * max(*sigmas, *ks))
     ax.legend(loc="lower right")
-    return decorate(ax, title or "What the samples know of γ", "γ", "σ of residuals, and k")
+    return ax

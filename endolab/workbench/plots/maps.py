@@ -9,11 +9,10 @@ colour-blind readers, and axes carry units (`style`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
@@ -22,7 +21,7 @@ from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.sentences import meaning
 from endolab.solvers.energy import model_image
-from endolab.solvers.result import Iterate, Result
+from endolab.solvers.result import Result
 from endolab.workbench.plots import style
 from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limit, common_limits
 from endolab.workbench.plots.surface_view import show_cloud
@@ -31,29 +30,21 @@ if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty.estimate import Uncertainty
 
 
-def _draw(
-    picture: FloatArray, ax: Axes | None, title: str, **options: object
-) -> tuple[Axes, ScalarMappable]:
-    """Show a map on pixel axes."""
-    ax = style.new_axes(ax)
-    shown = ax.imshow(picture, interpolation="nearest", **options)  # type: ignore[arg-type]
-    style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(
-        style.HOUSE.left_out
-    )
+def _draw(picture: FloatArray, ax: Axes | None, title: str, **look: Any) -> Axes:
+    """Show a picture on pixel axes."""
+    ax = style.pixel_axes(ax, title)
+    ax.imshow(picture, interpolation="nearest", **look)
     ax.locator_params(nbins=3)
-    return ax, shown
-
-
-def _diverging(
-    values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None
-) -> Axes:
-    """Show signed values, white at 0, with a colour bar."""
-    limit = common_limit([values]) if limit is None else limit
-    if not limit > 0:
-        raise ValueError(f"limit must be positive, got {limit}")
-    ax, shown = _draw(values, ax, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
-    style.colour_bar(ax, shown, label, "both")
     return ax
+
+
+def _draw_signed(
+    values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None = None
+) -> Axes:
+    """Show a map of values of both signs, white at 0."""
+    limit = common_limit([values]) if limit is None else limit
+    limits = (-limit, limit)
+    return style.show_values(values, ax, title, label, limits, ends="both", cmap="RdBu_r")
 
 
 @style.house()
@@ -64,7 +55,7 @@ def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Fram
     ----------
     picture : (H, W) or (H, W, 3) float array of stored values, clipped to [0, 1]
     """
-    return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)[0]
+    return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)
 
 
 @style.house()
@@ -89,12 +80,8 @@ def show_depth(
         Of the colour bar; "distance" and the unit by default.
     """
     limits = common_limits([distance]) if limits is None else limits
-    ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
-    below = bool(np.any(distance < limits[0]))
-    above = bool(np.any(distance > limits[1]))
-    extend = (("neither", "max"), ("min", "both"))[below][above]
-    style.colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
-    return ax
+    label = f"distance [{unit}]" if label is None else label
+    return style.show_values(distance, ax, title, label, limits, cmap="viridis")
 
 
 @style.house()
@@ -108,9 +95,8 @@ def show_normals(
     normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
     """
     known = np.isfinite(normals).all(axis=-1, keepdims=True)
-    return _draw(
-        np.where(known, np.clip((normals + 1) / 2, 0, 1), style.HOUSE.left_out), ax, title
-    )[0]
+    colours = np.clip((normals + 1) / 2, 0, 1)
+    return _draw(np.where(known, colours, style.HOUSE.left_out), ax, title)
 
 
 @style.house()
@@ -133,35 +119,20 @@ def show_error(
     label : str, optional
         Of the colour bar.
     """
-    return _diverging(100 * (estimate - truth) / truth, ax, title, label, limit)
+    return _draw_signed(100 * (estimate - truth) / truth, ax, title, label, limit)
 
 
 @style.house()
-def show_sigma(
-    percent: FloatArray,
-    ax: Axes | None = None,
-    *,
-    limit: float | None = None,
-    title: str = "Uncertainty: σ",
-) -> Axes:
-    """Show σ of the distance with a colour bar; dark is certain.
+def show_sigma(percent: FloatArray, ax: Axes | None = None) -> Axes:
+    """Show σ of the distance with a colour bar to its 98th percentile; dark is certain.
 
     Parameters
     ----------
     percent : (H, W) float array, 100 σ/d; nan where unknown
-    limit : float, optional
-        Upper end of the colour bar, %; the 98th percentile by default.
     """
-    known = percent[np.isfinite(percent)]
-    most = (
-        (float(np.percentile(known, 98)) if known.size else 0.0) if limit is None else limit
-    )
-    most = most if most > 0 else 1.0
-    ax, shown = _draw(percent, ax, title, cmap="magma", vmin=0.0, vmax=most)
-    style.colour_bar(
-        ax, shown, "σ of the distance [%]", "max" if np.any(known > most) else "neither"
-    )
-    return ax
+    limits = (0.0, common_limit([percent]))
+    label = "σ of the distance [%]"
+    return style.show_values(percent, ax, "Uncertainty: σ", label, limits, cmap="magma")
 
 
 @style.house()
@@ -177,17 +148,14 @@ def show_dominant_source(
     ----------
     dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
     """
-    colours = np.array([(0, 0, 0), *SOURCE_COLOURS.values()]) / 255
-    picture = np.where(
-        (dominant_source > 0)[..., None], colours[dominant_source], style.HOUSE.left_out
-    )
-    ax = _draw(picture, ax, title)[0]
-    inside = max(int((dominant_source > 0).sum()), 1)
+    colours = [style.HOUSE.left_out, *np.array([*SOURCE_COLOURS.values()]) / 255]
+    ax = _draw(np.array(colours)[dominant_source], ax, title)
+    inside = dominant_source[dominant_source > 0]
     patches = []
     for k, name in enumerate(SOURCE_COLOURS, 1):
-        share = 100 * float((dominant_source == k).sum()) / inside
-        lines = name.replace(" or ", "\nor ") + f"\n{share:.0f} %"
-        patches.append(Patch(color=colours[k], label=lines))
+        share = 100 * (inside == k).sum() / max(inside.size, 1)
+        lines = name.replace(" or ", "\nor ")
+        patches.append(Patch(color=colours[k], label=f"{lines}\n{share:.0f} %"))
     # Where colour bars are: on the map it would hide what it names.
     ax.legend(
         handles=patches,
@@ -205,12 +173,11 @@ def show_section(
     field: RayField,
     ax: Axes | None = None,
     *,
-    row: int | None = None,
     column: int | None = None,
     unit: str = "mm",
     title: str | None = None,
 ) -> Axes:
-    """Show where a row or column of the picture cuts surfaces, seen from the side.
+    """Show where a column of the picture cuts surfaces, seen from the side.
 
     Parameters
     ----------
@@ -218,23 +185,19 @@ def show_section(
         The surfaces by name; "truth", "start" and "estimate" have colours of their own.
     field : RayField
         Of the camera.
-    row, column : int, optional
-        Which; the middle column by default.
+    column : int, optional
+        Which; the middle one by default.
     """
-    if row is not None and column is not None:
-        raise ValueError("choose a row or a column, not both")
-    if row is None and column is None:
-        column = field.shape[1] // 2
-    ax = style.new_axes(ax)
-    across, name = (1, f"column {column}") if row is None else (0, f"row {row}")
+    column = field.shape[1] // 2 if column is None else column
+    title = f"Section along column {column}" if title is None else title
+    ax = style.decorate(ax, title, f"z [{unit}]", f"y [{unit}]")
     # The truth is black, as a reference should be.
     lines = {"truth": "black", "start": style.HOUSE.sky, "estimate": style.HOUSE.vermilion}
     more_colours = iter(style.HOUSE.curve_colours * len(distances))
     followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
     for label, distance in distances.items():
-        surface = distance[..., None] * field.rays
-        points = (surface[:, column] if row is None else surface[row])[:, [2, across]]
-        colour = lines[label] if label in lines else next(more_colours)
+        points = distance[:, column, None] * field.rays[:, column, [2, 1]]
+        colour = lines.get(label) or next(more_colours)
         ax.plot(*points.T, color=colour, lw=1.8, label=label)
         # The start may have spikes many times as far as all else.
         if label != "start" or len(distances) == 1:
@@ -249,15 +212,15 @@ def show_section(
         ha="right",
         va="center",
     )
-    title = f"Section along {name}" if title is None else title
-    style.decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
-    low, high = (edge(np.concatenate(followed), axis=0) for edge in (np.min, np.max))
+    shown = np.concatenate(followed)
+    low = shown.min(axis=0)
+    high = shown.max(axis=0)
     # Room for the word to the camera's left, and above and below for the legend.
     spare = np.array([[-0.25, -0.15], [0.0, 0.15]])
     ax.dataLim.set_points(np.stack([low, high]) + spare * (high - low))
     ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
-    if across == 1 and not ax.yaxis_inverted():
+    if not ax.yaxis_inverted():
         ax.invert_yaxis()  # as in the picture, y points down
     ax.legend(loc="best")
     return ax
@@ -273,7 +236,7 @@ def show_history(
     ----------
     history : sequence of mappings: k, energy and its terms, as in `Result.history`
     """
-    ax = style.new_axes(ax)
+    ax = style.decorate(ax, title, "iteration", "energy [1]")
     k = [entry["k"] for entry in history]
     lines = (
         ("energy", "black", "-"),
@@ -284,33 +247,22 @@ def show_history(
         values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
         # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
         if np.any(values > 0):
-            ax.plot(
-                k,
-                np.where(values > 0, values, np.nan),
-                dashes,
-                color=colour,
-                lw=2,
-                label=name,
-            )
-    style.decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
+            values[values <= 0] = np.nan
+            ax.plot(k, values, dashes, color=colour, lw=2, label=name)
+    ax.set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
     return ax
 
 
 def overview(
-    shown: Result | Iterate,
-    picture: FloatArray | None = None,
-    truth: FloatArray | None = None,
-    uncertainty: Uncertainty | None = None,
+    result: Result, truth: FloatArray | None = None, uncertainty: Uncertainty | None = None
 ) -> Figure:
     """Draw everything about a result on one page.
 
     Parameters
     ----------
-    shown : Result or Iterate
-    picture : (H, W) or (H, W, 3) float array, optional
-        The frame as it looked; the problem's own by default.
+    result : Result
     truth : (H, W) float array, optional
         True distance, mm. Where the result has no unit, the truth takes the result's scale.
     uncertainty : Uncertainty, optional
@@ -321,48 +273,40 @@ def overview(
     Figure
         1600 x 900 px when saved, 2100 x 900 px with uncertainty. It is not one of pyplot's: nothing to close.
     """
-    iterate = shown.iterate if isinstance(shown, Result) else shown
+    iterate = result.iterate
     problem = iterate.problem
-    unit = iterate.problem.unit
-    picture = problem.shown if picture is None else picture
-    residual = model_image(problem, iterate.log_distance) - problem.image
-    middle = problem.mask.shape[1] // 2
-    curves = {"start": np.exp(np.where(problem.mask, problem.log_d0, np.nan))}
-    curves["estimate"] = iterate.distance
+    unit = problem.unit
+    residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
+    curves = {
+        "start": np.exp(np.where(problem.mask, problem.log_d0, np.nan)),
+        "estimate": iterate.distance,
+    }
     if truth is not None:
-        scale = (
-            1.0
-            if problem.metric
-            else np.nanmedian((iterate.distance / truth)[problem.mask])
-        )
-        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+        scale = np.nanmedian((iterate.distance / truth)[problem.mask])
+        truth = truth if problem.metric else scale * truth
+        curves = {"truth": np.where(problem.mask, truth, np.nan), **curves}
     words = [
+        result.status.value.rstrip("."),
         f"λ {problem.lam:g}, {problem.regulariser}",
         f"iteration {iterate.k}",
         f"energy {iterate.energy:.4g}",
     ]
     if channel := iterate.provenance.channel:
-        words.insert(0, f"channel {channel}")
-    if isinstance(shown, Result):
-        words.insert(0, shown.status.value.rstrip("."))
+        words.insert(1, f"channel {channel}")
     if not problem.metric:
         words.append("relative units")
-    with style.house(style.HOUSE.page_text_size):
-        figure = Figure(
-            figsize=(16 if uncertainty is None else 21, 9), dpi=100, layout="constrained"
-        )
-        panels = figure.subplots(2, 3 if uncertainty is None else 4)
-        show_picture(picture, panels[0, 0])
+    columns = 3 if uncertainty is None else 4
+    with style.page(1 + 5 * columns, 9) as figure:
+        panels = figure.subplots(2, columns)
+        show_picture(problem.shown, panels[0, 0])
         show_depth(iterate.distance, panels[0, 1], unit=unit)
         show_normals(iterate.normals, panels[0, 2])
-        show_cloud(iterate.points, picture, panels[1, 0], unit=unit)
-        show_section(curves, problem.field, panels[1, 1], column=middle, unit=unit)
-        _diverging(
-            255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None
-        )
+        show_cloud(iterate.points, problem.shown, panels[1, 0], unit=unit)
+        show_section(curves, problem.field, panels[1, 1], unit=unit)
+        _draw_signed(residual, panels[1, 2], "Model - frame", "grey levels of 255")
         if uncertainty is not None:
             show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
         figure.suptitle("  ·  ".join(words), fontsize=15)
-        figure.supxlabel(meaning(shown)[0], fontsize=13)
+        figure.supxlabel(meaning(result)[0], fontsize=13)
     return figure

@@ -56,23 +56,21 @@ def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
     maps : iterable of arrays of one unit; nan where unknown
     """
     seen = _known_values(maps)
-    return (
-        (float(np.percentile(seen, 1)), float(np.percentile(seen, 99)))
-        if seen.size
-        else (0.0, 1.0)
-    )
+    if not seen.size:
+        return 0.0, 1.0
+    low, high = np.percentile(seen, [1, 99])
+    return float(low), float(high)
 
 
-def common_limit(errors: Iterable[FloatArray]) -> float:
-    """Limit that suits several maps of signed errors: 98th percentile of all their sizes, 1 if that is 0.
+def common_limit(errors: Iterable[FloatArray], percentile: float = 98) -> float:
+    """Limit that suits several maps of signed errors: a percentile of all their sizes, 1 if that is 0.
 
     Parameters
     ----------
     errors : iterable of arrays of one unit; nan where unknown
     """
     seen = np.abs(_known_values(errors))
-    limit = float(np.percentile(seen, 98)) if seen.size else 1.0
-    return limit if limit > 0 else 1.0
+    return float(np.percentile(seen, percentile)) or 1.0 if seen.size else 1.0
 
 
 def in_colour(picture: FloatArray) -> FloatArray:
@@ -83,18 +81,11 @@ def in_colour(picture: FloatArray) -> FloatArray:
 def round_length(length: float) -> float:
     """Round down to 1, 2 or 5 times a power of ten."""
     power = 10 ** np.floor(np.log10(length))
-    return float(
-        max(power * factor for factor in (1, 2, 5) if power * factor <= length * (1 + 1e-9))
-    )
-
-
-def tallness(shape: tuple[int, ...]) -> float:
-    """Height of a picture's panel over its width: the picture's own, but at most 2, that a page stays one."""
-    return min(shape[0] / shape[1], 2.0)
+    round_ones = power * np.array([1, 2, 5])
+    return float(round_ones[round_ones <= length * (1 + 1e-9)].max())
 
 
 def brighten(picture: FloatArray) -> FloatArray:
     """Brighten a frame, in [0, 1], that is seen from the side: the far end of a lumen is dark in any."""
-    return np.asarray(
-        (picture / max(float(np.percentile(picture, 99)), 1e-6)).clip(0, 1) ** 0.6
-    )
+    most = max(float(np.percentile(picture, 99)), 1e-6)
+    return np.asarray((picture / most).clip(0, 1) ** 0.6)

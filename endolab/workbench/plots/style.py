@@ -13,12 +13,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
+import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
+from matplotlib.figure import Figure
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 
+from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import OKABE_ITO, Colour, round_length
 
 
@@ -100,6 +103,13 @@ def house(size: float = HOUSE.text_size) -> Iterator[None]:
         _SIZE.reset(token)
 
 
+@contextmanager
+def page(width: float, height: float) -> Iterator[Figure]:
+    """Give a figure for many panels, in units of 100 px, that is none of pyplot's."""
+    with house(HOUSE.page_text_size):
+        yield Figure(figsize=(width, height), dpi=100, layout="constrained")
+
+
 def use(size: float = HOUSE.text_size) -> None:
     """Give the house style to all that pyplot draws from now on."""
     matplotlib.rcParams.update(STYLE | {"font.size": size})
@@ -114,19 +124,48 @@ def new_axes(ax: Axes | None) -> Axes:
     return ax
 
 
-def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
-    """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit]."""
+def decorate(ax: Axes | None, title: str, x: str, y: str, grid: bool = True) -> Axes:
+    """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit].
+
+    Without any it makes new ones.
+    """
+    ax = new_axes(ax)
     ax.set_facecolor(HOUSE.paper)
     ax.set_title(title)
     ax.set_xlabel(x, size=matplotlib.rcParams["axes.labelsize"])
     ax.set_ylabel(y, size=matplotlib.rcParams["axes.labelsize"])
     ax.tick_params(which="both", labelsize=matplotlib.rcParams["xtick.labelsize"])
     if grid:
-        ax.grid(
-            True,
-            alpha=matplotlib.rcParams["grid.alpha"],
-            color=matplotlib.rcParams["grid.color"],
-        )
+        ax.grid(True, alpha=STYLE["grid.alpha"], color=STYLE["grid.color"])
+    return ax
+
+
+def pixel_axes(ax: Axes | None, title: str) -> Axes:
+    """Axes of a picture, in px; grey where it is not known."""
+    ax = decorate(ax, title, "column u [px]", "row v [px]", grid=False)
+    ax.set_facecolor(HOUSE.left_out)
+    return ax
+
+
+def show_values(
+    values: FloatArray,
+    ax: Axes | None,
+    title: str,
+    label: str,
+    limits: tuple[float, float],
+    ends: str | None = None,
+    **look: Any,
+) -> Axes:
+    """Show a map with a colour bar, whose `ends` are pointed where values exceed the limits."""
+    ax = pixel_axes(ax, title)
+    low, high = limits
+    shown = ax.imshow(values, vmin=low, vmax=high, interpolation="nearest", **look)
+    if ends is None:
+        below = bool(np.any(values < low))
+        above = bool(np.any(values > high))
+        ends = (("neither", "max"), ("min", "both"))[below][above]
+    colour_bar(ax, shown, label, ends)
+    ax.locator_params(nbins=3)
     return ax
 
 

@@ -1,10 +1,13 @@
 """A surface seen from beside the camera: the view, the light, and a depth map's surface in it."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import brighten, in_colour
@@ -60,75 +63,55 @@ def show_cloud(
     ax = new_axes(ax)
     step = -(-points.shape[1] // CLOUD.columns)
     points = points[::step, ::step]
-    colours = np.clip(colours[::step, ::step], 0, 1)
-
-    def corners(a: FloatArray) -> FloatArray:
-        return np.stack([a[:-1, :-1], a[:-1, 1:], a[1:, 1:], a[1:, :-1]], axis=2)
-
-    patch = corners(points @ _to_viewer(angle, elevation).T)
-    distance = corners(np.linalg.norm(points, axis=-1))
+    colours = in_colour(np.clip(colours[::step, ::step], 0, 1))
+    # Turned right, then down: to the viewer's right, down and away.
+    turn = Rotation.from_euler("yx", [-angle, elevation], degrees=True)
+    patches = _corners(points @ turn.as_matrix().T)
+    distances = _corners(np.linalg.norm(points, axis=-1))
     # Rows and columns turn clockwise around a patch for the camera; so they must for the viewer.
-    normal = np.cross(patch[:, :, 2] - patch[:, :, 0], patch[:, :, 3] - patch[:, :, 1])
-    sight = patch.mean(axis=2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
-        kept = (normal[..., 2] > 0) & (
-            distance.max(axis=-1) < CLOUD.jump * distance.min(axis=-1)
-        )
-        kept &= np.abs(np.sum(normal * sight, axis=-1)) > CLOUD.edge_on
-    colour = in_colour(colours)[:-1, :-1][kept]
-    _show_patches(
-        ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift
-    )
+    diagonals = patches[:, :, 2:] - patches[:, :, :2]
+    normals = _unit(np.cross(diagonals[:, :, 0], diagonals[:, :, 1]))
+    sight = _unit(patches.mean(axis=2))
+    farthest = distances.max(axis=-1)
+    seen = (normals[..., 2] > 0) & (farthest < CLOUD.jump * distances.min(axis=-1))
+    seen &= np.abs(np.sum(normals * sight, axis=-1)) > CLOUD.edge_on
+    if seen.any():
+        light = 0.4 + 0.6 * np.clip(normals[seen] @ CLOUD.to_lamp, 0, 1)
+        faces = colours[:-1, :-1][seen]
+        faces = (brighten(faces) if lift else faces) * light[:, None]
+        _show_patches(ax, patches[seen], faces)
+        low, high = _bounds(patches[seen][..., :2], farthest[seen])
+        # Room for the camera's name above, and for the bar below.
+        room = (high - low) * [0, 0.12]
+        ax.update_datalim(np.stack([low - room, high + room]))
+        ax.autoscale_view()
+        scale_bar(ax, high[0] - low[0], unit)
     _mark_camera(ax, title)
     return ax
 
 
-def _show_patches(
-    ax: Axes,
-    patches: FloatArray,
-    colours: FloatArray,
-    away: FloatArray,
-    distance: FloatArray,
-    unit: str,
-    lift: bool,
-) -> None:
-    """Draw flat patches, the farthest first, with relief and a scale bar.
+def _corners(values: NDArray) -> NDArray:
+    """Values, (H, W, ...), at the corners of all patches between four pixels, clockwise: (h, w, 4, ...)."""
+    above = [values[:-1, :-1], values[:-1, 1:]]
+    below = [values[1:, 1:], values[1:, :-1]]
+    return np.stack(above + below, axis=2)
 
-    `patches`, (n, corners, 3), and `away`, (n, 3), their unit normals that point away from the viewer, are in
-    the viewer's frame; `colours`, (n, 3); `distance`, (n,), from the camera.
-    """
-    if not len(patches):
-        return
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Vectors, (..., 3), made of length 1; nan if they have none."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _show_patches(ax: Axes, patches: FloatArray, faces: FloatArray) -> None:
+    """Draw flat patches, (n, corners, 3) in the viewer's frame, in colours, (n, 3); the farthest first."""
     order = np.argsort(-patches[..., 2].mean(axis=-1))
-    light = 0.4 + 0.6 * np.clip(away @ CLOUD.to_lamp, 0, 1)
-    faces = ((brighten(colours) if lift else colours) * light[:, None])[order]
+    faces = faces[order]
+    look: Any = {"linewidths": 0.4, "rasterized": True}
     # An array: Matplotlib takes several times as long over a list.
-    flat = patches[order, :, :2]
-    look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
-    drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]
+    flat: Any = patches[order, :, :2]
+    drawn = PolyCollection(flat, facecolors=faces, edgecolors=faces, **look)
     ax.add_collection(drawn, autolim=False)
-    low, high = _bounds(patches[..., :2], distance)
-    # Room for the camera's name above, and for the bar below.
-    ax.update_datalim(
-        np.stack([low - (high - low) * [0, 0.12], high + (high - low) * [0, 0.12]])
-    )
-    ax.autoscale_view()
-    scale_bar(ax, high[0] - low[0], unit)
-
-
-def _to_viewer(angle: float, elevation: float) -> FloatArray:
-    """Rotation, (3, 3), from the camera's frame to the viewer's: right, down, away."""
-    yaw = np.deg2rad(angle)
-    pitch = np.deg2rad(elevation)
-    turn = np.array(
-        [[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]]
-    )
-    nod = np.array(
-        [[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]]
-    )
-    return nod @ turn
 
 
 def _bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:

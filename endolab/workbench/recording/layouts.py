@@ -1,7 +1,7 @@
 """How the Rerun viewer opens a recording: what is shown, and where.
 
 `reconstruction` shows everything about a run, `comparison` several runs side by side, `sequence` a
-video's frames, `calibration` a calibration's frames, sheet and fit.
+video's frames, `calibration` a calibration's frames and sheet.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,9 @@ from endolab.workbench.plots.scales import LARGEST_RESIDUAL
 from endolab.workbench.recording.stream import Layout
 
 ITERATIONS = "iteration"  # a timeline
-SECONDS_PLAYED = 20.0  # of a run, whatever its length
+FRAMES = "frame"  # another
+FROM_BEHIND = (-0.5, -0.35, -0.8)  # the camera, to its left and above it
+Curves = Mapping[str, Sequence[str]]  # names of what lies below ``plots``, by their title
 
 
 @dataclass(frozen=True)
@@ -24,31 +26,35 @@ class Shown:
 
     run: str  # its name, which its entities begin with; empty if the run is alone
     unit: str  # of distances
-    terms: tuple[str, ...]  # of the energy
-    maps: tuple[str, ...]  # of the solver
-    limits: tuple[float, float]  # of distances
-    last: int = 1  # of the timeline
+    limits: tuple[float, float] = (0.0, 1.0)  # of distances
     sigma: float | None = None  # %, where the colours of σ end; None if it was not recorded
 
     def at(self, entity: str) -> str:
         """Path of an entity."""
         return f"/{self.run}/{entity}" if self.run else f"/{entity}"
 
+    def title(self, words: str) -> str:
+        """Title of a view, with the run's name."""
+        return f"{words} · {self.run}" if self.run else words
+
     def view(self, title: str, *entities: str) -> rrb.Spatial2DView:
-        """A map, with what is laid over it, and the run's name in its title."""
-        name = f"{title} · {self.run}" if self.run else title
+        """A map, with what is laid over it."""
+        contents = [self.at(entity) for entity in entities]
         return rrb.Spatial2DView(
-            origin=self.at(""), contents=[self.at(entity) for entity in entities], name=name
+            origin=self.at(""), contents=contents, name=self.title(title)
         )
 
+    def words(self, entity: str) -> rrb.TextDocumentView:
+        """A text that is called as its entity is."""
+        return rrb.TextDocumentView(origin=self.at(entity), name=entity.capitalize())
 
-def _open_at(
-    layout: rrb.Container, timeline: str = ITERATIONS, fps: float | None = None
-) -> Layout:
-    """A layout with the timeline to open on, played so fast, and without panels beside it."""
+
+def _open_at(timeline: str, layout: rrb.Container) -> Layout:
+    """A layout with the timeline to open on, and without panels beside it."""
     return Layout(
         layout,
-        rrb.TimePanel(state="collapsed", timeline=timeline, fps=fps),
+        # Slow enough for a run of few iterates.
+        rrb.TimePanel(state="collapsed", timeline=timeline, fps=5),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
     )
@@ -56,52 +62,37 @@ def _open_at(
 
 def _depth(shown: Shown) -> rrb.Spatial2DView:
     nearest, farthest = shown.limits
-    return shown.view(
-        f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}", "depth", "mask"
-    )
+    title = f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}"
+    return shown.view(title, "depth", "mask")
 
 
 def _residual(shown: Shown) -> rrb.Spatial2DView:
-    return shown.view(
-        f"Residual, blue -{LARGEST_RESIDUAL:g} to red +{LARGEST_RESIDUAL:g}/255", "residual"
-    )
+    end = f"{LARGEST_RESIDUAL:g}"
+    return shown.view(f"Residual, blue -{end} to red +{end}/255", "residual")
 
 
 def _uncertainty(shown: Shown) -> list[rrb.View]:
     """How far the run's end can be trusted, if it was recorded."""
     if shown.sigma is None:
         return []
-    sigma = shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask")
-    return [sigma, shown.view("What determined each pixel", "uncertainty/dominant_source")]
+    return [
+        shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask"),
+        shown.view("What determined each pixel", "uncertainty/dominant_source"),
+    ]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
-    nearest, farthest = shown.limits
-    name = f"Surface [{shown.unit}]" + (f" · {shown.run}" if shown.run else "")
-    return _space(
-        name,
-        np.array([0.0, 0.0, (nearest + farthest) / 2]),
-        1.2 * farthest,
-        origin=shown.at("world"),
-    )
+    middle = np.array([0.0, 0.0, np.mean(shown.limits)])
+    title = shown.title(f"Surface [{shown.unit}]")
+    away = 1.2 * shown.limits[1] * np.array(FROM_BEHIND)
+    return _space(title, shown.at("world"), middle, middle + away)
 
 
 def _space(
-    name: str,
-    target: FloatArray,
-    away: float,
-    *,
-    direction: Sequence[float] = (
-        -0.5,
-        -0.35,
-        -0.8,
-    ),  # from behind the camera, to its left and above it
-    origin: str = "/world",
+    name: str, origin: str, target: FloatArray, position: FloatArray
 ) -> rrb.Spatial3DView:
-    """A view of what lies about `target`, from `away` in that direction."""
-    eye = rrb.EyeControls3D(
-        position=target + away * np.array(direction), look_target=target, eye_up=[0, -1, 0]
-    )
+    """A view from one place to another."""
+    eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=[0, -1, 0])
     return rrb.Spatial3DView(
         origin=origin, name=name, eye_controls=eye, background=(45, 50, 58), line_grid=False
     )
@@ -110,130 +101,87 @@ def _space(
 def _curves(title: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin="/",
-        contents=list(contents),
+        contents=contents,
         name=title,
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-        interaction=rrb.PlotInteraction(
-            points_display="always"
-        ),  # a few iterates make no line
+        # A few iterates make no line.
+        interaction=rrb.PlotInteraction(points_display="always"),
     )
 
 
-def _energy(shown: Shown) -> rrb.TimeSeriesView:
-    return _curves(
-        "log₁₀ energy", [shown.at(f"log10/{name}") for name in ("energy", *shown.terms)]
-    )
+def _energy(contents: Sequence[str]) -> rrb.TimeSeriesView:
+    return _curves("log₁₀ energy", contents)
 
 
 def _change(runs: Sequence[Shown]) -> rrb.TimeSeriesView:
-    return _curves(
-        "log₁₀ change of log-distance", [shown.at("log10/change") for shown in runs]
-    )
-
-
-def _solver(shown: Shown) -> rrb.TimeSeriesView:
-    """Curves of the solver's scalars, but for a mere count, which would flatten the others."""
-    without = [
-        f"- {shown.at(f'plots/{name}')}"
-        for name in ("energy", *shown.terms, "change", "steps")
-    ]
-    return _curves("Solver", [shown.at("plots/**"), *without])
+    changes = [shown.at("log10/change") for shown in runs]
+    return _curves("log₁₀ change of log-distance", changes)
 
 
 def reconstruction(shown: Shown) -> Layout:
     """Pictures above, the surface, curves and words below."""
-    maps = [shown.view(name.capitalize(), f"front/{name}") for name in shown.maps]
-    sigma = (uncertainty := _uncertainty(shown))[:1]
-    decided = uncertainty[1:]
+    uncertainty = _uncertainty(shown)
     pictures = rrb.Horizontal(
         shown.view("Frame", "input", "prepared", "mask"),
         _depth(shown),
-        rrb.Tabs(*sigma, shown.view("Normals", "normals"), active_tab=0),
-        rrb.Tabs(_residual(shown), *decided, *maps, active_tab=0),
+        rrb.Tabs(*uncertainty[:1], shown.view("Normals", "normals"), active_tab=0),
+        rrb.Tabs(_residual(shown), *uncertainty[1:], active_tab=0),
     )
-    documents = {"settings": "Settings", "end": "End"}
-    words = [
-        rrb.TextDocumentView(origin=shown.at(entity), name=name)
-        for entity, name in documents.items()
-    ]
-    steps = rrb.Vertical(_change([shown]), _solver(shown), name="Steps")
+    energy = _energy([shown.at("log10/**"), f"- {shown.at('log10/change')}"])
     stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
-    curves = rrb.Vertical(_energy(shown), stages, row_shares=[2, 1])
-    below = rrb.Horizontal(
-        _surface(shown), curves, rrb.Tabs(*words, steps), column_shares=[1.7, 1.4, 1.1]
-    )
-    fps = max(1.0, shown.last / SECONDS_PLAYED)
-    return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=fps)
+    curves = rrb.Vertical(energy, stages, row_shares=[2, 1])
+    words = rrb.Tabs(shown.words("settings"), shown.words("end"), _change([shown]))
+    below = rrb.Horizontal(_surface(shown), curves, words, column_shares=[1.7, 1.4, 1.1])
+    return _open_at(ITERATIONS, rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
 
 
 def comparison(runs: Sequence[Shown]) -> Layout:
     """Each run a column of pictures and its surface; energies and changes of all in one plot each."""
-    columns = [
-        rrb.Vertical(
-            _depth(shown), rrb.Tabs(_residual(shown), *_uncertainty(shown)), _surface(shown)
-        )
-        for shown in runs
-    ]
-    energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])
-    layout = rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
+    columns = []
+    for shown in runs:
+        below = rrb.Tabs(_residual(shown), *_uncertainty(shown))
+        columns.append(rrb.Vertical(_depth(shown), below, _surface(shown)))
+    energy = _energy([shown.at("log10/energy") for shown in runs])
     return _open_at(
-        layout, fps=max(1.0, max(shown.last for shown in runs) / SECONDS_PLAYED)
+        ITERATIONS, rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
     )
 
 
-def _plots(curves: Mapping[str, Sequence[str]]) -> list[rrb.TimeSeriesView]:
-    """Curves below ``plots``, by their titles."""
-    return [
-        _curves(title, [f"/plots/{name}" for name in names])
-        for title, names in curves.items()
-    ]
+def _plots(curves: Curves) -> list[rrb.TimeSeriesView]:
+    views = []
+    for title, names in curves.items():
+        views.append(_curves(title, [f"/plots/{name}" for name in names]))
+    return views
 
 
-def sequence(
-    unit: str,
-    limits: tuple[float, float],
-    timeline: str,
-    curves: Mapping[str, Sequence[str]],
-) -> Layout:
+def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> Layout:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
-    `limits` are those of the distances of the first surface, in `unit`; `curves` titles of what lies below
-    ``plots``.
+    `limits` are those of the distances of the first surface, in `unit`.
     """
-    alone = Shown("", unit, (), (), limits)
-    pictures = rrb.Horizontal(
-        alone.view("Frame", "input"), _depth(alone), alone.view("Normals", "normals")
-    )
-    below = rrb.Horizontal(
-        _surface(alone), rrb.Grid(*_plots(curves), grid_columns=2), column_shares=[1, 1.2]
-    )
-    return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.3]), timeline)
+    alone = Shown("", unit, limits)
+    frame = alone.view("Frame", "input")
+    pictures = rrb.Horizontal(frame, _depth(alone), alone.view("Normals", "normals"))
+    plots = rrb.Grid(*_plots(curves), grid_columns=2)
+    below = rrb.Horizontal(_surface(alone), plots, column_shares=[1, 1.2])
+    return _open_at(FRAMES, rrb.Vertical(pictures, below, row_shares=[1, 1.3]))
 
 
-def calibration(
-    centre: FloatArray, curves: Mapping[str, Sequence[str]], timeline: str
-) -> Layout:
-    """The frame, the sheet in space, the curves over the frames; the account, and behind it the light's fit.
+def calibration(centre: FloatArray, curves: Curves) -> Layout:
+    """The frame, the sheet in space with the curves over the frames, and the account.
 
-    The sheet is mostly at `centre`, (3,), mm; `curves` are titles of what lies below ``plots``.
+    The sheet is mostly at `centre`, (3,), mm.
     """
-    pictures = ["/picture", "/picture/detected", "/picture/reprojection"]
+    alone = Shown("", "mm")
+    found = ("picture", "picture/detected", "picture/reprojection")
     frame = rrb.Vertical(
-        rrb.Spatial2DView(origin="/", contents=pictures, name="Detection"),
-        rrb.Spatial2DView(
-            origin="/", contents=["/picture", "/picture/samples"], name="Brightness"
-        ),
+        alone.view("Detection", *found),
+        alone.view("Brightness", "picture", "picture/samples"),
     )
     # From aside, between the camera and where the sheet mostly is.
-    away = 2 * float(np.linalg.norm(centre))
-    sheet = _space("Sheet", centre / 2, away, direction=(-0.6, -0.4, -0.7))
-    fit = rrb.Vertical(
-        _curves("k and γ", ["/fit/k", "/fit/gamma"]),
-        _curves("σ [grey levels]", ["/fit/sigma"]),
-        name="Fit",
-    )
-    words = rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), fit)
+    away = 2 * np.linalg.norm(centre) * np.array(FROM_BEHIND)
+    sheet = _space("Sheet", "/world", centre / 2, centre / 2 + away)
+    words = alone.words("account")
     middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
-    return _open_at(
-        rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1]), timeline
-    )
+    parts = rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1])
+    return _open_at(FRAMES, parts)

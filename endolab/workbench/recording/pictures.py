@@ -8,8 +8,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from endolab.model.thinned import ThinnedMaps
-from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
+from endolab.numerics.arrays import FloatArray
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red
 from endolab.workbench.recording.stream import classes, depth_map, every
@@ -18,10 +18,11 @@ OPAQUE_BLACK = (0, 0, 0, 255)
 CLEAR = (0, 0, 0, 0)
 SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `LARGEST_RESIDUAL`
 RESIDUAL_COLOURS = {"left out": OPAQUE_BLACK} | {
-    f"{LARGEST_RESIDUAL * share:+.2g}/255": (*colour.tolist(), 255)
-    for share, colour in zip(SHADES, blue_white_red(SHADES), strict=True)
+    f"{LARGEST_RESIDUAL * share:+.2g}/255": (*blue_white_red(share).tolist(), 255)
+    for share in SHADES
 }
 USED_COLOURS = {"left out": OPAQUE_BLACK, "used": CLEAR}
+# The first three in the order of `Problem.evidence`.
 FINDING_COLOURS = {
     "as it is": CLEAR,
     "saturated": (*OKABE_ITO.yellow, 255),
@@ -39,69 +40,50 @@ class Painter:
 
     def __init__(self, problem: Problem, max_width: int) -> None:
         self.problem = problem
-        self.thin = thin = every(problem.camera.width, max_width)
+        self.thin = every(problem.camera.width, max_width)
+        step = self.thin[0].step
         # A cloud has 160 columns at most: coordinates would be most of a recording.
-        further = max(1, -(-problem.camera.width // (thin[0].step * 160)))
-        self.sparse = sparse = (slice(None, None, thin[0].step * further),) * 2
-        self._inside = problem.mask[sparse]
-        self._rays = problem.field.rays[sparse][self._inside]
-        self._maps = ThinnedMaps(problem.field, problem.mask, problem.cuts, thin[0].step)
-        self._attenuation = problem.photometry.attenuation(problem.field.cos_alpha[thin])
+        further = -(-problem.camera.width // (step * 160))
+        self.sparse = (slice(None, None, step * further),) * 2
+        self.inside = problem.mask[self.sparse]
+        self._rays = problem.field.rays[self.sparse][self.inside]
+        self._maps = ThinnedMaps(problem.field, problem.mask, problem.cuts, step)
+        cos_alpha = problem.field.cos_alpha[self.thin]
+        self._attenuation = problem.photometry.attenuation(cos_alpha)
 
-    def paint(self, iterate: Iterate) -> dict[str, tuple[rr.AsComponents, ...]]:
+    def paint(self, iterate: Iterate) -> dict[str, rr.AsComponents]:
         """Make the pictures of an iterate, by their entities."""
         v = iterate.log_distance
-        problem = self.problem
-        points = np.exp(v[self.sparse][self._inside])[:, None] * self._rays
+        distance = np.exp(v[self.sparse][self.inside])
+        points = (distance[:, None] * self._rays).astype(np.float32)
         # OpenCV's ways to bytes take a tenth of NumPy's time; nan becomes 0.
         facing = cv2.convertScaleAbs(self._maps.normals(v), alpha=127.5, beta=127.5)
-        maps = {
-            f"front/{name}": (rr.Image(grey(a[self.thin])),)
-            for name, a in iterate.maps.items()
-        }
         return {
-            "depth": (depth_map(np.exp(v[self.thin]), problem.metric),),
-            "normals": (rr.Image(facing),),
-            "residual": (rr.SegmentationImage(self._shades(v), opacity=1.0),),
-            "world/cloud": (rr.Points3D.from_fields(positions=points.astype(np.float32)),),
-            **maps,
+            "depth": depth_map(np.exp(v[self.thin]), self.problem.metric),
+            "normals": rr.Image(facing),
+            "residual": rr.SegmentationImage(self._shades(v), opacity=1.0),
+            "world/cloud": rr.Points3D.from_fields(positions=points),
         }
 
     def _shades(self, v: FloatArray) -> NDArray[np.uint8]:
         """Model - frame, (h, w), as places in `RESIDUAL_COLOURS`."""
-        problem = self.problem
-        model = problem.photometry.brightness(
-            v[self.thin], self._maps.slant(v), self._attenuation
-        )
-        share = 255 / LARGEST_RESIDUAL * (model - problem.image[self.thin])
+        slant = self._maps.slant(v)
+        photometry = self.problem.photometry
+        model = photometry.brightness(v[self.thin], slant, self._attenuation)
+        share = 255 / LARGEST_RESIDUAL * (model - self.problem.image[self.thin])
         half = len(SHADES) // 2
-        return np.asarray(
-            cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1)
-        )
+        shades = cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1)
+        return np.asarray(shades)
 
-    def show_preparation(self) -> dict[str, tuple[rr.AsComponents, ...]]:
-        """What is left out, and what was found in the frame, by their entities."""
-        mask = np.ascontiguousarray(self.problem.mask[self.thin])
+    def paint_preparation(self) -> dict[str, tuple[rr.AsComponents, ...]]:
+        """Show what is left out, and what was found in the frame, by their entities."""
+        problem = self.problem
+        found = np.zeros(problem.mask.shape, np.uint8)
+        if problem.evidence is not None:
+            found[problem.mask] = problem.evidence[problem.mask]
+        if problem.cuts is not None:
+            found[problem.cuts.any(axis=0)] = 3
         return {
-            "mask": classes(mask, USED_COLOURS),
-            "prepared": classes(preparation_of(self.problem)[self.thin], FINDING_COLOURS),
+            "mask": classes(problem.mask[self.thin], USED_COLOURS),
+            "prepared": classes(found[self.thin], FINDING_COLOURS),
         }
-
-
-def preparation_of(problem: Problem) -> NDArray[np.uint8]:
-    """What a frame's pixels were found to be, (H, W), as places in `FINDING_COLOURS`."""
-    places = np.zeros(problem.mask.shape, np.uint8)
-    if problem.evidence is not None:
-        places[problem.mask & (problem.evidence == LOWER_BOUND)] = 1
-        places[problem.mask & (problem.evidence == NONE)] = 2
-    if problem.cuts is not None:
-        places[problem.cuts.any(axis=0)] = 3
-    return places
-
-
-def grey(values: NDArray | BoolArray) -> NDArray[np.uint8]:
-    """Stretch a map to bytes, from 0 or less to 1 or more; nan is black."""
-    values = np.nan_to_num(np.asarray(values, float))
-    low = min(values.min(), 0.0)
-    high = max(values.max(), 1.0)
-    return np.round(255 * (values - low) / (high - low)).astype(np.uint8)

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -13,15 +14,10 @@ import rerun as rr
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import check_int
 from endolab.reconstruction.sentences import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
-from endolab.workbench.plots.scales import (
-    OKABE_ITO,
-    SOURCE_COLOURS,
-    Colour,
-    common_limits,
-    in_colour,
-)
+from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limits, in_colour
 from endolab.workbench.recording.layouts import (
     ITERATIONS,
     Shown,
@@ -38,21 +34,11 @@ from endolab.workbench.recording.stream import (
     classes,
     depth_map,
     every,
+    markdown,
 )
 
 if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty.estimate import Uncertainty
-
-
-@dataclass(frozen=True)
-class PictureRate:
-    """Of which iterates pictures are kept, that a recording stays small."""
-
-    all_until: int = 20  # the first ones, ...
-    growth: float = 1.5  # ... then each time k has grown by half
-
-
-PICTURE_RATE = PictureRate()
 
 
 def record(
@@ -94,8 +80,7 @@ def record(
     """
     if (path is not None) == spawn:
         raise ValueError("give record() either a path or spawn=True")
-    if max_width < 1:
-        raise ValueError(f"max_width must be at least 1 px, got {max_width}")
+    check_int("max_width", max_width, 1)
     return Recorder(Sink(path), truth, max_width)
 
 
@@ -126,17 +111,8 @@ class Comparison:
     def run(self, name: str) -> Recorder:
         """Make the observer of one run; its entities begin with the run's name."""
         if not name.isidentifier() or name in self._runs:
-            why = (
-                "there is one already"
-                if name in self._runs
-                else "expected a word such as gauss_newton"
-            )
-            raise ValueError(f"a run cannot be called {name!r}: {why}")
-        colours = (OKABE_ITO.orange, OKABE_ITO.green, OKABE_ITO.purple, OKABE_ITO.sky)
-        colour = colours[len(self._runs) % len(colours)]
-        self._runs[name] = Recorder(
-            self._sink, self._truth, self._max_width, run=name, colour=colour
-        )
+            raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
+        self._runs[name] = Recorder(self._sink, self._truth, self._max_width, run=name)
         return self._runs[name]
 
     def close(self) -> None:
@@ -146,24 +122,13 @@ class Comparison:
         with self._sink:
             for recorder in self._runs.values():
                 recorder.close()
-            shown = [
-                recorder.shown
-                for recorder in self._runs.values()
-                if recorder.shown is not None
-            ]
-            if shown:
-                self._arrange(shown)
-
-    def _arrange(self, runs: list[Shown]) -> None:
-        """Give the ends of all runs in one unit the same colours, and tell the viewer."""
-        for shown in runs:
-            nearest, farthest = zip(
-                *(other.limits for other in runs if other.unit == shown.unit), strict=True
-            )
-            self._runs[shown.run].reach((min(nearest), max(farthest)))
-        self._sink.arrange(
-            comparison([self._runs[shown.run].shown or shown for shown in runs])
-        )
+            begun = [one for one in self._runs.values() if one.shown.unit]
+            for recorder in begun:
+                unit = recorder.shown.unit
+                limits = [one.shown.limits for one in begun if one.shown.unit == unit]
+                recorder.reach((np.min(limits), np.max(limits)))
+            if begun:
+                self._sink.arrange(comparison([recorder.shown for recorder in begun]))
 
     def __enter__(self) -> Self:
         return self
@@ -179,45 +144,34 @@ class Recorder:
 
     When a stage of the run begins: ``stage`` (its name), ``input``, ``mask``, ``prepared`` (highlights,
     saturated pixels and contours), ``settings``, ``world/camera``, ``world/truth``. Per iterate: ``depth``
-    (distance), ``normals`` ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's
-    maps), ``world/cloud``, ``plots/<name>``, and ``log10/<name>`` of energy, terms and change. Scalars are
+    (distance), ``normals`` ((n + 1)/2), ``residual`` (model - image), ``world/cloud``, ``plots/<name>``,
+    and ``log10/<name>`` of energy, terms and change. Scalars are
     logged for every iterate, pictures for the first 20 of the solution, its last, and between them each
     time k has grown by half; of the stages before it only for the first and the last, as there may be a
-    dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what came of each
-    stage), and of how far it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
-    ``uncertainty/dominant_source``. In a `Comparison` all names begin with the run's.
+    dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what was done about
+    indirect light and contours), and of how far it can be trusted, if that is added: ``uncertainty/sigma``
+    (% of the distance) and ``uncertainty/dominant_source``. In a `Comparison` all names begin with the run's.
     """
 
     def __init__(
-        self,
-        sink: Sink,
-        truth: FloatArray | None,
-        max_width: int,
-        *,
-        run: str = "",
-        colour: Colour = OKABE_ITO.orange,
+        self, sink: Sink, truth: FloatArray | None, max_width: int, run: str = ""
     ) -> None:
         self.path = sink.path  # None if it goes to a viewer
         self.truth = truth
         self.max_width = max_width
-        # What the layout needs to know; None before the first iterate.
-        self.shown: Shown | None = None
+        # What the layout needs to know; without a unit before the first iterate.
+        self.shown = Shown(run, "")
         self._sink = sink
         self._run = run
-        self._colour = colour
-        # within: in a block at whose end it is closed
         self._open = True
-        self._within = False
+        self._within = False  # a block at whose end it is closed
         self._last: Iterate | None = None
-        self._first: Iterate | None = None  # of this stage
-        self._pictured: Iterate | None = None  # the last one with pictures
+        self._pictured: Iterate | None = None  # the last one of this stage with pictures
         self._before = 0  # places on the timeline before this stage's k = 0
-        self._rows: list[str] = []  # of what came of each stage
+        self._begun = 0  # place of this stage's first iterate
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
-        if not self._open:
-            raise ValueError("the recording is closed")
         if self._sink.is_viewer_closed:
             return  # the run goes on
         last = self._last
@@ -230,10 +184,8 @@ class Recorder:
         self._at(iterate)
         self._log_scalars(iterate)
         shown = self._pictured
-        often = shown is not None and (
-            iterate.k <= PICTURE_RATE.all_until
-            or iterate.k >= PICTURE_RATE.growth * shown.k
-        )
+        # Ever fewer, that a recording stays small.
+        often = shown is not None and (iterate.k <= 20 or iterate.k >= 1.5 * shown.k)
         if shown is None or (often and iterate.stage == SOLUTION):
             self._log_pictures(iterate)
 
@@ -252,37 +204,24 @@ class Recorder:
         ValueError
             If the recording is closed, nothing was recorded, or what was is not of the same size.
         """
-        if not self._open:
-            raise ValueError(
-                "the recording is closed: use it as a context manager, or add it before"
-            )
-        if self._last is None or self.shown is None:
+        if self._last is None:
             raise ValueError("nothing was recorded that could be trusted")
-        shapes = uncertainty.sigma.shape, result.mask.shape, self._last.mask.shape
-        if len(set(shapes)) > 1:
-            raise ValueError(
-                "uncertainty has shape {}, the result {}, what was recorded {}".format(
-                    *shapes
-                )
-            )
-        thin = every(result.mask.shape[1], self.max_width)
+        shape = uncertainty.sigma.shape
+        recorded = self._last.mask.shape
+        if shape != recorded:
+            raise ValueError(f"uncertainty has shape {shape}, what was recorded {recorded}")
+        thin = every(shape[1], self.max_width)
         percent = (100 * uncertainty.sigma / result.distance)[thin]
         most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
-        self._log(
-            "uncertainty/sigma",
-            depth_map(percent, False, (0.0, most), "magma"),
-            static=True,
-        )
-        colours = {"left out": OPAQUE_BLACK} | {
-            name: (*colour, 255) for name, colour in SOURCE_COLOURS.items()
-        }
-        self._log(
-            "uncertainty/dominant_source",
-            *classes(uncertainty.dominant_source[thin], colours),
-            static=True,
-        )
+        sigma = depth_map(percent, False, (0.0, most), "magma")
+        self._log("uncertainty/sigma", sigma, static=True)
+        colours = {"left out": OPAQUE_BLACK}
+        for name, colour in SOURCE_COLOURS.items():
+            colours[name] = (*colour, 255)
+        source = classes(uncertainty.dominant_source[thin], colours)
+        self._log("uncertainty/dominant_source", *source, static=True)
         self.shown = replace(self.shown, sigma=most)
-        self._arrange(watched=True)
+        self._arrange()
 
     def __enter__(self) -> Self:
         self._within = True
@@ -303,12 +242,15 @@ class Recorder:
         if not self._open or self._within:
             return
         self._open = False
-        if self._run:  # the comparison goes on
-            self._end()
-            return
-        with self._sink:
-            self._end()
-            self._arrange(watched=False)
+        # A comparison goes on.
+        with nullcontext() if self._run else self._sink:
+            if self._last is None or self._sink.is_viewer_closed:
+                return
+            self._end_stage(self._last)
+            remarks = "\n".join(f"- {note}" for note in notes(self._last))
+            self._log("end", markdown(f"## End\n\n{remarks}"), static=True)
+            if not self._run:
+                self._sink.arrange(reconstruction(self.shown))
 
     # Stages ---------------------------------------------------------------------------
 
@@ -317,122 +259,66 @@ class Recorder:
         problem = iterate.problem
         last = self._last
         self._painter = painter = Painter(problem, self.max_width)
-        self._first = iterate
         self._pictured = None
-        distance = np.exp(iterate.log_distance[painter.thin])
+        self._begun = self._before + iterate.k
+        self.shown = Shown(self._run, problem.unit)
         if last is None:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
-            self._log(
-                "residual", classes(np.zeros((1, 1)), RESIDUAL_COLOURS)[0], static=True
-            )
-        self._style(iterate)
+            shades = classes(np.zeros((1, 1)), RESIDUAL_COLOURS)[0]
+            self._log("residual", shades, static=True)
         self._at(iterate)
-        self._log("stage", rr.TextLog(stage_text(iterate.stage, iterate.round)))
+        self._log("stage", rr.TextLog(_stage_text(iterate)))
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
             self._log("input", rr.Image(picture[painter.thin]))
-        for entity, what in painter.show_preparation().items():
+        for entity, what in painter.paint_preparation().items():
             self._log(entity, *what)
-        self._log(
-            "settings", rr.TextDocument(_settings(iterate), media_type="text/markdown")
-        )
-        inside = problem.mask[painter.sparse]
-        own = rr.Points3D.from_fields(
-            colors=picture[painter.sparse][inside], radii=rr.Radius.ui_points(2.5)
-        )
-        self._log("world/cloud", own)
-        self._log(
-            "world/camera",
-            camera_shape(problem.camera, 0.35 * float(np.nanmedian(distance))),
-        )
-        if self.truth is not None and (
-            iterate.stage == SOLUTION or self.truth.shape == iterate.mask.shape
-        ):
+        self._log("settings", markdown(_settings(iterate)))
+        colours = picture[painter.sparse][painter.inside]
+        radii = rr.Radius.ui_points(2.5)
+        self._log("world/cloud", rr.Points3D.from_fields(colors=colours, radii=radii))
+        size = 0.35 * float(np.nanmedian(iterate.distance[painter.thin]))
+        self._log("world/camera", camera_shape(problem.camera, size))
+        if self.truth is not None:
             self._log_truth(iterate, self.truth)
-        self._reach_of(iterate)
-        self._arrange(watched=True)
-
-    def _style(self, iterate: Iterate) -> None:
-        """Name and colour the curves that are new, and note for the layout what there is."""
-        terms = dict.fromkeys([*(self.shown.terms if self.shown else ()), *iterate.terms])
-        maps = dict.fromkeys([*(self.shown.maps if self.shown else ()), *iterate.maps])
-        self.shown = Shown(self._run, iterate.problem.unit, (*terms,), (*maps,), (0.0, 1.0))
-        colours = {
-            "energy": OKABE_ITO.orange,
-            "data": OKABE_ITO.sky,
-            "regulariser": OKABE_ITO.vermilion,
-        }
-        for name in ("energy", "change", *iterate.terms):
-            colour = self._colour if self._run else colours.get(name)
-            style = rr.SeriesLines(
-                colors=colour, names=f"{self._run} {name}".strip(), widths=2
-            )
-            self._log(f"log10/{name}", style, static=True)
+        self._reach_surface(iterate)
+        self._arrange()
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
-        """Log the true surface, in the unit of an iterate."""
+        """Log the true surface, in the unit of an iterate; not on the smaller grid of a stage before."""
         problem = iterate.problem
-        thin = self._painter.thin
         shape = iterate.mask.shape
-        if truth.shape != shape:
+        if truth.shape != shape and iterate.stage == SOLUTION:
             raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
-        known = iterate.mask & (truth > 0) & np.isfinite(truth)
+        known = iterate.mask & (truth > 0) if truth.shape == shape else np.zeros(0, bool)
         if not known.any():
             return
-        unit = (
-            1.0 if problem.metric else float(np.median((iterate.distance / truth)[known]))
-        )
-        points = (unit * np.where(known, truth, np.nan)[..., None] * problem.field.rays)[
-            thin
-        ]
-        points = points[np.isfinite(points).all(axis=-1)]
-        self._log(
-            "world/truth",
-            rr.Points3D(points.astype(np.float32), colors=TRUTH_COLOUR, radii=THIN),
-        )
+        if not problem.metric:
+            truth = truth * np.median((iterate.distance / truth)[known])
+        thin = self._painter.thin
+        points = truth[thin][known[thin], None] * problem.field.rays[thin][known[thin]]
+        dots = rr.Points3D(points.astype(np.float32), colors=TRUTH_COLOUR, radii=THIN)
+        self._log("world/truth", dots)
 
     def _end_stage(self, last: Iterate) -> None:
         """Log the pictures of a stage's last iterate, and let the colours reach what it needs."""
         if self._pictured is not last:
             self._log_pictures(last)
-        self._reach_of(last)
-        first = self._first or last
-        name = stage_text(last.stage, last.round)
-        self._rows.append(f"| {name} | {last.k} | {first.energy:.3e} | {last.energy:.3e} |")
+        self._reach_surface(last)
 
-    def _end(self) -> None:
-        """Log what is known at the end only."""
-        if self._last is None or self._sink.is_viewer_closed:
-            return
-        self._end_stage(self._last)
-        table = "\n".join(
-            [
-                "| stage | iterations | energy, first | last |",
-                "|---|---|---|---|",
-                *self._rows,
-            ]
-        )
-        remarks = "\n".join(f"- {note}" for note in notes(self._last))
-        words = rr.TextDocument(
-            f"## End\n\n{table}\n\n{remarks}", media_type="text/markdown"
-        )
-        self._log("end", words, static=True)
-        if self.shown is not None:
-            self.shown = replace(self.shown, last=self._before + self._last.k)
-
-    def _reach_of(self, iterate: Iterate) -> None:
-        self.reach(common_limits([np.exp(iterate.log_distance[self._painter.thin])]))
+    def _reach_surface(self, iterate: Iterate) -> None:
+        """Let the colours of this stage's distances suit an iterate."""
+        self.reach(common_limits([iterate.distance[self._painter.thin]]))
 
     def reach(self, limits: tuple[float, float]) -> None:
         """Let the colours of this stage's distances reach from one limit to the other."""
-        if self._first is not None and self.shown is not None:
-            self._at(self._first)
-            self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
-            self.shown = replace(self.shown, limits=limits)
+        self._sink.at(ITERATIONS, self._begun)
+        self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
+        self.shown = replace(self.shown, limits=limits)
 
-    def _arrange(self, watched: bool) -> None:
-        """Tell the viewer how to open the recording: at its end, and before if someone is watching."""
-        if not self._run and self.shown is not None and (self.path is None or not watched):
+    def _arrange(self) -> None:
+        """Tell a viewer how to show the run so far."""
+        if self.path is None:
             self._sink.arrange(reconstruction(self.shown))
 
     # Iterates -------------------------------------------------------------------------
@@ -455,36 +341,29 @@ class Recorder:
     def _log_pictures(self, iterate: Iterate) -> None:
         self._at(iterate)
         for entity, what in self._painter.paint(iterate).items():
-            self._log(entity, *what)
+            self._log(entity, what)
         self._pictured = iterate
 
 
-def stage_text(name: str, round: int) -> str:
-    """Name a stage of a run; `stage_of` is the way back."""
-    return f"{name}, round {round}" if round else name
-
-
-def stage_of(text: str) -> tuple[str, int]:
-    """Name and round of a stage."""
-    name, _, round = text.partition(", round ")
-    return (name, int(round)) if round else (name, 0)
+def _stage_text(iterate: Iterate) -> str:
+    return f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
 
 
 def _settings(iterate: Iterate) -> str:
     """What is solved and how, as Markdown."""
     problem = iterate.problem
+    camera = problem.camera
     photometry = problem.photometry
-    order = "" if problem.regulariser == "curvature" else " order"
+    light = f"k = {photometry.k:.6g}, γ = {photometry.gamma:.6g}"
     rows = {
         "distances": "mm" if problem.metric else "**relative units**",
-        "picture": f"{problem.camera.width} x {problem.camera.height} px",
-        "camera": problem.camera.model.replace("_", "-"),
-        "light": f"k = {photometry.k:.6g}, γ = {photometry.gamma:.6g}, gain = {photometry.gain or 'unknown'}",
-        "ξ": problem.xi,
-        "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
-        "data": f"Huber, ρ = {255 * problem.threshold:.3g}/255",
+        "picture": f"{camera.width} x {camera.height} px",
+        "camera": camera.model.replace("_", "-"),
+        "light": f"{light}, gain = {photometry.gain or 'unknown'}",
         **iterate.provenance.settings,
     }
-    cells = {name: str(value).replace("|", "\\|") for name, value in rows.items()}
-    table = "\n".join(f"| {name} | {value} |" for name, value in cells.items())
-    return f"## Settings\n\n| | |\n|---|---|\n{table}"
+    table = "## Settings\n\n| | |\n|---|---|\n"
+    for name, value in rows.items():
+        cell = str(value).replace("|", "\\|")
+        table += f"| {name} | {cell} |\n"
+    return table

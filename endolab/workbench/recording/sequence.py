@@ -10,7 +10,7 @@ from endolab.io.atomic import PathLike
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import common_limits, in_colour
-from endolab.workbench.recording.layouts import sequence
+from endolab.workbench.recording.layouts import FRAMES, sequence
 from endolab.workbench.recording.pictures import USED_COLOURS
 from endolab.workbench.recording.stream import (
     Sink,
@@ -68,16 +68,17 @@ class SequenceRecorder:
         The picture, (h, w) or (h, w, 3) in [0, 1], may be larger than the camera; distance, (H, W),
         and normals, (H, W, 3), are of its size, nan where unknown. The scalars are plotted.
         """
-        sink, (height, width) = self._sink, distance.shape
+        sink = self._sink
+        height, width = distance.shape
         thin = every(width, self.max_width)
         sparse = every(width, 120)  # coordinates would be most of a recording
         if self._limits is None:
             self._limits = common_limits([distance])
             sink.log("world", rr.ViewCoordinates.RDF, static=True)
-            size = 0.2 * float(np.nanmedian(distance))
-            sink.log("world/camera", camera_shape(camera, size), static=True)
-            sink.arrange(sequence(self.unit, self._limits, "frame", self._curves))
-        sink.at("frame", number)
+            long = 0.2 * float(np.nanmedian(distance))
+            sink.log("world/camera", camera_shape(camera, long), static=True)
+            sink.arrange(sequence(self.unit, self._limits, self._curves))
+        sink.at(FRAMES, number)
         sink.log("input", self._encode(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._limits))
         sink.log("mask", *classes(np.isfinite(distance[thin]), USED_COLOURS))
@@ -85,9 +86,8 @@ class SequenceRecorder:
         inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
-            picture = np.asarray(
-                cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-            )
+            size = (width, height)
+            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
         colours = as_bytes(in_colour(picture)[sparse][inside])
         sink.log("world/cloud", rr.Points3D(cloud.astype(np.float32), colors=colours))
         for name, value in scalars.items():
@@ -99,8 +99,4 @@ class SequenceRecorder:
 
     def _encode(self, colours: FloatArray) -> rr.AsComponents:
         """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
-        return (
-            rr.Image(as_bytes(colours))
-            if self._sink.path is None
-            else jpeg(as_bytes(colours), quality=85)
-        )
+        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(colours)

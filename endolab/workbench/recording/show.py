@@ -13,12 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from endolab.io.atomic import PathLike
+from endolab.numerics.checks import check_int
 from endolab.workbench.recording.reader import Recording, read_recording
-from endolab.workbench.recording.viewer import (
-    front_end,
-    notebook_viewer,
-    start_viewer,
-)
+from endolab.workbench.recording.viewer import front_end, notebook_viewer, start_viewer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,31 +49,21 @@ def show(
     """
     path = recording if isinstance(recording, str | os.PathLike) else recording.path
     if path is None:
-        raise ValueError(
-            "that run went to a viewer, not to a file: there is nothing to show"
-        )
-    if height < 100:
-        raise ValueError(f"height must be at least 100 px, got {height}")
+        raise ValueError("that run went to a viewer: there is no file to show")
+    check_int("height", height, 100)
     kept = read_recording(path)
+    name = kept.path.name
+    why = "Nobody is there to show the viewer to"
     if native:
         try:
             start_viewer(kept.path)
             return
         except OSError as error:
-            why = str(error)
-            why = (
-                "The native viewer needs a screen, and there is none"
-                if "screen" in why
-                else why
-            )
+            why = f"No viewer: {error}"
     elif front_end():
         _embed(kept.path, height)
         return
-    else:
-        why = "Nobody is there to show the viewer to"
-    print(
-        f"{why}: here is how the run ended. Elsewhere, `rerun {kept.path.name}` opens the recording."
-    )
+    print(f"{why}. Elsewhere, `rerun {name}` opens the recording; it ended like this.")
     if kept.runs:
         _display(picture_of(kept))
 
@@ -96,33 +83,24 @@ def _embed(path: Path, height: int) -> None:
 
     viewer = notebook_viewer().Viewer(width="auto", height=height)
     viewer.send_rrd(path.read_bytes())  # waits until the page is ready
-    hint = HTML(
-        "<small>Empty? The viewer needs a browser with WebGL 2, and a kernel on this machine; "
-        f"<code>show(…, native=True)</code> or <code>rerun {path.name}</code> opens it outside.</small>"
-    )
+    needs = "The viewer needs a browser with WebGL 2, and a kernel on this machine"
+    other = f"<code>show(…, native=True)</code> or <code>rerun {path.name}</code>"
+    hint = HTML(f"<small>Empty? {needs}; {other} opens it outside.</small>")
     display(VBox([viewer, hint]))
 
 
 def picture_of(recording: Recording) -> Figure:
     """Draw how a recording's runs ended; a row for each: distance, normals, and the way of its energy."""
-    from matplotlib.figure import Figure
-
     from endolab.workbench import plots
 
     runs = recording.runs
-    if not runs:
-        raise ValueError(f"{recording.path} holds no reconstruction")
-    figure = Figure(figsize=(13, 3.6 * len(runs)), dpi=100, layout="constrained")
     limits = plots.common_limits([run.depth() for run in runs.values()])
-    axes = figure.subplots(len(runs), 3, squeeze=False)
-    for (depth, facing, energy), (name, run) in zip(axes, runs.items(), strict=True):
-        title = f"{name.replace('_', ' ') or 'Distance'}, iteration {run.pictured[-1]}"
-        plots.show_depth(run.depth(), depth, unit=run.unit, limits=limits, title=title)
-        plots.show_normals(run.normals(), facing)
-        names = list(run.scalars)
-        history = [
-            {"k": row["iteration"], **{name: row[name] for name in names}}
-            for row in run.table()
-        ]
-        plots.show_history(history, energy)
+    with plots.style.page(13, 3.6 * len(runs)) as figure:
+        rows = figure.subplots(len(runs), 3, squeeze=False)
+        for (depth, facing, energy), (name, run) in zip(rows, runs.items(), strict=True):
+            words = name.replace("_", " ") or "Distance"
+            title = f"{words}, iteration {run.pictured[-1]}"
+            plots.show_depth(run.depth(), depth, unit=run.unit, limits=limits, title=title)
+            plots.show_normals(run.normals(), facing)
+            plots.show_history(run.history, energy)
     return figure

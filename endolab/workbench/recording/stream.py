@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -66,44 +65,50 @@ class Sink:
     """Where a recording goes: a file, ``.rrd``, or a viewer.
 
     Rerun writes a file under a temporary name, and `close` gives it its own; if nothing was logged, or
-    something failed, there is none. Without a path it is the native viewer, started if none listens, to
-    take that much `memory`. As a context manager it is closed at the end, and an error leaves no file.
+    something failed, there is none. Without a path it is the native viewer, started if none listens. As a
+    context manager it is closed at the end, and an error leaves no file.
     """
 
-    def __init__(self, path: PathLike | None = None, *, memory: str | None = None) -> None:
+    def __init__(self, path: PathLike | None = None) -> None:
         self.path = None if path is None else Path(path)
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
-        self.open = True
         self._used = False
-        self._viewer: subprocess.Popen[bytes] | None = None
-        self._staged: contextlib.AbstractContextManager[Path] | None = None
+        self._viewer = start_viewer() if self.path is None else None
+        self._staged = contextlib.ExitStack()
         self._writer: _Writer | None = None
-        if self.path is None:
-            self._viewer = start_viewer(memory=memory)
-        self.stream = rr.RecordingStream("endolab")
+        self._stream: rr.RecordingStream | None = rr.RecordingStream("endolab")
         try:
-            self._connect()
+            self._connect(self.stream)
         except BaseException:
             self.drop()
             raise
 
-    def _connect(self) -> None:
-        if self.path is not None:
-            staging = stage_file(self.path)
-            temporary = staging.__enter__()
-            self._staged = staging
-            pipes = Path("/dev/fd")  # names of open files, where the system has such
-            if pipes.is_dir():
-                with one_sentence(f"cannot write {self.path}"):
-                    self._writer = _Writer(temporary)
-                self.stream.save(pipes / str(self._writer.entry))
-                os.close(self._writer.entry)  # Rerun has opened it anew
-                self._writer.start()
-            else:
-                self.stream.save(temporary)
-        else:
-            self.stream.connect_grpc(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy")
+    @property
+    def stream(self) -> rr.RecordingStream:
+        """Rerun's own; ValueError when it is closed."""
+        if self._stream is None:
+            raise ValueError("the recording is closed")
+        return self._stream
+
+    @property
+    def open(self) -> bool:
+        """Whether it still takes what is logged."""
+        return self._stream is not None
+
+    def _connect(self, stream: rr.RecordingStream) -> None:
+        if self.path is None:
+            stream.connect_grpc(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy")
+            return
+        temporary = self._staged.enter_context(stage_file(self.path))
+        pipes = Path("/dev/fd")  # names of open files, where the system has such
+        if not pipes.is_dir():
+            stream.save(temporary)
+            return
+        self._writer = _Writer(temporary)
+        stream.save(pipes / str(self._writer.entry))
+        os.close(self._writer.entry)  # Rerun has opened it anew
+        self._writer.start()
 
     @property
     def is_viewer_closed(self) -> bool:
@@ -117,10 +122,8 @@ class Sink:
 
     def log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         """Log something, now or for all times."""
-        if not self.open:
-            raise ValueError("the recording is closed")
-        self._used = True
         self.stream.log(entity, *what, static=static, strict=True)
+        self._used = True
 
     def log_scalar(self, entity: str, value: float) -> None:
         """Log a number, now; nothing if it is not finite."""
@@ -138,21 +141,16 @@ class Sink:
         if not self.open:
             return
         try:
-            if self._staged is not None and self._used:
-                self._finish(self._staged)
-            elif self._staged is None:
+            if self.path is None:
                 self._see_off()
+            elif self._used:
+                self._disconnect()
+                if self._writer is not None and self._writer.failure is not None:
+                    with one_sentence(f"cannot write {self.path}"):
+                        raise self._writer.failure
+                self._staged.close()
         finally:
             self.drop()
-
-    def _finish(self, staging: contextlib.AbstractContextManager[Path]) -> None:
-        """Give the file its name, if all of it was written."""
-        self._disconnect()
-        if self._writer is not None and self._writer.failure is not None:
-            with one_sentence(f"cannot write {self.path}"):
-                raise self._writer.failure
-        self._staged = None
-        staging.__exit__(None, None, None)
 
     def _disconnect(self) -> None:
         """Wait until all is written."""
@@ -171,12 +169,10 @@ class Sink:
         """Let go of what was logged and is no file yet; a second call does nothing."""
         if not self.open:
             return
-        self.open = False
         self._disconnect()
-        if self._staged is not None:
-            failure = RuntimeError("the recording was dropped")
-            self._staged.__exit__(RuntimeError, failure, None)
-        del self.stream
+        self._stream = None
+        with contextlib.suppress(RuntimeError), self._staged:
+            raise RuntimeError("the recording was dropped")
         # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew, which
         # would end a session that the user has begun with `rr.init`.
         if rr.get_application_id() is None:
@@ -194,23 +190,14 @@ class Sink:
 
 def camera_shape(camera: Camera, size: float) -> rr.LineStrips3D:
     """What the camera sees, as a cone about `size` long; Rerun's own pinhole knows no distortion."""
-    rim = size * _rim(camera)
-    spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
+    # Pixels along the outline of what is seen, once around.
+    seen = camera.field.valid.astype(np.uint8)
+    outlines, _ = cv2.findContours(seen, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = max(outlines, key=len)[:, 0]
+    ends = outline[np.linspace(0, len(outline), 97).astype(int) % len(outline)]
+    rim = size * camera.field.rays[ends[:, 1], ends[:, 0]]
+    spokes = [np.stack([np.zeros(3), end]) for end in rim[:-1:12]]
     return rr.LineStrips3D([rim, *spokes], colors=OKABE_ITO.sky, radii=THIN)
-
-
-def _rim(camera: Camera) -> FloatArray:
-    """Rays of the rim of what a camera sees, (97, 3): in all directions the last one in the picture."""
-    around = np.linspace(0, 2 * np.pi, 97)[:, None]
-    angle = np.linspace(0, camera.max_angle * (1 - 1e-6), 400)
-    sine = np.sin(angle)
-    cosine = np.broadcast_to(np.cos(angle), (97, 400))
-    rays = np.stack([np.cos(around) * sine, np.sin(around) * sine, cosine], axis=-1)
-    pixels = camera.project(rays)
-    inside = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(
-        axis=-1
-    )
-    return rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)]
 
 
 def every(width: int, most: int) -> tuple[slice, slice]:
@@ -234,26 +221,28 @@ def depth_map(
     )
 
 
-def jpeg(colours: NDArray[np.uint8], quality: int = 95) -> rr.EncodedImage:
-    """Encode bytes, (h, w) or (h, w, 3), with losses; all that one entity gets must be of one size."""
-    stored = cv2.cvtColor(colours, cv2.COLOR_RGB2BGR) if colours.ndim == 3 else colours
-    contents = cv2.imencode(".jpeg", stored, (cv2.IMWRITE_JPEG_QUALITY, quality))[
-        1
-    ].tobytes()
-    return rr.EncodedImage(contents=contents, media_type="image/jpeg")
+def jpeg(colours: FloatArray) -> rr.EncodedImage:
+    """Encode [0, 1], (h, w) or (h, w, 3), with losses; all that one entity gets must be of one size."""
+    stored = as_bytes(colours)
+    stored = stored[..., ::-1] if stored.ndim == 3 else stored
+    _, contents = cv2.imencode(".jpeg", stored, (cv2.IMWRITE_JPEG_QUALITY, 85))
+    return rr.EncodedImage(contents=contents.tobytes(), media_type="image/jpeg")
 
 
 def as_bytes(colours: FloatArray) -> NDArray[np.uint8]:
     """Turn [0, 1] into bytes; nan becomes 0. OpenCV's way takes a tenth of NumPy's time."""
-    return np.asarray(
-        cv2.convertScaleAbs(np.ascontiguousarray(np.maximum(colours, 0)), alpha=255)
-    )
+    return np.asarray(cv2.convertScaleAbs(np.maximum(colours, 0), alpha=255))
 
 
 def classes(
     values: NDArray, names: Mapping[str, tuple[int, ...]]
 ) -> tuple[rr.AsComponents, ...]:
     """A map of numbers, (h, w), that stand for these names, from 0, each with its colour."""
-    named = [(number, name, colour) for number, (name, colour) in enumerate(names.items())]
+    named = [(number, *entry) for number, entry in enumerate(names.items())]
     picture = rr.SegmentationImage(np.ascontiguousarray(values, np.uint8), opacity=1.0)
     return rr.AnnotationContext(named), picture
+
+
+def markdown(text: str) -> rr.TextDocument:
+    """A text to be set."""
+    return rr.TextDocument(text, media_type="text/markdown")

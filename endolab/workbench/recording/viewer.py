@@ -16,13 +16,11 @@ VIEWER_PORT = 9876  # the viewer's own default
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
 
 
-def start_viewer(
-    path: Path | None = None, memory: str | None = None
-) -> subprocess.Popen[bytes] | None:
+def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
     """Start the native viewer and return it, or None if there is one; a recording is opened in either.
 
-    One that is started forgets what is oldest when it takes that much `memory`, such as "2GB". Not by
-    ``rr.spawn``, which listens to the network. An OSError says that it does not start.
+    One that follows a run forgets what is oldest beyond 2 GB. Not by ``rr.spawn``, which listens to the
+    network. An OSError says that it does not start.
     """
     is_running = is_listening(VIEWER_PORT)
     if is_running and path is None:
@@ -30,25 +28,17 @@ def start_viewer(
     screens = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # Linux has one of them then
     if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
         raise OSError(NO_SCREEN)
-    limit = () if memory is None else ("--memory-limit", memory)
-    shown = "--expect-data-soon" if path is None else str(path.resolve())
+    # Run as a module, rerun_cli exits with 0 whatever has happened.
+    program = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
+    words = f"--bind 127.0.0.1 --port {VIEWER_PORT}".split()
+    if path is None:
+        words += ["--memory-limit", "2GB", "--expect-data-soon"]
+    else:
+        words.append(str(path.resolve()))
     viewer = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            # Run as a module, rerun_cli exits with 0 whatever has happened.
-            "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())",
-            "--bind",
-            "127.0.0.1",
-            "--port",
-            str(VIEWER_PORT),
-            *limit,
-            shown,
-        ],
-        env={
-            **os.environ,
-            "CI": "1",
-        },  # the one variable by which the viewer sends no usage data
+        [sys.executable, "-c", program, *words],
+        # The one variable by which the viewer sends no usage data.
+        env=os.environ | {"CI": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

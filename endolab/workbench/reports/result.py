@@ -33,7 +33,7 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
     """
     known = result.distance[result.mask]
     photometry = result.problem.photometry
-    return {
+    facts: dict[str, Any] = {
         "endolab": 1,
         "status": result.status.name,
         "ended": result.status.value,
@@ -52,44 +52,33 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
             "least": float(known.min()),
             "greatest": float(known.max()),
         },
-        **(
-            {}
-            if uncertainty is None
-            else {"uncertainty": summarise_uncertainty(result, uncertainty)}
-        ),
-        "pixels": int(known.size),
-        "photometry": {
-            "k": photometry.k,
-            "gamma": photometry.gamma,
-            "gain": photometry.gain,
-        },
+        "pixels": known.size,
+        "photometry": {name: getattr(photometry, name) for name in ("k", "gamma", "gain")},
         "settings": result.provenance.settings,
     }
+    if uncertainty is not None:
+        facts["uncertainty"] = summarise_uncertainty(result, uncertainty)
+    return facts
 
 
 def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
     """Sum a `Uncertainty` up in numbers, in % of the distance; of pixels, percentiles and medians."""
     inside = result.mask
-    low, middle, high = np.percentile(
-        100 * (uncertainty.sigma / result.distance)[inside], [10, 50, 90]
-    )
+    percent = 100 / result.distance[inside]
+    sigma = percent * uncertainty.sigma[inside]
+    shape = percent * uncertainty.sigma_shape[inside]
+    low, middle, high = np.percentile(sigma, [10, 50, 90]).tolist()
     decided = uncertainty.dominant_source[inside]
+    sources = enumerate(SOURCE_COLOURS, 1)
+    causes = uncertainty.causes.items()
+    scales = uncertainty.scales.items()
     return {
-        "sigma_percent": {"10th": float(low), "median": float(middle), "90th": float(high)},
-        "sigma_shape_percent": float(
-            np.median(100 * (uncertainty.sigma_shape / result.distance)[inside])
-        ),
+        "sigma_percent": {"10th": low, "median": middle, "90th": high},
+        "sigma_shape_percent": float(np.median(shape)),
         "sigma_scale_percent": 100 * uncertainty.sigma_scale,
-        "dominant_source": {
-            name: float((decided == k).mean()) for k, name in enumerate(SOURCE_COLOURS, 1)
-        },
-        "causes_percent": {
-            name: float(100 * np.median(a[inside]))
-            for name, a in uncertainty.causes.items()
-        },
-        "scale_causes_percent": {
-            name: 100 * value for name, value in uncertainty.scales.items()
-        },
+        "dominant_source": {name: float(np.mean(decided == k)) for k, name in sources},
+        "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in causes},
+        "scale_causes_percent": {name: 100 * value for name, value in scales},
         "draws": uncertainty.draws,
         "status": uncertainty.status.name,
         "notes": list(uncertainty.notes),
@@ -150,23 +139,19 @@ def write_files(
 ) -> None:
     """Write the files of a result into a folder that is there; parameters as of `save_result`."""
     inside = result.mask
-    colours = in_colour(result.problem.shown)[inside]
+    cloud = (result.points, result.normals, in_colour(result.problem.shown))
     # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
     with ThreadPoolExecutor(1) as pool:
-        depth = pool.submit(
-            save_depth, folder / "depth.npz", result, result.metric, uncertainty
-        )
+        path = folder / "depth.npz"
+        depth = pool.submit(save_depth, path, result, result.metric, uncertainty)
         write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
         if prepared is not None:
-            write_figure(folder / "preparation.png", prepare_figure(prepared, result))
-        write_cloud(
-            folder / "cloud.ply", result.points[inside], result.normals[inside], colours
-        )
+            write_figure(folder / "preparation.png", prepare_figure(prepared))
+        write_cloud(folder / "cloud.ply", *(values[inside] for values in cloud))
         if mesh:
             write_mesh(folder / "mesh.ply", make_mesh(result))
         if mesh and uncertainty is not None:
-            write_mesh(
-                folder / "mesh_uncertainty.ply", make_mesh(result, sigma=uncertainty.sigma)
-            )
+            coloured = make_mesh(result, sigma=uncertainty.sigma)
+            write_mesh(folder / "mesh_uncertainty.ply", coloured)
         depth.result()
     write_atomically(folder / "report.json", as_json(report(result, uncertainty)))

@@ -44,45 +44,38 @@ def _fill(axes: Axes, unit: Outline, frames: FloatArray, colour: str) -> None:
 
 def _grey(reflectance: float) -> str:
     """Colour that a printer turns into a reflectance: sRGB, which pages are in."""
-    linear = (
-        1.055 * reflectance ** (1 / 2.4) - 0.055
-        if reflectance > 0.0031308
-        else 12.92 * reflectance
-    )
-    return str(round(linear, 4))
+    dark = reflectance <= 0.0031308
+    stored = 12.92 * reflectance if dark else 1.055 * reflectance ** (1 / 2.4) - 0.055
+    return str(round(stored, 4))
 
 
-def _caption(target: Target, title: str | None) -> str:
+def _caption(target: Target) -> str:
     names = [name for name, known in TARGETS.items() if known == target]
-    square = isinstance(target, Chessboard)
-    size = (
-        f"squares of {target.spacing:g} mm"
-        if square
-        else f"{target.kind} {target.spacing:g} mm apart"
-    )
-    return f"{title or (names[0] if names else target.kind)}: {target.columns} × {target.rows} {size}"
+    size = f"{target.kind} {target.spacing:g} mm apart"
+    if isinstance(target, Chessboard):
+        size = f"squares of {target.spacing:g} mm"
+    return f"{[*names, target.kind][0]}: {target.columns} × {target.rows} {size}"
 
 
-def draw_sheet(target: Target, title: str | None = None) -> Figure:
-    """Draw a sheet on its page, under `title` (by default its name in `TARGETS`, or its kind).
+def draw_sheet(target: Target) -> Figure:
+    """Draw a sheet on its page, under its name in `TARGETS`, or its kind.
 
     The figure is of the page's size: A4 landscape if the sheet fits, else as large as needed. Its only
     axes are in mm of the target's frame, y down.
     """
     left, top, width, height = target.sheet
-    need = max(width, PAGE.words) + 2 * PAGE.edge, height + PAGE.caption + 2 * PAGE.edge
-    page = PAGE.size if need[0] <= PAGE.size[0] and need[1] <= PAGE.size[1] else need
-    mm = 1 / 25.4  # inches
-    figure = Figure(figsize=(page[0] * mm, page[1] * mm))
+    page = np.array([max(width, PAGE.words), height + PAGE.caption]) + 2 * PAGE.edge
+    if np.all(page <= PAGE.size):
+        page = np.array(PAGE.size)
+    figure = Figure(figsize=(page[0] / 25.4, page[1] / 25.4))
     axes = figure.add_axes((0, 0, 1, 1))
     x = left + (width - page[0]) / 2
     y = top - (page[1] - height - PAGE.caption) / 2
     axes.set(xlim=(x, x + page[0]), ylim=(y + page[1], y))
     axes.set_axis_off()
 
-    axes.add_patch(
-        Rectangle((left, top), width, height, fill=False, edgecolor="0.7", linewidth=0.5)
-    )
+    rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
+    axes.add_patch(Rectangle((left, top), width, height, **rim))
     ink = target.ink
     for reflectance in np.unique(ink.greys[:, 3]):
         same = ink.greys[ink.greys[:, 3] == reflectance]
@@ -98,32 +91,28 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
         for start, end in ((top, top + mark), (bottom, bottom - mark)):
             axes.plot([target.fold_x] * 2, [start, end], color="0.4", linewidth=0.6)
         axes.text(target.fold_x, top - 3, "fold here, away from you", ha="center", **words)
-    caption = f"{_caption(target, title)}. Print at 100 %, not fitted to the page."
+    caption = f"{_caption(target)}. Print at 100 %, not fitted to the page."
     axes.text(line, bottom + 5, caption, **words)
     ruler = bottom + 17
-    axes.text(
-        line, bottom + 10, f"Check: this line must be {PAGE.ruler:g} mm long.", **words
-    )
+    check = f"Check: this line must be {PAGE.ruler:g} mm long."
+    axes.text(line, bottom + 10, check, **words)
     axes.plot([line, line + PAGE.ruler], [ruler, ruler], color="black", linewidth=0.5)
+    words["fontsize"] = 6
     for tick in np.arange(0, PAGE.ruler + 1, 10):
-        axes.plot([line + tick] * 2, [ruler - 1.5, ruler], color="black", linewidth=0.5)
-        axes.text(
-            line + tick, ruler + 2.5, f"{tick:g}", ha="center", **(words | {"fontsize": 6})
-        )
+        at = line + tick
+        axes.plot([at, at], [ruler - 1.5, ruler], color="black", linewidth=0.5)
+        axes.text(at, ruler + 2.5, f"{tick:g}", ha="center", **words)
     return figure
 
 
-def write_sheet(target: Target, path: PathLike, *, title: str | None = None) -> None:
+def write_sheet(target: Target, path: PathLike) -> None:
     """Write a sheet to print at true size, a .pdf or .svg, whole or not at all; the same bytes each time."""
     suffix = Path(path).suffix.lower()
-    dates: dict[str, dict[str, Any]] = {
-        ".pdf": {"CreationDate": None},
-        ".svg": {"Date": None},
-    }
+    dates = {".pdf": "CreationDate", ".svg": "Date"}
     if suffix not in dates:
-        kind = suffix or "a file without suffix"
-        raise ValueError(f"{path}: a sheet is written as .pdf or .svg, not as {kind}")
+        raise ValueError(f"{path}: a sheet is written as .pdf or .svg")
     page = io.BytesIO()
+    undated = {dates[suffix]: None}
     with matplotlib.rc_context({"svg.hashsalt": "endolab", "path.simplify": False}):
-        draw_sheet(target, title).savefig(page, format=suffix[1:], metadata=dates[suffix])
+        draw_sheet(target).savefig(page, format=suffix[1:], metadata=undated)
     write_atomically(path, page.getvalue())

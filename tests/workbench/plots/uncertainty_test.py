@@ -29,27 +29,17 @@ def test_a_ring_is_of_one_angle():
     assert rays[60, 1] == pytest.approx(np.sin(0.6))  # a quarter round, below
 
 
-@pytest.mark.parametrize(("what", "name"), [("shape", "mrad_shape"), ("px", "px")])
-def test_the_map_of_rays_shows_their_values_on_the_whole_picture(what, name):
+def test_the_map_of_rays_shows_their_values_on_the_whole_picture():
     geometry = simulated()[0].geometry
-    ax = show_ray_uncertainty(geometry, what=what)
-    ax.figure.canvas.draw()
-    expected = ray_uncertainty(
-        geometry.camera, geometry.covariance, max_angle=geometry.max_angle_seen
-    )
+    ax = show_ray_uncertainty(geometry)
+    farthest_angle = geometry.max_angle_seen
+    known = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=farthest_angle)
     (shown,) = ax.images
-    assert np.array_equal(
-        shown.get_array().filled(np.nan), getattr(expected, name), equal_nan=True
-    )
+    values = shown.get_array().filled(np.nan)
+    assert np.array_equal(values, known.mrad_shape, equal_nan=True)
     assert shown.get_extent() == [-0.5, 159.5, 119.5, -0.5]
-    farthest = ring(geometry.camera, geometry.max_angle_seen)
+    farthest = ring(geometry.camera, farthest_angle)
     assert np.array_equal(ax.lines[0].get_xydata(), farthest, equal_nan=True)
-    assert (
-        f"{np.rad2deg(geometry.max_angle_seen):.0f}°"
-        in ax.get_legend().get_texts()[0].get_text()
-    )
-    bar = next(inset for inset in ax.child_axes)
-    assert bar.get_ylabel().endswith(f"[{'px' if what == 'px' else 'mrad'}]")
 
 
 def test_the_map_of_the_light_shows_its_values_and_nothing_known_has_a_scale_too():
@@ -60,25 +50,19 @@ def test_the_map_of_the_light_shows_its_values_and_nothing_known_has_a_scale_too
     assert np.array_equal(ax.images[0].get_array().filled(np.nan), expected, equal_nan=True)
     assert 0 < ax.images[0].get_clim()[1] < np.nanmax(expected)
     sure = replace(light, covariance=0 * light.covariance)
-    assert show_fall_off_uncertainty(sure, session.camera).images[0].get_clim() == (
-        0.0,
-        1.0,
-    )
+    ax = show_fall_off_uncertainty(sure, session.camera)
+    assert ax.images[0].get_clim() == (0.0, 1.0)
 
 
 def test_the_page_shows_what_there_is():
     session = simulated()[0]
     before = plt.get_fignums()
     for made, panels in (
-        (session, 3),
-        (refused(session), 2),
+        (session, 2),
+        (refused(session), 1),
         (replace(session, geometry=None), 1),
     ):
         figure = uncertainty_figure(made)
         figure.canvas.draw()
         assert sum(bool(ax.get_title()) for ax in figure.axes) == panels
     assert plt.get_fignums() == before
-    with pytest.raises(ValueError, match="no uncertainty to draw"):
-        uncertainty_figure(replace(refused(session), geometry=None))
-    with pytest.raises(ValueError, match="unknown what"):
-        show_ray_uncertainty(session.geometry, what="degrees")

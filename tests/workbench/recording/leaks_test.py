@@ -9,6 +9,7 @@ import pytest
 
 import endolab as el
 from endolab.workbench.recording import show as embed
+from tests.tools.problems import coloured_colon
 
 RUNS = 25
 FEW = 3  # after which all is loaded that stays
@@ -18,29 +19,27 @@ GROWTH = 15e6
 
 @pytest.fixture(scope="module")
 def solved():
-    calibration = el.load_calibration("paper", width=48)
-    scene = el.render(el.SCENES["tube"], calibration.camera, calibration.photometry)
-    known = el.Calibration(scene.camera, scene.photometry)
-    return el.reconstruct(el.Frame(scene.image, scene.mask), known, solver="facing"), known
+    problem, _ = coloured_colon(el.load_calibration("paper", width=48).camera)
+    return el.Iterate.of(problem, problem.log_d0)
 
 
-def run(result, known, folder):
+def run(iterate, folder):
     recorder = el.record(folder / "run.rrd")
-    recorder(result.iterate)
+    recorder(iterate)
     recorder.close()
 
 
-def failed(result, known, folder):
+def failed(iterate, folder):
     """A run whose file cannot be written in the end."""
     (folder / "gone").mkdir()
     recorder = el.record(folder / "gone" / "run.rrd")
-    recorder(result.iterate)
+    recorder(iterate)
     shutil.rmtree(folder / "gone")
     with pytest.raises(OSError, match=r"run\.rrd"):
         recorder.close()
 
 
-def begun(result, known, folder):
+def begun(iterate, folder):
     """A run that never comes to its first iterate."""
     el.record(folder / "run.rrd").close()
 
@@ -51,13 +50,8 @@ def dilate(action, count):
 
     def state():
         gc.collect()
-        return np.array(
-            [
-                me.num_threads(),
-                me.num_fds() if hasattr(me, "num_fds") else 0,
-                me.memory_info().rss,
-            ]
-        )
+        files = me.num_fds() if hasattr(me, "num_fds") else 0
+        return np.array([me.num_threads(), files, me.memory_info().rss])
 
     for _ in range(FEW):
         action()
@@ -69,7 +63,7 @@ def dilate(action, count):
 
 @pytest.mark.parametrize("action", [run, failed, begun], ids=lambda one: one.__name__)
 def test_recordings_leave_nothing(action, solved, tmp_path):
-    threads, files, memory = dilate(lambda: action(*solved, tmp_path), RUNS)
+    threads, files, memory = dilate(lambda: action(solved, tmp_path), RUNS)
     assert (threads, files) == (0, 0)
     assert memory < GROWTH
 
@@ -77,7 +71,7 @@ def test_recordings_leave_nothing(action, solved, tmp_path):
 def test_reading_and_showing_leave_nothing(solved, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(embed, "front_end", lambda: False)
     monkeypatch.setattr(embed, "_display", lambda figure: None)
-    run(*solved, tmp_path)
+    run(solved, tmp_path)
     threads, files, memory = dilate(lambda: embed.show(tmp_path / "run.rrd"), 15)
     assert (threads, files) == (0, 0)
     assert memory < 2 * GROWTH  # with what Matplotlib keeps at first

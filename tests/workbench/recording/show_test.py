@@ -1,36 +1,27 @@
 """Showing recordings where there is no front end, no screen, or no recording."""
 
-import io
-import subprocess
 import sys
 
-import matplotlib.image
-import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.workbench.recording import show as embed
 from endolab.workbench.recording import viewer
 from endolab.workbench.recording.recorder import Comparison
+from tests.tools.problems import coloured_colon
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     """A recording of two runs."""
-    calibration = datasets.load_calibration("paper", width=64)
-    scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
-    frame = el.Frame(scene.image, scene.mask)
-    known = el.Calibration(scene.camera, scene.photometry)
+    calibration = el.load_calibration("paper", width=64)
+    problem, _ = coloured_colon(calibration.camera)
+    start = el.Iterate.of(problem, problem.log_d0)
     with Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
-        el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
-        el.reconstruct(
-            frame,
-            known,
-            channel="grey",
-            max_iterations=3,
-            observers=[both.run("gauss_newton")],
-        )
+        both.run("facing")(start)
+        newton = both.run("gauss_newton")
+        newton(start)
+        newton(el.Iterate.of(problem, problem.log_d0 + 0.1, start))
     return both.path
 
 
@@ -51,17 +42,16 @@ def test_without_a_front_end_there_is_a_sentence_and_a_picture(
     monkeypatch.setattr(embed, "_display", shown.append)
     embed.show(path)
     output = capsys.readouterr().out
-    assert output.startswith(
-        "Nobody is there to show the viewer to: here is how the run ended."
-    )
+    assert output.startswith("Nobody is there to show the viewer to")
     assert "`rerun both.rrd`" in output
     assert output.count("\n") == 1
     (figure,) = shown
-    figure.savefig(content := io.BytesIO(), format="png")
-    content.seek(0)
-    picture = matplotlib.image.imread(content)
-    assert picture.shape[:2] == (720, 1300)
-    assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 500
+    titles = [axes.get_title() for axes in figure.axes]
+    assert "facing, iteration 0" in titles
+    assert "gauss newton, iteration 1" in titles
+    left, right = (axes.images[0] for axes in figure.axes[::3][:2])
+    assert left.get_clim() == right.get_clim()
+    figure.canvas.draw()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
@@ -72,21 +62,8 @@ def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(
     monkeypatch.setattr(embed, "_display", shown.append)
     monkeypatch.setattr(viewer, "VIEWER_PORT", 9877)
     embed.show(path, native=True)
-    assert capsys.readouterr().out.startswith(
-        "The native viewer needs a screen, and there is none: here is"
-    )
+    assert "needs a screen" in capsys.readouterr().out
     assert len(shown) == 1
-
-
-def test_the_picture_has_a_row_per_run_on_one_scale(path):
-    figure = embed.picture_of(el.read_recording(path))
-    titles = [axes.get_title() for axes in figure.axes]
-    assert "facing, iteration 0" in titles
-    assert "gauss newton, iteration 3" in titles
-    limits = [
-        axes.images[0].get_clim() for axes in figure.axes if "iteration" in axes.get_title()
-    ]
-    assert limits[0] == limits[1]
 
 
 def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
@@ -101,23 +78,13 @@ def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
 
 def test_the_viewer_comes_from_this_machine(path, monkeypatch):
     """With a front end, a widget with the recording is displayed whose program is served locally."""
-    code = f"""
-import IPython.display
-from endolab.workbench.recording import show as embed
-shown = []
-IPython.display.display = shown.append
-embed.front_end = lambda: True
-embed.show({str(path)!r}, height=300)
-widget, hint = shown[0].children
-assert "localhost" in str(type(widget)._esm) or "localhost" in str(widget._esm), widget._esm
-assert widget._height == 300
-(event, buffers), = widget._event_queue
-assert event == {{"type": "rrd"}} and buffers == [open({str(path)!r}, "rb").read()]
-assert "WebGL" in hint.value
-"""
+    shown = []
+    monkeypatch.setattr("IPython.display.display", shown.append)
+    monkeypatch.setattr(embed, "front_end", lambda: True)
     monkeypatch.delenv("RERUN_NOTEBOOK_ASSET", raising=False)
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == ""
+    embed.show(path, height=300)
+    widget, hint = shown[0].children
+    assert "localhost" in str(type(widget)._esm) + str(widget._esm)
+    assert widget._height == 300
+    assert widget._event_queue == [({"type": "rrd"}, [path.read_bytes()])]
+    assert "WebGL" in hint.value

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 
 import endolab as el
-from endolab.calibration.summary import account
+from endolab.calibration.summary import account, plus_minus
 from endolab.io.descriptions import make_calibration, read_camera
 from endolab.workbench.reports.calibration_page import write_report
 from tests.tools.simulated_session import LOST, refused, simulated
@@ -42,50 +42,45 @@ def test_a_calibration_survives_its_file_and_a_refused_light_is_nominal(tmp_path
     session = simulated()[0]
     made = make_calibration(session, "sheet.mkv", "green")
     el.write_calibration(made, tmp_path / "endoscope.json")
-    read = el.load_calibration(tmp_path / "endoscope.json")
-    assert (read.camera, read.photometry) == (session.camera, session.light.photometry)
-    assert (read.photometry.gain, read.evidence) == (None, made.evidence)
+    assert el.load_calibration(tmp_path / "endoscope.json") == made
+    assert (made.camera, made.photometry) == (session.camera, session.light.photometry)
     without = make_calibration(refused(session))
-    assert without.evidence["photometry"] == {
-        "refused": refused(session).refused,
-        "nominal": True,
-    }
-    assert (without.camera, without.photometry) == (
-        session.camera,
-        el.Photometry(k=2.5, gamma=2.2),
-    )
+    assert without.evidence["photometry"]["nominal"]
+    assert without.photometry == el.Photometry(k=2.5, gamma=2.2)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def report(tmp_path):
-    (tmp_path / "report").mkdir()
+    """Write a report; its folder, and its page."""
+
+    def report(session, frames):
+        write_report(session, frames, tmp_path)
+        return Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+
+    return report
 
 
-def test_the_page_is_whole_and_its_pictures_are_there(tmp_path):
+def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
     session, frames, _ = simulated()
-    write_report(session, frames, tmp_path / "report")
-    page = Page((tmp_path / "report/report.html").read_text(encoding="utf-8"))
+    page = report(session, frames)
     assert page.pictures == ["camera.png", "light.png", "uncertainty.png", "frames.png"]
-    assert all((tmp_path / "report" / name).is_file() for name in page.pictures)
-    for part in (*session.light.verdict, "frame_9", "too few points"):
+    assert all((tmp_path / name).is_file() for name in page.pictures)
+    k = plus_minus(session.light.k, session.light.standard_errors["k"])
+    for part in (*session.light.verdict, "frame_9", "too few points", "1 (pinned)", k):
         assert part in page.text
-    facts = json.loads((tmp_path / "report/report.json").read_text(encoding="utf-8"))
-    assert (facts["account"], facts["frames"]["errors_px"]) == (
-        account(session),
-        session.errors,
-    )
-    assert read_camera(tmp_path / "report/camera.json") == session.camera
+    facts = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert facts["account"] == account(session)
+    assert facts["frames"]["errors_px"] == session.errors
+    assert read_camera(tmp_path / "camera.json") == session.camera
 
 
-def test_a_page_without_light_and_with_a_given_camera_says_so_and_what_it_says_is_no_html(
-    tmp_path,
+def test_without_light_and_with_a_given_camera_the_page_says_so_and_no_html_is_taken_in(
+    report,
 ):
     session, frames, _ = simulated()
-    session = replace(
-        refused(session), geometry=None, dropped=dict.fromkeys(LOST, "a <b> & c")
-    )
-    write_report(session, frames, tmp_path / "report")
-    page = Page((tmp_path / "report/report.html").read_text(encoding="utf-8"))
+    dropped = dict.fromkeys(LOST, "a <b> & c")
+    session = replace(refused(session), geometry=None, dropped=dropped)
+    page = report(session, frames)
     assert page.pictures == ["detection.png", "frames.png"]
     assert "a <b> & c" in page.text
     assert session.refused in page.text
@@ -94,7 +89,7 @@ def test_a_page_without_light_and_with_a_given_camera_says_so_and_what_it_says_i
 def test_without_jinja_there_is_all_but_the_page(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     session, frames, _ = simulated()
-    write_report(refused(session), frames, tmp_path / "report")
-    names = {file.name for file in (tmp_path / "report").iterdir()}
+    write_report(refused(session), frames, tmp_path)
+    names = {file.name for file in tmp_path.iterdir()}
     assert {"report.json", "camera.json", "camera.png", "frames.png"} <= names
     assert "report.html" not in names
