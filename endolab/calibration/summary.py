@@ -175,18 +175,8 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     errors = light.standard_errors
     values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
     values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
-    for spot in light.photometry.lights:
-        tilt = np.array(spot.direction[:2]) / spot.direction[2]
-        values |= {
-            f"light {axis}": place for axis, place in zip("xyz", spot.position, strict=True)
-        }
-        values |= {
-            f"light tilt {axis}": float(value)
-            for axis, value in zip("xy", tilt, strict=True)
-        }
-    units = {f"light {axis}": "mm" for axis in "xyz"}
     return [
-        (name.replace("gamma", "γ"), value, errors.get(name, 0.0), units.get(name, ""))
+        (name.replace("gamma", "γ"), value, errors.get(name, 0.0), "")
         for name, value in values.items()
     ]
 
@@ -241,10 +231,9 @@ def _light_lines(session: Session) -> list[str]:
     scores = session.scores
     if light is None:
         return [f"light: refused: {session.refused}"]
-    values = light_values(light)
     rows = [
-        f"{name} = {plus_minus(value, error)} {unit}".rstrip()
-        for name, value, error, unit in values
+        f"{name} = {plus_minus(value, error)}"
+        for name, value, error, _ in light_values(light)
     ]
     facts = _light_facts(light, session, "")
     nearest, farthest = light.distance_range

@@ -60,9 +60,8 @@ def work(tmp_path_factory):
 
 @pytest.fixture
 def again(work, tmp_path):
-    """Copy the calibration, what was detected, and the video's path."""
-    for name in ("cal.json", "cal_detections.jsonl"):
-        shutil.copy2(work / name, tmp_path / name)
+    """Copy the calibration and its report, and name the video."""
+    shutil.copy2(work / "cal.json", tmp_path)
     shutil.copytree(work / "cal_report", tmp_path / "cal_report")
     return work / "v/sheet.mkv", tmp_path / "cal.json"
 
@@ -144,16 +143,6 @@ def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
         el.load_calibration("paper", width=640).camera.fx, abs=0.15
     )
     refused(["leave_out", "'no frame'"], video, out, "--leave-out", "no frame")
-
-
-def test_an_interrupted_search_goes_on_where_it_was(again, capsys):
-    video, out = again
-    cache = out.with_name("cal_detections.jsonl")
-    lines = cache.read_text().splitlines(keepends=True)
-    cache.write_text("".join(lines[:5]) + lines[5][:20])
-    assert calibrate(video, out, "--gamma", "free") == 0
-    assert f"4 of {FRAMES} frames were searched before" in capsys.readouterr().out
-    assert len(cache.read_text().splitlines()) == FRAMES + 1
 
 
 def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, refused):
