@@ -7,13 +7,14 @@ response, noise, saturation, rounding) comes last.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import accumulate
+from itertools import accumulate, product
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from endolab.calibration.detection.lattice import cross
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.trajectory import in_view, on_sheet
 from endolab.calibration.targets import Target, darkness
@@ -59,7 +60,6 @@ class Sensor:
 
     noise: float = 3.0  # standard deviation, grey levels of 255
     bits: int = 8  # that values are rounded to
-    blur: float = 0.0  # standard deviation of the defocus, px
     motion: float = 0.0  # length of the motion blur, px, in a random direction
     outliers: float = 0.0  # share of the sheet under glints and dust
     black: float = 0.04  # the ink's reflectance
@@ -67,7 +67,7 @@ class Sensor:
     locked: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("noise", "blur", "motion"):
+        for name in ("noise", "motion"):
             number(name, getattr(self, name), 0)
         for name in ("outliers", "black"):
             if not 0 <= getattr(self, name) < 1:
@@ -118,15 +118,13 @@ def automatic_gain(
     that near frames are overexposed and far ones dark; `locked` chooses one, for the middle of the video.
     """
     points, normals = on_sheet(target, poses, target.points)
-    light = np.where(
-        in_view(camera, points, normals), linear_light(photometry, points, normals), np.nan
-    )
+    light = linear_light(photometry, points, normals)
+    light[~in_view(camera, points, normals)] = np.nan
     known = np.flatnonzero(np.isfinite(light).any(axis=1))
     if not len(known):
         raise ValueError("the sheet is in none of the frames, so no gain suits them")
-    wanted = np.log(
-        GAIN_RULES.white**photometry.gamma / np.nanpercentile(light[known], 80, axis=1)
-    )
+    bright = np.nanpercentile(light[known], 80, axis=1)
+    wanted = np.log(GAIN_RULES.white**photometry.gamma / bright)
     wanted = np.interp(np.arange(len(poses)), known, wanted)
     middle = float(np.median(wanted))
     if locked:
@@ -139,14 +137,18 @@ def automatic_gain(
 
 
 def store_levels(
-    linear: NDArray[Any], gamma: float, noise: float, bits: int, rng: np.random.Generator
+    linear: NDArray[Any], gamma: float, sensor: Sensor, rng: np.random.Generator
 ) -> FloatArray:
-    """Response, noise (grey levels), saturation and rounding."""
+    """Response, noise, saturation and rounding."""
     level = np.maximum(linear, 0) ** (1 / gamma)  # a blur may leave rounding errors below 0
-    if noise:
-        level += rng.standard_normal(level.shape, level.dtype) * level.dtype.type(
-            noise / 255
-        )
+    if sensor.noise:
+        scale = level.dtype.type(sensor.noise / 255)
+        level += rng.standard_normal(level.shape, level.dtype) * scale
+    return round_levels(level, sensor.bits)
+
+
+def round_levels(level: NDArray[Any], bits: int) -> FloatArray:
+    """Clip values to [0, 1], and round them to so many bits."""
     most = 2**bits - 1
     return np.round(np.clip(level, 0, 1) * most).astype(np.float64) / most
 
@@ -162,26 +164,29 @@ def rays_of(camera: Camera, sub: int) -> Float32Array:
     return rays
 
 
-def _step(target: Target) -> float:
-    """Side of the cells of the finest raster, mm."""
-    return max(RENDER_RULES.cell, max(target.sheet[2:]) / RENDER_RULES.most_cells)
+def _block_mean(values: NDArray[Any], side: int) -> Float32Array:
+    """Average squares of so many pixels."""
+    rows, columns = values.shape
+    blocks = values.reshape(rows // side, side, columns // side, side)
+    return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
 @lru_cache(maxsize=2)
-def _rasters(target: Target, black: float) -> tuple[Float32Array, ...]:
-    """Reflectance of the sheet averaged over cells of one step, two, four …, from its upper left corner."""
+def _rasters(target: Target, black: float) -> tuple[list[Float32Array], float]:
+    """Reflectance of the sheet averaged over cells of one step, two, four …; and the step, mm.
+
+    All begin at the sheet's upper left corner.
+    """
     left, top, width, height = target.sheet
-    step = _step(target)
-    coarse = step * 2 ** (RENDER_RULES.rasters - 1)
+    step = max(RENDER_RULES.cell, max(width, height) / RENDER_RULES.most_cells)
+    coarsest = 2 ** (RENDER_RULES.rasters - 1)
     shape = [
-        int(np.ceil(length / coarse)) * 2 ** (RENDER_RULES.rasters - 1)
-        for length in (height, width)
+        int(np.ceil(length / (step * coarsest))) * coarsest for length in (height, width)
     ]
     levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
     for _ in range(RENDER_RULES.rasters - 1):
-        rows, columns = levels[-1].shape
-        levels.append(levels[-1].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3)))
-    return tuple(levels)
+        levels.append(_block_mean(levels[-1], 2))
+    return levels, step
 
 
 def _paper(
@@ -193,57 +198,40 @@ def _paper(
     shape = camera.height, camera.width
     seen = np.zeros(shape, np.float32)
     share = np.zeros(shape, np.float32)
-    to_sheet = np.linalg.inv(
-        np.column_stack([pose.rotation[:, :2], pose.translation])
-    ).T.astype(np.float32)
+    plane = np.column_stack([pose.rotation[:, :2], pose.translation])
+    to_sheet = np.linalg.inv(plane).T.astype(np.float32)
     left, top, width, height = target.sheet
-    right = left + width
+    corner = np.array([left, top], np.float32)
+    low = corner.copy()
+    high = np.array([left + width, top + height], np.float32)
     if target.fold_x is not None:
-        left, right = ((left, target.fold_x), (target.fold_x, right))[panel]
+        (high if panel == 0 else low)[0] = target.fold_x
     rays = rays_of(camera, sub)
-    levels = _rasters(target, black)
-    step = _step(target)
-    for row in range(0, camera.height, size):
-        for column in range(0, camera.width, size):
-            tile = slice(row, row + size), slice(column, column + size)
-            fine = rays[
-                sub * row : sub * (row + size), sub * column : sub * (column + size)
-            ]
-            x, y, inverse = np.moveaxis(fine @ to_sheet, -1, 0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                x = x / inverse
-                y = y / inverse
-            inside = (
-                (inverse > 0) & (x > left) & (x <= right) & (y >= top) & (y <= top + height)
-            )
-            if not inside.any():
-                continue
-            # The raster whose cells are as large as the tile's pixels are on the paper.
-            both = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1]
-            dx, dy = (np.diff(part, axis=0)[:, 1:][both] for part in (x, y))
-            ex, ey = (np.diff(part, axis=1)[1:][both] for part in (x, y))
-            cell = np.sqrt(np.median(np.abs(dx * ey - dy * ex))) if both.any() else step
-            level = int(
-                np.clip(np.round(np.log2(cell / step)), 0, RENDER_RULES.rasters - 1)
-            )
-            pitch = np.float32(step * 2**level)
-            across, down = (
-                np.where(
-                    inside, (part - np.float32(start)) / pitch - np.float32(0.5), 0
-                ).astype(np.float32)
-                for part, start in ((x, target.sheet[0]), (y, top))
-            )
-            value = cv2.remap(
-                levels[level],
-                across,
-                down,
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            h, w = inside.shape
-            blocks = (h // sub, sub, w // sub, sub)
-            seen[tile] = (value * inside).reshape(blocks).mean(axis=(1, 3))
-            share[tile] = inside.reshape(blocks).mean(axis=(1, 3), dtype=np.float32)
+    levels, step = _rasters(target, black)
+    for row, column in product(*(range(0, side, size) for side in shape)):
+        tile = slice(row, row + size), slice(column, column + size)
+        fine = tuple(slice(sub * part.start, sub * part.stop) for part in tile)
+        place = rays[fine] @ to_sheet
+        with np.errstate(invalid="ignore", divide="ignore"):
+            xy = place[..., :2] / place[..., 2:]
+        inside = (place[..., 2] > 0) & np.all((xy > low) & (xy <= high), axis=-1)
+        if not inside.any():
+            continue
+        # The raster whose cells are as large as the tile's pixels are on the paper.
+        both = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1]
+        down = np.diff(xy, axis=0)[:, 1:][both]
+        right = np.diff(xy, axis=1)[1:][both]
+        area = np.abs(cross(down, right))
+        cell = np.sqrt(np.median(area)) if len(area) else step
+        level = round(np.clip(np.log2(cell / step), 0, RENDER_RULES.rasters - 1))
+        pitch = np.float32(step * 2**level)
+        at = (xy - corner) / pitch - np.float32(0.5)
+        at[~inside] = 0
+        value = cv2.remap(
+            levels[level], at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        seen[tile] = _block_mean(value * inside, sub)
+        share[tile] = _block_mean(inside, sub)
     return seen, share
 
 
@@ -288,18 +276,13 @@ def render_sheet(
     """Render a sheet as the endoscope sees it, from one pose a panel; a fold's ridge is towards the camera.
 
     The photometry's BRDF is that of the white paper; if its gain is unknown, that of `automatic_gain` is
-    taken. Neither blur may be longer than the picture is wide.
+    taken. The motion blur may not be longer than the picture is wide.
     """
-    for name in ("blur", "motion"):
-        number(name, getattr(sensor, name), 0, camera.width)
+    number("motion", sensor.motion, 0, camera.width)
     check_memory(
         RENDERING_BYTES * camera.width * camera.height,
         f"a picture of {camera.width}x{camera.height} px",
     )
-    if len(poses) != target.panels:
-        raise ValueError(
-            f"poses must hold one for each of {target.panels} panels, got {len(poses)}"
-        )
     gain = photometry.gain
     if gain is None:
         gain = float(automatic_gain(target, [tuple(poses)], camera, photometry)[0])
@@ -309,9 +292,7 @@ def render_sheet(
     linear = np.zeros(shape, np.float32)
     paper = np.zeros(shape, np.float32)
     for panel, pose in enumerate(poses):
-        if (
-            pose.translation @ pose.normal >= 0
-        ):  # seen from behind: hidden by the other panel
+        if pose.translation @ pose.normal >= 0:  # from behind: hidden by the other panel
             continue
         seen, share = _paper(target, panel, pose, camera, sensor.black)
         linear += seen * _plane_light(
@@ -325,19 +306,10 @@ def render_sheet(
     if sensor.outliers:
         linear *= 1 - 0.8 * _spots(shape, sensor.outliers / 2, rng) * paper
         linear += 1.5 * _spots(shape, sensor.outliers / 2, rng) * paper
-    if sensor.blur:
-        cv2.GaussianBlur(
-            linear, (0, 0), sensor.blur, dst=linear, borderType=cv2.BORDER_REPLICATE
-        )
     if sensor.motion:
-        cv2.filter2D(
-            linear,
-            -1,
-            _streak(sensor.motion, rng),
-            dst=linear,
-            borderType=cv2.BORDER_REPLICATE,
-        )
-    image = store_levels(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
+        streak = _streak(sensor.motion, rng)
+        linear = cv2.filter2D(linear, -1, streak, borderType=cv2.BORDER_REPLICATE)
+    image = store_levels(linear, photometry.gamma, sensor, rng)
     return SheetFrame(image, tuple(poses), gain)
 
 
