@@ -27,6 +27,8 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 
 Progress = Callable[[str, int, int], None]
+# One pose a panel, None for one that was not located.
+Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
 
@@ -52,7 +54,7 @@ class Session:
     geometry: GeometricFit | None  # None if the camera was given
     camera: KannalaBrandt
     # Of each panel, for the frames where the target was located.
-    poses: dict[str, tuple[Pose | None, ...]]
+    poses: dict[str, Panels]
     samples: Samples  # of all located frames
     light: PhotometricFit | None  # None if the samples could not tell it
     refused: str = ""  # why not; empty if they could
@@ -147,13 +149,13 @@ def locate(
     target: Target,
     camera: KannalaBrandt,
     progress: Progress = silent,
-) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, float], dict[str, str]]:
+) -> tuple[dict[str, Panels], dict[str, float], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
 
     Returns, of the frames where at least one panel was located, the poses and the root mean square distance
     of the points that count, px; and why the others are dropped.
     """
-    poses: dict[str, tuple[Pose | None, ...]] = {}
+    poses: dict[str, Panels] = {}
     errors: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):

@@ -21,7 +21,7 @@ from endolab.cli.options import (
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 # What only that can be told.
-SHEET_OPTIONS = ("target", "frames", "fold", "outliers", "motion", "video")
+SHEET_OPTIONS = ("target", "frames", "fold", "outliers", "video")
 
 
 @contextmanager
@@ -84,7 +84,6 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
         noise=arguments.noise,
         bits=arguments.bits,
         outliers=arguments.outliers or 0.0,
-        motion=arguments.motion or 0.0,
     )
     with _bar() as bar:
         save_sheet_video(
@@ -255,7 +254,6 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     option("--frames", type=count, metavar="N", help="how many (default 300)")
     option("--fold", type=number, metavar="DEG", help="of a folded target (default 20)")
     option("--outliers", type=number, metavar="SHARE", help="of the pixels that are wrong")
-    option("--motion", type=number, metavar="PX", help="of motion blur")
     text = "write one video instead of pictures"
     option("--video", action="store_true", default=None, help=text)
 

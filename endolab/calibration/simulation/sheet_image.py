@@ -16,16 +16,14 @@ from numpy.typing import NDArray
 
 from endolab.calibration.detection.lattice import cross
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.simulation.trajectory import in_view, on_sheet
+from endolab.calibration.simulation.trajectory import Panels, in_view, on_sheet
 from endolab.calibration.targets import Target, darkness
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, SingleArray, nan_if_undefined
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.memory import RENDERING_BYTES, check_memory
-
-Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -60,15 +58,13 @@ class Sensor:
 
     noise: float = 3.0  # standard deviation, grey levels of 255
     bits: int = 8  # that values are rounded to
-    motion: float = 0.0  # length of the motion blur, px, in a random direction
     outliers: float = 0.0  # share of the sheet under glints and dust
     black: float = 0.04  # the ink's reflectance
     # One gain for all frames of a video, instead of one that follows the sheet.
     locked: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("noise", "motion"):
-            number(name, getattr(self, name), 0)
+        number("noise", self.noise, 0)
         for name in ("outliers", "black"):
             if not 0 <= getattr(self, name) < 1:
                 raise ValueError(
@@ -86,7 +82,7 @@ class SheetFrame:
     """A simulated frame and its truth."""
 
     image: FloatArray  # (H, W), stored values in [0, 1]
-    poses: tuple[Pose, ...]  # of each panel of the sheet
+    poses: Panels  # of each panel of the sheet
     gain: float
 
 
@@ -106,7 +102,7 @@ def linear_light(
 
 def automatic_gain(
     target: Target,
-    poses: Sequence[tuple[Pose, ...]],
+    poses: Sequence[Panels],
     camera: Camera,
     photometry: Photometry,
     *,
@@ -154,7 +150,7 @@ def round_levels(level: NDArray[Any], bits: int) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
-def rays_of(camera: Camera, sub: int) -> Float32Array:
+def rays_of(camera: Camera, sub: int) -> SingleArray:
     """Unit rays of sub × sub places in every pixel, (sub H, sub W, 3)."""
     fine = camera.resize(sub * camera.width, sub * camera.height)
     rays = np.empty((fine.height, fine.width, 3), np.float32)
@@ -164,7 +160,7 @@ def rays_of(camera: Camera, sub: int) -> Float32Array:
     return rays
 
 
-def _block_mean(values: NDArray[Any], side: int) -> Float32Array:
+def _block_mean(values: NDArray[Any], side: int) -> SingleArray:
     """Average squares of so many pixels."""
     rows, columns = values.shape
     blocks = values.reshape(rows // side, side, columns // side, side)
@@ -172,7 +168,7 @@ def _block_mean(values: NDArray[Any], side: int) -> Float32Array:
 
 
 @lru_cache(maxsize=2)
-def _rasters(target: Target, black: float) -> tuple[list[Float32Array], float]:
+def _rasters(target: Target, black: float) -> tuple[list[SingleArray], float]:
     """Reflectance of the sheet averaged over cells of one step, two, four …; and the step, mm.
 
     All begin at the sheet's upper left corner.
@@ -191,7 +187,7 @@ def _rasters(target: Target, black: float) -> tuple[list[Float32Array], float]:
 
 def _paper(
     target: Target, panel: int, pose: Pose, camera: Camera, black: float
-) -> tuple[Float32Array, Float32Array]:
+) -> tuple[SingleArray, SingleArray]:
     """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
     sub = RENDER_RULES.rays
     size = RENDER_RULES.tile
@@ -212,7 +208,7 @@ def _paper(
         tile = slice(row, row + size), slice(column, column + size)
         fine = tuple(slice(sub * part.start, sub * part.stop) for part in tile)
         place = rays[fine] @ to_sheet
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with nan_if_undefined():
             xy = place[..., :2] / place[..., 2:]
         inside = (place[..., 2] > 0) & np.all((xy > low) & (xy <= high), axis=-1)
         if not inside.any():
@@ -235,7 +231,7 @@ def _paper(
     return seen, share
 
 
-def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Float32Array:
+def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> SingleArray:
     """Blots of 2 to 5 px that cover a share of the picture, as their opacity in [0, 1]."""
     blots = np.zeros(shape, np.uint8)
     for _ in range(int(share * blots.size / (np.pi * 4.3**2)) + (share > 0)):
@@ -246,21 +242,18 @@ def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Fl
 
 def _plane_light(
     photometry: Photometry,
-    rays: Float32Array,
+    rays: SingleArray,
     normal: FloatArray,
     point: FloatArray,
     where: BoolArray,
-) -> Float32Array:
+) -> SingleArray:
     """Linear light of a bare plane at gain 1, (H, W); 0 elsewhere."""
     light = np.zeros(where.shape, np.float32)
     chosen = rays[where].astype(np.float64)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with nan_if_undefined():
         reach = (point @ normal) / (chosen @ normal)
-    met = reach > 0
-    values = np.zeros(len(chosen))
-    points = chosen[met] * reach[met, None]
-    values[met] = linear_light(photometry, points, np.broadcast_to(normal, points.shape))
-    light[where] = values
+        points = chosen * np.where(reach > 0, reach, np.nan)[:, None]
+        light[where] = linear_light(photometry, points, np.tile(normal, (len(points), 1)))
     return light
 
 
@@ -276,13 +269,10 @@ def render_sheet(
     """Render a sheet as the endoscope sees it, from one pose a panel; a fold's ridge is towards the camera.
 
     The photometry's BRDF is that of the white paper; if its gain is unknown, that of `automatic_gain` is
-    taken. The motion blur may not be longer than the picture is wide.
+    taken.
     """
-    number("motion", sensor.motion, 0, camera.width)
-    check_memory(
-        RENDERING_BYTES * camera.width * camera.height,
-        f"a picture of {camera.width}x{camera.height} px",
-    )
+    size = f"a picture of {camera.width}x{camera.height} px"
+    check_memory(RENDERING_BYTES * camera.width * camera.height, size)
     gain = photometry.gain
     if gain is None:
         gain = float(automatic_gain(target, [tuple(poses)], camera, photometry)[0])
@@ -292,38 +282,19 @@ def render_sheet(
     linear = np.zeros(shape, np.float32)
     paper = np.zeros(shape, np.float32)
     for panel, pose in enumerate(poses):
-        if pose.translation @ pose.normal >= 0:  # from behind: hidden by the other panel
+        normal = pose.normal
+        if pose.translation @ normal >= 0:  # from behind: hidden by the other panel
             continue
         seen, share = _paper(target, panel, pose, camera, sensor.black)
-        linear += seen * _plane_light(
-            photometry, rays, pose.normal, pose.translation, share > 0
-        )
+        linear += seen * _plane_light(photometry, rays, normal, pose.translation, share > 0)
         paper += share
     cloth = replace(photometry, brdf=Lambertian(RENDER_RULES.cloth_albedo))
-    behind = poses[0].translation - RENDER_RULES.behind * poses[0].normal
-    linear += (1 - paper) * _plane_light(cloth, rays, poses[0].normal, behind, paper < 1)
+    normal = poses[0].normal
+    behind = poses[0].translation - RENDER_RULES.behind * normal
+    linear += (1 - paper) * _plane_light(cloth, rays, normal, behind, paper < 1)
     linear *= np.float32(gain)
     if sensor.outliers:
         linear *= 1 - 0.8 * _spots(shape, sensor.outliers / 2, rng) * paper
         linear += 1.5 * _spots(shape, sensor.outliers / 2, rng) * paper
-    if sensor.motion:
-        streak = _streak(sensor.motion, rng)
-        linear = cv2.filter2D(linear, -1, streak, borderType=cv2.BORDER_REPLICATE)
     image = store_levels(linear, photometry.gamma, sensor, rng)
     return SheetFrame(image, tuple(poses), gain)
-
-
-def _streak(length: float, rng: np.random.Generator) -> Float32Array:
-    """Kernel of a motion blur: a straight line in a random direction, of sum 1."""
-    angle = rng.uniform(0, np.pi)
-    half = length / 2
-    size = int(np.ceil(half)) + 1
-    kernel = np.zeros((2 * size + 1, 2 * size + 1), np.float32)
-    for along in np.linspace(-half, half, 8 * size + 1):
-        x = size + along * np.cos(angle)
-        y = size + along * np.sin(angle)
-        column = int(x)
-        row = int(y)
-        shares = np.outer([1 - y + row, y - row], [1 - x + column, x - column])
-        kernel[row : row + 2, column : column + 2] += shares
-    return kernel / kernel.sum()

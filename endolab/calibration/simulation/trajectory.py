@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.checks import check_int, number
+
+Panels = tuple[Pose, ...]  # one pose a panel
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Movement:
 MOVEMENT = Movement()
 
 
-def fold_pose(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
+def fold_pose(target: Target, pose: Pose, fold: float) -> Panels:
     """Fold a flat sheet's pose: each panel turns away from the camera by half of `fold`, rad, at least 0.
 
     One pose a panel; the ridge is towards the camera and stays in place.
@@ -73,7 +75,7 @@ def _disc(square: FloatArray) -> FloatArray:
 
 
 def on_sheet(
-    target: Target, poses: Sequence[tuple[Pose, ...]], places: FloatArray
+    target: Target, poses: Sequence[Panels], places: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Places of the sheet and the normals there in the camera frame, (frames, n, 3)."""
     panel = target.panel_of(places)
@@ -90,7 +92,7 @@ def on_sheet(
 
 def in_view(camera: Camera, points: FloatArray, normals: FloatArray) -> BoolArray:
     """Whether the camera sees the front of the sheet at these points, within the picture."""
-    with np.errstate(invalid="ignore"):
+    with nan_if_undefined():
         pixel = camera.project(points)
         last = [camera.width - 1, camera.height - 1]
         inside = np.all((pixel >= 0) & (pixel <= last), axis=-1)
@@ -106,15 +108,15 @@ def trajectory(
     movement: Movement = MOVEMENT,
     *,
     seed: int = 0,
-) -> list[tuple[Pose, ...]]:
+) -> list[Panels]:
     """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel."""
     check_int("count", count, 1)
     fold = movement.fold
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
-    # until it is reached. Some targets are found whole or not at all.
-    least_seen = 1.0 if target.kind in ("circles", "chessboard") else 0.25
+    # until it is reached.
+    least_seen = 1.0 if target.found_whole else 0.25
     wander = _wander(count, 6, np.random.default_rng([check_int("seed", seed), 0]))
     lean = movement.tilt * _disc(wander[:, :2])
     aside = movement.reach * _disc(wander[:, 2:4])
@@ -126,7 +128,7 @@ def trajectory(
     if target.fold_x is not None:
         middle[0] = target.fold_x
 
-    def place(which: IntArray, pull: FloatArray) -> list[tuple[Pose, ...]]:
+    def place(which: IntArray, pull: FloatArray) -> list[Panels]:
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
