@@ -171,7 +171,7 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
     values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
     return [
-        (name.replace("gamma", "γ"), value, errors.get(name, 0.0), "")
+        (name.replace("gamma", "γ"), value, errors[name], "")
         for name, value in values.items()
     ]
 

@@ -98,7 +98,7 @@ def test_a_known_camera_is_kept(video):
         (np.zeros_like, "dark nor saturated", 2.2),
         (lambda image: np.full_like(image, 0.5), "lit room", 2.2),
         (lambda image: np.where(image < 0.25, 0.0, 1.0), "do not determine k", 2.2),
-        (lambda image: None, "samples are needed, got 0", 2.2),
+        (lambda image: None, "samples", 2.2),
         (np.asarray, "gamma", "free"),
     ],
     ids=["dark", "even", "black and white", "lost", "gamma sought"],

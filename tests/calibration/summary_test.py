@@ -77,3 +77,8 @@ def test_the_account_says_it_all(session):
     lost = replace(session.geometry, covariance=np.diag([np.inf] + 7 * [1e-4]))
     lines = account(replace(session, geometry=lost))
     assert any("a ray: not told by these frames" in line for line in lines)
+
+
+def test_patches_have_rows():
+    patches = simulated("vicalib_grey", reflectance=((0.5, 0.05),), gamma=(2.2, 0.1))[0]
+    assert "reflectance 1 = 0.5" in "\n".join(account(patches))

@@ -195,16 +195,17 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
         return no_features("too few dark spots")
     x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
     spot = np.column_stack([(y - x) // 2, (x + y) // 2])
-    spot -= spot.min(axis=0)
-    number = np.full(spot.max(axis=0) + 1, -1)
-    number[tuple(spot.T)] = np.arange(count)
-    outline = np.pad(np.where(number >= 0, 1.0, -1.0), CODE.pad, constant_values=-1.0)
+    spots = tuple(spot.T - spot.min(axis=0)[:, None])
+    outline = np.full(np.max(spots, axis=1) + 1, -1.0)
+    outline[spots] = 1.0
+    table = np.pad(outline, CODE.pad, constant_values=-1.0)
     same_turned = np.array_equal(outline, outline[::-1, ::-1])
-    of_sheet = np.full(number.shape, -1)
+    panel = np.zeros(outline.shape, int)
+    owner = np.full(count, -1)  # which blob each circle is
     cover = _cover(target, 2 * target.spacing**2)
-    for piece in find_lattices(blobs, cover, 2 * sum(outline.shape) + 5):
+    for piece in find_lattices(blobs, cover, 2 * sum(table.shape) + 5):
         place = np.argwhere(piece >= 0)
-        placements, _ = _placements(place, np.ones(len(place)), outline)
+        placements, _ = _placements(place, np.ones(len(place)), table)
         if same_turned:  # of two opposite orders take the one whose rows run to the right
             right = [_runs_right(turn, piece, blobs) for _, turn, _ in placements]
             placements = list(compress(placements, right))
@@ -215,20 +216,17 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
         needed = 4 if len(place) > best else 2  # more, if some lie beside the outline
         if len(placements) > 1 and best - placements[1][0] < needed:
             continue
-        sheet = _lay(piece, placements[0], number.shape)
-        sheet[number < 0] = -1
-        fits, _ = check_places(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
-        sheet = np.where(fits, sheet, -1)
-        if (sheet >= 0).sum() > (of_sheet >= 0).sum():
-            of_sheet = sheet
-    if (of_sheet >= 0).sum() < CODE.least_seen * count:
+        sheet = np.where(outline > 0, _lay(piece, placements[0], outline.shape), -1)
+        fits, _ = check_places(_places(sheet, blobs), panel, least=4)
+        found = np.where(fits, sheet, -1)[spots]
+        if (found >= 0).sum() > (owner >= 0).sum():
+            owner = found
+    ids = np.flatnonzero(owner >= 0)
+    if len(ids) < CODE.least_seen * count:
         return no_features(
             "the dark spots form no such grid, or too little of it is in view"
         )
-    blob = np.full(count, -1)
-    blob[number[number >= 0]] = of_sheet[number >= 0]
-    ids = np.flatnonzero(blob >= 0)
-    return ids, blobs.centres[blob[ids]], ""
+    return ids, blobs.centres[owner[ids]], ""
 
 
 def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:
