@@ -79,11 +79,18 @@ class Session:
         return pixels
 
 
-def silent(stage: str, done: int, total: int) -> None:
+def silent(
+    stage: str,
+    done: int,
+    total: int,
+) -> None:
     """Say nothing of the progress."""
 
 
-def channel_of(image: FloatArray, channel: str) -> FloatArray:
+def channel_of(
+    image: FloatArray,
+    channel: str,
+) -> FloatArray:
     """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
     if image.ndim == 2:
         return image
@@ -133,7 +140,8 @@ def detect_all(
 
 
 def choose_views(
-    detections: Mapping[str, Detection], every: int = SESSION.every
+    detections: Mapping[str, Detection],
+    every: int = SESSION.every,
 ) -> list[str]:
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
@@ -205,7 +213,10 @@ def sample_all(
     return Samples.concatenate(parts)
 
 
-def _nothing_found_error(detections: Mapping[str, Detection], target: Target) -> ValueError:
+def _nothing_found_error(
+    detections: Mapping[str, Detection],
+    target: Target,
+) -> ValueError:
     reasons = Counter(detection.reason for detection in detections.values())
     why = ", ".join(f"{reason} in {n}" for reason, n in reasons.most_common())
     return ValueError(
@@ -222,7 +233,10 @@ def describe_target(target: Target) -> str:
     return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
 
 
-def check_names(leave_out: Collection[str], names: Collection[str]) -> None:
+def check_names(
+    leave_out: Collection[str],
+    names: Collection[str],
+) -> None:
     """Raise a ValueError if a frame that is to be left out is none of `names`."""
     for name in leave_out:
         if name not in names:
@@ -334,7 +348,10 @@ def calibrate(
     )
 
 
-def score(samples: Samples, **light: Any) -> HeldOut | None:
+def score(
+    samples: Samples,
+    **light: Any,
+) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
     if len(np.unique(samples.frame)) < SESSION.enough_views:
         return None

@@ -32,7 +32,11 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _accuracy_within(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
+def _accuracy_within(
+    values: FloatArray,
+    camera: Camera,
+    seen: float,
+) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
     inside = values_within(values, camera, seen)
     if not inside.size:
@@ -59,7 +63,11 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
     }
 
 
-def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
+def _light_facts(
+    light: PhotometricFit,
+    session: Session,
+    channel: str,
+) -> dict[str, Any]:
     names = np.array(list(session.poses))[light.frames].tolist()
     scores = session.scores
     fall_off = fall_off_uncertainty(light, session.camera)
@@ -94,7 +102,11 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
 
 
-def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[str, Any]:
+def evidence(
+    session: Session,
+    source: str = "",
+    channel: str = "grey",
+) -> dict[str, Any]:
     """Return all that is known of a calibration beside its result, fit for JSON: null for what is not finite.
 
     Angles are in degrees where the key says so. "camera" is null if it was given; "photometry" holds
@@ -134,7 +146,10 @@ def _digits(error: float) -> int:
     return int(max(0, 1 - np.floor(np.log10(error)))) if 0 < error < np.inf else 0
 
 
-def plus_minus(value: float, error: float) -> str:
+def plus_minus(
+    value: float,
+    error: float,
+) -> str:
     """Write a value and its standard error with as many digits as the error is good for."""
     if error == 0:
         return f"{value:.6g} (given)"
@@ -176,7 +191,12 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     ]
 
 
-def _accuracy_line(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
+def _accuracy_line(
+    what: str,
+    known: Mapping[str, float],
+    unit: str,
+    to: float,
+) -> str:
     """Say how well a map of the picture is known within `to` degrees off the axis."""
     if not known:
         return f"{what}: not told by these frames"
@@ -271,19 +291,29 @@ def light_errors(session: Session) -> dict[str, float]:
     return dict(zip(session.poses, errors.tolist(), strict=True))
 
 
-def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:
+def mean_distances(
+    samples: Samples,
+    frames: IntArray,
+) -> FloatArray:
     """Mean distance of the samples of each of `frames`, mm; nan where there are none."""
     size = int(frames.max(initial=0)) + 1
     return _means(samples.distance, samples.frame, size)[frames]
 
 
-def _means(values: FloatArray, group: IntArray, least: int) -> FloatArray:
+def _means(
+    values: FloatArray,
+    group: IntArray,
+    least: int,
+) -> FloatArray:
     """Mean of the values of each group, of which there are `least` or more; nan where there are none."""
     with nan_if_undefined():
         return np.bincount(group, values, least) / np.bincount(group, minlength=least)
 
 
-def count_of(number: int, what: str) -> str:
+def count_of(
+    number: int,
+    what: str,
+) -> str:
     """Say how many there are of something."""
     return f"{number} {what}" + ("" if number == 1 else "s")
 

@@ -33,13 +33,20 @@ class Ink:
     greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
 
 
-def rows_of(values: ArrayLike, columns: int) -> FloatArray:
+def rows_of(
+    values: ArrayLike,
+    columns: int,
+) -> FloatArray:
     """Make a table of so many columns of a list that may be empty."""
     return np.asarray(values, dtype=np.float64).reshape(-1, columns)
 
 
 def darkness(
-    ink: Ink, corner: ArrayLike, shape: Sequence[int], step: float, black: float = 0.0
+    ink: Ink,
+    corner: ArrayLike,
+    shape: Sequence[int],
+    step: float,
+    black: float = 0.0,
 ) -> NDArray[np.float32]:
     """Average what is printed over the cells of a raster: 1 - reflectance, (rows, columns); 0 where bare.
 
@@ -49,13 +56,21 @@ def darkness(
     dark = np.zeros(shape, np.float32)
     left, top = np.asarray(corner, dtype=np.float64)
 
-    def span(start: float, length: float, count: int) -> IntArray:
+    def span(
+        start: float,
+        length: float,
+        count: int,
+    ) -> IntArray:
         """Cells that an interval touches."""
         first = np.floor(start / step - 0.5)
         last = np.ceil((start + length) / step + 0.5)
         return np.arange(*np.clip([first, last], 0, count), dtype=int)
 
-    def cover(start: float, length: float, cells: IntArray) -> FloatArray:
+    def cover(
+        start: float,
+        length: float,
+        cells: IntArray,
+    ) -> FloatArray:
         """Shares of cells that an interval covers."""
         edges = np.append(cells, cells[-1:] + 1)
         return np.diff(np.clip(edges, start / step, (start + length) / step))
@@ -78,7 +93,10 @@ def darkness(
 
 
 # Targets --------------------------------------------------------------------------------
-def _lattice(columns: int, rows: int) -> FloatArray:
+def _lattice(
+    columns: int,
+    rows: int,
+) -> FloatArray:
     """Column and row of each place of a lattice, (n, 2), row by row."""
     row, column = np.indices((rows, columns), dtype=np.float64)
     return np.column_stack([column.ravel(), row.ravel()])

@@ -29,7 +29,11 @@ def _bar() -> Iterator[Callable[[str, int, int], None]]:
     """Show the progress of one stage after the other on stderr."""
     with progress_bar("frame") as bar:
 
-        def show(stage: str, done: int, total: int) -> None:
+        def show(
+            stage: str,
+            done: int,
+            total: int,
+        ) -> None:
             if done <= bar.n:
                 bar.reset(total)
             bar.set_description(stage)
@@ -67,7 +71,10 @@ def _target(arguments: argparse.Namespace) -> None:
     print(f"written to {arguments.out}")
 
 
-def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
+def simulate_sheet(
+    arguments: argparse.Namespace,
+    calibration: Any,
+) -> None:
     """Write a simulated calibration video with its truth."""
     from endolab.calibration.simulation.sheet_image import Sensor
     from endolab.calibration.simulation.trajectory import Movement
@@ -258,7 +265,10 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     option("--video", action="store_true", default=None, help=text)
 
 
-def _add_pictures_and_out(command: argparse.ArgumentParser, about_out: str | None) -> None:
+def _add_pictures_and_out(
+    command: argparse.ArgumentParser,
+    about_out: str | None,
+) -> None:
     """Add the pictures that a calibration is made of, and the file that it is written to."""
     option = command.add_argument
     text = "a video, a folder of pictures, or pictures"

@@ -54,7 +54,10 @@ def white_of(small: Numbers) -> Numbers:
     return cv2.GaussianBlur(white, (0, 0), side / 6)
 
 
-def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
+def find_blobs(
+    image: Numbers,
+    greys: bool = False,
+) -> Blobs:
     """Find dark round spots on lit paper, in (H, W) float32 of [0, 1].
 
     `greys`: there are grey spots, which are to be left out; faint black ones are then lost.
@@ -86,7 +89,11 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     return _measure(level, _bare_level(level, dark, small.shape), number[labels], greys)
 
 
-def _bare_level(level: Numbers, dark: Numbers, shape: tuple[int, int]) -> Numbers:
+def _bare_level(
+    level: Numbers,
+    dark: Numbers,
+    shape: tuple[int, int],
+) -> Numbers:
     """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
     size = shape[::-1]
     small = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
@@ -97,7 +104,12 @@ def _bare_level(level: Numbers, dark: Numbers, shape: tuple[int, int]) -> Number
     return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
 
 
-def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blobs:
+def _measure(
+    level: Numbers,
+    bare: Numbers,
+    labels: Numbers,
+    greys: bool,
+) -> Blobs:
     """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
     width = labels.shape[1]
     count = int(labels.max()) + 1

@@ -40,12 +40,20 @@ class CodeRules:
 CODE = CodeRules()
 
 
-def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
+def _places(
+    owner: IntArray,
+    blobs: Blobs,
+) -> FloatArray:
     """Where the blobs of a lattice are, (h, w, 2), px; nan where there is none."""
     return np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)
 
 
-def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
+def read_bits(
+    owner: IntArray,
+    blobs: Blobs,
+    cell: FloatArray,
+    gap: float,
+) -> FloatArray:
     """How much larger or smaller each dot is than the mean of the two sizes: about -1 or 1; nan if none.
 
     `owner`, (h, w), is which blob is at each place of the lattice, `cell` the area of its cell there, px²,
@@ -69,7 +77,10 @@ def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> Fl
     return size
 
 
-def _split(values: FloatArray, gap: float) -> Any:
+def _split(
+    values: FloatArray,
+    gap: float,
+) -> Any:
     """Level halfway between two clusters that lie a known gap apart."""
     levels = np.linspace(values.min() - gap / 2, values.max() + gap / 2, 100)
     miss = np.abs(np.abs(values - levels[:, None]) - gap / 2)
@@ -82,7 +93,9 @@ TURNS = MATRICES[np.round(np.linalg.det(MATRICES)) == 1]
 
 
 def _placements(
-    places: IntArray, value: FloatArray, table: FloatArray
+    places: IntArray,
+    value: FloatArray,
+    table: FloatArray,
 ) -> tuple[list[Placement], int]:
     """Try all turns, shears and shifts of a piece of a lattice over a table; never mirrored.
 
@@ -107,7 +120,11 @@ def _placements(
     return sorted(placements, reverse=True), trials
 
 
-def _lay(piece: IntArray, placement: Placement, shape: tuple[int, int]) -> IntArray:
+def _lay(
+    piece: IntArray,
+    placement: Placement,
+    shape: tuple[int, int],
+) -> IntArray:
     """Lay a piece of a lattice onto a sheet of a shape, whose table is padded: which blob is where."""
     _, turn, shift = placement
     place = np.argwhere(piece >= 0)
@@ -118,7 +135,10 @@ def _lay(piece: IntArray, placement: Placement, shape: tuple[int, int]) -> IntAr
     return sheet
 
 
-def match_code(size: FloatArray, code: IntArray) -> Placement | None:
+def match_code(
+    size: FloatArray,
+    code: IntArray,
+) -> Placement | None:
     """Say how a piece of the lattice lies on the sheet, whose sizes `read_bits` gave; None if not clear."""
     value = np.clip(size[np.isfinite(size)], -1, 1)
     table = np.pad(2.0 * code - 1, CODE.pad)
@@ -136,7 +156,10 @@ def match_code(size: FloatArray, code: IntArray) -> Placement | None:
     return placements[0] if rarity >= np.log(trials) + CODE.surety else None
 
 
-def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
+def _cover(
+    target: DotGrid | CircleGrid,
+    cell: float,
+) -> tuple[float, float]:
     """Least and largest share of its cell that a dot may seem to cover.
 
     Ink is not quite black, and near the rim of a lattice its cell is not quite known.
@@ -145,7 +168,10 @@ def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
     return 0.35 * float(areas.min()), 2.2 * float(areas.max())
 
 
-def detect_dots(image: FloatArray, target: DotGrid) -> Found:
+def detect_dots(
+    image: FloatArray,
+    target: DotGrid,
+) -> Found:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending; pixels; why none."""
     blobs = find_blobs(image, greys=target.greys is not None)
     if len(blobs) < CODE.least_dots:
@@ -183,7 +209,10 @@ def no_features(reason: str) -> Found:
     return np.zeros(0, int), np.zeros((0, 2)), reason
 
 
-def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
+def detect_circles(
+    image: FloatArray,
+    target: CircleGrid,
+) -> Found:
     """Find an asymmetric grid of circles; parameters and results as of `detect_dots`.
 
     Its circles form a square lattice that is turned by 45°, so a piece of a lattice need only be
@@ -229,7 +258,11 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     return ids, blobs.centres[owner[ids]], ""
 
 
-def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:
+def _runs_right(
+    turn: int,
+    piece: IntArray,
+    blobs: Blobs,
+) -> bool:
     """Whether the target's x axis would point to the right in the picture."""
     places = np.argwhere(piece >= 0)
     across = (places @ TURNS[turn].T) @ [-1, 1]

@@ -48,20 +48,30 @@ def _steps_along(grid: FloatArray) -> FloatArray:
     return _mean(both.reshape(-1, 2, 2)).reshape(grid.shape)
 
 
-def _in_cells(vector: FloatArray, along: FloatArray, down: FloatArray) -> FloatArray:
+def _in_cells(
+    vector: FloatArray,
+    along: FloatArray,
+    down: FloatArray,
+) -> FloatArray:
     """Express vectors of the picture in lattice steps."""
     areas = np.stack([cross(vector, down), cross(along, vector)], axis=-1)
     with nan_if_undefined():
         return areas / cross(along, down)[..., None]
 
 
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def cross(
+    a: FloatArray,
+    b: FloatArray,
+) -> FloatArray:
     """Give the area that pairs of vectors span."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def grow(
-    owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float
+    owner: IntArray,
+    blobs: Blobs,
+    cover: tuple[float, float],
+    tolerance: float,
 ) -> IntArray:
     """Grow a lattice: predict each next dot from its neighbours and take the blob that lies there.
 
@@ -112,7 +122,11 @@ WINDOW_REACH = 3  # lattice steps that the surroundings of a place reach to each
 _ROW, _COLUMN = np.indices((2 * WINDOW_REACH + 1, 2 * WINDOW_REACH + 1)) - WINDOW_REACH
 
 
-def windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
+def windows(
+    grid: FloatArray,
+    row: IntArray,
+    column: IntArray,
+) -> FloatArray:
     """Surroundings of some places of a lattice, (n, 7, 7, 2), px; nan where not known."""
     beside = (WINDOW_REACH, WINDOW_REACH)
     padded = np.pad(grid, (beside, beside, (0, 0)), constant_values=np.nan)
@@ -140,7 +154,11 @@ def predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return _mean(np.concatenate([ahead, beside], axis=1)), _mean(along), _mean(down)
 
 
-def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[IntArray]:
+def find_lattices(
+    blobs: Blobs,
+    cover: tuple[float, float],
+    size: int,
+) -> list[IntArray]:
     """Find the pieces of a lattice among blobs: squares of side `size` of which blob is where, -1 where none.
 
     Columns and rows run in a right-handed way in the picture, but may be sheared and turned against those
@@ -204,7 +222,9 @@ def _nearby(grid: FloatArray) -> FloatArray:
 
 
 def _local_fit(
-    grid: FloatArray, panel: IntArray, least: int
+    grid: FloatArray,
+    panel: IntArray,
+    least: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Tell how far each feature lies from where its neighbours place it, in steps, and its cell's area, px².
 
@@ -234,7 +254,9 @@ def _local_fit(
 
 
 def check_places(
-    grid: FloatArray, panel: IntArray, least: int = 6
+    grid: FloatArray,
+    panel: IntArray,
+    least: int = 6,
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 

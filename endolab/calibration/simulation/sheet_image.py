@@ -87,7 +87,9 @@ class SheetFrame:
 
 
 def linear_light(
-    photometry: Photometry, points: FloatArray, normals: FloatArray
+    photometry: Photometry,
+    points: FloatArray,
+    normals: FloatArray,
 ) -> FloatArray:
     """Linear light of bare paper at gain 1; 0 where none arrives."""
     if photometry.lights:
@@ -133,7 +135,10 @@ def automatic_gain(
 
 
 def store_levels(
-    linear: NDArray[Any], gamma: float, sensor: Sensor, rng: np.random.Generator
+    linear: NDArray[Any],
+    gamma: float,
+    sensor: Sensor,
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Response, noise, saturation and rounding."""
     level = np.maximum(linear, 0) ** (1 / gamma)  # a blur may leave rounding errors below 0
@@ -143,14 +148,20 @@ def store_levels(
     return round_levels(level, sensor.bits)
 
 
-def round_levels(level: NDArray[Any], bits: int) -> FloatArray:
+def round_levels(
+    level: NDArray[Any],
+    bits: int,
+) -> FloatArray:
     """Clip values to [0, 1], and round them to so many bits."""
     most = 2**bits - 1
     return np.round(np.clip(level, 0, 1) * most).astype(np.float64) / most
 
 
 @lru_cache(maxsize=4)
-def rays_of(camera: Camera, sub: int) -> SingleArray:
+def rays_of(
+    camera: Camera,
+    sub: int,
+) -> SingleArray:
     """Unit rays of sub × sub places in every pixel, (sub H, sub W, 3)."""
     fine = camera.resize(sub * camera.width, sub * camera.height)
     rays = np.empty((fine.height, fine.width, 3), np.float32)
@@ -160,7 +171,10 @@ def rays_of(camera: Camera, sub: int) -> SingleArray:
     return rays
 
 
-def _block_mean(values: NDArray[Any], side: int) -> SingleArray:
+def _block_mean(
+    values: NDArray[Any],
+    side: int,
+) -> SingleArray:
     """Average squares of so many pixels."""
     rows, columns = values.shape
     blocks = values.reshape(rows // side, side, columns // side, side)
@@ -168,7 +182,10 @@ def _block_mean(values: NDArray[Any], side: int) -> SingleArray:
 
 
 @lru_cache(maxsize=2)
-def _rasters(target: Target, black: float) -> tuple[list[SingleArray], float]:
+def _rasters(
+    target: Target,
+    black: float,
+) -> tuple[list[SingleArray], float]:
     """Reflectance of the sheet averaged over cells of one step, two, four …; and the step, mm.
 
     All begin at the sheet's upper left corner.
@@ -186,7 +203,11 @@ def _rasters(target: Target, black: float) -> tuple[list[SingleArray], float]:
 
 
 def _paper(
-    target: Target, panel: int, pose: Pose, camera: Camera, black: float
+    target: Target,
+    panel: int,
+    pose: Pose,
+    camera: Camera,
+    black: float,
 ) -> tuple[SingleArray, SingleArray]:
     """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
     sub = RENDER_RULES.rays
@@ -231,7 +252,11 @@ def _paper(
     return seen, share
 
 
-def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> SingleArray:
+def _spots(
+    shape: tuple[int, int],
+    share: float,
+    rng: np.random.Generator,
+) -> SingleArray:
     """Blots of 2 to 5 px that cover a share of the picture, as their opacity in [0, 1]."""
     blots = np.zeros(shape, np.uint8)
     for _ in range(int(share * blots.size / (np.pi * 4.3**2)) + (share > 0)):

@@ -40,7 +40,11 @@ class Movement:
 MOVEMENT = Movement()
 
 
-def fold_pose(target: Target, pose: Pose, fold: float) -> Panels:
+def fold_pose(
+    target: Target,
+    pose: Pose,
+    fold: float,
+) -> Panels:
     """Fold a flat sheet's pose: each panel turns away from the camera by half of `fold`, rad, at least 0.
 
     One pose a panel; the ridge is towards the camera and stays in place.
@@ -55,7 +59,11 @@ def fold_pose(target: Target, pose: Pose, fold: float) -> Panels:
     return tuple(panels)
 
 
-def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
+def _wander(
+    count: int,
+    columns: int,
+    rng: np.random.Generator,
+) -> FloatArray:
     """Return smooth random motions, (count, columns), that spend their time evenly over [-1, 1]."""
     time = np.linspace(0, 1, count)[:, None]
     slow = rng.uniform(1.5, 3.5, columns)
@@ -75,7 +83,9 @@ def _disc(square: FloatArray) -> FloatArray:
 
 
 def on_sheet(
-    target: Target, poses: Sequence[Panels], places: FloatArray
+    target: Target,
+    poses: Sequence[Panels],
+    places: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Places of the sheet and the normals there in the camera frame, (frames, n, 3)."""
     panel = target.panel_of(places)
@@ -90,7 +100,11 @@ def on_sheet(
     return points, normals
 
 
-def in_view(camera: Camera, points: FloatArray, normals: FloatArray) -> BoolArray:
+def in_view(
+    camera: Camera,
+    points: FloatArray,
+    normals: FloatArray,
+) -> BoolArray:
     """Whether the camera sees the front of the sheet at these points, within the picture."""
     with nan_if_undefined():
         pixel = camera.project(points)
@@ -128,7 +142,10 @@ def trajectory(
     if target.fold_x is not None:
         middle[0] = target.fold_x
 
-    def place(which: IntArray, pull: FloatArray) -> list[Panels]:
+    def place(
+        which: IntArray,
+        pull: FloatArray,
+    ) -> list[Panels]:
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
