@@ -16,7 +16,12 @@ from endolab.calibration.summary import evidence
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 SIZE = CAMERA.width, CAMERA.height
-LIGHT = el.Photometry(2.5, 2.2, None, PAPER_SHEET)
+LIGHT = el.Photometry(
+    2.5,
+    2.2,
+    None,
+    PAPER_SHEET,
+)
 SHEET = el.TARGETS["vicalib_small"]
 
 
@@ -41,7 +46,13 @@ def video():
 @pytest.fixture(scope="module")
 def done(video):
     frames, _, detections = video
-    return calibrate(frames, SHEET, detections=detections, size=SIZE, channel="green")
+    return calibrate(
+        frames,
+        SHEET,
+        detections=detections,
+        size=SIZE,
+        channel="green",
+    )
 
 
 def test_camera_poses_and_light_come_back(video, done):
@@ -71,18 +82,36 @@ def test_frames_that_are_left_out_count_for_nothing(video):
     mixed = dict(detections)
     for name in liars:
         mixed[name] = replace(mixed[name], pixels=mixed[name].pixels * 1.1)
-    found = calibrate(frames, SHEET, detections=mixed, size=SIZE, leave_out=liars)
+    found = calibrate(
+        frames,
+        SHEET,
+        detections=mixed,
+        size=SIZE,
+        leave_out=liars,
+    )
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
     assert [found.dropped[name] for name in liars] == [LEFT_OUT_REASON] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
     with pytest.raises(ValueError, match=r"leave_out.*'none'"):
-        calibrate(frames, SHEET, detections=detections, size=SIZE, leave_out=["none"])
+        calibrate(
+            frames,
+            SHEET,
+            detections=detections,
+            size=SIZE,
+            leave_out=["none"],
+        )
 
 
 def test_a_known_camera_is_kept(video):
     frames, _, detections = video
     few = {name: detections[name] for name in list(detections)[:6]}
-    found = calibrate(frames, SHEET, camera=CAMERA, detections=few, size=SIZE)
+    found = calibrate(
+        frames,
+        SHEET,
+        camera=CAMERA,
+        detections=few,
+        size=SIZE,
+    )
     assert found.geometry is None
     assert found.camera is CAMERA
     assert set(found.poses) | set(found.dropped) == set(few)
@@ -103,10 +132,21 @@ def test_a_known_camera_is_kept(video):
     ],
     ids=["dark", "even", "black and white", "lost", "gamma sought"],
 )
-def test_a_light_that_cannot_be_fitted_leaves_the_camera(video, expose, word, gamma):
+def test_a_light_that_cannot_be_fitted_leaves_the_camera(
+    video,
+    expose,
+    word,
+    gamma,
+):
     frames, _, detections = video
     bad = [(name, expose(image)) for name, image in frames]
-    found = calibrate(bad, SHEET, detections=detections, size=SIZE, gamma=gamma)
+    found = calibrate(
+        bad,
+        SHEET,
+        detections=detections,
+        size=SIZE,
+        gamma=gamma,
+    )
     assert (found.light, found.scores) == (None, None)
     assert word in found.refused
     assert abs(found.camera.fx - CAMERA.fx) < 0.1

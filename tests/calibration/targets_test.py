@@ -41,7 +41,8 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
 
 
 @pytest.mark.parametrize(
-    "target", [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)]
+    "target",
+    [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)],
 )
 def test_the_raster_is_the_reflectance_averaged(target):
     corner = np.array([-2.13, -1.57])
@@ -51,7 +52,13 @@ def test_the_raster_is_the_reflectance_averaged(target):
     fine = (np.indices((shape[0] * sub, shape[1] * sub))[::-1] + 0.5) * step / sub
     value = reflectance(target, np.moveaxis(fine, 0, -1) + corner, black=0.1)
     truth = 1 - value.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
-    found = darkness(target.ink, corner, shape, step, 0.1)
+    found = darkness(
+        target.ink,
+        corner,
+        shape,
+        step,
+        0.1,
+    )
     assert np.abs(found - truth).max() < 0.13  # 8 × 8 points, and the rim within a cell
     assert np.sqrt(np.mean((found - truth) ** 2)) < 0.025
     assert found.mean() == pytest.approx(truth.mean(), abs=3e-3)
@@ -86,7 +93,10 @@ def test_charuco_ids_are_opencvs():
         np.testing.assert_allclose(to_mm(corners.reshape(-1, 2)), known, atol=0.05)
 
 
-@pytest.mark.parametrize("name", ["chessboard", "circles"])
+@pytest.mark.parametrize(
+    "name",
+    ["chessboard", "circles"],
+)
 def test_corners_and_circles_are_in_opencvs_order(name):
     target = TARGETS[name]
     image, to_mm = flat(target)

@@ -85,7 +85,12 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
 
 
 @pytest.mark.parametrize(
-    "options", [("--video",), ("--target", "charuco"), ("--target", "vicalib_folded")]
+    "options",
+    [
+        ("--video",),
+        ("--target", "charuco"),
+        ("--target", "vicalib_folded"),
+    ],
 )
 def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     """Which finds what was written: it fails, if at all, for two frames are too few."""
@@ -107,7 +112,12 @@ def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     found = el.load_calibration(out)
     assert found.evidence["frames"]["dropped"][names[0]] == "left out, as asked"
     assert not set(names) & set(found.evidence["photometry"]["gains"])
-    refused(["leave_out", "'no frame'"], *asking(video, out), "--leave-out", "no frame")
+    refused(
+        ["leave_out", "'no frame'"],
+        *asking(video, out),
+        "--leave-out",
+        "no frame",
+    )
 
 
 def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, refused):
@@ -118,7 +128,13 @@ def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, 
     refused(["cal.json", "--overwrite"], *asking(video, out))
     assert out.read_text() == '{"mine": 1}'
     assert calibrate(video, out, "--overwrite") == 0
-    refused(["cal.json is read"], *asking(video, out), "--camera", out, "--overwrite")
+    refused(
+        ["cal.json is read"],
+        *asking(video, out),
+        "--camera",
+        out,
+        "--overwrite",
+    )
     refused(["ends in .json"], *asking(video, out.with_suffix("")))
 
 
@@ -128,7 +144,12 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
     (tmp_path / "f").mkdir()
     camera = el.load_calibration("paper", width=480).camera
     light = el.Photometry(brdf=PAPER_SHEET)
-    video = simulate_video(el.TARGETS["vicalib_small"], camera, light, 16)
+    video = simulate_video(
+        el.TARGETS["vicalib_small"],
+        camera,
+        light,
+        16,
+    )
     for number, frame in enumerate(video):
         write_image(tmp_path / f"f/{number:03d}.png", frame.image)
     asked = asking(tmp_path / "f", tmp_path / "c.json", "vicalib_small")
@@ -148,7 +169,13 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
         (["--camera", "none.json"], "none.json"),
     ],
 )
-def test_a_bad_option(work, tmp_path, refused, options, word):
+def test_a_bad_option(
+    work,
+    tmp_path,
+    refused,
+    options,
+    word,
+):
     refused([word], *asking(work / "v/sheet.mkv", tmp_path / "c.json"), *options)
 
 
@@ -156,8 +183,20 @@ def test_a_sheet_to_print(tmp_path, refused):
     out = tmp_path / "s.pdf"
     assert call("target", "vicalib_folded", "--out", out) == 0
     assert out.read_bytes().startswith(b"%PDF")
-    refused(["s.pdf", "--overwrite"], "target", "vicalib_small", "--out", out)
-    refused(["unknown target"], "target", "none", "--out", tmp_path / "t.pdf")
+    refused(
+        ["s.pdf", "--overwrite"],
+        "target",
+        "vicalib_small",
+        "--out",
+        out,
+    )
+    refused(
+        ["unknown target"],
+        "target",
+        "none",
+        "--out",
+        tmp_path / "t.pdf",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -166,14 +205,24 @@ def tissue(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tissue")
     camera = el.load_calibration("paper", width=96).camera
     for number, scene in enumerate((Tube(length=130), Tube(length=110, tilt=10))):
-        light = el.Photometry(1.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
+        light = el.Photometry(
+            1.5,
+            2.2,
+            None,
+            el.Lambertian((0.75, 0.38, 0.30)),
+        )
         write_image(folder / f"{number}.png", el.render(scene, camera, light).image)
     (folder / "2.png").write_bytes(b"no picture")
     write_camera(camera, folder / "camera.json")
     return folder
 
 
-def test_frames_of_tissue_tell_the_light(tissue, tmp_path, capsys, refused):
+def test_frames_of_tissue_tell_the_light(
+    tissue,
+    tmp_path,
+    capsys,
+    refused,
+):
     asked = ("calibrate-light", tissue, "--camera", tissue / "camera.json", "--out")
     out = tmp_path / "found.json"
     assert call(*asked, out, "--albedo", "0.75,0.38,0.3") == 0
@@ -182,4 +231,11 @@ def test_frames_of_tissue_tell_the_light(tissue, tmp_path, capsys, refused):
     assert found.photometry.k == pytest.approx(1.5, abs=0.45)  # 1.09, and says ± 0.38
     assert found.photometry.brdf == el.Lambertian((0.75, 0.38, 0.3))
     assert list(found.evidence["unknown_light"]["costs"]) == ["0.png", "1.png"]
-    refused(["gamma"], *asked, out, "--overwrite", "--gamma", -1)
+    refused(
+        ["gamma"],
+        *asked,
+        out,
+        "--overwrite",
+        "--gamma",
+        -1,
+    )

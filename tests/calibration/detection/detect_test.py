@@ -20,12 +20,22 @@ from endolab.io.datasets import load_calibration
 from tests.tools.sheet_views import centroids_on_panels
 
 CAMERA = datasets.load_calibration("paper", width=640).camera
-LIGHT = el.Photometry(k=2.5, gamma=2.2, brdf=el.Lambertian(0.8), gain=None)
+LIGHT = el.Photometry(
+    k=2.5,
+    gamma=2.2,
+    brdf=el.Lambertian(0.8),
+    gain=None,
+)
 DOTS = TARGETS["vicalib_small"]
 BOARD = Chessboard(12, 7, 7.0)  # its two ends differ, so that its order is unique
 
 
-def posed(target, distance=45.0, tilt=0.0, turn=0.0):
+def posed(
+    target,
+    distance=45.0,
+    tilt=0.0,
+    turn=0.0,
+):
     """Place a sheet with its middle on the axis; mm and degrees."""
     left, top, width, height = target.sheet
     rotation = Rotation.from_euler(
@@ -36,7 +46,12 @@ def posed(target, distance=45.0, tilt=0.0, turn=0.0):
     )
 
 
-def picture(target, poses, gamma=2.2, **options):
+def picture(
+    target,
+    poses,
+    gamma=2.2,
+    **options,
+):
     """Render a sheet, to uint8."""
     light = replace(LIGHT, gamma=gamma)
     image = render_sheet(target, poses, CAMERA, light, Sensor(**options)).image
@@ -44,7 +59,13 @@ def picture(target, poses, gamma=2.2, **options):
 
 
 def enlarge(image, times):
-    return cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+    return cv2.resize(
+        image,
+        None,
+        fx=times,
+        fy=times,
+        interpolation=cv2.INTER_CUBIC,
+    )
 
 
 def truth(target, poses):
@@ -71,7 +92,13 @@ def look(target, *poses, **options):
 
 
 @pytest.mark.parametrize(
-    ("distance", "tilt", "turn"), [(45, 0, 0), (30, 30, 100), (50, 50, -40), (45, 65, 200)]
+    ("distance", "tilt", "turn"),
+    [
+        (45, 0, 0),
+        (30, 30, 100),
+        (50, 50, -40),
+        (45, 65, 200),
+    ],
 )
 def test_dots_are_found_and_named(distance, tilt, turn):
     """Nearly all dots in view, none wrongly named, and their middles to a few hundredths of a pixel."""
@@ -83,7 +110,10 @@ def test_dots_are_found_and_named(distance, tilt, turn):
     assert np.all(np.diff(found.ids) > 0)
 
 
-@pytest.mark.parametrize("name", ["vicalib_small", "circles", "charuco", "board"])
+@pytest.mark.parametrize(
+    "name",
+    ["vicalib_small", "circles", "charuco", "board"],
+)
 def test_a_turned_picture_gives_the_same_ids(name):
     target = BOARD if name == "board" else TARGETS[name]
     image = picture(target, [posed(target, 75, 20)], noise=1)
@@ -102,12 +132,22 @@ def test_a_turned_picture_gives_the_same_ids(name):
 
 
 @pytest.mark.parametrize(
-    "window", [(0, 0, 400, 300), (200, 120, 640, 400), (150, 100, 460, 330)]
+    "window",
+    [
+        (0, 0, 400, 300),
+        (200, 120, 640, 400),
+        (150, 100, 460, 330),
+    ],
 )
 def test_part_of_a_picture_gives_the_right_ids(window):
     """A part of the sheet is enough; dots that the border cuts are left out."""
     left, top, right, bottom = window
-    pose = posed(DOTS, 40, 25, 30)
+    pose = posed(
+        DOTS,
+        40,
+        25,
+        30,
+    )
     true = truth(DOTS, [pose]) - [left, top]
     found = detect(picture(DOTS, [pose])[top:bottom, left:right], DOTS)
     assert len(found.ids) >= 20
@@ -116,7 +156,10 @@ def test_part_of_a_picture_gives_the_right_ids(window):
     assert np.all(found.pixels < [right - left - 2, bottom - top - 2])
 
 
-@pytest.mark.parametrize("name", ["vicalib_big", "charuco", "chessboard", "circles"])
+@pytest.mark.parametrize(
+    "name",
+    ["vicalib_big", "charuco", "chessboard", "circles"],
+)
 def test_nothing_is_found_where_nothing_is(name, rng):
     """Black, white, noise, another target, and dots or markers in a mirror; each time a reason is given."""
     images = [np.zeros((240, 320)), np.ones((240, 320)), np.zeros((8, 8))]
@@ -133,7 +176,10 @@ def test_nothing_is_found_where_nothing_is(name, rng):
         assert found.reason
 
 
-@pytest.mark.parametrize("gamma", [1.0, 2.2])
+@pytest.mark.parametrize(
+    "gamma",
+    [1.0, 2.2],
+)
 def test_grey_discs_are_not_dots(gamma):
     """Neither on a linear camera, where they are darker, nor on a usual one."""
     target = TARGETS["vicalib_grey"]
@@ -142,10 +188,18 @@ def test_grey_discs_are_not_dots(gamma):
     assert off.max() < 1
 
 
-@pytest.mark.parametrize("fold", [5.0, 40.0])
+@pytest.mark.parametrize(
+    "fold",
+    [5.0, 40.0],
+)
 def test_both_panels_of_a_folded_sheet(fold):
     target = TARGETS["vicalib_folded"]
-    pose = posed(target, 45, 15, 20)
+    pose = posed(
+        target,
+        45,
+        15,
+        20,
+    )
     found, true, off = look(target, *fold_pose(target, pose, np.deg2rad(fold)))
     assert off.max() < 1
     for panel in (0, 1):
@@ -154,10 +208,20 @@ def test_both_panels_of_a_folded_sheet(fold):
 
 
 @pytest.mark.parametrize(
-    ("smear", "options"), [(5, {}), (1, {"noise": 8.0}), (1, {"outliers": 0.01})]
+    ("smear", "options"),
+    [
+        (5, {}),
+        (1, {"noise": 8.0}),
+        (1, {"outliers": 0.01}),
+    ],
 )
 def test_blur_noise_and_glints(smear, options):
-    pose = posed(DOTS, 35, 30, 10)
+    pose = posed(
+        DOTS,
+        35,
+        30,
+        10,
+    )
     true = truth(DOTS, [pose])
     found = detect(cv2.blur(picture(DOTS, [pose], **options), (smear, 1)), DOTS)
     off = errors(found, true)
@@ -182,7 +246,14 @@ def test_a_highlight_across_the_sheet_and_overexposed_or_dark_pictures():
         assert errors(found, true).max() < 1.5
 
 
-@pytest.mark.parametrize(("blur", "enlarged"), [(0.0, 1), (1.5, 1), (0.5, 2)])
+@pytest.mark.parametrize(
+    ("blur", "enlarged"),
+    [
+        (0.0, 1),
+        (1.5, 1),
+        (0.5, 2),
+    ],
+)
 def test_corners_are_unbiased_through_blur_noise_and_enlarging(blur, enlarged, rng):
     """Measured, px of the sensor: 0.05 of bias at most, median 0.07 to 0.12."""
     camera = load_calibration("paper", 640 // enlarged).camera
@@ -210,14 +281,28 @@ def test_corners_through_a_laparoscope_are_as_good_as_opencvs(data):
     pixels = [one.pixels.astype(np.float32) for one in found]
     fixed = cv2.CALIB_ZERO_TANGENT_DIST
     error, matrix, *_ = cv2.calibrateCamera(
-        points, pixels, (1920, 1080), None, None, flags=fixed
+        points,
+        pixels,
+        (1920, 1080),
+        None,
+        None,
+        flags=fixed,
     )
     assert len(found) == 6
     assert error < 0.25
     assert matrix[0, 0] == pytest.approx(1621.9, rel=0.01)
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(7, 9), (9, 7), (12, 8), (4, 6), (6, 6)])
+@pytest.mark.parametrize(
+    ("columns", "rows"),
+    [
+        (7, 9),
+        (9, 7),
+        (12, 8),
+        (4, 6),
+        (6, 6),
+    ],
+)
 def test_a_board_of_other_squares_is_not_found(columns, rows):
     """Neither one that holds the target's squares and more, nor a smaller one."""
     squares = np.indices((rows, columns)).sum(axis=0) % 2 * 200 + 30
@@ -228,7 +313,10 @@ def test_a_board_of_other_squares_is_not_found(columns, rows):
     assert len(detect(image, Chessboard(5, 7, 7.0)).ids) == 0
 
 
-@pytest.mark.parametrize("name", ["chessboard", "charuco", "circles", "vicalib_small"])
+@pytest.mark.parametrize(
+    "name",
+    ["chessboard", "charuco", "circles", "vicalib_small"],
+)
 def test_a_dark_picture_of_12_megapixels_takes_seconds(name, rng):
     """Measured 0.3 to 4 s; a chessboard was once sought for 219 s."""
     dark = np.clip(rng.normal(20, 5, (3000, 4000)), 0, 255).astype(np.uint8)
@@ -237,8 +325,14 @@ def test_a_dark_picture_of_12_megapixels_takes_seconds(name, rng):
     assert time.perf_counter() - start < 30
 
 
-@pytest.mark.parametrize("enlarged", [1, 5])
-@pytest.mark.parametrize("name", ["chessboard", "charuco", "circles", "vicalib_small"])
+@pytest.mark.parametrize(
+    "enlarged",
+    [1, 5],
+)
+@pytest.mark.parametrize(
+    "name",
+    ["chessboard", "charuco", "circles", "vicalib_small"],
+)
 def test_every_target_in_place_in_small_and_large_pictures(name, enlarged):
     target = TARGETS[name]
     pose = posed(target, 75, 20)
@@ -248,22 +342,44 @@ def test_every_target_in_place_in_small_and_large_pictures(name, enlarged):
     assert np.median(np.linalg.norm(off, axis=1)) < (0.05 if name == "circles" else 0.2)
 
 
-@pytest.mark.parametrize("focal", [0.35, 0.6, 1.2])
 @pytest.mark.parametrize(
-    ("width", "height"), [(320, 240), (485, 355), (640, 200), (200, 640)]
+    "focal",
+    [0.35, 0.6, 1.2],
+)
+@pytest.mark.parametrize(
+    ("width", "height"),
+    [
+        (320, 240),
+        (485, 355),
+        (640, 200),
+        (200, 640),
+    ],
 )
 def test_a_charuco_board_in_small_and_narrow_pictures(width, height, focal):
     """Through wide lenses too; measured 86 to 100 % of the corners, 95 % of them within 0.45 px."""
     target = TARGETS["charuco"]
     size = focal * max(width, height)
     k = (-0.02, 0.004, 0, 0)
-    camera = el.KannalaBrandt(width, height, size, size, width / 2, height / 2, k)
+    camera = el.KannalaBrandt(
+        width,
+        height,
+        size,
+        size,
+        width / 2,
+        height / 2,
+        k,
+    )
     upright = 90 if height > width else 0
     half = np.array(target.sheet[:1:-1] if upright else target.sheet[2:]) / 2
     angle = np.minimum(0.4 * np.array([width, height]) / size, 1.2)
     near = np.max(half / np.tan(angle))
     for tilt in (15, -25):
-        pose = posed(target, near + 10, tilt, upright + 5)
+        pose = posed(
+            target,
+            near + 10,
+            tilt,
+            upright + 5,
+        )
         image = render_sheet(target, [pose], camera, LIGHT, Sensor(noise=1.0)).image
         found = detect(image, target)
         off = errors(found, camera.project(pose.transform(target.points)))
@@ -272,7 +388,8 @@ def test_a_charuco_board_in_small_and_narrow_pictures(width, height, focal):
 
 
 @pytest.mark.parametrize(
-    "image", [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)]
+    "image",
+    [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)],
 )
 def test_bad_pictures(image):
     with pytest.raises(ValueError, match="image must"):
@@ -292,7 +409,12 @@ def test_the_published_frame_of_the_sheet(data):
 
 
 def test_published_circles_and_chessboards(data):
-    grid = CircleGrid(3, 11, 1.0, radius=0.4)
+    grid = CircleGrid(
+        3,
+        11,
+        1.0,
+        radius=0.4,
+    )
     files = (data / "circles_fetoscope").rglob("*.jpg")
     counts = [len(detect(cv2.imread(str(file)), grid).ids) for file in files]
     assert len(counts) == 11

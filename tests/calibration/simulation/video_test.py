@@ -36,7 +36,15 @@ def meet(pose, rays):
     return rays * np.where(reach > 0, reach, np.nan)[..., None]
 
 
-def brute(target, poses, camera, photometry, rows, columns, sub=8):
+def brute(
+    target,
+    poses,
+    camera,
+    photometry,
+    rows,
+    columns,
+    sub=8,
+):
     """Linear light of a window, each pixel the mean of sub × sub rays; black beside the paper."""
     r, c = ((np.arange(a * sub, b * sub) + 0.5) / sub - 0.5 for a, b in (rows, columns))
     rays = camera.unproject(np.stack(np.meshgrid(c, r), axis=-1))
@@ -68,7 +76,13 @@ def brute(target, poses, camera, photometry, rows, columns, sub=8):
 )
 def test_a_picture_is_the_brute_force_average(target, fold, photometry):
     poses = trajectory(target, CAMERA, 5, Movement(fold, (30.0, 60.0)), seed=2)[1]
-    frame = render_sheet(target, poses, CAMERA, photometry, CLEAN)
+    frame = render_sheet(
+        target,
+        poses,
+        CAMERA,
+        photometry,
+        CLEAN,
+    )
     x = target.fold_x or target.points[:, 0].mean()
     middle = CAMERA.project(poses[0].transform([x, 19.0, 0.0]))
     column, row = np.clip(middle, 35, np.array([480, 360]) - 35).astype(int)
@@ -102,7 +116,10 @@ def test_noise_rounding_and_spots_are_as_asked():
     assert 0.008 < np.mean(np.abs(spotted - clean)[paper] > 0.02) < 0.022
 
 
-@pytest.mark.parametrize("fold", [0.0, 0.05, 1.2])
+@pytest.mark.parametrize(
+    "fold",
+    [0.0, 0.05, 1.2],
+)
 def test_panels_share_the_fold_and_turn_away(fold):
     ridge = np.array([[FOLDED.fold_x, y, 0.0] for y in (0.0, 38.0)])
     for left, right in trajectory(FOLDED, CAMERA, 30, Movement(fold)):
@@ -128,20 +145,37 @@ def test_a_hand_goes_everywhere_and_smoothly():
 
 def test_the_gain_follows_the_distance_within_its_range():
     poses = trajectory(FLAT, CAMERA, 300)
-    gains = automatic_gain(FLAT, poses, CAMERA, PAPER)
+    gains = automatic_gain(
+        FLAT,
+        poses,
+        CAMERA,
+        PAPER,
+    )
     depth = [pose.transform([38.0, 19.0, 0.0])[2] for (pose,) in poses]
     assert 2.0 < gains.max() / gains.min() <= GAIN_RULES.largest_ratio * (1 + 1e-9)
     assert np.corrcoef(np.log(gains), np.log(depth))[0, 1] > 0.7
     # It lags.
     assert np.abs(np.diff(np.log(gains))).max() < np.log(GAIN_RULES.largest_ratio) / 3
-    locked = automatic_gain(FLAT, poses, CAMERA, PAPER, locked=True)
+    locked = automatic_gain(
+        FLAT,
+        poses,
+        CAMERA,
+        PAPER,
+        locked=True,
+    )
     assert np.ptp(locked) == 0
     assert gains.min() < locked[0] < gains.max()
 
 
 def test_samples_obey_the_model():
     target = el.TARGETS["vicalib_grey"]
-    samples, gains = simulate_samples(target, FULL, PAPER, 40, sensor=CLEAN)
+    samples, gains = simulate_samples(
+        target,
+        FULL,
+        PAPER,
+        40,
+        sensor=CLEAN,
+    )
     level = replace(PAPER, gain=1.0).intensity(samples.points, samples.normals)
     known = gains[samples.frame] * np.where(samples.material == 1, 0.5, 1.0)
     level = np.clip(level * known ** (1 / 2.2), 0, 1)
