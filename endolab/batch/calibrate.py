@@ -70,13 +70,28 @@ def calibrate_to_files(
     steps: list[FitIterate] = []
     options["light_observers"] = [steps.append] if record else []
     with stage_folder(folder, overwrite=overwrite, inputs=read) as staging:
-        session = calibrate(frames, target, progress=progress, **options)
-        write_report(session, frames, staging, channel)
+        session = calibrate(
+            frames,
+            target,
+            progress=progress,
+            **options,
+        )
+        write_report(
+            session,
+            frames,
+            staging,
+            channel,
+        )
         if record:
             from endolab.workbench.recording.calibration import record_calibration
 
             recording = staging / "recording.rrd"
-            record_calibration(session, frames, recording, light_steps=steps)
+            record_calibration(
+                session,
+                frames,
+                recording,
+                light_steps=steps,
+            )
     with stage_file(calibration, inputs=read) as temporary:
         write_calibration(make_calibration(session, str(frames.path), channel), temporary)
     return session

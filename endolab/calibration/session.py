@@ -74,7 +74,10 @@ class Session:
             on_panel = self.target.panel_of(points) == panel
             if pose is not None:
                 pixels[on_panel] = predict_view(
-                    self.camera, pose, points[on_panel], radii[on_panel]
+                    self.camera,
+                    pose,
+                    points[on_panel],
+                    radii[on_panel],
                 )
         return pixels
 
@@ -87,10 +90,7 @@ def silent(
     """Say nothing of the progress."""
 
 
-def channel_of(
-    image: FloatArray,
-    channel: str,
-) -> FloatArray:
+def channel_of(image: FloatArray, channel: str) -> FloatArray:
     """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
     if image.ndim == 2:
         return image
@@ -128,7 +128,12 @@ def detect_all(
                 size = found
                 first = name
                 if camera is not None:
-                    check_size(name, size, camera, "camera")
+                    check_size(
+                        name,
+                        size,
+                        camera,
+                        "camera",
+                    )
             elif found != size:
                 raise ValueError(
                     f"the frames differ in size: {first} is {size[0]}x{size[1]} px, {name} is "
@@ -140,8 +145,7 @@ def detect_all(
 
 
 def choose_views(
-    detections: Mapping[str, Detection],
-    every: int = SESSION.every,
+    detections: Mapping[str, Detection], every: int = SESSION.every
 ) -> list[str]:
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
@@ -213,10 +217,7 @@ def sample_all(
     return Samples.concatenate(parts)
 
 
-def _nothing_found_error(
-    detections: Mapping[str, Detection],
-    target: Target,
-) -> ValueError:
+def _nothing_found_error(detections: Mapping[str, Detection], target: Target) -> ValueError:
     reasons = Counter(detection.reason for detection in detections.values())
     why = ", ".join(f"{reason} in {n}" for reason, n in reasons.most_common())
     return ValueError(
@@ -233,10 +234,7 @@ def describe_target(target: Target) -> str:
     return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
 
 
-def check_names(
-    leave_out: Collection[str],
-    names: Collection[str],
-) -> None:
+def check_names(leave_out: Collection[str], names: Collection[str]) -> None:
     """Raise a ValueError if a frame that is to be left out is none of `names`."""
     for name in leave_out:
         if name not in names:
@@ -302,7 +300,11 @@ def calibrate(
     check_int("every", every, 1)
     if detections is None:
         detections, size = detect_all(
-            frames, target, progress=progress, camera=camera, leave_out=leave_out
+            frames,
+            target,
+            progress=progress,
+            camera=camera,
+            leave_out=leave_out,
         )
     check_names(leave_out, detections)
     kept = {name: found for name, found in detections.items() if name not in leave_out}
@@ -315,13 +317,29 @@ def calibrate(
         geometry = calibrate_camera(views, target, *size)
         camera = geometry.camera
     else:
-        check_size("a frame", size, camera, "camera")
-    poses, errors, dropped = locate(kept, target, camera, progress)
+        check_size(
+            "a frame",
+            size,
+            camera,
+            "camera",
+        )
+    poses, errors, dropped = locate(
+        kept,
+        target,
+        camera,
+        progress,
+    )
     dropped |= dict.fromkeys(leave_out, LEFT_OUT_REASON)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
     samples = sample_all(
-        frames, target, poses, camera, channel=channel, gamma=guess, progress=progress
+        frames,
+        target,
+        poses,
+        camera,
+        channel=channel,
+        gamma=guess,
+        progress=progress,
     )
     fit = None
     scores = None
@@ -348,10 +366,7 @@ def calibrate(
     )
 
 
-def score(
-    samples: Samples,
-    **light: Any,
-) -> HeldOut | None:
+def score(samples: Samples, **light: Any) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
     if len(np.unique(samples.frame)) < SESSION.enough_views:
         return None

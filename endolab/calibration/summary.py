@@ -146,10 +146,7 @@ def _digits(error: float) -> int:
     return int(max(0, 1 - np.floor(np.log10(error)))) if 0 < error < np.inf else 0
 
 
-def plus_minus(
-    value: float,
-    error: float,
-) -> str:
+def plus_minus(value: float, error: float) -> str:
     """Write a value and its standard error with as many digits as the error is good for."""
     if error == 0:
         return f"{value:.6g} (given)"
@@ -291,10 +288,7 @@ def light_errors(session: Session) -> dict[str, float]:
     return dict(zip(session.poses, errors.tolist(), strict=True))
 
 
-def mean_distances(
-    samples: Samples,
-    frames: IntArray,
-) -> FloatArray:
+def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:
     """Mean distance of the samples of each of `frames`, mm; nan where there are none."""
     size = int(frames.max(initial=0)) + 1
     return _means(samples.distance, samples.frame, size)[frames]
@@ -310,10 +304,7 @@ def _means(
         return np.bincount(group, values, least) / np.bincount(group, minlength=least)
 
 
-def count_of(
-    number: int,
-    what: str,
-) -> str:
+def count_of(number: int, what: str) -> str:
     """Say how many there are of something."""
     return f"{number} {what}" + ("" if number == 1 else "s")
 

@@ -33,10 +33,7 @@ class Ink:
     greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
 
 
-def rows_of(
-    values: ArrayLike,
-    columns: int,
-) -> FloatArray:
+def rows_of(values: ArrayLike, columns: int) -> FloatArray:
     """Make a table of so many columns of a list that may be empty."""
     return np.asarray(values, dtype=np.float64).reshape(-1, columns)
 
@@ -93,10 +90,7 @@ def darkness(
 
 
 # Targets --------------------------------------------------------------------------------
-def _lattice(
-    columns: int,
-    rows: int,
-) -> FloatArray:
+def _lattice(columns: int, rows: int) -> FloatArray:
     """Column and row of each place of a lattice, (n, 2), row by row."""
     row, column = np.indices((rows, columns), dtype=np.float64)
     return np.column_stack([column.ravel(), row.ravel()])
@@ -232,13 +226,23 @@ class DotGrid(Target):
             )
         number("seed", check_int("seed", self.seed), most=2**32 - 1)
         if self.greys is not None:
-            number("greys", self.greys, 0.001, 0.999)
+            number(
+                "greys",
+                self.greys,
+                0.001,
+                0.999,
+            )
 
     @cached_property
     def code(self) -> IntArray:
         """1 where the dot is large, (rows, columns)."""
         shape = self.rows, self.columns
-        words = np.random.RandomState(self.seed).randint(0, 2**32, shape, np.uint32)
+        words = np.random.RandomState(self.seed).randint(
+            0,
+            2**32,
+            shape,
+            np.uint32,
+        )
         return (words >> 31).astype(int)
 
     @cached_property
@@ -278,7 +282,12 @@ class CircleGrid(Target):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        number("radius", self.radius, 0.001, 0.7 * self.spacing)
+        number(
+            "radius",
+            self.radius,
+            0.001,
+            0.7 * self.spacing,
+        )
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -331,7 +340,12 @@ class Charuco(Chessboard):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        number("marker", self.marker, 0.001, 0.99 * self.spacing)
+        number(
+            "marker",
+            self.marker,
+            0.001,
+            0.99 * self.spacing,
+        )
         name = self.dictionary
         if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
             raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {name!r}")
@@ -347,7 +361,12 @@ class Charuco(Chessboard):
         """OpenCV's description of it; corner ids are those of `points`."""
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         size = self.columns, self.rows
-        return cv2.aruco.CharucoBoard(size, self.spacing, self.marker, dictionary)
+        return cv2.aruco.CharucoBoard(
+            size,
+            self.spacing,
+            self.marker,
+            dictionary,
+        )
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102

@@ -71,10 +71,7 @@ def _target(arguments: argparse.Namespace) -> None:
     print(f"written to {arguments.out}")
 
 
-def simulate_sheet(
-    arguments: argparse.Namespace,
-    calibration: Any,
-) -> None:
+def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     """Write a simulated calibration video with its truth."""
     from endolab.calibration.simulation.sheet_image import Sensor
     from endolab.calibration.simulation.trajectory import Movement
@@ -265,10 +262,7 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     option("--video", action="store_true", default=None, help=text)
 
 
-def _add_pictures_and_out(
-    command: argparse.ArgumentParser,
-    about_out: str | None,
-) -> None:
+def _add_pictures_and_out(command: argparse.ArgumentParser, about_out: str | None) -> None:
     """Add the pictures that a calibration is made of, and the file that it is written to."""
     option = command.add_argument
     text = "a video, a folder of pictures, or pictures"

@@ -44,7 +44,13 @@ def save_sheet_video(
     """
     sheet = read_target(target)
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
-    frames = simulate_video(sheet, endoscope.camera, light, count, **options)
+    frames = simulate_video(
+        sheet,
+        endoscope.camera,
+        light,
+        count,
+        **options,
+    )
     truth: list[dict[str, Any]] = []
 
     def images() -> Iterator[FloatArray]:

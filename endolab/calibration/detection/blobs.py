@@ -54,10 +54,7 @@ def white_of(small: Numbers) -> Numbers:
     return cv2.GaussianBlur(white, (0, 0), side / 6)
 
 
-def find_blobs(
-    image: Numbers,
-    greys: bool = False,
-) -> Blobs:
+def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     """Find dark round spots on lit paper, in (H, W) float32 of [0, 1].
 
     `greys`: there are grey spots, which are to be left out; faint black ones are then lost.
@@ -86,7 +83,12 @@ def find_blobs(
     if not good.any():
         return Blobs(np.zeros((0, 2)), np.zeros(0))
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
-    return _measure(level, _bare_level(level, dark, small.shape), number[labels], greys)
+    return _measure(
+        level,
+        _bare_level(level, dark, small.shape),
+        number[labels],
+        greys,
+    )
 
 
 def _bare_level(

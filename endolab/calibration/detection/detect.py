@@ -82,10 +82,7 @@ class Detection:
     reason: str = ""  # in a few words, why nothing was found, where n is 0
 
 
-def detect(
-    image: Numbers,
-    target: Target,
-) -> Detection:
+def detect(image: Numbers, target: Target) -> Detection:
     """Find a target's features in a picture, (H, W) or (H, W, 3): float in [0, 1], uint8 or uint16.
 
     Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and dots named
@@ -104,7 +101,7 @@ def detect(
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
-        what = " ".join(str(error).split())
+        what = " ".join(str(error.err or error).split())
         return Detection(*no_features(f"OpenCV fails on this picture ({what})"))
     return Detection(ids, _rescale(pixels, picture, grey), reason)
 
@@ -126,10 +123,7 @@ def _grey(image: Numbers) -> Numbers:
     return grey
 
 
-def _shrink_to(
-    picture: Numbers,
-    most: int,
-) -> Numbers:
+def _shrink_to(picture: Numbers, most: int) -> Numbers:
     """Average the pixels of a picture, (H, W), so that about `most` are left at most."""
     share = min(np.sqrt(most / picture.size), 1)
     height, width = (max(int(share * side), 1) for side in picture.shape)
@@ -161,17 +155,20 @@ def _even_paper(grey: FloatArray) -> Picture:
     return cv2.convertScaleAbs(level, alpha=220)
 
 
-def _detect_charuco(
-    grey: FloatArray,
-    target: Charuco,
-) -> Found:
+def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     """Find the corners of a ChArUco board: those beside markers, then those that these foretell."""
     options = cv2.aruco.CharucoParameters()
     # Next to a corner; a corner that is wrong for it is left out below.
     options.minMarkers = 1
     picture = _enlarge(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
-    sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
+    sharp = cv2.addWeighted(
+        picture,
+        2.5,
+        cv2.GaussianBlur(picture, (0, 0), 3),
+        -1.5,
+        0,
+    )
     detector = cv2.aruco.CharucoDetector(target.board, options)
     corners, ids, _, markers = detector.detectBoard(sharp)
     count = 0 if markers is None else len(markers)
@@ -244,7 +241,13 @@ def _refine(
 ) -> Numbers:
     """Refine corners, (n, 2) float32, px, by what lies within `half` px of each to every side."""
     start = corners.copy()
-    return cv2.cornerSubPix(picture, start, (half, half), (-1, -1), CORNERS.stop)
+    return cv2.cornerSubPix(
+        picture,
+        start,
+        (half, half),
+        (-1, -1),
+        CORNERS.stop,
+    )
 
 
 def _read(
@@ -254,13 +257,16 @@ def _read(
 ) -> FloatArray:
     """Interpolate a picture at places (..., 2), px; `mode` says what is beside it, as to SciPy."""
     at = np.moveaxis(places, -1, 0)[::-1]
-    return scipy.ndimage.map_coordinates(picture, at, float, order=1, mode=mode)
+    return scipy.ndimage.map_coordinates(
+        picture,
+        at,
+        float,
+        order=1,
+        mode=mode,
+    )
 
 
-def _detect_chessboard(
-    grey: FloatArray,
-    target: Chessboard,
-) -> Found:
+def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
     picture = _enlarge(_even_paper(grey))
     pattern = (target.columns - 1, target.rows - 1)
@@ -292,10 +298,7 @@ def _detect_chessboard(
     return ids, grid.reshape(-1, 2)[ids], ""
 
 
-def _alternates(
-    grid: FloatArray,
-    grey: FloatArray,
-) -> bool:
+def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
     """Whether the squares of a chessboard are black and white by turns, and none beyond its rim are."""
     left, top = grid.min(axis=(0, 1)).astype(int)
     right, bottom = grid.max(axis=(0, 1)).astype(int)
@@ -323,10 +326,7 @@ def _roughness(grid: FloatArray) -> float:
     return float(np.sqrt(np.mean((places - smooth) ** 2)))
 
 
-def _order_corners(
-    grid: FloatArray,
-    grey: FloatArray,
-) -> FloatArray:
+def _order_corners(grid: FloatArray, grey: FloatArray) -> FloatArray:
     """Turn a grid of corners so that it is not mirrored and the first square is black."""
     if np.median(cross(*steps(grid))) < 0:
         grid = grid[:, ::-1]
@@ -339,10 +339,7 @@ def _order_corners(
     return grid if np.median(np.diff(grid[..., 0], axis=1)) >= 0 else turned
 
 
-def _darkness(
-    grid: FloatArray,
-    grey: FloatArray,
-) -> float:
+def _darkness(grid: FloatArray, grey: FloatArray) -> float:
     """How much darker the squares are that ought to be black."""
     value = _squares(grid, grey)
     row, column = np.indices(value.shape)
@@ -350,10 +347,7 @@ def _darkness(
     return float(value[~black].mean() - value[black].mean())
 
 
-def _squares(
-    grid: FloatArray,
-    grey: FloatArray,
-) -> FloatArray:
+def _squares(grid: FloatArray, grey: FloatArray) -> FloatArray:
     """Grey values in the middle of the squares between corners; 0 beside the picture."""
     return _read(grey, (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4)
 

@@ -40,10 +40,7 @@ class CodeRules:
 CODE = CodeRules()
 
 
-def _places(
-    owner: IntArray,
-    blobs: Blobs,
-) -> FloatArray:
+def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
     """Where the blobs of a lattice are, (h, w, 2), px; nan where there is none."""
     return np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)
 
@@ -77,10 +74,7 @@ def read_bits(
     return size
 
 
-def _split(
-    values: FloatArray,
-    gap: float,
-) -> Any:
+def _split(values: FloatArray, gap: float) -> Any:
     """Level halfway between two clusters that lie a known gap apart."""
     levels = np.linspace(values.min() - gap / 2, values.max() + gap / 2, 100)
     miss = np.abs(np.abs(values - levels[:, None]) - gap / 2)
@@ -135,10 +129,7 @@ def _lay(
     return sheet
 
 
-def match_code(
-    size: FloatArray,
-    code: IntArray,
-) -> Placement | None:
+def match_code(size: FloatArray, code: IntArray) -> Placement | None:
     """Say how a piece of the lattice lies on the sheet, whose sizes `read_bits` gave; None if not clear."""
     value = np.clip(size[np.isfinite(size)], -1, 1)
     table = np.pad(2.0 * code - 1, CODE.pad)
@@ -156,10 +147,7 @@ def match_code(
     return placements[0] if rarity >= np.log(trials) + CODE.surety else None
 
 
-def _cover(
-    target: DotGrid | CircleGrid,
-    cell: float,
-) -> tuple[float, float]:
+def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
     """Least and largest share of its cell that a dot may seem to cover.
 
     Ink is not quite black, and near the rim of a lattice its cell is not quite known.
@@ -168,10 +156,7 @@ def _cover(
     return 0.35 * float(areas.min()), 2.2 * float(areas.max())
 
 
-def detect_dots(
-    image: FloatArray,
-    target: DotGrid,
-) -> Found:
+def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending; pixels; why none."""
     blobs = find_blobs(image, greys=target.greys is not None)
     if len(blobs) < CODE.least_dots:
@@ -191,7 +176,12 @@ def detect_dots(
             sheet = np.where(laid >= 0, laid, sheet)
     if np.all(sheet < 0):
         return no_features("the code of the dots does not match")
-    sheet = grow(sheet, blobs, cover, 0.25)
+    sheet = grow(
+        sheet,
+        blobs,
+        cover,
+        0.25,
+    )
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
         fits, cell = check_places(_places(sheet, blobs), panel)
@@ -209,10 +199,7 @@ def no_features(reason: str) -> Found:
     return np.zeros(0, int), np.zeros((0, 2)), reason
 
 
-def detect_circles(
-    image: FloatArray,
-    target: CircleGrid,
-) -> Found:
+def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     """Find an asymmetric grid of circles; parameters and results as of `detect_dots`.
 
     Its circles form a square lattice that is turned by 45°, so a piece of a lattice need only be

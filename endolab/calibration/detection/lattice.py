@@ -59,10 +59,7 @@ def _in_cells(
         return areas / cross(along, down)[..., None]
 
 
-def cross(
-    a: FloatArray,
-    b: FloatArray,
-) -> FloatArray:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Give the area that pairs of vectors span."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
@@ -208,7 +205,12 @@ def find_lattices(
         owner[row, column] = taken
         # Those of other pieces are out of reach.
         left = Blobs(np.where(free[:, None], centres, 1e9), blobs.ink)
-        owner = grow(owner, left, cover, 0.3)
+        owner = grow(
+            owner,
+            left,
+            cover,
+            0.3,
+        )
         free[owner[owner >= 0]] = False
         if (owner >= 0).sum() >= LATTICE.least_spots:
             pieces.append(owner)

@@ -37,8 +37,9 @@ class GainRules:
 
 @dataclass(frozen=True)
 class RenderRules:
-    """How finely a sheet is drawn, and what lies behind it."""
+    """How a sheet is drawn, and what lies behind it."""
 
+    black: float = 0.04  # the ink's reflectance
     cloth_albedo: float = 0.03  # of a dark cloth ...
     behind: float = 20.0  # ... this far behind the sheet, mm
     cell: float = 0.025  # side of a cell of the finest raster of the sheet, mm ...
@@ -59,19 +60,23 @@ class Sensor:
     noise: float = 3.0  # standard deviation, grey levels of 255
     bits: int = 8  # that values are rounded to
     outliers: float = 0.0  # share of the sheet under glints and dust
-    black: float = 0.04  # the ink's reflectance
     # One gain for all frames of a video, instead of one that follows the sheet.
     locked: bool = False
 
     def __post_init__(self) -> None:
         number("noise", self.noise, 0)
-        for name in ("outliers", "black"):
-            if not 0 <= getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be from 0 to below 1, got {getattr(self, name)}"
-                )
-        if not 1 <= self.bits <= 16:
-            raise ValueError(f"bits must be from 1 to 16, got {self.bits}")
+        number(
+            "outliers",
+            self.outliers,
+            0,
+            0.99,
+        )
+        number(
+            "bits",
+            check_int("bits", self.bits),
+            1,
+            16,
+        )
 
 
 SENSOR = Sensor()
@@ -148,20 +153,14 @@ def store_levels(
     return round_levels(level, sensor.bits)
 
 
-def round_levels(
-    level: NDArray[Any],
-    bits: int,
-) -> FloatArray:
+def round_levels(level: NDArray[Any], bits: int) -> FloatArray:
     """Clip values to [0, 1], and round them to so many bits."""
     most = 2**bits - 1
     return np.round(np.clip(level, 0, 1) * most).astype(np.float64) / most
 
 
 @lru_cache(maxsize=4)
-def rays_of(
-    camera: Camera,
-    sub: int,
-) -> SingleArray:
+def rays_of(camera: Camera, sub: int) -> SingleArray:
     """Unit rays of sub × sub places in every pixel, (sub H, sub W, 3)."""
     fine = camera.resize(sub * camera.width, sub * camera.height)
     rays = np.empty((fine.height, fine.width, 3), np.float32)
@@ -171,20 +170,21 @@ def rays_of(
     return rays
 
 
-def _block_mean(
-    values: NDArray[Any],
-    side: int,
-) -> SingleArray:
+def _block_mean(values: NDArray[Any], side: int) -> SingleArray:
     """Average squares of so many pixels."""
     rows, columns = values.shape
-    blocks = values.reshape(rows // side, side, columns // side, side)
+    blocks = values.reshape(
+        rows // side,
+        side,
+        columns // side,
+        side,
+    )
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
 @lru_cache(maxsize=2)
 def _rasters(
     target: Target,
-    black: float,
 ) -> tuple[list[SingleArray], float]:
     """Reflectance of the sheet averaged over cells of one step, two, four …; and the step, mm.
 
@@ -196,7 +196,7 @@ def _rasters(
     shape = [
         int(np.ceil(length / (step * coarsest))) * coarsest for length in (height, width)
     ]
-    levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
+    levels = [1 - darkness(target.ink, (left, top), shape, step, RENDER_RULES.black)]
     for _ in range(RENDER_RULES.rasters - 1):
         levels.append(_block_mean(levels[-1], 2))
     return levels, step
@@ -207,7 +207,6 @@ def _paper(
     panel: int,
     pose: Pose,
     camera: Camera,
-    black: float,
 ) -> tuple[SingleArray, SingleArray]:
     """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
     sub = RENDER_RULES.rays
@@ -224,7 +223,7 @@ def _paper(
     if target.fold_x is not None:
         (high if panel == 0 else low)[0] = target.fold_x
     rays = rays_of(camera, sub)
-    levels, step = _rasters(target, black)
+    levels, step = _rasters(target)
     for row, column in product(*(range(0, side, size) for side in shape)):
         tile = slice(row, row + size), slice(column, column + size)
         fine = tuple(slice(sub * part.start, sub * part.stop) for part in tile)
@@ -245,7 +244,11 @@ def _paper(
         at = (xy - corner) / pitch - np.float32(0.5)
         at[~inside] = 0
         value = cv2.remap(
-            levels[level], at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            levels[level],
+            at,
+            None,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
         )
         seen[tile] = _block_mean(value * inside, sub)
         share[tile] = _block_mean(inside, sub)
@@ -261,7 +264,14 @@ def _spots(
     blots = np.zeros(shape, np.uint8)
     for _ in range(int(share * blots.size / (np.pi * 4.3**2)) + (share > 0)):
         place = [int(rng.integers(side)) for side in shape[::-1]]
-        cv2.circle(blots, place, int(rng.integers(2, 6)), 255, -1, cv2.LINE_AA)
+        cv2.circle(
+            blots,
+            place,
+            int(rng.integers(2, 6)),
+            255,
+            -1,
+            cv2.LINE_AA,
+        )
     return blots.astype(np.float32) * np.float32(1 / 255)
 
 
@@ -310,7 +320,12 @@ def render_sheet(
         normal = pose.normal
         if pose.translation @ normal >= 0:  # from behind: hidden by the other panel
             continue
-        seen, share = _paper(target, panel, pose, camera, sensor.black)
+        seen, share = _paper(
+            target,
+            panel,
+            pose,
+            camera,
+        )
         linear += seen * _plane_light(photometry, rays, normal, pose.translation, share > 0)
         paper += share
     cloth = replace(photometry, brdf=Lambertian(RENDER_RULES.cloth_albedo))
@@ -321,5 +336,10 @@ def render_sheet(
     if sensor.outliers:
         linear *= 1 - 0.8 * _spots(shape, sensor.outliers / 2, rng) * paper
         linear += 1.5 * _spots(shape, sensor.outliers / 2, rng) * paper
-    image = store_levels(linear, photometry.gamma, sensor, rng)
+    image = store_levels(
+        linear,
+        photometry.gamma,
+        sensor,
+        rng,
+    )
     return SheetFrame(image, tuple(poses), gain)

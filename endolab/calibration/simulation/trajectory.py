@@ -34,7 +34,12 @@ class Movement:
                 f"distance must be two growing positive numbers (mm), got {nearest} and {farthest}"
             )
         for name, most in (("tilt", 1.4), ("reach", 1.4), ("fold", 2.0)):
-            number(name, getattr(self, name), 0, most)
+            number(
+                name,
+                getattr(self, name),
+                0,
+                most,
+            )
 
 
 MOVEMENT = Movement()
@@ -142,10 +147,7 @@ def trajectory(
     if target.fold_x is not None:
         middle[0] = target.fold_x
 
-    def place(
-        which: IntArray,
-        pull: FloatArray,
-    ) -> list[Panels]:
+    def place(which: IntArray, pull: FloatArray) -> list[Panels]:
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
