@@ -190,8 +190,8 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     pictures = frames.read(names)
     read = (as_frame(name, image) for name, image in pictures if image is not None)
     inputs = [arguments.camera, *arguments.source]
-    staged = stage_file(arguments.out, overwrite=arguments.overwrite, inputs=inputs)
-    with staged as temporary, _bar() as bar:
+    output = stage_file(arguments.out, overwrite=arguments.overwrite, inputs=inputs)
+    with output as temporary, _bar() as bar:
         estimate = estimate_light(
             read, camera, progress=lambda done, _: bar("light", done, many), **light
         )
@@ -229,15 +229,15 @@ def _convert(arguments: argparse.Namespace) -> None:
             )
         geometry, photometry = find_calibrations(geometry)
     inputs = [geometry, photometry]
-    staged = stage_file(out, overwrite=arguments.overwrite, inputs=inputs)
+    output = stage_file(out, overwrite=arguments.overwrite, inputs=inputs)
     if photometry is None:
-        with staged as temporary:
+        with output as temporary:
             write_camera(read_vicalib(geometry), temporary)
         print(
             f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light"
         )
         return
-    with staged as temporary:
+    with output as temporary:
         calibration = read_endomapper(geometry, photometry)
         write_calibration(calibration, temporary)
     light = calibration.photometry

@@ -97,8 +97,8 @@ def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     out = tmp_path / "a folder"
     small = ("--frames", 2, "--width", 240)
     assert call("simulate", "sheet", *small, "--out", out, *options) == 0
-    _, said = capsys.readouterr().out.split("next: ")
-    _, command, source, *rest = shlex.split(said)
+    _, hint = capsys.readouterr().out.split("next: ")
+    _, command, source, *rest = shlex.split(hint)
     rest[-1] = tmp_path / rest[-1]
     assert call(command, source, *rest) == 2
     assert "needs 3 views" in capsys.readouterr().err
