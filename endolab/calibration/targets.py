@@ -376,7 +376,9 @@ class Charuco(Chessboard):
         bits = dictionary.markerSize + 2
         cell = self.marker / bits
         boxes = [squares]
-        for name, corners in zip(board.getIds().ravel(), board.getObjPoints(), strict=True):
+        for name, corners in zip(
+            np.ravel(board.getIds()), board.getObjPoints(), strict=True
+        ):
             picture = dictionary.generateImageMarker(int(name), bits)
             corner = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
             places = corner + np.argwhere(picture == 0)[:, ::-1] * cell

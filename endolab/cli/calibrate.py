@@ -314,7 +314,12 @@ def add_calibration_commands(commands: Any) -> None:
     text = "free (default), or locked: the same in all frames"
     option("--gain", choices=("free", "locked"), default="free", help=text)
     text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
-    known = {"type": _read_value, "action": "append", "default": [], "metavar": "R"}
+    known: dict[str, Any] = {
+        "type": _read_value,
+        "action": "append",
+        "default": [],
+        "metavar": "R",
+    }
     option("--reflectance", help=text, **known)
     text = "write a recording for the Rerun viewer too"
     option("--record", action="store_true", help=text)

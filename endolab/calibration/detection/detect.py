@@ -21,7 +21,6 @@ from itertools import product
 import cv2
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from endolab.calibration.detection.blobs import SPOTS, Numbers, shrink_picture, white_of
 from endolab.calibration.detection.dots import (
@@ -39,8 +38,6 @@ from endolab.calibration.detection.lattice import (
 )
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,7 @@ def _grey(image: Numbers) -> Numbers:
             "image must be (H, W) or (H, W, 3), uint8, uint16 or float in [0, 1], "
             f"got {image.dtype} of shape {image.shape}"
         )
-    grey = image.astype(np.float32)
+    grey: Numbers = image.astype(np.float32)
     if grey.ndim == 3:
         grey = cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32))
     grey *= np.float32(1 / most)
@@ -130,7 +127,7 @@ def _shrink_to(picture: Numbers, most: int) -> Numbers:
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def _enlarge(picture: Picture) -> Picture:
+def _enlarge(picture: Numbers) -> Numbers:
     """Enlarge a picture, (H, W), that is small or narrow."""
     enough = CORNERS.fine_side / min(picture.shape)
     most = CORNERS.longest_side / max(picture.shape)
@@ -148,7 +145,7 @@ def _rescale(
     return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
 
 
-def _even_paper(grey: FloatArray) -> Picture:
+def _even_paper(grey: FloatArray) -> Numbers:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
     level = grey / np.maximum(white, SPOTS.least_white)
@@ -192,7 +189,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
 
 def _complete(
     grid: FloatArray,
-    picture: Picture,
+    picture: Numbers,
     border: float,
 ) -> FloatArray:
     """Refine the corners of a ChArUco board, and find others where their neighbours place them.
@@ -235,7 +232,7 @@ def _complete(
 
 
 def _refine(
-    picture: Picture,
+    picture: Numbers,
     corners: Numbers,
     half: int,
 ) -> Numbers:

@@ -243,7 +243,7 @@ def _paper(
         pitch = np.float32(step * 2**level)
         at = (xy - corner) / pitch - np.float32(0.5)
         at[~inside] = 0
-        value = cv2.remap(
+        value = cv2.remap(  # type: ignore[call-overload]
             levels[level],
             at,
             None,
