@@ -1,6 +1,6 @@
-"""Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
+"""Frames of a target in, endoscope.json and its report out."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from endolab.io.atomic import (
     stage_folder,
 )
 from endolab.io.descriptions import make_calibration, write_calibration
-from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
 from endolab.workbench.reports.calibration_page import write_report
 
@@ -46,44 +45,40 @@ def calibrate_to_files(
     overwrite: bool = False,
     inputs: Collection[PathLike | None] = (),
     progress: Progress = silent,
-    say: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
     `out` is `endoscope.json`, with a nominal light if that was refused. Beside it are `report_folder`, with
-    the page, `camera.json` and, with `record`, a recording for the Rerun viewer; and what was detected, kept
-    between calls. A file that is no calibration of endolab's, and a folder that is no such report, are
-    replaced only if `overwrite`; the frames and `inputs`, what else was read for this, never. `say` is told,
-    in a sentence, what an earlier call had done; the rest, camera, channel, every, leave_out and the light's
-    options, is as for `calibrate`. Raises `MissingPackage` at once if a recording is wanted and cannot be
-    written.
+    the page, `camera.json` and, with `record`, a recording for the Rerun viewer. A file that is no
+    calibration of endolab's, and a folder that is no such report, are replaced only if `overwrite`; the
+    frames and `inputs`, what else was read for this, never. The rest, camera, channel, every, leave_out and
+    the light's options, is as for `calibrate`. Raises `MissingPackage` at once if a recording is wanted and
+    cannot be written.
     """
     if record:
         need("rerun")
     folder = report_folder(out)
     calibration = Path(out)
     channel = options.setdefault("channel", "grey")
-    left_out = check_names(options.get("leave_out", ()), frames.names)
-    read: list[PathLike | None] = [*inputs]
-    read += (
-        [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
-    )
-    check_file(
-        calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read
-    )
+    check_names(options.get("leave_out", ()), frames.names)  # before a long search
+    pictures = [frames.path / name for name in frames.names]
+    read = [*inputs, frames.path, *pictures]
+    overwrite_file = overwrite or _is_calibration(calibration)
+    check_file(calibration, overwrite=overwrite_file, inputs=read)
     with stage_folder(folder, overwrite=overwrite, inputs=read) as staging:
-        cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
-        detecting: dict[str, Any] = {
-            "camera": options.get("camera"),
-            "progress": progress,
-            "say": say,
-        }
-        detecting["leave_out"] = left_out
-        detected = detect_cached(frames, target, cache, overwrite=overwrite, **detecting)
-        options["detections"], options["size"] = detected
-        session = calibrate(frames, target, progress=progress, **options)
-        write_report(session, frames, staging, channel)
+        session = calibrate(
+            frames,
+            target,
+            progress=progress,
+            **options,
+        )
+        write_report(
+            session,
+            frames,
+            staging,
+            channel,
+        )
         if record:
             from endolab.workbench.recording.calibration import record_calibration
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import length_hint
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 
 Progress = Callable[[str, int, int], None]
+# One pose a panel, None for one that was not located.
+Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
 
@@ -51,7 +54,7 @@ class Session:
     geometry: GeometricFit | None  # None if the camera was given
     camera: KannalaBrandt
     # Of each panel, for the frames where the target was located.
-    poses: dict[str, tuple[Pose | None, ...]]
+    poses: dict[str, Panels]
     samples: Samples  # of all located frames
     light: PhotometricFit | None  # None if the samples could not tell it
     refused: str = ""  # why not; empty if they could
@@ -66,18 +69,24 @@ class Session:
         ids = self.detections[name].ids
         points = self.target.points[ids]
         radii = self.target.radii[ids]
-        panel = self.target.panel_of(points)
         pixels = np.full((len(ids), 2), np.nan)
-        for number, pose in enumerate(self.poses[name]):
-            on_panel = panel == number
+        for panel, pose in enumerate(self.poses[name]):
+            on_panel = self.target.panel_of(points) == panel
             if pose is not None:
                 pixels[on_panel] = predict_view(
-                    self.camera, pose, points[on_panel], radii[on_panel]
+                    self.camera,
+                    pose,
+                    points[on_panel],
+                    radii[on_panel],
                 )
         return pixels
 
 
-def silent(stage: str, done: int, total: int) -> None:
+def silent(
+    stage: str,
+    done: int,
+    total: int,
+) -> None:
     """Say nothing of the progress."""
 
 
@@ -85,30 +94,28 @@ def channel_of(image: FloatArray, channel: str) -> FloatArray:
     """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
     if image.ndim == 2:
         return image
-    return (
-        image @ GREY_WEIGHTS if channel == "grey" else image[..., CHANNELS.index(channel)]
-    )
+    if channel == "grey":
+        return image @ GREY_WEIGHTS
+    return image[..., CHANNELS.index(channel)]
 
 
 def detect_all(
     frames: Named,
     target: Target,
     *,
-    count: int = 0,
     progress: Progress = silent,
-    keep: Callable[[str, Detection, tuple[int, int]], None] | None = None,
-    size: tuple[int, int] | None = None,
     camera: KannalaBrandt | None = None,
     leave_out: Collection[str] = (),
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
 
-    `progress` is told the stage, what is done and the total (`count`); `keep` every detection with the
-    size of its frame as it comes, to keep it. Returns the detections by name, and width and height, px,
-    which all frames must share (`size`, or that of the first), and which must be those of the `camera` that
-    is to look at them; None if none could be read. Those that `leave_out` names are not looked at.
+    `progress` is told the stage, what is done and the total, 0 if it is not known. Returns the detections
+    by name, and width and height, px, which all frames must share, and which must be those of the `camera`
+    that is to look at them; None if none could be read. Those that `leave_out` names are not looked at.
     """
     detections: dict[str, Detection] = {}
+    total = length_hint(frames)
+    size = None
     first = ""
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
@@ -121,18 +128,19 @@ def detect_all(
                 size = found
                 first = name
                 if camera is not None:
-                    check_size(name, size, camera, "camera")
+                    check_size(
+                        name,
+                        size,
+                        camera,
+                        "camera",
+                    )
             elif found != size:
-                where = f"{first} is" if first else "the others are"
-                sizes = (
-                    f"{where} {size[0]}x{size[1]} px, {name} is {found[0]}x{found[1]} px"
+                raise ValueError(
+                    f"the frames differ in size: {first} is {size[0]}x{size[1]} px, {name} is "
+                    f"{found[0]}x{found[1]} px; leave_out (--leave-out) can name those to do without"
                 )
-                do_without = "leave_out (--leave-out) can name those to do without"
-                raise ValueError(f"the frames differ in size: {sizes}; {do_without}")
             detections[name] = detect(image, target)
-            if keep is not None:
-                keep(name, detections[name], found)
-        progress("detecting", number + 1, count)
+        progress("detecting", number + 1, total)
     return detections, size
 
 
@@ -153,13 +161,13 @@ def locate(
     target: Target,
     camera: KannalaBrandt,
     progress: Progress = silent,
-) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, float], dict[str, str]]:
+) -> tuple[dict[str, Panels], dict[str, float], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
 
     Returns, of the frames where at least one panel was located, the poses and the root mean square distance
     of the points that count, px; and why the others are dropped.
     """
-    poses: dict[str, tuple[Pose | None, ...]] = {}
+    poses: dict[str, Panels] = {}
     errors: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
@@ -192,22 +200,17 @@ def sample_all(
     progress: Progress = silent,
 ) -> Samples:
     """Read the brightness of the paper in every frame that has a pose."""
-    number = {name: index for index, name in enumerate(poses)}
+    numbers = list(poses)
     places = target.white_places()
     parts = []
     for name, image in frames:
-        if image is None or name not in number:
+        if image is None or name not in poses:
             continue
         grey = channel_of(image, channel)
+        number = numbers.index(name)
         parts.append(
             sample_sheet(
-                grey,
-                target,
-                poses[name],
-                camera,
-                frame=number[name],
-                gamma=gamma,
-                places=places,
+                grey, target, poses[name], camera, frame=number, gamma=gamma, places=places
             )
         )
         progress("sampling", len(parts), len(poses))
@@ -215,12 +218,11 @@ def sample_all(
 
 
 def _nothing_found_error(detections: Mapping[str, Detection], target: Target) -> ValueError:
-    reasons = Counter(detection.reason for detection in detections.values()).most_common()
-    expected = f"{describe_target(target)}: " + ", ".join(
-        f"{reason} in {n}" for reason, n in reasons
-    )
+    reasons = Counter(detection.reason for detection in detections.values())
+    why = ", ".join(f"{reason} in {n}" for reason, n in reasons.most_common())
     return ValueError(
-        f"the target was found in none of {len(detections)} frames; looked for {expected}"
+        f"the target was found in none of {len(detections)} frames; "
+        f"looked for {describe_target(target)}: {why}"
     )
 
 
@@ -232,21 +234,14 @@ def describe_target(target: Target) -> str:
     return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
 
 
-def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
-    """Return the frames to be left out; ValueError if one of them is none of `names`."""
-    left_out = as_names(leave_out)
-    for name in left_out:
+def check_names(leave_out: Collection[str], names: Collection[str]) -> None:
+    """Raise a ValueError if a frame that is to be left out is none of `names`."""
+    for name in leave_out:
         if name not in names:
             some = ", ".join(list(names)[:3])
             raise ValueError(
                 f"leave_out must name some of the frames ({some}, …), got {name!r}"
             )
-    return left_out
-
-
-def as_names(leave_out: Collection[str]) -> list[str]:
-    """Return the names of the frames to be left out, of which there may be but one."""
-    return [leave_out] if isinstance(leave_out, str) else list(leave_out)
 
 
 def calibrate(
@@ -304,17 +299,15 @@ def calibrate(
     check_options(**light)
     check_int("every", every, 1)
     if detections is None:
-        search = {
-            "progress": progress,
-            "size": size,
-            "camera": camera,
-            "leave_out": as_names(leave_out),
-        }
-        detections, size = detect_all(frames, target, **search)  # type: ignore[arg-type]
-    left_out = check_names(leave_out, detections)
-    kept = {
-        name: detection for name, detection in detections.items() if name not in left_out
-    }
+        detections, size = detect_all(
+            frames,
+            target,
+            progress=progress,
+            camera=camera,
+            leave_out=leave_out,
+        )
+    check_names(leave_out, detections)
+    kept = {name: found for name, found in detections.items() if name not in leave_out}
     if size is None or not any(len(detection.ids) for detection in kept.values()):
         raise _nothing_found_error(kept, target)
     geometry = None
@@ -324,13 +317,29 @@ def calibrate(
         geometry = calibrate_camera(views, target, *size)
         camera = geometry.camera
     else:
-        check_size("a frame", size, camera, "camera")
-    poses, errors, dropped = locate(kept, target, camera, progress)
-    dropped |= dict.fromkeys(left_out, LEFT_OUT_REASON)
+        check_size(
+            "a frame",
+            size,
+            camera,
+            "camera",
+        )
+    poses, errors, dropped = locate(
+        kept,
+        target,
+        camera,
+        progress,
+    )
+    dropped |= dict.fromkeys(leave_out, LEFT_OUT_REASON)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
     samples = sample_all(
-        frames, target, poses, camera, channel=channel, gamma=guess, progress=progress
+        frames,
+        target,
+        poses,
+        camera,
+        channel=channel,
+        gamma=guess,
+        progress=progress,
     )
     fit = None
     scores = None

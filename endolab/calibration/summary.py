@@ -18,8 +18,8 @@ from endolab.calibration.uncertainty import (
     values_within,
 )
 from endolab.model.brdf import TabulatedBRDF
-from endolab.model.cameras import Camera, KannalaBrandt
-from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.model.cameras import Camera
+from endolab.numerics.arrays import FloatArray, IntArray, nan_if_undefined
 
 LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
@@ -32,14 +32,16 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _accuracy_within(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
+def _accuracy_within(
+    values: FloatArray,
+    camera: Camera,
+    seen: float,
+) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
     inside = values_within(values, camera, seen)
-    return (
-        {"median": float(np.median(inside)), "largest": float(inside.max())}
-        if inside.size
-        else {}
-    )
+    if not inside.size:
+        return {}
+    return {"median": float(np.median(inside)), "largest": float(inside.max())}
 
 
 def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
@@ -61,10 +63,15 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
     }
 
 
-def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
-    names = [list(session.poses)[frame] for frame in light.frames]
+def _light_facts(
+    light: PhotometricFit,
+    session: Session,
+    channel: str,
+) -> dict[str, Any]:
+    names = np.array(list(session.poses))[light.frames].tolist()
     scores = session.scores
     fall_off = fall_off_uncertainty(light, session.camera)
+    widest = light.alpha_range[1]
     held_out = scores and {
         "edges_deg": np.rad2deg(scores.edges),
         "error": scores.error,
@@ -74,9 +81,7 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
     return {
         "standard_errors": light.standard_errors,
-        "fall_off_percent": _accuracy_within(
-            fall_off, session.camera, light.alpha_range[1]
-        ),
+        "fall_off_percent": _accuracy_within(fall_off, session.camera, widest),
         "k/gamma": light.ratio,
         "correlation": {"names": light.names, "matrix": light.correlation},
         "reflectance": light.reflectance,
@@ -97,7 +102,11 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
 
 
-def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[str, Any]:
+def evidence(
+    session: Session,
+    source: str = "",
+    channel: str = "grey",
+) -> dict[str, Any]:
     """Return all that is known of a calibration beside its result, fit for JSON: null for what is not finite.
 
     Angles are in degrees where the key says so. "camera" is null if it was given; "photometry" holds
@@ -106,25 +115,29 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
     """
     target = session.target
     light = session.light
+    sheet = {"description": describe_target(target), "kind": target.kind}
     refused = {"refused": session.refused, "nominal": True}
-    detected = sum(len(detection.ids) > 0 for detection in session.detections.values())
+    frames = {
+        "searched": len(session.detections),
+        "found": _count_detected(session),
+        "used": list(session.poses),
+        "dropped": session.dropped,
+        "errors_px": session.errors,
+        "errors_grey": light_errors(session),
+    }
     return _plain(
         {
             "source": source,
-            "target": {"description": describe_target(target), "kind": target.kind}
-            | asdict(target),
+            "target": sheet | asdict(target),
             "camera": session.geometry and _camera_facts(session.geometry),
             "photometry": _light_facts(light, session, channel) if light else refused,
-            "frames": {
-                "searched": len(session.detections),
-                "found": detected,
-                "used": list(session.poses),
-                "dropped": session.dropped,
-                "errors_px": session.errors,
-                "errors_grey": light_errors(session),
-            },
+            "frames": frames,
         }
     )
+
+
+def _count_detected(session: Session) -> int:
+    return sum(len(detection.ids) > 0 for detection in session.detections.values())
 
 
 # In words -------------------------------------------------------------------------------
@@ -149,25 +162,19 @@ def by_reason(dropped: Mapping[str, str]) -> list[str]:
         groups.setdefault(reason, []).append(name)
     lines = []
     for reason, names in sorted(groups.items(), key=lambda group: -len(group[1])):
-        first = names[:8]
-        rest = len(names) - len(first)
-        more = f" and {rest} more" if rest else ""
-        lines.append(f"{len(names)}: {reason} ({', '.join(first)}{more})")
+        first = ", ".join(names[:8])
+        more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+        lines.append(f"{len(names)}: {reason} ({first}{more})")
     return lines
 
 
 def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
     """Name, value, standard error and unit of the camera's numbers."""
-    camera = session.camera
-    geometry = session.geometry
-    if geometry is None or not isinstance(camera, KannalaBrandt):
+    if session.geometry is None:
         return []
-    errors = geometry.standard_errors
-    values = camera_vector(camera).tolist()
-    return [
-        (n, v, errors[n], "" if n[0] == "k" else "px")
-        for n, v in zip(CAMERA_NAMES, values, strict=True)
-    ]
+    errors = session.geometry.standard_errors
+    values = zip(CAMERA_NAMES, camera_vector(session.camera).tolist(), strict=True)
+    return [(n, value, errors[n], "" if n[0] == "k" else "px") for n, value in values]
 
 
 def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
@@ -175,29 +182,22 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     errors = light.standard_errors
     values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
     values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
-    for spot in light.photometry.lights:
-        tilt = np.array(spot.direction[:2]) / spot.direction[2]
-        values |= {
-            f"light {axis}": place for axis, place in zip("xyz", spot.position, strict=True)
-        }
-        values |= {
-            f"light tilt {axis}": float(value)
-            for axis, value in zip("xy", tilt, strict=True)
-        }
-    units = {f"light {axis}": "mm" for axis in "xyz"}
     return [
-        (name.replace("gamma", "γ"), value, errors.get(name, 0.0), units.get(name, ""))
+        (name.replace("gamma", "γ"), value, errors[name], "")
         for name, value in values.items()
     ]
 
 
-def _accuracy_line(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
+def _accuracy_line(
+    what: str,
+    known: Mapping[str, float],
+    unit: str,
+    to: float,
+) -> str:
     """Say how well a map of the picture is known within `to` degrees off the axis."""
     if not known:
         return f"{what}: not told by these frames"
-    median, worst = (
-        f"{float(f'{known[name]:.2g}'):g} {unit}" for name in ("median", "largest")
-    )
+    median, worst = (f"{float(f'{value:.2g}'):g} {unit}" for value in known.values())
     return (
         f"σ of {what}: {median} in the median, {worst} at worst, to {to:.0f}° off the axis"
     )
@@ -226,9 +226,9 @@ def _camera_lines(session: Session) -> list[str]:
             f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"
         )
     if geometry.agreement < 0.85:
-        why = "the lens is of another kind, or the sheet was not flat"
         lines.append(
-            f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}"
+            f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: "
+            "the lens is of another kind, or the sheet was not flat"
         )
     if geometry.dropped:
         lines.append(f"left out of the camera: {count_of(len(geometry.dropped), 'view')}")
@@ -241,10 +241,9 @@ def _light_lines(session: Session) -> list[str]:
     scores = session.scores
     if light is None:
         return [f"light: refused: {session.refused}"]
-    values = light_values(light)
     rows = [
-        f"{name} = {plus_minus(value, error)} {unit}".rstrip()
-        for name, value, error, unit in values
+        f"{name} = {plus_minus(value, error)}"
+        for name, value, error, _ in light_values(light)
     ]
     facts = _light_facts(light, session, "")
     nearest, farthest = light.distance_range
@@ -256,46 +255,53 @@ def _light_lines(session: Session) -> list[str]:
             "the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]
         ),
     ]
-    known = scores is not None and scores.count >= LEAST_SCORED
-    if scores is not None and np.any(known):
+    if scores is not None and scores.count.max() >= LEAST_SCORED:
+        known = scores.count >= LEAST_SCORED
         worst = 100 * np.abs(scores.error[known]).max()
         to = np.rad2deg(scores.edges[1:][known].max())
-        agreement = (
-            f"their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
+        lines.append(
+            f"frames held out: their light is as predicted within {worst:.2g} %, "
+            f"to {to:.0f}° off the axis"
         )
-        lines.append(f"frames held out: {agreement}")
     return lines + light.verdict
 
 
 def account(session: Session) -> list[str]:
     """Sum a calibration up, in lines to print."""
-    detected = sum(len(detection.ids) > 0 for detection in session.detections.values())
-    located = f"located in {len(session.poses)}; {len(session.dropped)} dropped"
-    lines = [
-        f"{count_of(len(session.detections), 'frame')}: the target was found in {detected} and {located}"
-    ]
-    lines += [f"  {line}" for line in by_reason(session.dropped)]
-    return lines + _camera_lines(session) + _light_lines(session)
+    first = (
+        f"{count_of(len(session.detections), 'frame')}: the target was found in "
+        f"{_count_detected(session)} and located in {len(session.poses)}; "
+        f"{len(session.dropped)} dropped"
+    )
+    dropped = [f"  {line}" for line in by_reason(session.dropped)]
+    return [first, *dropped, *_camera_lines(session), *_light_lines(session)]
 
 
 def light_errors(session: Session) -> dict[str, float]:
     """Root mean square residual of the samples that counted in each frame, grey levels; nan without any."""
     light = session.light
-    frame = session.samples.frame
     if light is None:
         return {}
-    counts = np.bincount(frame, light.used, len(session.poses))
-    squares = np.bincount(frame, light.used * light.residuals**2, len(session.poses))
-    with np.errstate(invalid="ignore"):
-        return dict(zip(session.poses, np.sqrt(squares / counts).tolist(), strict=True))
+    frame = session.samples.frame[light.used]
+    squares = light.residuals[light.used] ** 2
+    errors = np.sqrt(_means(squares, frame, len(session.poses)))
+    return dict(zip(session.poses, errors.tolist(), strict=True))
 
 
 def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:
     """Mean distance of the samples of each of `frames`, mm; nan where there are none."""
-    size = int(max(samples.frame.max(initial=0), frames.max(initial=0))) + 1
-    total = np.bincount(samples.frame, samples.distance, size)
-    count = np.bincount(samples.frame, minlength=size)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)[frames]
+    size = int(frames.max(initial=0)) + 1
+    return _means(samples.distance, samples.frame, size)[frames]
+
+
+def _means(
+    values: FloatArray,
+    group: IntArray,
+    least: int,
+) -> FloatArray:
+    """Mean of the values of each group, of which there are `least` or more; nan where there are none."""
+    with nan_if_undefined():
+        return np.bincount(group, values, least) / np.bincount(group, minlength=least)
 
 
 def count_of(number: int, what: str) -> str:
@@ -312,8 +318,7 @@ def brdf_of(light: PhotometricFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     if not isinstance(brdf, TabulatedBRDF):
         return np.array(light.theta_range), np.ones(2), np.zeros(2)
     values = np.array(brdf.values)
-    errors = np.array(
-        [light.standard_errors[f"brdf {node}"] for node in range(len(values))]
-    )
+    names = [f"brdf {node}" for node in range(len(values))]
+    errors = np.array([light.standard_errors[name] for name in names])
     pinned = values[np.argmin(errors)]
     return np.array(brdf.theta), values / pinned, errors / pinned

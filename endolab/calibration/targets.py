@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import check_int
+from endolab.numerics.checks import check_int, number
 
 
 # Ink ------------------------------------------------------------------------------------
@@ -39,7 +39,11 @@ def rows_of(values: ArrayLike, columns: int) -> FloatArray:
 
 
 def darkness(
-    ink: Ink, corner: ArrayLike, shape: Sequence[int], step: float, black: float = 0.0
+    ink: Ink,
+    corner: ArrayLike,
+    shape: Sequence[int],
+    step: float,
+    black: float = 0.0,
 ) -> NDArray[np.float32]:
     """Average what is printed over the cells of a raster: 1 - reflectance, (rows, columns); 0 where bare.
 
@@ -49,44 +53,47 @@ def darkness(
     dark = np.zeros(shape, np.float32)
     left, top = np.asarray(corner, dtype=np.float64)
 
-    def span(start: float, length: float, count: int) -> tuple[int, int]:
-        """First and last (excluded) cell that an interval touches."""
+    def span(
+        start: float,
+        length: float,
+        count: int,
+    ) -> IntArray:
+        """Cells that an interval touches."""
         first = np.floor(start / step - 0.5)
         last = np.ceil((start + length) / step + 0.5)
-        return int(np.clip(first, 0, count)), int(np.clip(last, 0, count))
+        return np.arange(*np.clip([first, last], 0, count), dtype=int)
 
-    for x, y, radius, reflectance in [*((*disc, black) for disc in ink.discs), *ink.greys]:
-        (r0, r1), (c0, c1) = (
-            span(middle - radius, 2 * radius, count)
-            for middle, count in zip((y - top, x - left), shape, strict=True)
-        )
-        down = (np.arange(r0, r1) + 0.5) * step - (y - top)
-        across = (np.arange(c0, c1) + 0.5) * step - (x - left)
-        cover = np.clip((radius - np.hypot(down[:, None], across)) / step + 0.5, 0, 1)
-        dark[r0:r1, c0:c1] += cover * (1 - reflectance)
+    def cover(
+        start: float,
+        length: float,
+        cells: IntArray,
+    ) -> FloatArray:
+        """Shares of cells that an interval covers."""
+        edges = np.append(cells, cells[-1:] + 1)
+        return np.diff(np.clip(edges, start / step, (start + length) / step))
+
+    rows, columns = shape
+    discs = np.pad(ink.discs, ((0, 0), (0, 1)), constant_values=black)
+    for x, y, radius, reflectance in [*discs, *ink.greys]:
+        row = span(y - top - radius, 2 * radius, rows)
+        column = span(x - left - radius, 2 * radius, columns)
+        down = (row + 0.5) * step - (y - top)
+        across = (column + 0.5) * step - (x - left)
+        inside = (radius - np.hypot(down[:, None], across)) / step + 0.5
+        dark[np.ix_(row, column)] += np.clip(inside, 0, 1) * (1 - reflectance)
     for x, y, width, height in ink.rectangles:
-        covers = []
-        cells = []
-        for start, length, count in (
-            (y - top, height, shape[0]),
-            (x - left, width, shape[1]),
-        ):
-            first, last = span(start, length, count)
-            edges = np.clip(
-                np.arange(first, last + 1), start / step, (start + length) / step
-            )
-            covers.append(edges[1:] - edges[:-1])
-            cells.append(slice(first, last))
-        dark[tuple(cells)] += np.outer(*covers) * (1 - black)
+        row = span(y - top, height, rows)
+        column = span(x - left, width, columns)
+        covers = np.outer(cover(y - top, height, row), cover(x - left, width, column))
+        dark[np.ix_(row, column)] += covers * (1 - black)
     return dark
 
 
 # Targets --------------------------------------------------------------------------------
 def _lattice(columns: int, rows: int) -> FloatArray:
     """Column and row of each place of a lattice, (n, 2), row by row."""
-    return np.array(
-        np.indices((rows, columns)).reshape(2, -1)[::-1].T, dtype=np.float64, order="C"
-    )
+    row, column = np.indices((rows, columns), dtype=np.float64)
+    return np.column_stack([column.ravel(), row.ravel()])
 
 
 @dataclass(frozen=True)
@@ -102,21 +109,23 @@ class Target:
 
     kind: ClassVar[str]
     least: ClassVar[int] = 2  # columns and rows
+    found_whole: ClassVar[bool] = False  # or not at all
 
     def __post_init__(self) -> None:
         for name in ("columns", "rows"):
-            if check_int(name, getattr(self, name), self.least) > 100:
-                raise ValueError(f"{name} must be at most 100, got {getattr(self, name)}")
+            number(name, check_int(name, getattr(self, name), self.least), most=100)
         for name in ("spacing", "margin"):
             check_range(name, getattr(self, name), "length")
         if self.fold is None:
             return
+        if self.found_whole:
+            raise ValueError("fold is of dots and ChArUco; other targets are found whole")
         check_int("fold", self.fold)
-        right = self.panel_of(self.points[self.points[:, 1] == 0])
+        right = self.panel_of(self.points[: self.columns])
         if min(np.sum(right == 0), np.sum(right)) < 2:
-            given = f"got {self.fold} of {self.columns} columns"
             raise ValueError(
-                f"fold must leave two columns of features on each side, {given}"
+                f"fold must leave two columns of features on each side, got {self.fold} "
+                f"of {self.columns} columns"
             )
 
     @property
@@ -142,9 +151,7 @@ class Target:
     def panel_of(self, xy: ArrayLike) -> IntArray:
         """Panel of places on the sheet, (..., 2 or 3), mm: 0, or 1 to the right of the fold."""
         x = np.asarray(xy, dtype=np.float64)[..., 0]
-        return (
-            np.zeros(x.shape, int) if self.fold_x is None else (x > self.fold_x).astype(int)
-        )
+        return (x > (np.inf if self.fold_x is None else self.fold_x)).astype(int)
 
     @property
     def panels(self) -> int:
@@ -155,20 +162,19 @@ class Target:
     def sheet(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of the paper in the target's frame, mm."""
         ink = self.ink
-        middles, radii = np.split(
-            np.concatenate([ink.discs, ink.greys[:, :3]]), [2], axis=1
+        discs = np.concatenate([ink.discs, ink.greys[:, :3]])
+        corner = np.concatenate([discs[:, :2] - discs[:, 2:], ink.rectangles[:, :2]])
+        opposite = np.concatenate(
+            [discs[:, :2] + discs[:, 2:], ink.rectangles[:, :2] + ink.rectangles[:, 2:]]
         )
-        corners, sizes = np.split(ink.rectangles, 2, axis=1)
-        left, top = np.concatenate([middles - radii, corners]).min(axis=0) - self.margin
-        right, bottom = (
-            np.concatenate([middles + radii, corners + sizes]).max(axis=0) + self.margin
-        )
+        left, top = corner.min(axis=0) - self.margin
+        right, bottom = opposite.max(axis=0) + self.margin
         return float(left), float(top), float(right - left), float(bottom - top)
 
-    def white_places(self, clearance: float = 0.04) -> FloatArray:
+    def white_places(self) -> FloatArray:
         """Places between the features where the paper is bare, for sampling its brightness, (n, 3), mm.
 
-        x, y and the radius of bare paper there (at least `clearance` of a spacing), the barest first; the
+        x, y and the radius of bare paper there (at least 0.04 of a spacing), the barest first; the
         discs of that radius touch no ink, grey or fold, and the places lie half a spacing apart at least.
         """
         step = self.spacing / 64  # side of a cell of the raster that is searched
@@ -181,17 +187,14 @@ class Target:
         if self.fold_x is not None:
             bare &= np.abs(x - self.fold_x) > step
         # Beside the raster may be ink; a cell may be bare to its rim only.
-        radius = (
-            scipy.ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 1
-        ) * step
-        ridge = (radius >= clearance * self.spacing) & (
-            radius >= scipy.ndimage.maximum_filter(radius, 3)
-        )
+        distance = scipy.ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1]
+        radius = (distance - 1) * step
+        ridge = radius >= scipy.ndimage.maximum_filter(radius, 3)
+        ridge &= radius >= 0.04 * self.spacing
         row, column = np.nonzero(ridge)
         left = np.column_stack([x[column], y[row], radius[ridge]])
-        left = left[
-            scipy.spatial.Delaunay(self.points[:, :2]).find_simplex(left[:, :2]) >= 0
-        ]
+        hull = scipy.spatial.Delaunay(self.points[:, :2])
+        left = left[hull.find_simplex(left[:, :2]) >= 0]
         left = left[np.argsort(-left[:, 2], kind="stable")]
         places = []
         while len(left):
@@ -215,24 +218,32 @@ class DotGrid(Target):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < self.small < self.large < self.spacing / 2:
-            given = f"small {self.small}, large {self.large}, spacing {self.spacing}"
-            raise ValueError(
-                f"the radii must be 0 < small < large < spacing / 2, got {given}"
-            )
         check_range("small", self.small, "length")
-        if check_int("seed", self.seed) >= 2**32:
-            raise ValueError(f"seed must be below 2**32, got {self.seed}")
-        if self.greys is not None and not 0 < self.greys < 1:
-            raise ValueError(f"greys must lie between 0 and 1, got {self.greys}")
+        if not self.small < self.large < self.spacing / 2:
+            raise ValueError(
+                f"the radii must be small < large < spacing / 2, got small {self.small}, "
+                f"large {self.large}, spacing {self.spacing}"
+            )
+        number("seed", check_int("seed", self.seed), most=2**32 - 1)
+        if self.greys is not None:
+            number(
+                "greys",
+                self.greys,
+                0.001,
+                0.999,
+            )
 
     @cached_property
     def code(self) -> IntArray:
         """1 where the dot is large, (rows, columns)."""
-        words = np.frombuffer(
-            np.random.RandomState(self.seed).bytes(4 * self.rows * self.columns), "<u4"
+        shape = self.rows, self.columns
+        words = np.random.RandomState(self.seed).randint(
+            0,
+            2**32,
+            shape,
+            np.uint32,
         )
-        return (words >> 31).astype(int).reshape(self.rows, self.columns)
+        return (words >> 31).astype(int)
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -252,9 +263,8 @@ class DotGrid(Target):
         centres = (cells[cells.sum(axis=1) % 2 == 0] + 0.5) * self.spacing
         if self.fold_x is not None:
             centres = centres[np.abs(centres[:, 0] - self.fold_x) > radius]
-        return Ink(
-            discs, greys=rows_of([(x, y, radius, self.greys) for x, y in centres], 4)
-        )
+        looks = np.tile([radius, self.greys], (len(centres), 1))
+        return Ink(discs, greys=np.column_stack([centres, looks]))
 
 
 @dataclass(frozen=True)
@@ -268,18 +278,16 @@ class CircleGrid(Target):
     radius: float = 0.0  # mm
 
     kind: ClassVar[str] = "circles"
+    found_whole: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.fold is not None:
-            raise ValueError(
-                "an asymmetric circle grid cannot be folded: it is seen whole or not at all"
-            )
         super().__post_init__()
-        if not 0 < self.radius < self.spacing / np.sqrt(2):
-            raise ValueError(
-                f"radius must be positive and below spacing / √2, got {self.radius}"
-            )
-        check_range("radius", self.radius, "length")
+        number(
+            "radius",
+            self.radius,
+            0.001,
+            0.7 * self.spacing,
+        )
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -301,34 +309,23 @@ class Chessboard(Target):
 
     kind: ClassVar[str] = "chessboard"
     least: ClassVar[int] = 4
+    found_whole: ClassVar[bool] = True
 
     @property
     def fold_x(self) -> float | None:  # noqa: D102
         return None if self.fold is None else (self.fold - 1) * self.spacing
 
-    def __post_init__(self) -> None:
-        if self.fold is not None:
-            raise ValueError(
-                "a chessboard cannot be folded: it is found whole; use dots or ChArUco"
-            )
-        super().__post_init__()
-
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
-        return (
-            np.pad(_lattice(self.columns - 1, self.rows - 1), ((0, 0), (0, 1)))
-            * self.spacing
-        )
+        corners = _lattice(self.columns - 1, self.rows - 1)
+        return np.pad(corners, ((0, 0), (0, 1))) * self.spacing
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
         squares = _lattice(self.columns, self.rows)
-        corners = (
-            squares[squares.sum(axis=1) % 2 == 0] - 1.0
-        ) * self.spacing  # the upper left is black
-        return Ink(
-            rectangles=np.column_stack([corners, np.full(corners.shape, self.spacing)])
-        )
+        black = squares[squares.sum(axis=1) % 2 == 0]  # the upper left is
+        rectangles = np.column_stack([black - 1, np.ones(black.shape)]) * self.spacing
+        return Ink(rectangles=rectangles)
 
 
 @dataclass(frozen=True)
@@ -339,20 +336,19 @@ class Charuco(Chessboard):
     dictionary: str = "DICT_5X5_250"  # its name in OpenCV
 
     kind: ClassVar[str] = "charuco"
+    found_whole: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        Target.__post_init__(self)
-        if not 0 < self.marker < self.spacing:
-            raise ValueError(
-                f"marker must be positive and below spacing, got {self.marker}"
-            )
-        check_range("marker", self.marker, "length")
-        if not (
-            self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)
-        ):
-            raise ValueError(
-                f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}"
-            )
+        super().__post_init__()
+        number(
+            "marker",
+            self.marker,
+            0.001,
+            0.99 * self.spacing,
+        )
+        name = self.dictionary
+        if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
+            raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {name!r}")
         markers = len(self.board.getIds())
         most = len(self.board.getDictionary().bytesList)
         if markers > most:
@@ -364,8 +360,12 @@ class Charuco(Chessboard):
     def board(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's description of it; corner ids are those of `points`."""
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        size = self.columns, self.rows
         return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows), self.spacing, self.marker, dictionary
+            size,
+            self.spacing,
+            self.marker,
+            dictionary,
         )
 
     @cached_property
@@ -375,15 +375,15 @@ class Charuco(Chessboard):
         dictionary = board.getDictionary()
         bits = dictionary.markerSize + 2
         cell = self.marker / bits
-        boxes = []
-        for number, corners in zip(
+        boxes = [squares]
+        for name, corners in zip(
             np.ravel(board.getIds()), board.getObjPoints(), strict=True
         ):
-            picture = dictionary.generateImageMarker(int(number), bits)
-            left, top = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
-            for row, column in np.argwhere(picture == 0):
-                boxes.append((left + column * cell, top + row * cell, cell, cell))
-        return Ink(rectangles=np.concatenate([squares, rows_of(boxes, 4)]))
+            picture = dictionary.generateImageMarker(int(name), bits)
+            corner = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
+            places = corner + np.argwhere(picture == 0)[:, ::-1] * cell
+            boxes.append(np.column_stack([places, np.full(places.shape, cell)]))
+        return Ink(rectangles=np.concatenate(boxes))
 
 
 _VICALIB_SMALL = {

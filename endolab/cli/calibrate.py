@@ -21,14 +21,7 @@ from endolab.cli.options import (
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 # What only that can be told.
-SHEET_OPTIONS = (
-    "target",
-    "frames",
-    "fold",
-    "outliers",
-    "motion",
-    "video",
-)
+SHEET_OPTIONS = ("target", "frames", "fold", "outliers", "video")
 
 
 @contextmanager
@@ -36,7 +29,11 @@ def _bar() -> Iterator[Callable[[str, int, int], None]]:
     """Show the progress of one stage after the other on stderr."""
     with progress_bar("frame") as bar:
 
-        def show(stage: str, done: int, total: int) -> None:
+        def show(
+            stage: str,
+            done: int,
+            total: int,
+        ) -> None:
             if done <= bar.n:
                 bar.reset(total)
             bar.set_description(stage)
@@ -65,11 +62,9 @@ def _target(arguments: argparse.Namespace) -> None:
     target = read_target(arguments.name)
     check_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name])
     write_sheet(target, arguments.out)
-    glue = (
-        "something flat"
-        if target.fold is None
-        else "two boards, folded by 10 to 30°, away from you"
-    )
+    glue = "something flat"
+    if target.fold is not None:
+        glue = "two boards, folded by 10 to 30°, away from you"
     print(
         f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}"
     )
@@ -85,42 +80,40 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 
     target = arguments.target or "vicalib_small"
     frames = arguments.frames or 300
-    flat = read_target(target).fold is None
-    if arguments.fold is not None and flat:
+    is_flat = read_target(target).fold is None
+    if arguments.fold is not None and is_flat:
         raise ValueError(f"--fold is of a folded target, and {target} is flat")
-
-    def pick(*names: str) -> dict[str, Any]:
-        return {
-            name: value for name in names if (value := getattr(arguments, name)) is not None
-        }
-
-    chosen = pick("video", "seed", "overwrite")
-    chosen["sensor"] = Sensor(**pick("noise", "bits", "outliers", "motion"))
     angle = 20.0 if arguments.fold is None else arguments.fold
-    chosen["movement"] = Movement(fold=0.0 if flat else math.radians(angle))
-    chosen["inputs"] = [arguments.calibration, target]
-    with _bar() as bar:
-        save_sheet_video(arguments.out, target, calibration, frames, progress=bar, **chosen)
-    what = "sheet.mkv" if arguments.video else f"{frames} pictures"
-    print(f"written to {arguments.out}: {what}, truth.json")
-    video = str(Path(arguments.out) / "sheet.mkv") if arguments.video else arguments.out
-    gamma = () if flat else ("--gamma", "free")
-    following = (
-        "endolab",
-        "calibrate",
-        video,
-        "--target",
-        target,
-        *gamma,
-        "--out",
-        "endoscope.json",
+    sensor = Sensor(
+        noise=arguments.noise,
+        bits=arguments.bits,
+        outliers=arguments.outliers or 0.0,
     )
-    print(f"next: {shlex.join(following)}")
+    with _bar() as bar:
+        save_sheet_video(
+            arguments.out,
+            target,
+            calibration,
+            frames,
+            video=bool(arguments.video),
+            overwrite=arguments.overwrite,
+            inputs=[arguments.calibration, target],
+            progress=bar,
+            movement=Movement(fold=0.0 if is_flat else math.radians(angle)),
+            sensor=sensor,
+            seed=arguments.seed,
+        )
+    out = Path(arguments.out)
+    source = out / "sheet.mkv" if arguments.video else out
+    what = source.name if arguments.video else f"{frames} pictures"
+    print(f"written to {out}: {what}, truth.json")
+    gamma = "" if is_flat else " --gamma free"
+    known = f"{shlex.quote(str(source))} --target {shlex.quote(target)}{gamma}"
+    print(f"next: endolab calibrate {known} --out endoscope.json")
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.batch.calibrate import calibrate_to_files, report_folder
-    from endolab.calibration.photometric.fit import check_gamma
     from endolab.calibration.summary import account
     from endolab.io.descriptions import read_camera, read_target
     from endolab.io.video import open_frames
@@ -128,7 +121,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
     frames = open_frames(*arguments.source)
     target = read_target(arguments.target)
-    folder = report_folder(arguments.out)
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(
@@ -138,9 +130,9 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     patches = len(set(target.ink.greys[:, 3]))
     given = [None if known == "free" else known for known in arguments.reflectance]
     if given and len(given) != patches:
-        count = f"but --reflectance says {len(given)}"
-        raise ValueError(f"the target has {patches} kinds of grey patches, {count}")
-    check_gamma(arguments.gamma)
+        raise ValueError(
+            f"the target has {patches} kinds of grey patches, but --reflectance says {len(given)}"
+        )
     names = (
         "every",
         "channel",
@@ -150,14 +142,17 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         "gamma",
         "brdf",
         "gain",
-        "light",
     )
-    options = {name: getattr(arguments, name) for name in names}
-    options |= {"camera": camera, "reflectance": given or [None] * patches}
-    options["inputs"] = [arguments.target, arguments.camera]
     with _bar() as bar:
         session = calibrate_to_files(
-            frames, target, arguments.out, progress=bar, say=print, **options
+            frames,
+            target,
+            arguments.out,
+            inputs=[arguments.target, arguments.camera],
+            progress=bar,
+            camera=camera,
+            reflectance=given or [None] * patches,
+            **{name: getattr(arguments, name) for name in names},
         )
     print("\n".join(account(session)))
     if session.light is None:
@@ -166,7 +161,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         )
     pageless = lacking("jinja2")
     page = f"there is no report.html: {pageless}" if pageless else "see its report.html"
-    print(f"written to {arguments.out}, and to {folder}; {page}")
+    print(f"written to {arguments.out}, and to {report_folder(arguments.out)}; {page}")
 
 
 def _calibrate_light(arguments: argparse.Namespace) -> None:
@@ -181,30 +176,22 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     from endolab.reconstruction.light.unknown_light import estimate_light
     from endolab.reconstruction.sequence import as_frame
 
-    known = arguments.camera in CALIBRATIONS
-    camera = (
-        load_calibration(arguments.camera).camera
-        if known
-        else read_camera(arguments.camera)
-    )
+    if arguments.camera in CALIBRATIONS:
+        camera = load_calibration(arguments.camera).camera
+    else:
+        camera = read_camera(arguments.camera)
     frames = open_frames(*arguments.source)
     many = min(arguments.frames, len(frames))
-    names = [
-        frames.names[i] for i in np.linspace(0, len(frames) - 1, many).round().astype(int)
-    ]
+    spread = np.linspace(0, len(frames) - 1, many).round().astype(int)
+    names = [frames.names[index] for index in spread]
     light: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
     if arguments.albedo is not None:
         light["albedo"] = arguments.albedo
-    read = (
-        as_frame(name, picture)
-        for name, picture in frames.read(names)
-        if picture is not None
-    )
-    out = {
-        "overwrite": arguments.overwrite,
-        "inputs": [arguments.camera, *arguments.source],
-    }
-    with stage_file(arguments.out, **out) as temporary, _bar() as bar:
+    pictures = frames.read(names)
+    read = (as_frame(name, image) for name, image in pictures if image is not None)
+    inputs = [arguments.camera, *arguments.source]
+    output = stage_file(arguments.out, overwrite=arguments.overwrite, inputs=inputs)
+    with output as temporary, _bar() as bar:
         estimate = estimate_light(
             read, camera, progress=lambda done, _: bar("light", done, many), **light
         )
@@ -241,19 +228,18 @@ def _convert(arguments: argparse.Namespace) -> None:
                 f"{geometry} is a folder, where both files are looked for; name no other"
             )
         geometry, photometry = find_calibrations(geometry)
-    with stage_file(
-        out, overwrite=arguments.overwrite, inputs=[geometry, photometry]
-    ) as temporary:
-        if photometry is None:
-            write_camera(read_vicalib(geometry), temporary)
-        else:
-            calibration = read_endomapper(geometry, photometry)
-            write_calibration(calibration, temporary)
+    inputs = [geometry, photometry]
+    output = stage_file(out, overwrite=arguments.overwrite, inputs=inputs)
     if photometry is None:
+        with output as temporary:
+            write_camera(read_vicalib(geometry), temporary)
         print(
             f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light"
         )
         return
+    with output as temporary:
+        calibration = read_endomapper(geometry, photometry)
+        write_calibration(calibration, temporary)
     light = calibration.photometry
     fits = calibration.evidence["converted"]["lights"]
     worst = max(fit["worst_distance_percent"] for fit in fits)
@@ -272,13 +258,17 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     option("--frames", type=count, metavar="N", help="how many (default 300)")
     option("--fold", type=number, metavar="DEG", help="of a folded target (default 20)")
     option("--outliers", type=number, metavar="SHARE", help="of the pixels that are wrong")
-    option("--motion", type=number, metavar="PX", help="of motion blur")
-    option(
-        "--video",
-        action="store_true",
-        default=None,
-        help="write one video instead of pictures",
-    )
+    text = "write one video instead of pictures"
+    option("--video", action="store_true", default=None, help=text)
+
+
+def _add_pictures_and_out(command: argparse.ArgumentParser, about_out: str | None) -> None:
+    """Add the pictures that a calibration is made of, and the file that it is written to."""
+    option = command.add_argument
+    text = "a video, a folder of pictures, or pictures"
+    option("source", nargs="+", metavar="SOURCE", help=text)
+    option("--out", required=True, metavar="CAL.json", help=about_out)
+    add_overwrite(option)
 
 
 def add_calibration_commands(commands: Any) -> None:
@@ -295,7 +285,7 @@ def add_calibration_commands(commands: Any) -> None:
     names = "vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles"
     option("name", metavar="NAME", help=f"{names}, or TARGET.json")
     option("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
-    add_overwrite(command.add_argument)
+    add_overwrite(option)
 
     command = add_command(
         commands,
@@ -306,26 +296,11 @@ def add_calibration_commands(commands: Any) -> None:
         "endolab calibrate pictures/*.png --target chessboard --out cal.json",
         "endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json",
     )
+    _add_pictures_and_out(command, "the report goes into CAL_report beside it")
     option = command.add_argument
-    option(
-        "source",
-        nargs="+",
-        metavar="SOURCE",
-        help="a video, a folder of pictures, or pictures",
-    )
     option("--target", required=True, help="its name, as for target, or TARGET.json")
-    option(
-        "--out",
-        required=True,
-        metavar="CAL.json",
-        help="the report goes into CAL_report beside it",
-    )
-    add_overwrite(command.add_argument)
-    option(
-        "--camera",
-        metavar="CAL.json",
-        help="calibrate the light only, with the camera of this file",
-    )
+    text = "calibrate the light only, with the camera of this file"
+    option("--camera", metavar="CAL.json", help=text)
     text = "one frame of a video in N goes into the geometry (default 20)"
     option("--every", type=count, default=20, metavar="N", help=text)
     text = "frames, by their names in the report, that the calibration is to do without"
@@ -334,34 +309,20 @@ def add_calibration_commands(commands: Any) -> None:
     option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=text)
     text = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
     option("--gamma", type=_read_value, default=2.2, metavar="γ", help=text)
-    for name, usual, other, text in (
-        (
-            "--brdf",
-            "tabulated",
-            "lambertian",
-            "of the paper: tabulated (default) or lambertian",
-        ),
-        ("--gain", "free", "locked", "free (default), or locked: the same in all frames"),
-        (
-            "--light",
-            "centred",
-            "free",
-            "centred (default), or free: its offset and direction are fitted too",
-        ),
-    ):
-        option(name, choices=(usual, other), default=usual, help=text)
+    text = "of the paper: tabulated (default) or lambertian"
+    option("--brdf", choices=("tabulated", "lambertian"), default="tabulated", help=text)
+    text = "free (default), or locked: the same in all frames"
+    option("--gain", choices=("free", "locked"), default="free", help=text)
     text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
-    option(
-        "--reflectance",
-        type=_read_value,
-        action="append",
-        default=[],
-        metavar="R",
-        help=text,
-    )
-    option(
-        "--record", action="store_true", help="write a recording for the Rerun viewer too"
-    )
+    known: dict[str, Any] = {
+        "type": _read_value,
+        "action": "append",
+        "default": [],
+        "metavar": "R",
+    }
+    option("--reflectance", help=text, **known)
+    text = "write a recording for the Rerun viewer too"
+    option("--record", action="store_true", help=text)
 
     command = add_command(
         commands,
@@ -371,36 +332,18 @@ def add_calibration_commands(commands: Any) -> None:
         "endolab calibrate-light video.mp4 --camera camera.json --out endoscope.json",
         "endolab calibrate-light a.png b.png --camera paper --out endoscope.json",
     )
+    _add_pictures_and_out(command, None)
     option = command.add_argument
-    option(
-        "source",
-        nargs="+",
-        metavar="SOURCE",
-        help="a video, a folder of pictures, or pictures",
-    )
     text = "endoscope.json, of which the camera is taken; or a known endoscope's name"
     option("--camera", required=True, metavar="CAL", help=text)
-    option("--out", required=True, metavar="CAL.json")
-    add_overwrite(command.add_argument)
     text = "so many, spread evenly (default 8); each takes some seconds"
     option("--frames", type=count, default=8, metavar="N", help=text)
-    option(
-        "--gamma",
-        type=number,
-        default=2.2,
-        metavar="γ",
-        help="which frames don't tell (default 2.2)",
-    )
-    option(
-        "--albedo", type=albedo, metavar="A", help="of the wall's green, or R,G,B, if known"
-    )
-    option(
-        "--k",
-        type=number,
-        default=2.5,
-        metavar="K",
-        help="if it is not found (default 2.5)",
-    )
+    text = "which frames don't tell (default 2.2)"
+    option("--gamma", type=number, default=2.2, metavar="γ", help=text)
+    text = "of the wall's green, or R,G,B, if known"
+    option("--albedo", type=albedo, metavar="A", help=text)
+    text = "if it is not found (default 2.5)"
+    option("--k", type=number, default=2.5, metavar="K", help=text)
 
     command = add_command(
         commands,
@@ -416,4 +359,4 @@ def add_calibration_commands(commands: Any) -> None:
     text = "without it, the camera alone is written"
     option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=text)
     option("--out", required=True, metavar="CAL.json")
-    add_overwrite(command.add_argument)
+    add_overwrite(option)

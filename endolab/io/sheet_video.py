@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,12 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.io.atomic import (
     PathLike,
     as_json,
-    files_of_report,
     stage_folder,
     write_atomically,
 )
 from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
-from endolab.io.video import PICTURES, write_video
+from endolab.io.video import write_video
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -42,35 +40,23 @@ def save_sheet_video(
     """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
 
     `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
-    `simulate_video`. What is there already is replaced as by `stage_folder`. ValueError, if other pictures
-    are there than an earlier call's: they would be taken for more of these frames.
+    `simulate_video`. What is there already is replaced as by `stage_folder`.
     """
-    most = 1_000_000  # whose names have six digits
-    if not 1 <= count <= most:
-        raise ValueError(f"count must be from 1 to {most}, got {count}")
-    files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
-    out = Path(folder)
-    there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]
-    others = {*there}.difference(
-        files_of_report(out, SHEET_TRUTH), [out / name for name in files]
-    )
-    if others:
-        raise ValueError(
-            f"{min(others)} would be taken for one of the {count} frames; choose another folder"
-        )
     sheet = read_target(target)
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
-    frames = simulate_video(sheet, endoscope.camera, light, count, **options)
+    frames = simulate_video(
+        sheet,
+        endoscope.camera,
+        light,
+        count,
+        **options,
+    )
     truth: list[dict[str, Any]] = []
 
     def images() -> Iterator[FloatArray]:
         for frame in frames:
-            truth.append(
-                {
-                    "gain": frame.gain,
-                    "poses": [pose.vector.tolist() for pose in frame.poses],
-                }
-            )
+            poses = [pose.vector.tolist() for pose in frame.poses]
+            truth.append({"gain": frame.gain, "poses": poses})
             progress("rendering", len(truth), count)
             yield frame.image
 
@@ -78,14 +64,13 @@ def save_sheet_video(
         folder, overwrite=overwrite, inputs=inputs, report=SHEET_TRUTH
     ) as staging:
         if video:
-            write_video(staging / files[0], images())
+            write_video(staging / "sheet.mkv", images())
         else:
-            for name, image in zip(files, images(), strict=True):
-                write_image(staging / name, image)
+            for number, image in enumerate(images()):
+                write_image(staging / f"{number:06d}.png", image)
         theta = np.linspace(0, np.pi / 2, 181)
-        paper = TabulatedBRDF(
-            tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
-        )
+        value = PAPER_SHEET.value(np.cos(theta), np.cos(theta))
+        paper = TabulatedBRDF(tuple(theta), tuple(value))
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
         fold = options.get("movement", MOVEMENT).fold
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}

@@ -76,16 +76,6 @@ class Frames:
         """Whether they come from one file."""
         return self.path.is_file()
 
-    @property
-    def stamp(self) -> list[list[object]]:
-        """Name, size and time of change of every file: what a cache may depend on."""
-        files = [self.path] if self.is_video else [self.path / name for name in self.names]
-        stamps = [(file.name, file.stat() if file.exists() else None) for file in files]
-        return [
-            [name, known and known.st_size, known and known.st_mtime_ns]
-            for name, known in stamps
-        ]
-
     def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | None]]:
         """Give only the frames of these names, in order."""
         if not self.is_video:

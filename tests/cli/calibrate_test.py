@@ -25,44 +25,29 @@ def call(*arguments):
         return exit.code
 
 
-def names_in(folder):
-    return {path.name for path in folder.iterdir()}
+def asking(source, out, target="vicalib_folded"):
+    return "calibrate", source, "--target", target, "--out", out
 
 
-def calibrate(source, out, *options, target="vicalib_folded"):
-    return call("calibrate", source, "--target", target, "--out", out, *options)
+def calibrate(source, out, *options):
+    return call(*asking(source, out), *options)
 
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
     """A simulated video `v`, and its calibration `cal.json` with its report."""
     folder = tmp_path_factory.mktemp("work")
-    how = (
-        "--frames",
-        FRAMES,
-        "--width",
-        640,
-        "--target",
-        "vicalib_folded",
-        "--noise",
-        1,
-        "--video",
-    )
+    how = ("--frames", FRAMES, "--target", "vicalib_folded", "--video")
     assert call("simulate", "sheet", "--out", folder / "v", *how) == 0
-    assert (
-        calibrate(
-            folder / "v/sheet.mkv", folder / "cal.json", "--gamma", "free", "--record"
-        )
-        == 0
-    )
+    how = ("--gamma", "free", "--record")
+    assert calibrate(folder / "v/sheet.mkv", folder / "cal.json", *how) == 0
     return folder
 
 
 @pytest.fixture
 def again(work, tmp_path):
-    """Copy the calibration, what was detected, and the video's path."""
-    for name in ("cal.json", "cal_detections.jsonl"):
-        shutil.copy2(work / name, tmp_path / name)
+    """Copy the calibration and its report, and name the video."""
+    shutil.copy2(work / "cal.json", tmp_path)
     shutil.copytree(work / "cal_report", tmp_path / "cal_report")
     return work / "v/sheet.mkv", tmp_path / "cal.json"
 
@@ -73,9 +58,7 @@ def refused(capsys):
 
     def run(words, *arguments):
         capsys.readouterr()
-        code = (call if arguments[0] in ("target", "calibrate-light") else calibrate)(
-            *arguments
-        )
+        code = call(*arguments)
         error = capsys.readouterr().err
         assert (code, error.count("\n")) == (2, 1)
         assert error.startswith("endolab: ")
@@ -91,42 +74,31 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     for name in ("fx", "fy", "cx", "cy"):
         assert getattr(found.camera, name) == pytest.approx(truth["camera"][name], abs=0.15)
     light = found.photometry
-    assert (light.k, light.gamma) == (
-        pytest.approx(2.5, abs=0.06),
-        pytest.approx(2.2, abs=0.05),
-    )
+    assert light.k == pytest.approx(2.5, abs=0.06)
     assert light.k / light.gamma == pytest.approx(2.5 / 2.2, abs=0.01)
-    assert light.gain is None
+    # But for one factor, that of the paper.
     gains = found.evidence["photometry"]["gains"]
-    known = np.array([frame["gain"] for frame in truth["frames"]])
-    ratio = np.array(list(gains.values())) / known[[int(name) for name in gains]]
-    assert np.std(np.log(ratio)) < 0.02  # but for one factor, that of the paper
-    assert len(found.evidence["frames"]["dropped"]) + len(gains) == FRAMES
-    pictures = {"camera.png", "frames.png", "light.png", "uncertainty.png"}
-    names = {path.name for path in (work / "cal_report").iterdir()}
-    assert {
-        "report.html",
-        "report.json",
-        "camera.json",
-        "recording.rrd",
-    } | pictures <= names
-    assert "γ = 2." in (work / "cal_report/report.html").read_text()
+    ratio = [gain / truth["frames"][int(name)]["gain"] for name, gain in gains.items()]
+    assert np.std(np.log(ratio)) < 0.02
+    for name in ("report.html", "report.json", "camera.json", "recording.rrd", "light.png"):
+        assert (work / "cal_report" / name).is_file()
 
 
 @pytest.mark.parametrize(
-    "options", [("--video",), ("--target", "charuco"), ("--target", "vicalib_folded")]
+    "options",
+    [
+        ("--video",),
+        ("--target", "charuco"),
+        ("--target", "vicalib_folded"),
+    ],
 )
 def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     """Which finds what was written: it fails, if at all, for two frames are too few."""
     out = tmp_path / "a folder"
-    assert (
-        call("simulate", "sheet", "--frames", 2, "--width", 240, "--out", out, *options)
-        == 0
-    )
-    (line,) = [
-        line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")
-    ]
-    _, command, source, *rest = shlex.split(line.removeprefix("next: "))
+    small = ("--frames", 2, "--width", 240)
+    assert call("simulate", "sheet", *small, "--out", out, *options) == 0
+    _, hint = capsys.readouterr().out.split("next: ")
+    _, command, source, *rest = shlex.split(hint)
     rest[-1] = tmp_path / rest[-1]
     assert call(command, source, *rest) == 2
     assert "needs 3 views" in capsys.readouterr().err
@@ -140,20 +112,12 @@ def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     found = el.load_calibration(out)
     assert found.evidence["frames"]["dropped"][names[0]] == "left out, as asked"
     assert not set(names) & set(found.evidence["photometry"]["gains"])
-    assert found.camera.fx == pytest.approx(
-        el.load_calibration("paper", width=640).camera.fx, abs=0.15
+    refused(
+        ["leave_out", "'no frame'"],
+        *asking(video, out),
+        "--leave-out",
+        "no frame",
     )
-    refused(["leave_out", "'no frame'"], video, out, "--leave-out", "no frame")
-
-
-def test_an_interrupted_search_goes_on_where_it_was(again, capsys):
-    video, out = again
-    cache = out.with_name("cal_detections.jsonl")
-    lines = cache.read_text().splitlines(keepends=True)
-    cache.write_text("".join(lines[:5]) + lines[5][:20])
-    assert calibrate(video, out, "--gamma", "free") == 0
-    assert f"4 of {FRAMES} frames were searched before" in capsys.readouterr().out
-    assert len(cache.read_text().splitlines()) == FRAMES + 1
 
 
 def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, refused):
@@ -161,18 +125,17 @@ def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, 
     assert calibrate(video, out) == 0
     assert el.load_calibration(out).photometry.gamma == 2.2
     out.write_text('{"mine": 1}')
-    refused(["cal.json", "--overwrite"], video, out)
+    refused(["cal.json", "--overwrite"], *asking(video, out))
     assert out.read_text() == '{"mine": 1}'
     assert calibrate(video, out, "--overwrite") == 0
-    refused(["cal.json is read"], video, out, "--camera", out, "--overwrite")
-    refused(["ends in .json"], video, out.with_suffix(""))
-
-
-def test_a_video_that_ends_early_is_calibrated_as_far_as_it_goes(work, tmp_path, caplog):
-    content = (work / "v/sheet.mkv").read_bytes()
-    (tmp_path / "short.mkv").write_bytes(content[: int(0.8 * len(content))])
-    assert calibrate(tmp_path / "short.mkv", tmp_path / "c.json") == 0
-    assert "short.mkv: ends after 19 frames" in caplog.text
+    refused(
+        ["cal.json is read"],
+        *asking(video, out),
+        "--camera",
+        out,
+        "--overwrite",
+    )
+    refused(["ends in .json"], *asking(video, out.with_suffix("")))
 
 
 def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nominal_light(
@@ -181,24 +144,19 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
     (tmp_path / "f").mkdir()
     camera = el.load_calibration("paper", width=480).camera
     light = el.Photometry(brdf=PAPER_SHEET)
-    for number, frame in enumerate(
-        simulate_video(el.TARGETS["vicalib_small"], camera, light, 16)
-    ):
-        write_image(tmp_path / f"f/{number:03d}.png", frame.image)
-    asked = (
-        "calibrate",
-        tmp_path / "f",
-        "--target",
-        "vicalib_small",
-        "--out",
-        tmp_path / "c.json",
+    video = simulate_video(
+        el.TARGETS["vicalib_small"],
+        camera,
+        light,
+        16,
     )
+    for number, frame in enumerate(video):
+        write_image(tmp_path / f"f/{number:03d}.png", frame.image)
+    asked = asking(tmp_path / "f", tmp_path / "c.json", "vicalib_small")
     assert call(*asked, "--gamma", "free") == 0
     assert "the light is not" in capsys.readouterr().out
-    assert (tmp_path / "c_report/report.html").is_file()
     found = el.load_calibration(tmp_path / "c.json")
     assert found.camera.fx == pytest.approx(camera.fx, abs=0.2)
-    assert (found.photometry.k, found.photometry.gamma) == (2.5, 2.2)
     assert PriorSigma.of(found).k == 1  # nobody measured it
 
 
@@ -211,51 +169,34 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
         (["--camera", "none.json"], "none.json"),
     ],
 )
-def test_a_bad_option(work, tmp_path, refused, options, word):
-    refused([word], work / "v/sheet.mkv", tmp_path / "c.json", *options)
-
-
-def test_a_report_without_a_recording_has_none_of_an_earlier_one(again):
-    source, out = again
-    report = out.with_name("cal_report")
-    assert (report / "recording.rrd").is_file()
-    (report / "notes.txt").write_text("mine")
-    assert calibrate(source, out, "--gamma", "free") == 0
-    assert not (report / "recording.rrd").exists()
-    assert {
-        "report.html",
-        "report.json",
-        "camera.json",
-        "light.png",
-        "notes.txt",
-    } <= names_in(report)
-
-
-def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_the_one_before(
-    tmp_path, capsys
+def test_a_bad_option(
+    work,
+    tmp_path,
+    refused,
+    options,
+    word,
 ):
-    out = tmp_path / "v"
-    how = ("simulate", "sheet", "--width", 64, "--out", out, "--overwrite", "--frames")
-    assert call(*how, 3) == 0
-    (out / "notes.txt").write_text("mine")
-    assert call(*how, 2) == 0
-    assert names_in(out) == {"000000.png", "000001.png", "notes.txt", "truth.json"}
-    assert call(*how, 2, "--video") == 0
-    assert names_in(out) == {"sheet.mkv", "notes.txt", "truth.json"}
-    shutil.copy(out / "sheet.mkv", out / "000009.png")  # which is not of ours
-    assert call(*how, 3) == 2
-    assert "000009.png" in capsys.readouterr().err
-    assert names_in(out) == {"sheet.mkv", "notes.txt", "truth.json", "000009.png"}
+    refused([word], *asking(work / "v/sheet.mkv", tmp_path / "c.json"), *options)
 
 
 def test_a_sheet_to_print(tmp_path, refused):
-    assert call("target", "vicalib_folded", "--out", tmp_path / "s.pdf") == 0
-    assert (tmp_path / "s.pdf").read_bytes().startswith(b"%PDF")
+    out = tmp_path / "s.pdf"
+    assert call("target", "vicalib_folded", "--out", out) == 0
+    assert out.read_bytes().startswith(b"%PDF")
     refused(
-        ["s.pdf", "--overwrite"], "target", "vicalib_small", "--out", tmp_path / "s.pdf"
+        ["s.pdf", "--overwrite"],
+        "target",
+        "vicalib_small",
+        "--out",
+        out,
     )
-    assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf", "--overwrite") == 0
-    refused(["unknown target"], "target", "none", "--out", tmp_path / "t.pdf")
+    refused(
+        ["unknown target"],
+        "target",
+        "none",
+        "--out",
+        tmp_path / "t.pdf",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -264,30 +205,37 @@ def tissue(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tissue")
     camera = el.load_calibration("paper", width=96).camera
     for number, scene in enumerate((Tube(length=130), Tube(length=110, tilt=10))):
-        light = el.Photometry(1.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
+        light = el.Photometry(
+            1.5,
+            2.2,
+            None,
+            el.Lambertian((0.75, 0.38, 0.30)),
+        )
         write_image(folder / f"{number}.png", el.render(scene, camera, light).image)
     (folder / "2.png").write_bytes(b"no picture")
     write_camera(camera, folder / "camera.json")
     return folder
 
 
-def test_frames_of_tissue_tell_the_light(tissue, tmp_path, capsys, refused):
-    asked = (
-        "calibrate-light",
-        tissue,
-        "--camera",
-        tissue / "camera.json",
-        "--out",
-        tmp_path / "found.json",
-    )
-    assert call(*asked, "--albedo", "0.75,0.38,0.3") == 0
+def test_frames_of_tissue_tell_the_light(
+    tissue,
+    tmp_path,
+    capsys,
+    refused,
+):
+    asked = ("calibrate-light", tissue, "--camera", tissue / "camera.json", "--out")
+    out = tmp_path / "found.json"
+    assert call(*asked, out, "--albedo", "0.75,0.38,0.3") == 0
     assert "cannot be read: 2.png" in capsys.readouterr().out
-    found = el.load_calibration(tmp_path / "found.json")
+    found = el.load_calibration(out)
     assert found.photometry.k == pytest.approx(1.5, abs=0.45)  # 1.09, and says ± 0.38
     assert found.photometry.brdf == el.Lambertian((0.75, 0.38, 0.3))
     assert list(found.evidence["unknown_light"]["costs"]) == ["0.png", "1.png"]
-    for options, word in ((("--frames", 0), "--frames"), (("--gamma", -1), "gamma")):
-        refused([word], *asked, "--overwrite", *options)
-    before = (tissue / "camera.json").read_bytes()
-    refused(["camera.json"], *asked[:-1], tissue / "camera.json", "--overwrite")
-    assert (tissue / "camera.json").read_bytes() == before
+    refused(
+        ["gamma"],
+        *asked,
+        out,
+        "--overwrite",
+        "--gamma",
+        -1,
+    )

@@ -18,7 +18,6 @@ from endolab.io.datasets import traced
 from endolab.io.datasets.endomapper import read_vicalib
 from endolab.io.datasets.folders import true_z
 from endolab.io.descriptions import read_target
-from endolab.io.detection_cache import read_detections
 from endolab.io.images import read_image, read_mask
 from endolab.io.settings import read_settings
 from endolab.io.surfaces import read_depth
@@ -42,11 +41,6 @@ def read_video(path):
     return [image is None for _, image in open_frames(path)]
 
 
-def read_kept(path):
-    """Read detections whose first line is as it should be, unless that is what is damaged."""
-    return read_detections(path, path.read_text(errors="replace").split("\n")[0])
-
-
 READERS = {
     "mask.png": read_mask,
     "0042_depth.png": true_z,
@@ -59,7 +53,6 @@ READERS = {
     "target.json": read_target,
     "settings.json": read_settings,
     "table.csv": read_table,
-    "detections.jsonl": read_kept,
     "rig.xml": read_vicalib,
 } | dict.fromkeys(PICTURES, read_image)
 INSIDE = {".npz": damaged_arrays, ".json": damaged_json}

@@ -11,7 +11,15 @@ from endolab.model.cameras import KannalaBrandt
 
 PAPER = load_calibration("paper").camera
 # 190° and more.
-WIDE = KannalaBrandt(1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003))
+WIDE = KannalaBrandt(
+    1280,
+    1024,
+    400.0,
+    401.0,
+    645.0,
+    505.0,
+    (-0.02, 0.004, -0.002, 0.0003),
+)
 OTHER_TARGETS = [  # than those with a name
     DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
     CircleGrid(3, 7, 4.0, radius=1.5),
@@ -30,37 +38,40 @@ def reflectance(target, xy, black=0.04):
     """Light that a sheet returns at places (..., 2), mm, relative to its white; nan beside the paper."""
     x, y = np.moveaxis(np.asarray(xy), -1, 0)
 
-    def within(left, top, width, height):
+    def within(
+        left,
+        top,
+        width,
+        height,
+    ):
         return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
 
     value = np.where(within(*target.sheet), 1.0, np.nan)
-    for *centre, radius, grey in [
-        *target.ink.greys,
-        *((*disc, black) for disc in target.ink.discs),
-    ]:
-        value[(x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2] = grey
+    discs = np.pad(target.ink.discs, ((0, 0), (0, 1)), constant_values=black)
+    for left, top, radius, grey in [*target.ink.greys, *discs]:
+        value[np.hypot(x - left, y - top) <= radius] = grey
     for rectangle in target.ink.rectangles:
         value[within(*rectangle)] = black
     return value
 
 
-def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
+def exact_centroids(
+    camera,
+    pose,
+    points,
+    radii,
+    rings=8,
+    spokes=32,
+):
     """Centroids of the discs' images: the pixel averaged over the disc with the image's area as weight."""
     if not np.any(radii):
         return camera.project(pose.transform(points))
     node, weight = np.polynomial.legendre.leggauss(rings)
-    node = (node + 1) / 2
-    weight = weight / 2
-    phi = 2 * np.pi * np.arange(spokes) / spokes
-    disc = np.stack(
-        [
-            np.outer(node, np.cos(phi)),
-            np.outer(node, np.sin(phi)),
-            np.zeros((rings, spokes)),
-        ],
-        -1,
-    )
-    places = points[:, None] + np.asarray(radii)[:, None, None] * disc.reshape(-1, 3)
+    node = np.repeat((node + 1) / 2, spokes)
+    weight = np.repeat(weight, spokes) * node
+    phi = np.tile(2 * np.pi * np.arange(spokes) / spokes, rings)
+    disc = np.stack([node * np.cos(phi), node * np.sin(phi), 0 * phi], axis=-1)
+    places = points[:, None] + np.asarray(radii)[:, None, None] * disc
 
     def image(shift=(0.0, 0.0, 0.0)):
         return camera.project(pose.transform(places + shift))
@@ -68,65 +79,115 @@ def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
     h = 1e-4
     right = image((h, 0, 0)) - image((-h, 0, 0))
     down = image((0, h, 0)) - image((0, -h, 0))
-    area = np.abs(right[..., 0] * down[..., 1] - right[..., 1] * down[..., 0])
-    area = area * np.repeat(weight * node, spokes)
+    area = np.abs(right[..., 0] * down[..., 1] - right[..., 1] * down[..., 0]) * weight
     return (image() * area[..., None]).sum(axis=1) / area.sum(axis=1)[:, None]
 
 
-def random_pose(camera, target, rng, near=25.0, far=100.0, tilt=60.0):
+def centroids_on_panels(camera, target, poses):
+    """Exact centroids, or corners, of all features of a sheet, (n, 2), px, from one pose a panel."""
+    panel = target.panel_of(target.points)
+    pixels = np.empty((len(panel), 2))
+    for number, pose in enumerate(poses):
+        here = panel == number
+        pixels[here] = exact_centroids(
+            camera,
+            pose,
+            target.points[here],
+            target.radii[here],
+        )
+    return pixels
+
+
+def random_pose(
+    camera,
+    target,
+    rng,
+    near=25.0,
+    far=100.0,
+    tilt=60.0,
+):
     """Pose of a sheet whose middle is seen in the inner part of the picture, facing the camera."""
     size = np.array([camera.width, camera.height])
-    for _ in range(1000):
+    while True:
         ray = camera.unproject(rng.uniform(0.2 * size, 0.8 * size))
-        lean, about, spin = (
-            np.radians(tilt) * np.sqrt(rng.random()),
-            *rng.uniform(0, 2 * np.pi, 2),
-        )
+        lean = np.radians(tilt) * np.sqrt(rng.random())
+        about, spin = rng.uniform(0, 2 * np.pi, 2)
         leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
         rotation = (leaning * Rotation.from_rotvec([0, 0, spin])).as_matrix()
         distance = np.exp(rng.uniform(np.log(near), np.log(far)))
         pose = Pose(rotation, ray * distance - rotation @ target.points.mean(axis=0))
         if rotation[:, 2] @ pose.translation > 5:
             return pose
-    raise RuntimeError("none of 1000 poses faces the camera")
 
 
-def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
+def view_of(
+    camera,
+    target,
+    pose,
+    rng,
+    name="frame",
+    noise=0.08,
+    wrong=0.01,
+):
     """View of what falls into the picture, with noise, px, and a share of points with a wrong id."""
     at = pose.transform(target.points)
     angle = np.arctan2(np.hypot(at[:, 0], at[:, 1]), at[:, 2])
-    pixels = exact_centroids(camera, pose, target.points, target.radii)
-    size = np.array([camera.width, camera.height])
-    inside = (angle < camera.max_angle - 0.1) & np.all(
-        (pixels > 8) & (pixels < size - 9), axis=1
+    pixels = exact_centroids(
+        camera,
+        pose,
+        target.points,
+        target.radii,
     )
-    ids = np.flatnonzero(inside)
+    size = np.array([camera.width, camera.height])
+    inside = np.all((pixels > 8) & (pixels < size - 9), axis=1)
+    ids = np.flatnonzero(inside & (angle < camera.max_angle - 0.1))
     pixels = pixels[ids] + rng.normal(0, noise, (len(ids), 2))
     mixed = rng.random(len(ids)) < wrong
     ids[mixed] = (ids[mixed] + rng.choice([-1, 1], mixed.sum())) % len(target.points)
-    return View(name, 0, ids, pixels)
+    return View(
+        name,
+        0,
+        ids,
+        pixels,
+    )
 
 
-def make_views(camera, target, count, rng, least=20, **options):
+def make_views(
+    camera,
+    target,
+    count,
+    rng,
+    least=20,
+    **options,
+):
     """Views of `least` points or more, and their true poses."""
-    kept = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
+    how = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
     views = []
     poses = []
-    for _ in range(100 * count):
-        pose = random_pose(camera, target, rng, **options)
-        view = view_of(camera, target, pose, rng, f"frame_{len(views):03d}", **kept)
+    while len(views) < count:
+        pose = random_pose(
+            camera,
+            target,
+            rng,
+            **options,
+        )
+        view = view_of(
+            camera,
+            target,
+            pose,
+            rng,
+            f"frame_{len(views):03d}",
+            **how,
+        )
         if len(view.ids) >= least:
             views.append(view)
             poses.append(pose)
-        if len(views) == count:
-            return views, poses
-    raise RuntimeError(f"only {len(views)} of {count} views have {least} points")
+    return views, poses
 
 
 def map_error(found, camera, angle):
     """Distances between where two cameras see the same rays, out to an angle off the axis (rad), px."""
-    rows, columns = np.mgrid[0 : camera.height : 20, 0 : camera.width : 20]
-    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
+    pixels = np.mgrid[0 : camera.width : 20, 0 : camera.height : 20].reshape(2, -1).T
     rays = camera.unproject(pixels)
     near = np.arccos(np.clip(rays[:, 2], -1, 1)) < angle
     return np.linalg.norm(found.project(rays[near]) - pixels[near], axis=1)

@@ -9,12 +9,12 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import calibrate_camera
-from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.geometric.reprojection import views_of
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.session import Session, locate, score
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
+from tests.tools.sheet_views import centroids_on_panels
 
 # frames that were located; px
 COUNT = 20
@@ -30,43 +30,51 @@ def simulated(name="vicalib_small", **light):
     fold = np.deg2rad(30) if target.fold else 0.0
     how = {"movement": Movement(fold, (30.0, 60.0)), "seed": 1}
     samples, _ = simulate_samples(
-        target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how
+        target,
+        camera,
+        el.Photometry(brdf=PAPER_SHEET),
+        COUNT,
+        per_frame=60,
+        **how,
     )
     rng = np.random.default_rng(0)
     true = iter(trajectory(target, camera, COUNT, **how))
     names = [f"frame_{number}" for number in range(COUNT + len(LOST))]
-    panel = target.panel_of(target.points)
-    detections = {}
     few = Detection(np.arange(5), rng.uniform(20, 100, (5, 2)))
-    detections[LOST[0]] = Detection(few.ids[:0], few.pixels[:0], "too dark")
-    detections[LOST[1]] = few
+    nothing = Detection(few.ids[:0], few.pixels[:0], "too dark")
+    lost = dict(zip(LOST, (nothing, few), strict=True))
+    detections = {}
     for name in names:
         if name in LOST:
+            detections[name] = lost[name]
             continue
-        pixels = np.empty((len(target.points), 2))
-        for number, pose in enumerate(next(true)):
-            here = panel == number
-            pixels[here] = predict_view(
-                camera, pose, target.points[here], target.radii[here]
-            )
+        pixels = centroids_on_panels(camera, target, next(true))
         inside = np.flatnonzero(((pixels >= 0) & (pixels <= [159, 119])).all(axis=1))
         error = NOISE * rng.standard_normal((len(inside), 2))
         error[rng.random(len(inside)) < 0.03] *= 30
         detections[name] = Detection(inside, pixels[inside] + error)
-    detections = {name: detections[name] for name in names}
     views = [view for name in names for view in views_of(name, detections[name], target)]
-    geometry = calibrate_camera(views, target, camera.width, camera.height)
+    geometry = calibrate_camera(
+        views,
+        target,
+        camera.width,
+        camera.height,
+    )
     poses, errors, dropped = locate(detections, target, geometry.camera)
     steps = []
     fit = calibrate_light(samples, observers=[steps.append], **light)
     found = (target, detections, geometry, geometry.camera, poses, samples, fit)
-    session = Session(
-        *found, scores=score(samples, **light), dropped=dropped, errors=errors
-    )
-    return session, [(name, rng.uniform(0, 1, (120, 160))) for name in names], steps
+    facts = {"scores": score(samples, **light), "dropped": dropped, "errors": errors}
+    pictures = [(name, rng.uniform(0, 1, (120, 160))) for name in names]
+    return Session(*found, **facts), pictures, steps
 
 
 def refused(session):
     """Return the session as if the light could not be told."""
     reason = "γ cannot be told from <one> flat sheet & free gains"
-    return replace(session, light=None, scores=None, refused=reason)
+    return replace(
+        session,
+        light=None,
+        scores=None,
+        refused=reason,
+    )

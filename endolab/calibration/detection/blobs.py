@@ -1,7 +1,5 @@
 """Find dark round spots on lit paper, and where their middles are."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.numerics.arrays import BoolArray
+from endolab.numerics.arrays import nan_if_undefined
 
 Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
@@ -39,10 +37,6 @@ class Blobs:
     def __len__(self) -> int:
         return len(self.ink)
 
-    def __getitem__(self, which: BoolArray | Numbers) -> Blobs:
-        """Return some of them."""
-        return Blobs(self.centres[which], self.ink[which])
-
 
 def shrink_picture(image: Numbers) -> Numbers:
     """Average the pixels of a picture, (H, W), to one of about 360 columns."""
@@ -68,14 +62,12 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     height, width = image.shape
     small = shrink_picture(image)
     # Small glints would pass for white: nothing may be much brighter than the median around it.
-    median = cv2.medianBlur(
-        cv2.convertScaleAbs(small, alpha=255), small.shape[1] // 40 * 2 + 1
-    )
+    window = small.shape[1] // 40 * 2 + 1
+    median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), window)
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
     shrink = width / small.shape[1]
-    level = cv2.multiply(
-        image, cv2.resize(1 / np.maximum(white, SPOTS.least_white), (width, height))
-    )
+    gain = cv2.resize(1 / np.maximum(white, SPOTS.least_white), (width, height))
+    level = cv2.multiply(image, gain)
     least = SPOTS.grey_darkness if greys else SPOTS.least_darkness
     dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
@@ -85,30 +77,41 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
     good = whole & (area >= 9) & (np.maximum(wide, high) <= SPOTS.largest * width)
     row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
-    good &= (
-        white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)]
-        > SPOTS.least_white
-    )
+    last = np.array(white.shape) - 1
+    good &= white[np.minimum(row, last[0]), np.minimum(column, last[1])] > SPOTS.least_white
     good[0] = False
     if not good.any():
         return Blobs(np.zeros((0, 2)), np.zeros(0))
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
-    return _measure(level, _bare_level(level, dark, small.shape), number[labels], greys)
+    return _measure(
+        level,
+        _bare_level(level, dark, small.shape),
+        number[labels],
+        greys,
+    )
 
 
-def _bare_level(level: Numbers, dark: Numbers, shape: tuple[int, int]) -> Numbers:
+def _bare_level(
+    level: Numbers,
+    dark: Numbers,
+    shape: tuple[int, int],
+) -> Numbers:
     """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
     size = shape[::-1]
     small = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
-    covered = cv2.resize(
-        cv2.dilate(dark, np.ones((5, 5), np.uint8)), size, interpolation=cv2.INTER_AREA
-    )
+    wide = cv2.dilate(dark, np.ones((5, 5), np.uint8))
+    covered = cv2.resize(wide, size, interpolation=cv2.INTER_AREA)
     bare = ((covered == 0) & (small > 0.85) & (small < 1.1)).astype(np.float32)
     light, weight = (cv2.GaussianBlur(a, (0, 0), 4.0) for a in (small * bare, bare))
     return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
 
 
-def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blobs:
+def _measure(
+    level: Numbers,
+    bare: Numbers,
+    labels: Numbers,
+    greys: bool,
+) -> Blobs:
     """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
     width = labels.shape[1]
     count = int(labels.max()) + 1
@@ -124,17 +127,15 @@ def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blo
 
     ink = total(weight)
     area = total(inner)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with nan_if_undefined():
         depth = total(inner * weight) / area
         # Where the darkness is flat, inside and outside, noise and uneven light must not count.
         cover = np.clip((weight / depth[number - 1] - 0.1) / 0.8, 0, 1)
-        centres = (
-            np.stack([total(cover * x), total(cover * y)], axis=-1) / total(cover)[:, None]
-        )
+        centres = np.column_stack([total(cover * x), total(cover * y)])
+        centres /= total(cover)[:, None]
         number = number[inner]
         x = x[inner]
         y = y[inner]
-        weight = weight[inner]
         dx, dy = (a - (total(a) / area)[number - 1] for a in (x, y))
         # A uniform ellipse has area 4π √det of its covariance; a pixel adds 1/12 px².
         xx = total(dx * dx) / area + 1 / 12
@@ -146,4 +147,4 @@ def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blo
     good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
     if greys and good.any():
         good &= depth > SPOTS.grey_share * np.quantile(depth[good], 0.8)
-    return Blobs(centres, ink)[good]
+    return Blobs(centres[good], ink[good])

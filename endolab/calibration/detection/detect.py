@@ -16,14 +16,13 @@ three places before it the next one is predicted, and among its neighbours each 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
 
 import cv2
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from endolab.calibration.detection.blobs import SPOTS, shrink_picture, white_of
+from endolab.calibration.detection.blobs import SPOTS, Numbers, shrink_picture, white_of
 from endolab.calibration.detection.dots import (
     Found,
     detect_circles,
@@ -80,7 +79,7 @@ class Detection:
     reason: str = ""  # in a few words, why nothing was found, where n is 0
 
 
-def detect(image: NDArray[Any], target: Target) -> Detection:
+def detect(image: Numbers, target: Target) -> Detection:
     """Find a target's features in a picture, (H, W) or (H, W, 3): float in [0, 1], uint8 or uint16.
 
     Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and dots named
@@ -89,80 +88,68 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     turned by 180°; their first row then runs to the right in the picture. A picture of dots or of a ChArUco
     board in a mirror is refused.
     """
-    if type(target) not in SEARCHES:
-        raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
     if min(grey.shape) < CORNERS.smallest:
-        return Detection(
-            *no_features(f"the picture is too small, {CORNERS.smallest} px are needed")
-        )
+        reason = f"the picture is too small, {CORNERS.smallest} px are needed"
+        return Detection(*no_features(reason))
     picture = grey
     if grey.size > CORNERS.most_pixels:
         picture = _shrink_to(grey, CORNERS.most_pixels // 2)
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
-        return Detection(
-            *no_features(
-                f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})"
-            )
-        )
+        what = " ".join(str(error.err or error).split())
+        return Detection(*no_features(f"OpenCV fails on this picture ({what})"))
     return Detection(ids, _rescale(pixels, picture, grey), reason)
 
 
-def _grey(image: NDArray[Any]) -> NDArray[Any]:
+def _grey(image: Numbers) -> Numbers:
     """Average the colours, to float32 in [0, 1]."""
-    image = np.asarray(image)
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
-        raise ValueError(f"image must be of shape (H, W) or (H, W, 3), got {image.shape}")
     most = {"u1": 255, "u2": 65535, "f4": 1, "f8": 1}.get(image.dtype.str[1:])
-    if most is None:
+    if most is None or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
         raise ValueError(
-            f"image must be uint8, uint16 or float in [0, 1], got {image.dtype}"
+            "image must be (H, W) or (H, W, 3), uint8, uint16 or float in [0, 1], "
+            f"got {image.dtype} of shape {image.shape}"
         )
-    grey = image.astype(np.float32)
+    grey: Numbers = image.astype(np.float32)
     if grey.ndim == 3:
-        grey = np.asarray(
-            cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32
-        )
+        grey = cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32))
     grey *= np.float32(1 / most)
-    if not np.all(np.isfinite(grey)) or grey.min() < -0.01 or grey.max() > 1.01:
+    if not (np.isfinite(grey).all() and grey.min() >= -0.01 and grey.max() <= 1.01):
         raise ValueError("image must hold finite values in [0, 1] where it is float")
     return grey
 
 
-def _shrink_to(picture: NDArray[Any], most: int) -> NDArray[Any]:
+def _shrink_to(picture: Numbers, most: int) -> Numbers:
     """Average the pixels of a picture, (H, W), so that about `most` are left at most."""
-    share = np.sqrt(most / picture.size)
-    if share >= 1:
-        return picture
+    share = min(np.sqrt(most / picture.size), 1)
     height, width = (max(int(share * side), 1) for side in picture.shape)
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def _enlarge(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _enlarge(picture: Numbers) -> Numbers:
     """Enlarge a picture, (H, W), that is small or narrow."""
     enough = CORNERS.fine_side / min(picture.shape)
     most = CORNERS.longest_side / max(picture.shape)
-    scale = round(min(enough, most))
-    if scale <= 1:
-        return picture
+    scale = max(round(min(enough, most)), 1)
     size = (scale * picture.shape[1], scale * picture.shape[0])
-    return np.asarray(
-        cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8
-    )
+    return cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)
 
 
-def _rescale(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
+def _rescale(
+    pixels: FloatArray,
+    from_: Numbers,
+    to: Numbers,
+) -> FloatArray:
     """Where places (..., 2), px, of a picture are in another one of the same scene and another size."""
     return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
 
 
-def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
+def _even_paper(grey: FloatArray) -> Numbers:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
     level = grey / np.maximum(white, SPOTS.least_white)
-    return np.asarray(cv2.convertScaleAbs(level, alpha=220), dtype=np.uint8)
+    return cv2.convertScaleAbs(level, alpha=220)
 
 
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
@@ -172,10 +159,15 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     options.minMarkers = 1
     picture = _enlarge(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
-    sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
-    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(
-        sharp
+    sharp = cv2.addWeighted(
+        picture,
+        2.5,
+        cv2.GaussianBlur(picture, (0, 0), 3),
+        -1.5,
+        0,
     )
+    detector = cv2.aruco.CharucoDetector(target.board, options)
+    corners, ids, _, markers = detector.detectBoard(sharp)
     count = 0 if markers is None else len(markers)
     grid = np.full((target.rows - 1, target.columns - 1, 2), np.nan)
     if ids is not None:
@@ -195,38 +187,40 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), ""
 
 
-def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> FloatArray:
+def _complete(
+    grid: FloatArray,
+    picture: Numbers,
+    border: float,
+) -> FloatArray:
     """Refine the corners of a ChArUco board, and find others where their neighbours place them.
 
     `grid`, (h, w, 2), px, is nan where none is known; `border` is the white around a marker, in steps.
     """
     row, column = np.nonzero(np.isfinite(grid[..., 0]))
-    guess, (along, down) = grid[row, column], (step[row, column] for step in steps(grid))
+    guess = grid[row, column]
+    along, down = (step[row, column] for step in steps(grid))
     grid = np.full_like(grid, np.nan)
     usual = -np.inf
     for _ in range(sum(grid.shape)):
-        size = np.minimum(np.hypot(*along.T), np.hypot(*down.T))
+        size = np.minimum(*np.linalg.norm([along, down], axis=-1))
         inside = np.all((guess > 3) & (guess < np.array(picture.shape[::-1]) - 4), axis=1)
         tried = np.flatnonzero(inside & np.isfinite(size))
         corner = guess.copy()
         for n in tried:
             half = max(round(border * size[n]), 2)
             place = guess[n].astype(np.float32)[None]
-            corner[n] = cv2.cornerSubPix(
-                picture, place, (half, half), (-1, -1), CORNERS.stop
-            )[0]
+            corner[n] = _refine(picture, place, half)
         # Of the four squares around a corner, the upper left one is black where row and column are even.
-        aside = [corner + border / 2 * (sign * along + down) for sign in (1, -1)]
-        aside += [corner - border / 2 * (sign * along + down) for sign in (1, -1)]
-        a, b, c, d = (
-            scipy.ndimage.map_coordinates(picture, place.T[::-1], float, 1, mode="nearest")
-            for place in aside
-        )
-        contrast = (b + d - a - c) * (-1.0) ** (row + column)
+        contrast = np.zeros(len(corner))
+        for i, j in product((-1, 1), repeat=2):
+            place = corner + border / 2 * (i * along + j * down)
+            contrast -= i * j * _read(picture, place, "nearest")
+        contrast *= (-1.0) ** (row + column)
         if usual < 0:
             usual = float(np.median(contrast[tried])) if len(tried) else 0.0
         tried = tried[contrast[tried] > CORNERS.least_contrast * usual]
-        tried = tried[np.hypot(*(corner - guess)[tried].T) < border * size[tried]]
+        moved = np.linalg.norm(corner - guess, axis=-1)
+        tried = tried[moved[tried] < border * size[tried]]
         if not len(tried):
             break
         grid[row[tried], column[tried]] = corner[tried]
@@ -237,6 +231,38 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
     return grid
 
 
+def _refine(
+    picture: Numbers,
+    corners: Numbers,
+    half: int,
+) -> Numbers:
+    """Refine corners, (n, 2) float32, px, by what lies within `half` px of each to every side."""
+    start = corners.copy()
+    return cv2.cornerSubPix(
+        picture,
+        start,
+        (half, half),
+        (-1, -1),
+        CORNERS.stop,
+    )
+
+
+def _read(
+    picture: Numbers,
+    places: FloatArray,
+    mode: str = "constant",
+) -> FloatArray:
+    """Interpolate a picture at places (..., 2), px; `mode` says what is beside it, as to SciPy."""
+    at = np.moveaxis(places, -1, 0)[::-1]
+    return scipy.ndimage.map_coordinates(
+        picture,
+        at,
+        float,
+        order=1,
+        mode=mode,
+    )
+
+
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
     picture = _enlarge(_even_paper(grey))
@@ -244,27 +270,18 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     sharp, corners = cv2.findChessboardCornersSB(picture, pattern, flags=flags)
-    is_there = sharp
-    if not is_there:
+    if not sharp:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
         small = _shrink_to(picture, CORNERS.most_quick_pixels)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
-    if not is_there:
-        return no_features("no chessboard of this size, or not all of it is in view")
-    if not sharp:
-        corners = _rescale(np.asarray(corners, dtype=np.float64), small, picture).astype(
-            np.float32
-        )
-    along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
-    shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
+        if not is_there:
+            return no_features("no chessboard of this size, or not all of it is in view")
+        corners = _rescale(corners.astype(np.float64), small, picture).astype(np.float32)
+    shape = (*pattern[::-1], 2)
+    given = corners.reshape(shape).astype(np.float64)
+    shortest = np.linalg.norm(steps(given), axis=-1).min()
     half = max(int(CORNERS.window * shortest), 2)
-    refined = cv2.cornerSubPix(
-        picture, corners.copy(), (half, half), (-1, -1), CORNERS.stop
-    )
-    grid, given = (
-        corner.reshape(pattern[1], pattern[0], 2).astype(np.float64)
-        for corner in (refined, corners)
-    )
+    grid = _refine(picture, corners, half).reshape(shape).astype(np.float64)
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < CORNERS.spoilt * _roughness(grid):
         grid = given
@@ -280,20 +297,17 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
 
 def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
     """Whether the squares of a chessboard are black and white by turns, and none beyond its rim are."""
-    (left, top), (right, bottom) = (
-        pick(grid.reshape(-1, 2), axis=0).astype(int) for pick in (np.min, np.max)
-    )
-    if (
-        abs(_darkness(grid, grey))
-        < CORNERS.least_contrast * grey[top:bottom, left:right].std()
-    ):
+    left, top = grid.min(axis=(0, 1)).astype(int)
+    right, bottom = grid.max(axis=(0, 1)).astype(int)
+    contrast = grey[top:bottom, left:right].std()
+    if abs(_darkness(grid, grey)) < CORNERS.least_contrast * contrast:
         return False
     for quarters in range(4):
         side = np.rot90(grid, quarters)
         # The first row of squares between corners, and that of the same colours beyond the board; second
         # differences, as light may fall off along both.
-        rows = side[:2], 3 * side[:2] - 2 * side[1:3]
-        inner, beyond = (np.diff(_squares(row, grey)[0], 2) for row in rows)
+        inner = np.diff(_squares(side[:2], grey)[0], 2)
+        beyond = np.diff(_squares(3 * side[:2] - 2 * side[1:3], grey)[0], 2)
         if beyond @ inner > CORNERS.least_contrast * (inner @ inner) > 0:
             return False
     return True
@@ -301,16 +315,12 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
 
 def _roughness(grid: FloatArray) -> float:
     """How far corners lie from a smooth sheet, a cubic of row and column: root mean square, px."""
-    row, column = (np.linspace(-1, 1, n) for n in grid.shape[:2])
-    terms = np.polynomial.polynomial.polyvander2d(
-        *np.meshgrid(row, column, indexing="ij"), [3, 3]
-    )
-    terms = terms.reshape(-1, 16)
-    left = (
-        grid.reshape(-1, 2)
-        - terms @ np.linalg.lstsq(terms, grid.reshape(-1, 2), rcond=None)[0]
-    )
-    return float(np.sqrt(np.mean(left**2)))
+    sides = [np.linspace(-1, 1, count) for count in grid.shape[:2]]
+    row, column = np.meshgrid(*sides, indexing="ij")
+    terms = np.polynomial.polynomial.polyvander2d(row, column, [3, 3]).reshape(-1, 16)
+    places = grid.reshape(-1, 2)
+    smooth = terms @ np.linalg.lstsq(terms, places, rcond=None)[0]
+    return float(np.sqrt(np.mean((places - smooth) ** 2)))
 
 
 def _order_corners(grid: FloatArray, grey: FloatArray) -> FloatArray:
@@ -336,10 +346,7 @@ def _darkness(grid: FloatArray, grey: FloatArray) -> float:
 
 def _squares(grid: FloatArray, grey: FloatArray) -> FloatArray:
     """Grey values in the middle of the squares between corners; 0 beside the picture."""
-    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
-    return np.asarray(
-        scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1)
-    )
+    return _read(grey, (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4)
 
 
 SEARCHES: dict[type[Target], Callable[..., Found]] = {

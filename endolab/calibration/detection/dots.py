@@ -4,7 +4,8 @@ A dot's bit is its darkness over the area of its lattice cell, which neither til
 """
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import compress, product
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from endolab.calibration.targets import CircleGrid, DotGrid
 from endolab.numerics.arrays import FloatArray, IntArray
 
 Found = tuple[IntArray, FloatArray, str]  # ids, pixels, and the reason why there are none
+# Of a piece of a lattice on a padded table: sum of products, number of the turn, shift.
+Placement = tuple[float, int, tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,12 @@ def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
     return np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)
 
 
-def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
+def read_bits(
+    owner: IntArray,
+    blobs: Blobs,
+    cell: FloatArray,
+    gap: float,
+) -> FloatArray:
     """How much larger or smaller each dot is than the mean of the two sizes: about -1 or 1; nan if none.
 
     `owner`, (h, w), is which blob is at each place of the lattice, `cell` the area of its cell there, px²,
@@ -51,10 +59,10 @@ def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> Fl
     size = np.full(owner.shape, np.nan)
     known = (owner >= 0) & (cell > 0)
     size[known] = np.log(blobs.ink[owner[known]] / cell[known])
-    row, column = np.nonzero(known)
+    place = np.argwhere(known)
     values = size[known]
     level = _split(values, gap)
-    design = np.column_stack([np.ones(len(row)), row - row.mean(), column - column.mean()])
+    design = np.column_stack([np.ones(len(place)), place - place.mean(axis=0)])
     for _ in range(3):
         # The level drifts over the picture with the white's exposure.
         rest = values - np.where(values > level, gap, -gap) / 2
@@ -66,30 +74,29 @@ def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> Fl
     return size
 
 
-def _split(values: FloatArray, gap: float) -> FloatArray:
-    """Level halfway between two clusters that lie a known gap apart, the same for all values."""
+def _split(values: FloatArray, gap: float) -> Any:
+    """Level halfway between two clusters that lie a known gap apart."""
     levels = np.linspace(values.min() - gap / 2, values.max() + gap / 2, 100)
     miss = np.abs(np.abs(values - levels[:, None]) - gap / 2)
-    return np.full(len(values), levels[np.minimum(miss, gap / 2).sum(axis=1).argmin()])
+    return levels[np.minimum(miss, gap / 2).sum(axis=1).argmin()]
 
 
 # Turns and shears of a lattice: small whole matrices of determinant 1, plain ones first.
-TURNS = [
-    np.array([[a, b], [c, d]])
-    for a, b, c, d in product((0, 1, -1, 2, -2), repeat=4)
-    if a * d - b * c == 1
-]
+MATRICES = np.array(list(product((0, 1, -1, 2, -2), repeat=4))).reshape(-1, 2, 2)
+TURNS = MATRICES[np.round(np.linalg.det(MATRICES)) == 1]
 
 
 def _placements(
-    places: IntArray, value: FloatArray, table: FloatArray
-) -> tuple[list[tuple[float, int, int, int]], int]:
+    places: IntArray,
+    value: FloatArray,
+    table: FloatArray,
+) -> tuple[list[Placement], int]:
     """Try all turns, shears and shifts of a piece of a lattice over a table; never mirrored.
 
-    Returns the best two shifts of each turn, best first, as the sum of products, the turn and the
-    shift; and how many were tried. A piece must lie within the table.
+    Returns the best two shifts of each turn, best first; and how many were tried. A piece must lie within
+    the table.
     """
-    placements: list[tuple[float, int, int, int]] = []
+    placements: list[Placement] = []
     trials = 0
     for number, turn in enumerate(TURNS):
         spot = places @ turn.T
@@ -101,31 +108,32 @@ def _placements(
         i, j = np.indices(spare).reshape(2, -1)
         trials += len(i)
         score = table[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ value
-        i = i - low[0]
-        j = j - low[1]
-        placements += [
-            (float(score[k]), number, int(i[k]), int(j[k])) for k in np.argsort(-score)[:2]
-        ]
+        for best in np.argsort(-score)[:2]:
+            shift = int(i[best] - low[0]), int(j[best] - low[1])
+            placements.append((float(score[best]), number, shift))
     return sorted(placements, reverse=True), trials
 
 
-def _places_in_table(
-    shape: tuple[int, int], placement: tuple[float, int, int, int]
+def _lay(
+    piece: IntArray,
+    placement: Placement,
+    shape: tuple[int, int],
 ) -> IntArray:
-    """Row and column in the table for each place of the lattice, (h, w, 2)."""
-    _, number, row, column = placement
-    return np.moveaxis(np.indices(shape), 0, -1) @ TURNS[number].T + [row, column]
+    """Lay a piece of a lattice onto a sheet of a shape, whose table is padded: which blob is where."""
+    _, turn, shift = placement
+    place = np.argwhere(piece >= 0)
+    on_sheet = place @ TURNS[turn].T + shift - CODE.pad
+    inside = np.all((on_sheet >= 0) & (on_sheet < shape), axis=1)
+    sheet = np.full(shape, -1)
+    sheet[tuple(on_sheet[inside].T)] = piece[tuple(place[inside].T)]
+    return sheet
 
 
-def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
-    """Say where on the sheet a piece of the lattice lies, whose sizes `read_bits` gave.
-
-    Returns row and column on the sheet for each place, (h, w, 2); None where no match is clear.
-    """
+def match_code(size: FloatArray, code: IntArray) -> Placement | None:
+    """Say how a piece of the lattice lies on the sheet, whose sizes `read_bits` gave; None if not clear."""
     value = np.clip(size[np.isfinite(size)], -1, 1)
-    placements, trials = _placements(
-        np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, CODE.pad)
-    )
+    table = np.pad(2.0 * code - 1, CODE.pad)
+    placements, trials = _placements(np.argwhere(np.isfinite(size)), value, table)
     if not placements:
         return None
     total = np.abs(value).sum()
@@ -134,13 +142,9 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
     wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    if (
-        wrong > CODE.most_wrong
-        or rarity < np.log(trials) + CODE.surety
-        or score - second < 3
-    ):
+    if wrong > CODE.most_wrong or score - second < 3:
         return None
-    return _places_in_table(size.shape, placements[0]) - CODE.pad
+    return placements[0] if rarity >= np.log(trials) + CODE.surety else None
 
 
 def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
@@ -166,20 +170,23 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     sheet = np.full(code.shape, -1)
     for piece in pieces:
         cell = cross(*steps(_places(piece, blobs)))
-        spot = match_code(read_bits(piece, blobs, cell, gap), code)
-        if spot is not None:
-            on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
-            sheet[tuple(spot[on].T)] = piece[on]
+        placement = match_code(read_bits(piece, blobs, cell, gap), code)
+        if placement is not None:
+            laid = _lay(piece, placement, code.shape)
+            sheet = np.where(laid >= 0, laid, sheet)
     if np.all(sheet < 0):
         return no_features("the code of the dots does not match")
-    sheet = grow(sheet, blobs, cover, 0.25)
+    sheet = grow(
+        sheet,
+        blobs,
+        cover,
+        0.25,
+    )
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
         fits, cell = check_places(_places(sheet, blobs), panel)
-        with np.errstate(invalid="ignore"):
-            fits &= (
-                np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < CODE.most_off
-            )
+        off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
+        fits &= off < CODE.most_off
         sheet = np.where(fits, sheet, -1)
         if (sheet >= 0).sum() < CODE.least_dots:
             return no_features("the dots do not lie on a smooth sheet")
@@ -204,51 +211,45 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
         return no_features("too few dark spots")
     x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
     spot = np.column_stack([(y - x) // 2, (x + y) // 2])
-    spot -= spot.min(axis=0)
-    number = np.full(spot.max(axis=0) + 1, -1)
-    number[tuple(spot.T)] = np.arange(count)
-    outline = np.pad(np.where(number >= 0, 1.0, -1.0), CODE.pad, constant_values=-1.0)
+    spots = tuple(spot.T - spot.min(axis=0)[:, None])
+    outline = np.full(np.max(spots, axis=1) + 1, -1.0)
+    outline[spots] = 1.0
+    table = np.pad(outline, CODE.pad, constant_values=-1.0)
     same_turned = np.array_equal(outline, outline[::-1, ::-1])
-    of_sheet = np.full(number.shape, -1)
-    for piece in find_lattices(
-        blobs, _cover(target, 2 * target.spacing**2), 2 * sum(outline.shape) + 5
-    ):
-        placements, _ = _placements(
-            np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline
-        )
+    panel = np.zeros(outline.shape, int)
+    owner = np.full(count, -1)  # which blob each circle is
+    cover = _cover(target, 2 * target.spacing**2)
+    for piece in find_lattices(blobs, cover, 2 * sum(table.shape) + 5):
+        place = np.argwhere(piece >= 0)
+        placements, _ = _placements(place, np.ones(len(place)), table)
         if same_turned:  # of two opposite orders take the one whose rows run to the right
-            placements = [
-                placement
-                for placement in placements
-                if _runs_right(placement[1], piece, blobs)
-            ]
+            right = [_runs_right(turn, piece, blobs) for _, turn, _ in placements]
+            placements = list(compress(placements, right))
         if not placements:
             continue
         # Turned by 180° and shifted, all but the ends of a grid look the same.
-        stray = (piece >= 0).sum() > placements[0][0]
-        if len(placements) > 1 and placements[0][0] - placements[1][0] < (
-            4 if stray else 2
-        ):
+        best = placements[0][0]
+        needed = 4 if len(place) > best else 2  # more, if some lie beside the outline
+        if len(placements) > 1 and best - placements[1][0] < needed:
             continue
-        at = _places_in_table(piece.shape, placements[0]) - CODE.pad
-        on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
-        sheet = np.full(number.shape, -1)
-        sheet[tuple(at[on].T)] = piece[on]
-        sheet[number < 0] = -1
-        fits, _ = check_places(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
-        sheet = np.where(fits, sheet, -1)
-        if (sheet >= 0).sum() > (of_sheet >= 0).sum():
-            of_sheet = sheet
-    if (of_sheet >= 0).sum() < CODE.least_seen * count:
+        sheet = np.where(outline > 0, _lay(piece, placements[0], outline.shape), -1)
+        fits, _ = check_places(_places(sheet, blobs), panel, least=4)
+        found = np.where(fits, sheet, -1)[spots]
+        if (found >= 0).sum() > (owner >= 0).sum():
+            owner = found
+    ids = np.flatnonzero(owner >= 0)
+    if len(ids) < CODE.least_seen * count:
         return no_features(
             "the dark spots form no such grid, or too little of it is in view"
         )
-    ids = number[of_sheet >= 0]
-    order = np.argsort(ids)
-    return ids[order], blobs.centres[of_sheet[of_sheet >= 0]][order], ""
+    return ids, blobs.centres[owner[ids]], ""
 
 
-def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:
+def _runs_right(
+    turn: int,
+    piece: IntArray,
+    blobs: Blobs,
+) -> bool:
     """Whether the target's x axis would point to the right in the picture."""
     places = np.argwhere(piece >= 0)
     across = (places @ TURNS[turn].T) @ [-1, 1]

@@ -7,12 +7,11 @@ neighbours, which follows fisheye curvature, perspective and the kink at a fold.
 from dataclasses import dataclass
 from itertools import product
 
-import cv2
 import numpy as np
 import scipy
 
 from endolab.calibration.detection.blobs import Blobs
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 
 EIGHT_NEIGHBOURS = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
 
@@ -33,33 +32,31 @@ LATTICE = LatticeRules()
 def _mean(values: FloatArray) -> FloatArray:
     """Mean of the known ones of vectors (n, k, 2); nan where none is."""
     known = np.isfinite(values[..., :1])
-    with np.errstate(invalid="ignore"):
+    with nan_if_undefined():
         return np.where(known, values, 0).sum(axis=1) / known.sum(axis=1)
 
 
 def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
-    along = np.pad(np.diff(grid, axis=1), ((0, 0), (1, 1), (0, 0)), constant_values=np.nan)
-    down = np.pad(np.diff(grid, axis=0), ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
-    # To the next place, from the one before.
-    pairs = (
-        (along[:, 1:], along[:, :-1]),
-        (down[1:], down[:-1]),
-    )
-    first, second = (
-        _mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(grid.shape)
-        for pair in pairs
-    )
-    return first, second
+    return _steps_along(grid), _steps_along(grid.swapaxes(0, 1)).swapaxes(0, 1)
 
 
-def _in_cells(vector: FloatArray, along: FloatArray, down: FloatArray) -> FloatArray:
+def _steps_along(grid: FloatArray) -> FloatArray:
+    """Average the step to the next place of a row and that from the one before."""
+    step = np.pad(np.diff(grid, axis=1), ((0, 0), (1, 1), (0, 0)), constant_values=np.nan)
+    both = np.stack([step[:, 1:], step[:, :-1]], axis=2)
+    return _mean(both.reshape(-1, 2, 2)).reshape(grid.shape)
+
+
+def _in_cells(
+    vector: FloatArray,
+    along: FloatArray,
+    down: FloatArray,
+) -> FloatArray:
     """Express vectors of the picture in lattice steps."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (
-            np.stack([cross(vector, down), cross(along, vector)], axis=-1)
-            / cross(along, down)[..., None]
-        )
+    areas = np.stack([cross(vector, down), cross(along, vector)], axis=-1)
+    with nan_if_undefined():
+        return areas / cross(along, down)[..., None]
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -68,7 +65,10 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def grow(
-    owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float
+    owner: IntArray,
+    blobs: Blobs,
+    cover: tuple[float, float],
+    tolerance: float,
 ) -> IntArray:
     """Grow a lattice: predict each next dot from its neighbours and take the blob that lies there.
 
@@ -82,38 +82,27 @@ def grow(
     limit = tolerance / 3
     for _ in range(3 * sum(owner.shape)):
         taken = owner >= 0
-        near_taken = cv2.boxFilter(
-            taken.astype(np.float32),
-            -1,
-            (3, 3),
-            normalize=False,
-            borderType=cv2.BORDER_CONSTANT,
-        )
+        near_taken = scipy.ndimage.uniform_filter(9.0 * taken, 3, mode="constant")
         row, column = np.nonzero(~taken & (near_taken > 1.5))
         if not len(row):
             break
         window = windows(np.where(taken[..., None], centres[owner], np.nan), row, column)
-        guess, along, down = predict(window)
-        sought = np.isfinite(guess + along + down).all(axis=-1)
+        places = np.stack(predict(window))
+        sought = np.isfinite(places).all(axis=(0, 2))
         if not sought.any():
             break
         row = row[sought]
         column = column[sought]
-        guess = guess[sought]
-        along = along[sought]
-        down = down[sought]
+        guess, along, down = places[:, sought]
         which = tree.query(guess, k=neighbours)[1].reshape(len(row), -1)
         offset = _in_cells(centres[which] - guess[:, None], along[:, None], down[:, None])
-        distance = np.hypot(offset[..., 0], offset[..., 1])
-        closest = distance.argmin(axis=1)
-        which, distance = (a[np.arange(len(row)), closest] for a in (which, distance))
+        distance = np.linalg.norm(offset, axis=-1)
+        closest = (np.arange(len(row)), distance.argmin(axis=1))
+        which = which[closest]
+        distance = distance[closest]
         covered = blobs.ink[which] / np.abs(cross(along, down))
-        close = (
-            (distance < limit)
-            & ~np.isin(which, owner)
-            & (covered > cover[0])
-            & (covered < cover[1])
-        )
+        close = (distance < limit) & ~np.isin(which, owner)
+        close &= (covered > cover[0]) & (covered < cover[1])
         order = np.flatnonzero(close)[np.argsort(distance[close], kind="stable")]
         order = order[np.unique(which[order], return_index=True)[1]]
         owner[row[order], column[order]] = which[order]
@@ -130,7 +119,11 @@ WINDOW_REACH = 3  # lattice steps that the surroundings of a place reach to each
 _ROW, _COLUMN = np.indices((2 * WINDOW_REACH + 1, 2 * WINDOW_REACH + 1)) - WINDOW_REACH
 
 
-def windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
+def windows(
+    grid: FloatArray,
+    row: IntArray,
+    column: IntArray,
+) -> FloatArray:
     """Surroundings of some places of a lattice, (n, 7, 7, 2), px; nan where not known."""
     beside = (WINDOW_REACH, WINDOW_REACH)
     padded = np.pad(grid, (beside, beside, (0, 0)), constant_values=np.nan)
@@ -141,31 +134,28 @@ def windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
 
 def predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
+    middle = WINDOW_REACH
     i, j = np.array(EIGHT_NEIGHBOURS).T
-    first, second, third = (
-        window[:, WINDOW_REACH - n * i, WINDOW_REACH - n * j] for n in (1, 2, 3)
-    )
+    first, second, third = (window[:, middle - n * i, middle - n * j] for n in (1, 2, 3))
     step = first - second
-    before = second - third
     # Perspective and fisheye shrink steps by about the same factor each time.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.hypot(step[..., 0], step[..., 1]) / np.hypot(
-            before[..., 0], before[..., 1]
-        )
+    with nan_if_undefined():
+        ratio = np.linalg.norm(step, axis=-1) / np.linalg.norm(second - third, axis=-1)
     ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 2), 1.0)
     ahead = first + step * ratio[..., None]
-    i, j = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]).T
-    beside = (
-        window[:, WINDOW_REACH + i, WINDOW_REACH]
-        + window[:, WINDOW_REACH, WINDOW_REACH + j]
-        - window[:, WINDOW_REACH + i, WINDOW_REACH + j]
-    )
+    i, j = np.array(list(product((-1, 1), repeat=2))).T
+    beside = window[:, middle + i, middle] + window[:, middle, middle + j]
+    beside -= window[:, middle + i, middle + j]
     inner = window[:, 1:-1, 1:-1]
     along, down = (np.diff(inner, axis=axis).reshape(len(window), -1, 2) for axis in (2, 1))
     return _mean(np.concatenate([ahead, beside], axis=1)), _mean(along), _mean(down)
 
 
-def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[IntArray]:
+def find_lattices(
+    blobs: Blobs,
+    cover: tuple[float, float],
+    size: int,
+) -> list[IntArray]:
     """Find the pieces of a lattice among blobs: squares of side `size` of which blob is where, -1 where none.
 
     Columns and rows run in a right-handed way in the picture, but may be sheared and turned against those
@@ -194,14 +184,13 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     covered = blobs.ink / np.where(usable, area[number, second], 1.0)
     usable &= (covered > cover[0]) & (covered < cover[1])
     around = np.stack([j * a + i * b for i, j in EIGHT_NEIGHBOURS], axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        offset = _in_cells(
-            vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None]
-        )
+    beside = vectors[:, None] - around[:, :, None]
+    offset = _in_cells(beside, a[:, None, None], b[:, None, None])
     distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
-    is_hit = distance.min(axis=2) < 0.3
+    nearest = distance.min(axis=2)
+    is_hit = nearest < 0.3
     neighbour = which[number[:, None], distance.argmin(axis=2)]
-    score = is_hit.sum(axis=1) - np.where(is_hit, distance.min(axis=2), 0).sum(axis=1) / 8
+    score = is_hit.sum(axis=1) - (is_hit * np.minimum(nearest, 0.3)).sum(axis=1) / 8
     free = np.ones(len(centres), bool)
     for seed in np.argsort(-score, kind="stable"):
         if score[seed] < 6 or len(pieces) == LATTICE.most_pieces:
@@ -212,16 +201,16 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         owner = np.full((size, size), -1)
         middle = size // 2
         owner[middle, middle] = seed
-        for (i, j), blob, hit in zip(
-            EIGHT_NEIGHBOURS, neighbour[seed], is_hit[seed], strict=True
-        ):
-            if hit:
-                owner[middle + i, middle + j] = blob
-        free_now = np.flatnonzero(free)
-        back = np.full(len(centres) + 1, -1)
-        back[free_now] = np.arange(len(free_now))
-        grown = grow(back[owner], blobs[free_now], cover, 0.3)
-        owner = np.where(grown >= 0, free_now[grown], -1)
+        row, column = middle + np.array(EIGHT_NEIGHBOURS)[is_hit[seed]].T
+        owner[row, column] = taken
+        # Those of other pieces are out of reach.
+        left = Blobs(np.where(free[:, None], centres, 1e9), blobs.ink)
+        owner = grow(
+            owner,
+            left,
+            cover,
+            0.3,
+        )
         free[owner[owner >= 0]] = False
         if (owner >= 0).sum() >= LATTICE.least_spots:
             pieces.append(owner)
@@ -235,7 +224,9 @@ def _nearby(grid: FloatArray) -> FloatArray:
 
 
 def _local_fit(
-    grid: FloatArray, panel: IntArray, least: int
+    grid: FloatArray,
+    panel: IntArray,
+    least: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Tell how far each feature lies from where its neighbours place it, in steps, and its cell's area, px².
 
@@ -246,11 +237,8 @@ def _local_fit(
     i, j = (a[1:-1, 1:-1].ravel() for a in (_ROW, _COLUMN))
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
     products = design[:, :, None] * design[:, None]
-    known = (
-        np.isfinite(spots[..., 0])
-        & (same[..., 0] == panel.reshape(-1, 1))
-        & (i * i + j * j > 0)
-    )
+    known = np.isfinite(spots[..., 0]) & (same[..., 0] == panel.reshape(-1, 1))
+    known &= i * i + j * j > 0
     spots = np.where(known[..., None], spots, 0.0)
     nearness = known / (1 + 0.5 * (i * i + j * j))
     miss = np.zeros(panel.shape)
@@ -261,15 +249,16 @@ def _local_fit(
         fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
         fit = fit.reshape(*panel.shape, 6, 2)
         off = _in_cells(grid - fit[..., 0, :], fit[..., 2, :], fit[..., 1, :])
-        miss = np.hypot(off[..., 0], off[..., 1])
+        miss = np.linalg.norm(off, axis=-1)
     enough = known.sum(axis=1).reshape(panel.shape) >= least
-    return np.where(enough & np.isfinite(miss), miss, np.inf), cross(
-        fit[..., 2, :], fit[..., 1, :]
-    )
+    cell = cross(fit[..., 2, :], fit[..., 1, :])
+    return np.where(enough & np.isfinite(miss), miss, np.inf), cell
 
 
 def check_places(
-    grid: FloatArray, panel: IntArray, least: int = 6
+    grid: FloatArray,
+    panel: IntArray,
+    least: int = 6,
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 
@@ -280,6 +269,6 @@ def check_places(
     nearby = _nearby(np.where(np.isfinite(miss), miss, np.nan)[..., None])[..., 0]
     nearby[~np.isfinite(nearby).any(axis=1)] = 0.0
     usual = np.nanmedian(nearby, axis=1).reshape(panel.shape)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with nan_if_undefined():
         slack = LATTICE.slack / np.sqrt(cell)
         return miss <= np.minimum(3 * usual + slack, LATTICE.most_miss), cell

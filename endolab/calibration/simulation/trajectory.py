@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.checks import check_int, number
+
+Panels = tuple[Pose, ...]  # one pose a panel
 
 
 @dataclass(frozen=True)
@@ -20,16 +22,10 @@ class Movement:
 
     fold: float = 0.0  # angle between the normals of a folded sheet's panels, rad
     # Nearest and farthest depth z of its middle, mm.
-    distance: tuple[float, float] = (
-        25.0,
-        100.0,
-    )
+    distance: tuple[float, float] = (25.0, 100.0)
     # The largest angles of its normal to the axis (0: frontal), and of its middle off the axis, rad.
     tilt: float = float(np.deg2rad(55))
     reach: float = float(np.deg2rad(40))
-    # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
-    # until it is reached. By default 0.25, or 1 for targets that are found whole only.
-    seen: float | None = None
 
     def __post_init__(self) -> None:
         nearest, farthest = self.distance
@@ -38,15 +34,22 @@ class Movement:
                 f"distance must be two growing positive numbers (mm), got {nearest} and {farthest}"
             )
         for name, most in (("tilt", 1.4), ("reach", 1.4), ("fold", 2.0)):
-            number(name, getattr(self, name), 0, most)
-        if self.seen is not None:
-            number("seen", self.seen, 0, 1)
+            number(
+                name,
+                getattr(self, name),
+                0,
+                most,
+            )
 
 
 MOVEMENT = Movement()
 
 
-def fold_pose(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
+def fold_pose(
+    target: Target,
+    pose: Pose,
+    fold: float,
+) -> Panels:
     """Fold a flat sheet's pose: each panel turns away from the camera by half of `fold`, rad, at least 0.
 
     One pose a panel; the ridge is towards the camera and stays in place.
@@ -54,23 +57,25 @@ def fold_pose(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
     if target.fold_x is None:
         return (pose,)
     ridge = np.array([target.fold_x, 0.0, 0.0])
-    turns = (Rotation.from_euler("y", half).as_matrix() for half in (fold / 2, -fold / 2))
-    return tuple(
-        Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)) for turn in turns
-    )
+    panels = []
+    for turn in Rotation.from_euler("y", [[fold / 2], [-fold / 2]]).as_matrix():
+        shift = pose.transform(ridge - turn @ ridge)
+        panels.append(Pose(pose.rotation @ turn, shift))
+    return tuple(panels)
 
 
-def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
+def _wander(
+    count: int,
+    columns: int,
+    rng: np.random.Generator,
+) -> FloatArray:
     """Return smooth random motions, (count, columns), that spend their time evenly over [-1, 1]."""
     time = np.linspace(0, 1, count)[:, None]
     slow = rng.uniform(1.5, 3.5, columns)
     fast = rng.uniform(2.0, 5.0, columns)
     start, other_start = rng.uniform(0, 2 * np.pi, (2, columns))
-    phase = (
-        2 * np.pi * slow * time
-        + start
-        + 0.6 * np.sin(2 * np.pi * fast * time + other_start)
-    )
+    sway = np.sin(2 * np.pi * fast * time + other_start)
+    phase = 2 * np.pi * slow * time + start + 0.6 * sway
     # a triangle wave with round corners.
     return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)
 
@@ -83,7 +88,9 @@ def _disc(square: FloatArray) -> FloatArray:
 
 
 def on_sheet(
-    target: Target, poses: Sequence[tuple[Pose, ...]], places: FloatArray
+    target: Target,
+    poses: Sequence[Panels],
+    places: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Places of the sheet and the normals there in the camera frame, (frames, n, 3)."""
     panel = target.panel_of(places)
@@ -98,16 +105,18 @@ def on_sheet(
     return points, normals
 
 
-def in_view(camera: Camera, points: FloatArray, normals: FloatArray) -> BoolArray:
+def in_view(
+    camera: Camera,
+    points: FloatArray,
+    normals: FloatArray,
+) -> BoolArray:
     """Whether the camera sees the front of the sheet at these points, within the picture."""
-    with np.errstate(invalid="ignore"):
+    with nan_if_undefined():
         pixel = camera.project(points)
-        inside = np.all(
-            (pixel >= 0) & (pixel <= [camera.width - 1, camera.height - 1]), axis=-1
-        )
-    facing = np.einsum("...i,...i->...", points, normals) < -0.1 * np.linalg.norm(
-        points, axis=-1
-    )
+        last = [camera.width - 1, camera.height - 1]
+        inside = np.all((pixel >= 0) & (pixel <= last), axis=-1)
+    distance = np.linalg.norm(points, axis=-1)
+    facing = np.einsum("...i,...i->...", points, normals) < -0.1 * distance
     return inside & facing & (points[..., 2] > 0)
 
 
@@ -118,53 +127,44 @@ def trajectory(
     movement: Movement = MOVEMENT,
     *,
     seed: int = 0,
-) -> list[tuple[Pose, ...]]:
+) -> list[Panels]:
     """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel."""
     check_int("count", count, 1)
-    tilt = movement.tilt
-    reach = movement.reach
     fold = movement.fold
-    seen = movement.seen
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
-    if seen is None:
-        found_whole = target.kind in ("circles", "chessboard")  # or not at all
-        seen = 1.0 if found_whole else 0.25
+    # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
+    # until it is reached.
+    least_seen = 1.0 if target.found_whole else 0.25
     wander = _wander(count, 6, np.random.default_rng([check_int("seed", seed), 0]))
-    lean = tilt * _disc(wander[:, :2])
-    aside = reach * _disc(wander[:, 2:4])
+    lean = movement.tilt * _disc(wander[:, :2])
+    aside = movement.reach * _disc(wander[:, 2:4])
     depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log(movement.distance)))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
     turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
     left, top, width, height = target.sheet
-    middle = np.array(
-        [
-            left + width / 2 if target.fold_x is None else target.fold_x,
-            top + height / 2,
-            0.0,
-        ]
-    )
+    middle = np.array([left + width / 2, top + height / 2, 0.0])
+    if target.fold_x is not None:
+        middle[0] = target.fold_x
 
-    def place(which: IntArray, pull: FloatArray) -> list[tuple[Pose, ...]]:
+    def place(which: IntArray, pull: FloatArray) -> list[Panels]:
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
         z = depth[which] * (movement.distance[1] / depth[which]) ** np.clip(pull - 1, 0, 1)
-        away = np.column_stack(
-            [side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))]
-        )
-        flat = zip(turns[which].as_matrix(), away * z[:, None], strict=True)
-        return [
-            fold_pose(target, Pose(turn, centre - turn @ middle), fold)
-            for turn, centre in flat
-        ]
+        off_axis = side * np.tan(angle) / np.where(angle > 0, angle, 1)
+        centre = np.column_stack([off_axis, np.ones(len(which))]) * z[:, None]
+        turn = turns[which].as_matrix()
+        shift = centre - turn @ middle
+        flat = map(Pose, turn, shift)
+        return [fold_pose(target, pose, fold) for pose in flat]
 
     def settle(pull: FloatArray) -> FloatArray:
         """Pull the frames that show too little, step by step."""
         short = np.arange(count)
         while len(short):
             points, normals = on_sheet(target, place(short, pull[short]), target.points)
-            enough = in_view(camera, points, normals).mean(axis=1) >= seen
+            enough = in_view(camera, points, normals).mean(axis=1) >= least_seen
             short = short[~enough & (pull[short] < 2)]
             pull[short] += 0.05
         return pull

@@ -13,6 +13,7 @@ from endolab.calibration.simulation.sheet_image import (
     automatic_gain,
     linear_light,
     render_sheet,
+    round_levels,
     store_levels,
 )
 from endolab.calibration.simulation.trajectory import (
@@ -43,13 +44,24 @@ def simulate_video(
     seed: int = 0,
 ) -> Iterator[SheetFrame]:
     """Simulate a calibration video; each frame has a gain of its own, whatever the photometry's."""
-    poses = trajectory(target, camera, count, movement, seed=seed)
-    gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
+    poses = trajectory(
+        target,
+        camera,
+        count,
+        movement,
+        seed=seed,
+    )
+    gains = automatic_gain(
+        target,
+        poses,
+        camera,
+        photometry,
+        locked=sensor.locked,
+    )
     for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
         light = replace(photometry, gain=float(gain))
-        yield render_sheet(
-            target, pose, camera, light, sensor, seed=seed * 100_003 + number
-        )
+        each = seed * 100_003 + number
+        yield render_sheet(target, pose, camera, light, sensor, seed=each)
 
 
 def simulate_samples(
@@ -68,24 +80,38 @@ def simulate_samples(
     At most `per_frame` of a frame, at random among the bare places in view. The sensor's `outliers` is the
     share of the samples whose level is anything between 0 and 1; it blurs nothing.
     """
-    poses = trajectory(target, camera, count, movement, seed=seed)
-    gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
+    poses = trajectory(
+        target,
+        camera,
+        count,
+        movement,
+        seed=seed,
+    )
+    gains = automatic_gain(
+        target,
+        poses,
+        camera,
+        photometry,
+        locked=sensor.locked,
+    )
     rng = np.random.default_rng([seed, 2])
     places, material = sample_places(target)
     points, normals = on_sheet(target, poses, places)
     visible = in_view(camera, points, normals)
     # The places of a frame in random order, those in view first.
-    order = np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1)[
-        :, :per_frame
-    ]
+    order = np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1)
+    order = order[:, :per_frame]
     frame, rank = np.nonzero(np.take_along_axis(visible, order, axis=1))
     place = order[frame, rank]
     points = points[frame, place]
     normals = normals[frame, place]
     light = gains[frame] * places[place, 3] * linear_light(photometry, points, normals)
-    level = store_levels(light, photometry.gamma, sensor.noise, sensor.bits, rng)
-    wild = rng.random(len(level)) < sensor.outliers
-    level[wild] = store_levels(
-        rng.random(np.count_nonzero(wild)), 1.0, 0.0, sensor.bits, rng
+    level = store_levels(
+        light,
+        photometry.gamma,
+        sensor,
+        rng,
     )
+    wild = rng.random(len(level)) < sensor.outliers
+    level[wild] = round_levels(rng.random(np.count_nonzero(wild)), sensor.bits)
     return Samples(frame, level, points, normals, material[place]), gains

@@ -1,6 +1,5 @@
 """The simulated calibration video: geometry and light against brute force, and what a hand may do."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -20,11 +19,12 @@ from tests.tools.sheet_views import reflectance
 
 FULL = el.load_calibration("paper").camera
 CAMERA = FULL.resize(480, 360)
-LARGE = FULL.resize(960, 720)
 PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 FLAT = el.TARGETS["vicalib_small"]
 FOLDED = el.TARGETS["vicalib_folded"]
 CLEAN = Sensor(noise=0.0, bits=16)
+TABLE = el.TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1))
+BESIDE = el.SpotLight((3.0, 0.0, 0.0), exponent=1.0)
 # Frontal, the sheet's middle on the axis.
 AHEAD = Pose(np.eye(3), np.array([-38.0, -19.0, 45.0]))
 
@@ -36,7 +36,15 @@ def meet(pose, rays):
     return rays * np.where(reach > 0, reach, np.nan)[..., None]
 
 
-def brute(target, poses, camera, photometry, rows, columns, sub=8):
+def brute(
+    target,
+    poses,
+    camera,
+    photometry,
+    rows,
+    columns,
+    sub=8,
+):
     """Linear light of a window, each pixel the mean of sub × sub rays; black beside the paper."""
     r, c = ((np.arange(a * sub, b * sub) + 0.5) / sub - 0.5 for a, b in (rows, columns))
     rays = camera.unproject(np.stack(np.meshgrid(c, r), axis=-1))
@@ -61,157 +69,118 @@ def brute(target, poses, camera, photometry, rows, columns, sub=8):
     [
         (FLAT, 0.0, PAPER),
         (FOLDED, 0.6, PAPER),
-        (el.TARGETS["vicalib_grey"], 0.0, PAPER),
-        (el.TARGETS["charuco"], 0.0, PAPER),
-        (
-            FLAT,
-            0.0,
-            replace(PAPER, brdf=el.TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1))),
-        ),
-        (
-            FLAT,
-            0.0,
-            replace(PAPER, k=1.0, lights=(el.SpotLight((3.0, 0.0, 0.0), exponent=1.0),)),
-        ),
+        (el.TARGETS["vicalib_grey"], 0.0, replace(PAPER, brdf=TABLE)),
+        (el.TARGETS["charuco"], 0.0, replace(PAPER, lights=(BESIDE,))),
     ],
-    ids=["flat", "folded", "grey", "charuco", "table", "off-centre light"],
+    ids=["flat", "folded", "grey, table", "charuco, off-centre light"],
 )
 def test_a_picture_is_the_brute_force_average(target, fold, photometry):
     poses = trajectory(target, CAMERA, 5, Movement(fold, (30.0, 60.0)), seed=2)[1]
-    frame = render_sheet(target, poses, CAMERA, photometry, CLEAN)
-    middle = CAMERA.project(
-        poses[0].transform([target.fold_x or target.points[:, 0].mean(), 19.0, 0.0])
+    frame = render_sheet(
+        target,
+        poses,
+        CAMERA,
+        photometry,
+        CLEAN,
     )
-    column, row = (
-        int(np.clip(value, 35, side - 35))
-        for value, side in zip(middle, (480, 360), strict=True)
-    )
+    x = target.fold_x or target.points[:, 0].mean()
+    middle = CAMERA.project(poses[0].transform([x, 19.0, 0.0]))
+    column, row = np.clip(middle, 35, np.array([480, 360]) - 35).astype(int)
     rows = (row - 30, row + 30)
     columns = (column - 30, column + 30)
     known = replace(photometry, gain=frame.gain)
     truth = np.clip(brute(target, poses, CAMERA, known, rows, columns), 0.0, 1.0)
-    found = frame.image[slice(*rows), slice(*columns)] ** photometry.gamma
+    found = frame.image[slice(*rows), slice(*columns)]
     assert truth.max() > 0.1
-    error = found - truth
+    error = found**photometry.gamma - truth
     assert abs(error.mean()) < 2e-3 * truth.mean()
     assert np.sqrt(np.mean(error**2)) < 0.02
-    even = (
-        np.abs(truth ** (1 / photometry.gamma) - frame.image[slice(*rows), slice(*columns)])
-        < 0.1 / 255
-    )
+    even = np.abs(truth ** (1 / photometry.gamma) - found) < 0.1 / 255
     assert even.mean() > 0.3  # where nothing printed passes through the pixel
 
 
-def test_each_option_does_what_it_says():
-    clean = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, CLEAN).image
-    x, y, _ = FLAT.white_places()[0]
-    column, row = np.round(CAMERA.project(AHEAD.transform([x, y, 0.0]))).astype(int)
-    noisy, again = (
-        render_sheet(FLAT, [AHEAD], CAMERA, PAPER, Sensor(noise=3.0, bits=16), seed=n).image
-        for n in (0, 1)
-    )
+def test_noise_rounding_and_spots_are_as_asked():
+    def seen(sensor, seed=0):
+        return render_sheet(FLAT, [AHEAD], CAMERA, PAPER, sensor, seed=seed).image
+
+    clean = seen(CLEAN)
+    noisy = seen(replace(CLEAN, noise=3.0))
     grey = (clean > 0.2) & (clean < 0.8)
     assert np.std((noisy - clean)[grey]) * 255 == pytest.approx(3.0, rel=0.02)
-    assert not np.array_equal(noisy, again)
-    coarse = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, Sensor(noise=0.0, bits=8)).image
+    assert not np.array_equal(noisy, seen(replace(CLEAN, noise=3.0), seed=1))
+    coarse = seen(replace(CLEAN, bits=8))
     np.testing.assert_allclose(coarse * 255, np.round(coarse * 255), atol=1e-9)
     assert np.abs(coarse - clean).max() <= 0.5001 / 255
-    linear = clean**2.2
-    for options in ({"blur": 2.0}, {"motion": 9.0}):
-        soft = (
-            render_sheet(FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, **options)).image
-            ** 2.2
-        )
-        assert soft[40:-40, 40:-40].sum() == pytest.approx(
-            linear[40:-40, 40:-40].sum(), rel=1e-3
-        )
-        assert (
-            np.abs(np.diff(soft, axis=1)).sum()
-            < 0.9 * np.abs(np.diff(linear, axis=1)).sum()
-        )
-
-    spotted = render_sheet(
-        FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, outliers=0.015)
-    ).image
-    paper = linear > 0.1
+    spotted = seen(replace(CLEAN, outliers=0.015))
+    paper = clean**2.2 > 0.1
     assert 0.008 < np.mean(np.abs(spotted - clean)[paper] > 0.02) < 0.022
-    over = render_sheet(FLAT, [AHEAD], CAMERA, replace(PAPER, gain=1e5), CLEAN).image
-    assert over.max() == over[row, column] == 1.0
 
 
-@pytest.mark.parametrize("fold", [0.0, 0.05, 0.5, 1.2])
+@pytest.mark.parametrize(
+    "fold",
+    [0.0, 0.05, 1.2],
+)
 def test_panels_share_the_fold_and_turn_away(fold):
     ridge = np.array([[FOLDED.fold_x, y, 0.0] for y in (0.0, 38.0)])
     for left, right in trajectory(FOLDED, CAMERA, 30, Movement(fold)):
         np.testing.assert_allclose(left.transform(ridge), right.transform(ridge), atol=1e-9)
         assert left.normal @ right.normal == pytest.approx(np.cos(fold), abs=1e-12)
-        for pose in (left, right):
-            np.testing.assert_allclose(
-                pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12
-            )
-            assert np.linalg.det(pose.rotation) == pytest.approx(1)
         # Convex: each panel lies behind the plane of the other, seen from where the sheet is read.
         tip = right.transform([[76.0, 19.0, 0.0]])
         assert np.all((tip - left.translation) @ left.normal <= 1e-9)
 
 
-def test_a_hand_goes_everywhere_and_smoothly_and_can_be_held_back():
-    frames = trajectory(FLAT, FULL, 300)
-    poses = [frame[0] for frame in frames]
+def test_a_hand_goes_everywhere_and_smoothly():
+    poses = [pose for (pose,) in trajectory(FLAT, FULL, 300)]
     centres = np.array([pose.transform([38.0, 19.0, 0.0]) for pose in poses])
     assert centres[:, 2].min() == pytest.approx(25, abs=3)
     assert centres[:, 2].max() == pytest.approx(100, abs=3)
-    tilts = np.array([pose.tilt for pose in poses])
-    assert np.deg2rad(45) < tilts.max() <= np.deg2rad(55) + 1e-9
-    assert tilts.min() < np.deg2rad(10)
+    tilts = np.rad2deg([pose.tilt for pose in poses])
+    assert tilts.min() < 10
+    assert 45 < tilts.max() <= 55 + 1e-6
     assert np.linalg.norm(np.diff(centres, axis=0), axis=1).max() < 12
-    turns = [
-        np.arccos((np.trace(a.rotation.T @ b.rotation) - 1) / 2)
-        for a, b in itertools.pairwise(poses)
-    ]
-    assert max(turns) < 0.3
+    turn = np.diff([pose.rotation for pose in poses], axis=0)
+    assert np.linalg.norm(turn, axis=(1, 2)).max() < 0.3 * np.sqrt(2)  # about rad
 
 
 def test_the_gain_follows_the_distance_within_its_range():
     poses = trajectory(FLAT, CAMERA, 300)
-    gains = automatic_gain(FLAT, poses, CAMERA, PAPER)
+    gains = automatic_gain(
+        FLAT,
+        poses,
+        CAMERA,
+        PAPER,
+    )
     depth = [pose.transform([38.0, 19.0, 0.0])[2] for (pose,) in poses]
     assert 2.0 < gains.max() / gains.min() <= GAIN_RULES.largest_ratio * (1 + 1e-9)
     assert np.corrcoef(np.log(gains), np.log(depth))[0, 1] > 0.7
-    assert (
-        np.abs(np.diff(np.log(gains))).max() < np.log(GAIN_RULES.largest_ratio) / 3
-    )  # it lags
-    locked = automatic_gain(FLAT, poses, CAMERA, PAPER, locked=True)
+    # It lags.
+    assert np.abs(np.diff(np.log(gains))).max() < np.log(GAIN_RULES.largest_ratio) / 3
+    locked = automatic_gain(
+        FLAT,
+        poses,
+        CAMERA,
+        PAPER,
+        locked=True,
+    )
     assert np.ptp(locked) == 0
     assert gains.min() < locked[0] < gains.max()
 
 
-def test_samples_obey_the_model_and_lie_on_their_panels():
+def test_samples_obey_the_model():
     target = el.TARGETS["vicalib_grey"]
-    samples, gains = simulate_samples(target, FULL, PAPER, 40, sensor=CLEAN)
-    linear = (
-        replace(PAPER, gain=1.0).intensity(samples.points, samples.normals) ** 2.2
-        * gains[samples.frame]
+    samples, gains = simulate_samples(
+        target,
+        FULL,
+        PAPER,
+        40,
+        sensor=CLEAN,
     )
-    linear = linear * np.where(samples.material == 1, 0.5, 1.0)
-    np.testing.assert_allclose(samples.level, np.clip(linear ** (1 / 2.2), 0, 1), atol=1e-5)
+    level = replace(PAPER, gain=1.0).intensity(samples.points, samples.normals)
+    known = gains[samples.frame] * np.where(samples.material == 1, 0.5, 1.0)
+    level = np.clip(level * known ** (1 / 2.2), 0, 1)
+    np.testing.assert_allclose(samples.level, level, atol=1e-5)
     assert set(samples.material) == {0, 1}
-    assert gains.shape == (40,)
     assert np.array_equal(np.unique(samples.frame), np.arange(40))
     pixels = FULL.project(samples.points)
     assert np.all((pixels >= 0) & (pixels <= [1439, 1079]))
-    assert samples.cos_theta.min() > 0
-    poses = trajectory(FOLDED, FULL, 20, Movement(fold=0.5), seed=4)
-    samples, _ = simulate_samples(
-        FOLDED, FULL, PAPER, 20, movement=Movement(fold=0.5), seed=4
-    )
-    for number, frame in enumerate(poses):
-        here = samples[samples.frame == number]
-        heights = np.stack(
-            [(here.points - pose.translation) @ pose.normal for pose in frame]
-        )
-        agree = np.stack(
-            [np.all(np.abs(here.normals - pose.normal) < 1e-12, axis=1) for pose in frame]
-        )
-        assert np.all(agree.sum(axis=0) == 1)
-        np.testing.assert_allclose(heights[agree], 0, atol=1e-9)
