@@ -57,9 +57,6 @@ FILE_CALLS = {
     ),
     *("read_text", "write_text", "read_bytes", "write_bytes"),
 }
-BORROWED = {
-    "metrics.mesh_distance": {"imports open3d"},  # what a library measures, ours need not
-}
 SLOW_TO_IMPORT = ["numpy", "rerun", "open3d", "matplotlib", "ipywidgets", "numba", "cv2"]
 
 
@@ -141,7 +138,7 @@ def test_no_test_imports_another_test():
 @pytest.mark.parametrize("module", in_core())
 def test_the_core_knows_neither_files_nor_people(module):
     source = structure.modules(PACKAGE)[module].read_text(encoding="utf-8")
-    assert complaints(source) <= BORROWED.get(module, set())
+    assert complaints(source) == set()
 
 
 @pytest.fixture

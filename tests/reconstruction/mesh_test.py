@@ -1,7 +1,6 @@
-"""Meshes: whole where the surface is, cut where it is cut, written as they are, measured rightly."""
+"""Meshes: whole where the surface is, cut where it is cut, written as they are."""
 
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +10,9 @@ from matplotlib import colormaps
 from endolab.io.datasets import load_calibration
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.metrics.mesh_distance import distance_to, to_open3d
 from endolab.reconstruction.mesh import make_mesh
 from endolab.solvers.result import Iterate
-from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
+from endolab.synthetic.scenes import SCENES
 from tests.tools.problems import coloured_colon
 
 CAMERA = load_calibration("paper", 160).camera
@@ -186,54 +184,3 @@ def test_colours_of_sigma_grow_brighter_with_it_and_a_file_says_so(doubted, tmp_
     head = (tmp_path / "a.ply").read_bytes()[:400]
     assert mesh.legend.encode() in head
     assert b"unit: mm" in head
-
-
-@pytest.mark.parametrize(
-    ("scene", "off"),
-    [
-        (Plane(60.0, 20.0), lambda p: (p - [0, 0, 60.0]) @ Plane(60.0, 20.0)._normal),
-        (Bowl(), lambda p: 115.0 - np.linalg.norm(p - np.array(Bowl().centre), axis=-1)),
-        (Tube(18.5, 400.0), lambda p: 18.5 - np.linalg.norm(p[:, :2], axis=-1)),
-    ],
-    ids=["plane", "ball", "tube"],
-)
-def test_distances_are_those_of_the_analytic_surface(scene, off, open3d):
-    """Of a surface that is too near by a few per cent, to 0.01 mm."""
-    distance = scene.distance(RAYS)
-    distance = np.where(distance < 150, distance * np.linspace(0.95, 1.0, 160), np.nan)
-    mesh = make_mesh(distance[..., None] * RAYS)
-    found = distance_to(mesh, scene.mesh())
-    expected = np.abs(off(mesh.vertices))
-    assert np.abs(found.distance - expected).max() < 0.01
-    stated = (found.mean, found.median, found.percentile_95)
-    true = np.percentile(expected, [50, 95])
-    assert stated == pytest.approx((expected.mean(), *true), abs=0.01)
-    assert expected.max() > 0.5
-    same = distance_to(mesh, make_mesh(points_of(scene)))  # a mesh from a grid is coarser
-    assert same.mean == pytest.approx(expected.mean(), abs=0.1)
-
-
-def test_a_mesh_without_a_scale_needs_one(open3d):
-    mesh = replace(make_mesh(wall() / 10), unit="relative units")
-    with pytest.raises(ValueError, match="relative units: give scale"):
-        distance_to(mesh, make_mesh(wall()))
-    assert distance_to(mesh, make_mesh(wall()), scale=10.0).mean == pytest.approx(
-        0, abs=1e-4
-    )
-    with pytest.raises(
-        ValueError, match="nothing to measure: the mesh has 35 vertices, the truth 0"
-    ):
-        distance_to(mesh, np.full((3, 3), np.nan), scale=10.0)
-
-
-def test_without_open3d_meshes_are_made_and_written_and_the_rest_says_why(
-    monkeypatch, tmp_path
-):
-    monkeypatch.setitem(sys.modules, "open3d", None)
-    mesh = make_mesh(wall())
-    write_mesh(tmp_path / "mesh.obj", mesh)
-    for call in (to_open3d, lambda m: distance_to(m, m)):
-        with pytest.raises((ImportError, OSError), match=r"(?i)open3d"):
-            call(mesh)
-    points = wall() + np.array([0, 0, 2.0])  # mere points do without
-    assert distance_to(mesh, points).distance == pytest.approx(np.full(35, 2.0))

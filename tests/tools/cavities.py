@@ -19,7 +19,7 @@ import skimage.measure
 
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.rendering import waves
-from endolab.synthetic.scenes import grid_triangles
+from tests.tools.meshes import grid_triangles
 
 LEAST = 0.05  # mm, a step of a ray beside a wall
 FAREST = 1000.0  # mm, beyond every wall
