@@ -16,7 +16,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.model.thinned import thin_normals
+from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.reconstruct import reconstruct
@@ -294,9 +294,8 @@ def scale_between(before: Surface, result: Result) -> float:
     ) * 2
     old = before.distance[thin]
     new = result.distance[thin]
-    n = thin_normals(
-        np.log(before.distance), field, np.isfinite(before.distance), thin[0].step
-    )
+    maps = ThinnedMaps(field, np.isfinite(before.distance), None, thin[0].step)
+    n = maps.normals(np.log(before.distance))
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
