@@ -162,7 +162,7 @@ class Photometry:
         slant = np.asarray(slant, dtype=np.float64)
         cosine = 1 / np.sqrt(1 + slant)
         f = self.brdf.value(cosine, cosine)
-        slope = sum(self.brdf.derivative(cosine, cosine))
+        slope = self.brdf.slope(cosine)
         intensity = self._to_stored(log_distance, cosine, f, self.attenuation(cos_alpha))
         # d cos θ / dP = -cos³θ / 2
         by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
