@@ -16,7 +16,7 @@ from endolab.metrics.depth_errors import angle_between
 from endolab.reconstruction.channels import make_problem
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.solvers import solve
-from endolab.synthetic.scenes import Colon, Tube
+from endolab.synthetic.scenes import Colon, Tube, _tilt_matrix
 from tests.benchmarks.report import table
 from tests.tools.problems import Shot
 
@@ -33,23 +33,17 @@ class Funnel(Tube):
 
     narrowing: float = 0.1
 
-    @property
-    def _turn(self):
-        c = np.cos(np.deg2rad(self.tilt))
-        s = np.sin(np.deg2rad(self.tilt))
-        return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-
     def normals(self, points):
-        inside = points @ self._turn
+        inside = points @ _tilt_matrix(self.tilt)
         out = inside[..., :2] + self.offset
         out /= np.linalg.norm(out, axis=-1, keepdims=True)
         normal = -np.append(out, np.full((*out.shape[:-1], 1), self.narrowing), axis=-1)
         is_wall = inside[..., 2:] > self.length * (1 - 1e-12)
         normal = np.where(is_wall, [0.0, 0.0, -1.0], normal / np.hypot(1, self.narrowing))
-        return normal @ self._turn.T
+        return normal @ _tilt_matrix(self.tilt).T
 
     def distance(self, rays):
-        inside = rays @ self._turn
+        inside = rays @ _tilt_matrix(self.tilt)
         offset = np.asarray(self.offset)
         along = inside[..., 2]
         a = np.sum(inside[..., :2] ** 2, axis=-1) - (self.narrowing * along) ** 2
@@ -105,57 +99,29 @@ def measure(shot, regulariser):
     inside = np.zeros_like(mask)
     inside[RIM:-RIM, RIM:-RIM] = mask[RIM:-RIM, RIM:-RIM]
     degrees = angle_between(found.normals, shot.truth.normals)[mask]
-    start = np.where(
-        mask,
-        np.log(np.where(mask, truth, 1.0)),
-        np.where(problem.mask, problem.log_d0, 0.0),
-    )
+    start = np.where(problem.mask, problem.log_d0, 0.0)
+    start[mask] = np.log(truth[mask])
     kept = el.run(solve(problem, start=start)).energy
-    energies = 1e5 * np.array(
-        [found.energy, kept, sum(energy_terms(problem, start).values())]
-    )
-    return np.array(
-        [
-            off[mask].mean(),
-            off[mask & ~inside].mean(),
-            off[inside].mean(),
-            degrees.mean(),
-            *energies,
-        ]
-    )
-
-
-def rows_of(scenes, cameras, noises):
-    """A row for each scene, and one for the mean and the largest of its kind."""
-    for camera, noise, regulariser in product(cameras, noises, REGULARISERS):
-        found = []
-        for number, scene in enumerate(scenes):
-            found.append(measure(shot_of(scene, camera, noise, number), regulariser))
-            yield [
-                camera,
-                f"{noise:g}",
-                regulariser,
-                str(number),
-                *(f"{one:.2f}" for one in found[-1]),
-            ]
-        for name, summary in (
-            ("mean", np.nanmean(found, axis=0)),
-            ("most", np.nanmax(found, axis=0)),
-        ):
-            yield [
-                camera,
-                f"{noise:g}",
-                regulariser,
-                name,
-                *(f"{one:.2f}" for one in summary),
-            ]
+    of_truth = sum(energy_terms(problem, start).values())
+    energies = 1e5 * np.array([found.energy, kept, of_truth])
+    errors = [off[mask].mean(), off[mask & ~inside].mean(), off[inside].mean()]
+    return np.array([*errors, degrees.mean(), *energies])
 
 
 def print_table(title, scenes, noises):
+    """A row for each scene, and one for the mean and the largest of its kind."""
+    rows = []
+    for kind in product(CAMERAS, noises, REGULARISERS):
+        camera, noise, regulariser = kind
+        found = []
+        for number, scene in enumerate(scenes):
+            found.append(measure(shot_of(scene, camera, noise, number), regulariser))
+        lines = dict(enumerate(found))
+        lines |= {"mean": np.nanmean(found, axis=0), "most": np.nanmax(found, axis=0)}
+        for name, figures in lines.items():
+            rows.append([*map(str, kind), str(name), *(f"{x:.2f}" for x in figures)])
     heads = ("camera", "noise", "regulariser", "tube", *HEADS)
-    table(
-        f"{title}, {WIDTH} px; energies times 1e5", heads, rows_of(scenes, CAMERAS, noises)
-    )
+    table(f"{title}, {WIDTH} px; energies times 1e5", heads, rows)
 
 
 def straight():
