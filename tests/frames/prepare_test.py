@@ -107,12 +107,6 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known):
     assert len([ax for ax in figure.axes if ax.get_title()]) == 7
 
 
-def test_an_undistorted_frame_has_its_own_camera(known, colon):
-    ready = prepare(el.Frame(colon.image, colon.mask), known, undistort=True)
-    assert (ready.undistorted, ready.camera.model) == (True, "pinhole")
-    assert ready.frame.mask.shape == (ready.camera.height, ready.camera.width)
-
-
 def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(
     known, colon, wet
 ):

@@ -36,7 +36,7 @@ def test_nothing_shines_backwards(exponent):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("position", value) for value in ((0, 0), (0, np.nan, 0))),
+        *(("position", value) for value in ((0, 0), (0, np.nan, 0), (0, 1e300, 0))),
         *(("direction", value) for value in ((0, 0, 0), (0, 1))),
         *(("exponent", value) for value in (-0.1, np.nan)),
         *(("weight", value) for value in (0.0, np.inf)),
