@@ -159,11 +159,10 @@ class Photometry:
 
         v = log d, d in mm; the slant is P = tan²θ = ∇vᵀ G⁻¹ ∇v; α is the angle between ray and axis.
         """
-        slant = np.asarray(slant, dtype=np.float64)
-        cosine = 1 / np.sqrt(1 + slant)
+        cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
         f = self.brdf.value(cosine, cosine)
         slope = self.brdf.slope(cosine)
-        intensity = self._to_stored(log_distance, cosine, f, self.attenuation(cos_alpha))
+        intensity = self.brightness(log_distance, slant, self.attenuation(cos_alpha))
         # d cos θ / dP = -cos³θ / 2
         by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
         return intensity, -2 * intensity / self.gamma, by_slant
@@ -173,17 +172,7 @@ class Photometry:
     ) -> FloatArray:
         """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
         cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
-        return self._to_stored(
-            log_distance, cosine, self.brdf.value(cosine, cosine), attenuation
-        )
-
-    def _to_stored(
-        self,
-        log_distance: ArrayLike,
-        cosine: FloatArray,
-        f: FloatArray,
-        attenuation: FloatArray,
-    ) -> FloatArray:
+        f = self.brdf.value(cosine, cosine)
         falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
         linear = attenuation * self._known_gain() * falloff * f * cosine
         return np.asarray(linear ** (1 / self.gamma))

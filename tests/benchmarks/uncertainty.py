@@ -21,20 +21,12 @@ from tests.benchmarks.report import table
 
 FEW = 50  # pixels of a kind, below which a frame has none of it
 KINDS = {"data": DATA, "border": BORDER, "prior": PRIOR}
-HEADS = (
-    "frame",
-    "within σ / 2σ %",
-    "rank",
-    "σ %",
-    "log score, constant",
-    "CRPS %, constant",
-)
+HEADS = ("frame", "within σ / 2σ %", "rank", "σ %", "log score, constant")
 CELLS = (
     "{within_one:.1f} / {within_two:.1f}",
     "{spearman:.2f}",
     "{sigma_percent:.1f}",
     "{log_score:.2f} after {constant_log_score:.2f}",
-    "{crps_percent:.2f} after {constant_crps_percent:.2f}",
 )
 
 
