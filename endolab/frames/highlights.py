@@ -101,9 +101,9 @@ def _white_part(
 ) -> tuple[FloatArray, FloatArray]:
     """Split light into tissue's and white by least squares; the white part and its standard deviation."""
     weight = 1 / spread**2
-    aa, ab, bb = (
-        np.sum(weight * power, axis=-1) for power in (colour**2, colour, np.ones(3))
-    )
+    aa = np.sum(weight * colour**2, axis=-1)
+    ab = np.sum(weight * colour, axis=-1)
+    bb = np.sum(weight, axis=-1)
     a = np.sum(weight * colour * light, axis=-1)
     b = np.sum(weight * light, axis=-1)
     aa += 1e-12 * bb  # a picture may be all black
@@ -123,17 +123,11 @@ def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
         across = edge + round(reach * np.cos(turn))
         return padded[down : down + rows, across : across + columns]
 
+    steepest = HIGHLIGHT_SEARCH.steepest
     for turn in np.arange(8) * np.pi / 4:
         ahead = window_at(step, turn)
-        beside = window_at(edge, turn)
-        np.maximum(
-            log_tissue,
-            ahead
-            + np.clip(
-                ahead - beside, -HIGHLIGHT_SEARCH.steepest, HIGHLIGHT_SEARCH.steepest
-            ),
-            out=log_tissue,
-        )
+        slope = np.clip(ahead - window_at(edge, turn), -steepest, steepest)
+        np.maximum(log_tissue, ahead + slope, out=log_tissue)
     return np.exp(log_tissue.astype(np.float64))
 
 

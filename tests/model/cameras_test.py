@@ -61,16 +61,6 @@ def test_kannala_brandt_projects_as_opencv_does(rng, camera):
     assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
 
 
-def test_kannala_brandt_unprojects_as_opencv_does(rng):
-    pixel = ENDOSCOPE.project(directions(rng, 500, 85.0))
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    known = matrix(ENDOSCOPE), np.array(ENDOSCOPE.k)
-    plane = cv2.fisheye.undistortPoints(pixel[None], *known, criteria=stop).reshape(-1, 2)
-    expected = np.concatenate([plane, np.ones((len(plane), 1))], axis=-1)
-    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
-    assert_allclose(ENDOSCOPE.unproject(pixel), expected, rtol=0, atol=1e-9 / ENDOSCOPE.fx)
-
-
 def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
     """Against the paper's formula, written out."""
     ray = directions(rng, 500, 150.0)
