@@ -232,13 +232,10 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray) -> FloatArray:
     here = here[pairs]
     there = there[pairs]
     step = np.arange(here.size)
-    differences = scipy.sparse.coo_array(
-        (
-            np.repeat([1.0, -1.0], here.size),
-            (np.tile(step, 2), np.concatenate([here, there])),
-        ),
-        shape=(here.size, holes.size),
-    ).tocsc()
+    one = np.ones(here.size)
+    size = (here.size, holes.size)
+    differences = scipy.sparse.coo_array((one, (step, here)), size).tocsc()
+    differences -= scipy.sparse.coo_array((one, (step, there)), size).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
     hint = 1e-9
     inner = differences[:, wanted]

@@ -135,7 +135,7 @@ class Calibration:
                 f"a calibration file holds Lambertian or tabulated BRDFs, not {type(brdf).__name__}"
             )
         light = self.photometry
-        photometry = {
+        photometry: dict[str, Any] = {
             "k": light.k,
             "gamma": light.gamma,
             "gain": light.gain,

@@ -39,8 +39,8 @@ def main(wanted: str) -> None:
         errors = [error(case, k, light.gamma) for k in ks]
         off.append([found.k - light.k, *errors])
         estimate = f"{found.k:.2f} ± {found.standard_error:.2f}"
-        told = [case.name, f"{light.k:.2f}", estimate, found.outcome]
-        rows.append([*told, *(f"{percent:.1f}" for percent in errors)])
+        cells = [case.name, f"{light.k:.2f}", estimate, found.outcome]
+        rows.append([*cells, *(f"{percent:.1f}" for percent in errors)])
     mean = np.mean(off, axis=0)
     spread = np.std(off, axis=0)[0]
     percents = [f"{percent:.1f}" for percent in mean[1:]]

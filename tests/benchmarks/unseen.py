@@ -38,17 +38,17 @@ def score(case: Case) -> dict[str, Errors]:
     cuts = depth_cuts(case.distance)
     ways = WAYS | {TRUE_CONTOURS: {"channel": "separated", "cuts": cuts}}
     found = {}
-    said = ""
+    sentences = ""
     for name, options in ways.items():
         result = el.reconstruct(case.frame, case.calibration, **options)
         found[name] = case.errors_of(result)
         if name == "automatic":
-            said = " ".join(notes(result))
+            sentences = " ".join(notes(result))
     found[BEST] = min((found[name] for name in CHANNELS), key=lambda e: e.mean_percent)
     percents = [f"{name} {errors.mean_percent:.1f}" for name, errors in found.items()]
     print(f"{case.name:16}", *percents, sep="  ", flush=True)
     if found["automatic"].mean_percent > found[BEST].mean_percent + WORSE:
-        print(f"  worse than the best colour: {said}", flush=True)
+        print(f"  worse than the best colour: {sentences}", flush=True)
     return found
 
 
