@@ -56,14 +56,10 @@ lint: $(READY) ## check style, format, spelling and types
 
 bench: $(READY) ## measure speed
 	$(BIN)/python -m tests.benchmarks.speed
-	$(BIN)/python -m tests.benchmarks.solvers
-	$(BIN)/python -m tests.benchmarks.calibration
 	$(BIN)/python -m tests.benchmarks.session
 	$(BIN)/python -m tests.benchmarks.colon
 	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.highlights
-	$(BIN)/python -m tests.benchmarks.sequence
-	$(BIN)/python -m tests.benchmarks.live
 
 unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'

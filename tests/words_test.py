@@ -151,27 +151,10 @@ def run(*words):
 def test_every_command_of_the_readme_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("endoscope.json").write_text(blocks("json")[0])
-    run(
-        "simulate",
-        "colon",
-        "--calibration",
-        "endoscope.json",
-        "--width",
-        "1440",
-        "--out",
-        "sim",
-    )
-    run(
-        "simulate",
-        "sheet",
-        "--target",
-        "vicalib_folded",
-        "--frames",
-        "60",
-        "--video",
-        "--out",
-        "sheet",
-    )
+    colon = ("colon", "--calibration", "endoscope.json", "--width", "1440")
+    run("simulate", *colon, "--out", "sim")
+    sheet = ("sheet", "--target", "vicalib_folded", "--frames", "60", "--video")
+    run("simulate", *sheet, "--out", "sheet")
     Path("sim/frame.png").rename("frame.png")
     next(Path("sheet").glob("*.mkv")).rename("video.mp4")
     for program, *words in commands():

@@ -394,9 +394,7 @@ def add_reconstruct_commands(commands: Any) -> None:
     option(
         "--mesh", action="store_true", help="write mesh.ply too: triangles, cut at folds"
     )
-    text = (
-        "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
-    )
+    text = "leave out the dark lumen, find highlights, and draw it all: preparation.png"
     option("--prepare", action="store_true", help=text)
     text = f"of fast_marching in the recording (default {SNAPSHOTS})"
     option("--snapshots", type=integer, metavar="N", help=text)

@@ -1,4 +1,4 @@
 """What a picture shows before anything is solved.
 
-Read `frame`, `highlights`, `contours`, `prepare`.
+Read `surround`, `frame`, `highlights`, `prepare`.
 """

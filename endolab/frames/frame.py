@@ -80,40 +80,39 @@ class Frame:
 
     def __post_init__(self) -> None:
         image = real_array(f"{self.name}: the image", self.image)
-        if (
-            image.ndim not in (2, 3)
-            or image.shape[2:] not in ((), (3,))
-            or 0 in image.shape
-        ):
+        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)) or not image.size:
             raise ValueError(
                 f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
             )
-        for what in ("mask", "silent") if self.silent is not None else ("mask",):
-            mask = mask_array(f"{self.name}: the {what}", getattr(self, what))
-            if mask.shape != image.shape[:2]:
-                sizes = (
-                    "x".join(map(str, shape[::-1]))
-                    for shape in (mask.shape, image.shape[:2])
-                )
-                raise ValueError(
-                    "{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes)
-                )
-            # The caller's buffer may be the next frame's soon.
-            object.__setattr__(self, what, readonly_copy(mask))
+        object.__setattr__(self, "mask", self._check_mask("mask", self.mask, image))
+        if self.silent is not None:
+            object.__setattr__(
+                self, "silent", self._check_mask("silent", self.silent, image)
+            )
         if not self.mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image if self.mask.all() else image[self.mask]
         low = used.min()
         high = used.max()
         if not (low >= 0 and high <= 1):  # either is nan where any value is
-            span = f"found {low:.4g} to {high:.4g}"
-            remedy = (
-                "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
-            )
+            is_bytes = np.asarray(self.image).dtype == np.uint8
+            remedy = "; divide bytes by 255" if is_bytes else ""
             raise ValueError(
-                f"{self.name}: values must be finite and lie in [0, 1], {span}{remedy}"
+                f"{self.name}: values must be finite and lie in [0, 1], "
+                f"found {low:.4g} to {high:.4g}{remedy}"
             )
         object.__setattr__(self, "image", readonly_copy(image))
+
+    def _check_mask(self, what: str, given: BoolArray, image: FloatArray) -> BoolArray:
+        """Return a copy, as the caller's buffer may be the next frame's soon."""
+        mask = mask_array(f"{self.name}: the {what}", given)
+        if mask.shape != image.shape[:2]:
+            high, wide = image.shape[:2]
+            found = "x".join(map(str, mask.shape[::-1]))
+            raise ValueError(
+                f"{self.name}: the {what} is {found} px, the frame {wide}x{high} px"
+            )
+        return readonly_copy(mask)
 
     @property
     def width(self) -> int:
@@ -132,11 +131,9 @@ class Frame:
     @property
     def misplaced(self) -> float:
         """Share of a mask that is left out, as it surely lies beyond what the endoscope shows."""
-        return (
-            0.0
-            if self.mask.all()
-            else 1 - float(self._pixels_to_use.sum() / self.mask.sum())
-        )
+        if self.mask.all():
+            return 0.0
+        return 1 - float(self._pixels_to_use.sum() / self.mask.sum())
 
     @cached_property
     def _pixels_to_use(self) -> BoolArray:
@@ -205,15 +202,12 @@ class Frame:
         part = np.where(kept, share, 1.0)
 
         def average_light(channel: FloatArray) -> FloatArray:
-            light = shrink(
-                power(channel if whole else np.where(self.mask, channel, 0.0), gamma)
-            )
-            plain = (
-                light
-                if kept.all()
-                else shrink(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
-            )
-            return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
+            inside = channel if whole else np.where(self.mask, channel, 0.0)
+            light = shrink(power(inside, gamma)) / part
+            if not kept.all():
+                outside = np.clip(np.nan_to_num(channel), 0, 1)
+                light = np.where(kept, light, shrink(power(outside, gamma)))
+            return np.clip(light, 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
         channels = [
@@ -325,15 +319,10 @@ def smooth_light(
     """
     if sigma <= 0:
         return image
-    light = cv2.GaussianBlur(
-        power(np.where(mask, image, 0.0), gamma),
-        (0, 0),
-        sigma,
-        borderType=cv2.BORDER_CONSTANT,
-    )
-    share = cv2.GaussianBlur(
-        mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
-    )
+    lit = power(np.where(mask, image, 0.0), gamma)
+    around = cv2.BORDER_CONSTANT
+    light = cv2.GaussianBlur(lit, (0, 0), sigma, borderType=around)
+    share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=around)
     out = np.empty(image.shape)
 
     def store(rows: slice) -> None:

@@ -16,7 +16,6 @@ import numpy as np
 import scipy
 
 from endolab.frames.frame import FRAME_LIMITS, noise_level, power
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
@@ -54,28 +53,9 @@ class HighlightSearch:
 HIGHLIGHT_SEARCH = HighlightSearch()
 
 
-# What is done with them: as they are, as no evidence, filled in from around.
-HIGHLIGHTS = ("keep", "ignore", "inpaint")
-
-
 def _odd(size: float) -> int:
     """Return the width of a window that reaches as far as this to either side, at least 1 px."""
     return 2 * max(1, round(size)) + 1
-
-
-def _check_picture(image: FloatArray, mask: BoolArray, what: str) -> None:
-    if (
-        image.ndim not in (2, 3)
-        or (image.ndim == 3 and image.shape[2] != 3)
-        or 0 in image.shape
-    ):
-        raise ValueError(
-            f"expected a grey or RGB picture, found an array of shape {image.shape}"
-        )
-    if mask.shape != image.shape[:2]:
-        raise ValueError(
-            f"expected {what} of the picture's shape {image.shape[:2]}, found {mask.shape}"
-        )
 
 
 def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
@@ -121,9 +101,9 @@ def _white_part(
 ) -> tuple[FloatArray, FloatArray]:
     """Split light into tissue's and white by least squares; the white part and its standard deviation."""
     weight = 1 / spread**2
-    aa, ab, bb = (
-        np.sum(weight * power, axis=-1) for power in (colour**2, colour, np.ones(3))
-    )
+    aa = np.sum(weight * colour**2, axis=-1)
+    ab = np.sum(weight * colour, axis=-1)
+    bb = np.sum(weight, axis=-1)
     a = np.sum(weight * colour * light, axis=-1)
     b = np.sum(weight * light, axis=-1)
     aa += 1e-12 * bb  # a picture may be all black
@@ -143,17 +123,11 @@ def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
         across = edge + round(reach * np.cos(turn))
         return padded[down : down + rows, across : across + columns]
 
+    steepest = HIGHLIGHT_SEARCH.steepest
     for turn in np.arange(8) * np.pi / 4:
         ahead = window_at(step, turn)
-        beside = window_at(edge, turn)
-        np.maximum(
-            log_tissue,
-            ahead
-            + np.clip(
-                ahead - beside, -HIGHLIGHT_SEARCH.steepest, HIGHLIGHT_SEARCH.steepest
-            ),
-            out=log_tissue,
-        )
+        slope = np.clip(ahead - window_at(edge, turn), -steepest, steepest)
+        np.maximum(log_tissue, ahead + slope, out=log_tissue)
     return np.exp(log_tissue.astype(np.float64))
 
 
@@ -167,14 +141,6 @@ def _parts_with_seed(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     return scipy.ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
 
 
-def check_highlights(treatment: str | None) -> str:
-    """Return what is to be done with highlights, "keep" by default, if it is one of `HIGHLIGHTS`."""
-    treatment = HIGHLIGHTS[0] if treatment is None else treatment
-    if not isinstance(treatment, str) or treatment not in HIGHLIGHTS:
-        raise unknown_name("way with highlights", treatment, HIGHLIGHTS)
-    return treatment
-
-
 def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> BoolArray:
     """Find mirrored light, by colour, local contrast and noise; with its skirts, and none outside the mask.
 
@@ -186,11 +152,6 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     around lead, and from the noise. What is large, overexposed and smooth is a near wall, not a
     highlight: whoever solves the frame has to treat saturation by itself.
     """
-    image = np.asarray(image, dtype=np.float64)
-    mask = np.asarray(mask, dtype=bool)
-    _check_picture(image, mask, "a mask")
-    if not gamma > 0:
-        raise ValueError(f"gamma must be positive, got {gamma}")
     if not mask.any():
         return np.zeros(mask.shape, dtype=bool)
     wide = float(np.ptp(np.nonzero(mask), axis=1).max() + 1)
@@ -241,58 +202,40 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
                 certain, around & evidence(opened, demand * skirt, HIGHLIGHT_SEARCH.likely)
             )
     # Small holes are the highlights' own tops, where even white is clipped.
-    closed = (
-        cv2.morphologyEx(
-            mirrored.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
-        )
-        > 0
-    )
-    return closed & mask
+    square = np.ones((3, 3), np.uint8)
+    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, square)
+    return (closed > 0) & mask
 
 
-def inpaint(
-    image: FloatArray, holes: BoolArray, mask: BoolArray | None = None
-) -> FloatArray:
+def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray) -> FloatArray:
     """Fill holes in stored values smoothly from what surrounds them.
 
-    Only pixels of the mask, all by default, are used or filled: black around the endoscope's picture must
+    Only pixels of the mask are used or filled: black around the endoscope's picture must
     not leak in. Within the holes the logarithm of light is harmonic: it has no peak or pit of its own, so
     nothing rings, and no response exponent is needed, as log I^γ = γ log I.
     """
-    image = np.asarray(image, dtype=np.float64)
-    holes = np.asarray(holes, dtype=bool)
-    _check_picture(image, holes, "holes")
-    shown = (
-        np.ones(holes.shape, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
-    )
-    _check_picture(image, shown, "a mask")
-    holes = holes & shown
+    holes = holes & mask
     if not holes.any():
         return image.copy()
-    known = shown & ~holes
+    known = mask & ~holes
     if not known.any():
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
     log = np.log(
         np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), 0.5 / 255)
     )
     number = np.arange(holes.size).reshape(holes.shape)
-    shown = shown.ravel()
+    shown = mask.ravel()
     wanted = holes.ravel()
-    sides = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
-    here, there = np.concatenate(
-        [np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1
-    )
+    here = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    there = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
     pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
     here = here[pairs]
     there = there[pairs]
     step = np.arange(here.size)
-    differences = scipy.sparse.coo_array(
-        (
-            np.repeat([1.0, -1.0], here.size),
-            (np.tile(step, 2), np.concatenate([here, there])),
-        ),
-        shape=(here.size, holes.size),
-    ).tocsc()
+    one = np.ones(here.size)
+    size = (here.size, holes.size)
+    differences = scipy.sparse.coo_array((one, (step, here)), size).tocsc()
+    differences -= scipy.sparse.coo_array((one, (step, there)), size).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
     hint = 1e-9
     inner = differences[:, wanted]

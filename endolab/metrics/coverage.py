@@ -1,7 +1,7 @@
 """How well a stated σ tells how far a depth map is from the truth.
 
 A σ is judged by how often the truth lies within it, by whether the pixels it calls bad are the bad ones, and
-by two proper scores, which no σ can better but by saying what is so: with Gneiting and Raftery, "Strictly
+by a proper score, which no σ can better but by saying what is so: with Gneiting and Raftery, "Strictly
 proper scoring rules, prediction, and estimation", 2007. A σ that is the same share of every distance, the
 best there is for this very picture, is what it has to beat.
 """
@@ -9,8 +9,6 @@ best there is for this very picture, is what it has to beat.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import ndtr
 from scipy.stats import spearmanr
 
 from endolab.metrics.depth_errors import scale_to, valid_in_all
@@ -21,8 +19,8 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 class Coverage:
     """How a depth map's σ fares over the pixels where it, the distance and the truth are known.
 
-    Errors and σ are taken as shares of the estimated distance. Scores are means over pixels of what a normal
-    distribution with that σ is charged for the truth: the less, the better.
+    Errors and σ are taken as shares of the estimated distance. The score is the mean over pixels of what a
+    normal distribution with that σ is charged for the truth: the less, the better.
     """
 
     pixels: int  # how many those are
@@ -34,18 +32,8 @@ class Coverage:
         float  # rank correlation of σ with the size of the error; nan if either is constant
     )
     log_score: float  # -log of the density at the truth, nats
-    crps_percent: float  # continuous ranked probability score, %
-    constant_percent: float  # the best constant for the log score, %
+    constant_percent: float  # the best constant, %
     constant_log_score: float  # its score
-    constant_crps_percent: float  # score of the best constant for that score, %
-
-    @property
-    def beats_a_constant(self) -> bool:
-        """Whether both scores are better than those of the best constants."""
-        return (
-            self.log_score < self.constant_log_score
-            and self.crps_percent < self.constant_crps_percent
-        )
 
 
 def coverage_of(
@@ -90,10 +78,8 @@ def coverage_of(
         within_two=float(100 * np.mean(error <= 2 * share)),
         spearman=spearman(share, error),
         log_score=float(np.mean(log_score(error, share))),
-        crps_percent=float(100 * np.mean(crps(error, share))),
         constant_percent=100 * rms,
         constant_log_score=float(np.mean(log_score(error, rms))),
-        constant_crps_percent=float(100 * np.mean(crps(error, _best_for_crps(error)))),
     )
 
 
@@ -107,29 +93,3 @@ def log_score(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         z = np.where(error == 0, 0.0, error / sigma)
         return np.asarray(0.5 * np.log(2 * np.pi) + np.log(sigma) + 0.5 * z**2)
-
-
-def crps(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
-    """Continuous ranked probability score of a normal distribution of this σ at this error, in its unit.
-
-    ∫ (F(x) - [x ≥ error])² dx, which is |error| where σ is 0.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(error == 0, 0.0, error / sigma)
-    density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    return np.asarray(
-        error * (2 * ndtr(z) - 1) + sigma * (2 * density - 1 / np.sqrt(np.pi))
-    )
-
-
-def _best_for_crps(error: FloatArray) -> float:
-    """The σ that makes the mean score least: its derivative 2φ(error/σ) - 1/√π grows with σ."""
-    high = 2 * float(error.max())
-
-    def slope(sigma: float) -> float:
-        return float(
-            np.mean(np.exp(-0.5 * (error / sigma) ** 2)) * np.sqrt(2 / np.pi)
-            - 1 / np.sqrt(np.pi)
-        )
-
-    return float(brentq(slope, 1e-6 * high, high)) if high > 0 else 0.0

@@ -77,11 +77,9 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     ValueError
         If the two are not of one picture, for their proportions differ.
     """
-    truth, (height, width), (rows, columns) = (
-        truth.astype(np.float64),
-        truth.shape[:2],
-        shape,
-    )
+    truth = truth.astype(np.float64)
+    height, width = truth.shape[:2]
+    rows, columns = shape
     if (height, width) == shape:
         return truth
     if (

@@ -71,7 +71,7 @@ def distance_to(
     ----------
     mesh : Mesh
     truth : Mesh, pair of (V, 3) float and (T, 3) int arrays, or (..., 3) float array
-        The true surface in mm and in the same frame, as ``Scene.mesh()`` gives it. An array holds
+        The true surface in mm and in the same frame. An array holds
         mere points, of which the nearest counts; those that are nan are left out.
     scale : float, optional
         What to multiply the mesh by first, mm per unit; needed if it is in relative units.

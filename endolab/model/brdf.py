@@ -21,10 +21,8 @@ class BRDF(Protocol):
         """f_r at the cosines of the angles normal-light and normal-half vector, 1/sr."""
         ...
 
-    def derivative(
-        self, cos_incidence: ArrayLike, cos_half: ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of `value` by its two cosines."""
+    def slope(self, cosine: ArrayLike) -> FloatArray:
+        """Derivative of ``value(c, c)`` by c: where the light is at the camera, both cosines are one."""
         ...
 
 
@@ -58,12 +56,9 @@ class Lambertian:
             )
         return np.full(np.shape(cos_incidence), self.albedo / np.pi)
 
-    def derivative(
-        self, cos_incidence: ArrayLike, cos_half: ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """See `BRDF.derivative`."""
-        zero = np.zeros(np.shape(cos_incidence))
-        return zero, zero
+    def slope(self, cosine: ArrayLike) -> FloatArray:
+        """See `BRDF.slope`."""
+        return np.zeros(np.shape(cosine))
 
 
 @dataclass(frozen=True)
@@ -100,18 +95,15 @@ class TabulatedBRDF:
         theta = np.arccos(np.clip(cos_incidence, 0.0, 1.0))
         return np.interp(theta, self.theta, self.values)
 
-    def derivative(
-        self, cos_incidence: ArrayLike, cos_half: ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """See `BRDF.derivative`. At normal incidence, where the table has a cusp, 0."""
-        theta = np.arccos(np.clip(cos_incidence, 0.0, 1.0))
+    def slope(self, cosine: ArrayLike) -> FloatArray:
+        """See `BRDF.slope`. At normal incidence, where the table has a cusp, 0."""
+        theta = np.arccos(np.clip(cosine, 0.0, 1.0))
         nodes = np.asarray(self.theta)
         values = np.asarray(self.values)
         slopes = np.concatenate([[0.0], np.diff(values) / np.diff(nodes), [0.0]])
         slope = slopes[np.searchsorted(nodes, theta, side="right")]
         sin = np.sin(theta)
-        by_cosine = np.where(sin > 1e-8, -slope / np.where(sin > 1e-8, sin, 1.0), 0.0)
-        return by_cosine, np.zeros(by_cosine.shape)
+        return np.where(sin > 1e-8, -slope / np.where(sin > 1e-8, sin, 1.0), 0.0)
 
 
 @dataclass(frozen=True)
@@ -145,10 +137,7 @@ class Glossy:
             self.albedo / np.pi + self.specular * (self.shininess + 2) / (2 * np.pi) * lobe
         )
 
-    def derivative(
-        self, cos_incidence: ArrayLike, cos_half: ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """See `BRDF.derivative`."""
-        lobe = np.clip(cos_half, 0.0, None) ** max(self.shininess - 1, 0.0)
-        by_half = self.specular * (self.shininess + 2) / (2 * np.pi) * self.shininess * lobe
-        return np.zeros(np.shape(cos_incidence)), by_half
+    def slope(self, cosine: ArrayLike) -> FloatArray:
+        """See `BRDF.slope`."""
+        lobe = np.clip(cosine, 0.0, None) ** max(self.shininess - 1, 0.0)
+        return self.specular * (self.shininess + 2) / (2 * np.pi) * self.shininess * lobe

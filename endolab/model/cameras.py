@@ -87,18 +87,6 @@ class Camera:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
         raise NotImplementedError
 
-    def _transform(
-        self, scale: FloatArray, offset: FloatArray, width: int, height: int
-    ) -> Self:
-        """Return the camera whose pixel is ``scale * old pixel + offset``."""
-        scaled = {
-            name: getattr(self, name) * scale[axis]
-            for name, axis in self._in_pixels.items()
-        }
-        for name, shift in zip(("cx", "cy"), offset, strict=True):
-            scaled[name] += shift
-        return replace(self, width=width, height=height, **scaled)
-
     def __post_init__(self) -> None:
         for name in ("width", "height"):
             value = number(name, getattr(self, name))
@@ -174,10 +162,9 @@ class Camera:
             rays[band], jacobian[band] = self._rays_at(np.stack([columns, rows], axis=-1))
             by_u = jacobian[band, ..., 0]
             by_v = jacobian[band, ..., 1]
-            guu, guv, gvv = (
-                np.einsum("hwi,hwi->hw", *pair)
-                for pair in ((by_u, by_u), (by_u, by_v), (by_v, by_v))
-            )
+            guu = np.einsum("hwi,hwi->hw", by_u, by_u)
+            guv = np.einsum("hwi,hwi->hw", by_u, by_v)
+            gvv = np.einsum("hwi,hwi->hw", by_v, by_v)
             determinant = guu * gvv - guv * guv
             inverse[band] = np.stack([gvv, -guv, guu], axis=-1) / determinant[..., None]
             # At the very edge of a model the ray turns infinitely fast: no metric, no surface.
@@ -196,25 +183,25 @@ class Camera:
         for camera in resized:
             if (camera.width, camera.height) == (width, height):
                 return camera
-        scale = np.array([width / self.width, height / self.height])
-        camera = self._transform(scale, 0.5 * scale - 0.5, width, height)
+        scale = (width / self.width, height / self.height)
+        scaled = {
+            name: getattr(self, name) * scale[axis]
+            for name, axis in self._in_pixels.items()
+        }
+        scaled["cx"] += 0.5 * scale[0] - 0.5
+        scaled["cy"] += 0.5 * scale[1] - 0.5
+        camera = replace(self, width=width, height=height, **scaled)
         # The last two with their ray fields: one wanted, and a coarse one.
         vars(self)["_resized"] = (camera, *resized[:1])
         return camera
 
-    def crop(self, left: int, top: int, width: int, height: int) -> Self:
-        """Return the camera of a window of the picture: first column and row that are kept, and size, px.
 
-        ValueError if the window reaches outside the picture.
-        """
-        if left < 0 or top < 0 or left + width > self.width or top + height > self.height:
-            raise ValueError(
-                f"the window {width}x{height} at column {left}, row {top} reaches outside "
-                f"the {self.width}x{self.height} picture"
-            )
-        return self._transform(
-            np.ones(2), np.array([-left, -top], dtype=np.float64), width, height
-        )
+def _coefficients(name: str, values: ArrayLike, count: int) -> tuple[float, ...]:
+    """Return so many numbers, or raise a ValueError."""
+    plain = tuple(real_array(name, values).ravel().tolist())
+    if len(plain) != count:
+        raise ValueError(f"{name} must hold {count} coefficients, got {list(plain)}")
+    return plain
 
 
 @dataclass(frozen=True)
@@ -311,9 +298,7 @@ class KannalaBrandt(_FocalCamera):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "k", tuple(real_array("k", self.k).ravel().tolist()))
-        if len(self.k) != 4:
-            raise ValueError(f"k must hold four coefficients, got {list(self.k)}")
+        object.__setattr__(self, "k", _coefficients("k", self.k, 4))
         check_range("distortion", self.k)
 
     @cached_property
@@ -380,9 +365,7 @@ class Scaramuzza(Camera):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "a", tuple(real_array("a", self.a).ravel().tolist()))
-        if len(self.a) != 5:
-            raise ValueError(f"a must hold five coefficients, got {list(self.a)}")
+        object.__setattr__(self, "a", _coefficients("a", self.a, 5))
         check_range("a", self.a)
         in_range("a[0]", self.a[0])  # positive, so that z is forward
         if self.a[1] != 0:

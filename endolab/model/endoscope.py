@@ -60,9 +60,8 @@ def _photometry(section: Section) -> Photometry:
     for index, item in enumerate(listed):
         light = Section(item, f"{section.where}.lights[{index}]", section.file)
         parts: dict[str, Any] = {
-            name: light.numbers(name, 3) for name in ("position", "direction")
-        }
-        parts |= {
+            "position": light.numbers("position", 3),
+            "direction": light.numbers("direction", 3),
             "exponent": light.number("exponent"),
             "weight": light.number("weight", 1.0),
         }
@@ -126,30 +125,27 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """Return the content of an `endoscope.json`."""
         brdf = self.photometry.brdf
+        surface: dict[str, Any]
         if isinstance(brdf, TabulatedBRDF):
-            surface: dict[str, Any] = {
-                "model": "tabulated",
-                "theta": brdf.theta,
-                "value": brdf.values,
-            }
+            surface = {"model": "tabulated", "theta": brdf.theta, "value": brdf.values}
         elif isinstance(brdf, Lambertian):
             surface = {"model": "lambertian", "albedo": brdf.albedo}
         else:
             raise ValueError(
                 f"a calibration file holds Lambertian or tabulated BRDFs, not {type(brdf).__name__}"
             )
-        photometry = {
-            name: getattr(self.photometry, name) for name in ("k", "gamma", "gain")
+        light = self.photometry
+        photometry: dict[str, Any] = {
+            "k": light.k,
+            "gamma": light.gamma,
+            "gain": light.gain,
+            "brdf": surface,
         }
-        photometry["brdf"] = surface
-        if self.photometry.lights:
-            photometry["lights"] = [asdict(light) for light in self.photometry.lights]
-        integer = {
-            "endolab": 1,
-            "camera": camera_to_dict(self.camera),
-            "photometry": photometry,
-        }
-        return integer | ({"evidence": self.evidence} if self.evidence else {})
+        if light.lights:
+            photometry["lights"] = [asdict(spot) for spot in light.lights]
+        camera = camera_to_dict(self.camera)
+        content = {"endolab": 1, "camera": camera, "photometry": photometry}
+        return content | ({"evidence": self.evidence} if self.evidence else {})
 
     def resize(self, width: int, height: int) -> Self:
         """Return the same for pictures of another size, px."""

@@ -62,12 +62,3 @@ class SpotLight:
         cos_psi = np.maximum(offset @ np.asarray(self.direction), 0.0) / distance
         front = np.where(cos_psi > 0, cos_psi, 1.0) ** self.exponent * (cos_psi > 0)
         return self.weight * front / distance**2, distance
-
-    def log_gradient(self, points: FloatArray) -> FloatArray:
-        """Gradient of the logarithm of `illuminate`'s radiance by the point, (..., 3), 1/mm."""
-        offset = points - np.asarray(self.position)
-        square = np.sum(offset**2, axis=-1, keepdims=True)
-        direction = np.asarray(self.direction)
-        along = (offset @ direction)[..., None]
-        along = np.where(along > 0, along, np.inf)
-        return self.exponent * direction / along - (self.exponent + 2) * offset / square

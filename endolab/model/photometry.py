@@ -140,79 +140,15 @@ class Photometry:
         to_camera = -points / distance[..., None]
         linear = np.zeros(distance.shape)
         for light in self.lights or (CENTRED_LIGHT,):
-            lit, cos_i, f = self._lit(light, points, normals, to_camera)[:3]
-            linear += lit * f * cos_i
+            radiance, reach = light.illuminate(points)
+            to_light = (np.asarray(light.position) - points) / reach[..., None]
+            half = to_light + to_camera
+            half /= np.linalg.norm(half, axis=-1, keepdims=True)
+            cosine = _dot(normals, to_light)
+            f = self.brdf.value(cosine, _dot(normals, half))
+            linear += (cosine > 0) * radiance * f * cosine
         linear = linear * (self.attenuation(points[..., 2] / distance) * self._known_gain())
         return np.asarray(linear ** (1 / self.gamma))
-
-    def _lit(
-        self,
-        light: SpotLight,
-        points: FloatArray,
-        normals: FloatArray,
-        to_camera: FloatArray,
-    ) -> tuple[FloatArray, ...]:
-        """Radiance on the front, cosine of incidence, f_r; ω, distance to the light; h, its length, n·h."""
-        radiance, reach = light.illuminate(points)
-        to_light = (np.asarray(light.position) - points) / reach[..., None]
-        cos_i = _dot(normals, to_light)
-        half = to_light + to_camera
-        half_length = np.linalg.norm(half, axis=-1)
-        half = half / half_length[..., None]
-        cos_h = _dot(normals, half)
-        f = self.brdf.value(cos_i, cos_h)
-        return (cos_i > 0) * radiance, cos_i, f, to_light, reach, half, half_length, cos_h
-
-    def intensity_gradient(
-        self, points: ArrayLike, normals: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return `intensity`, ∂I/∂x, 1/mm, and ∂I/∂n, (..., 3) each; all three components of n are free."""
-        points = np.asarray(points, dtype=np.float64)
-        normals = np.asarray(normals, dtype=np.float64)
-        distance = np.linalg.norm(points, axis=-1)
-        to_camera = -points / distance[..., None]
-        linear = np.zeros(distance.shape)
-        by_point = np.zeros(points.shape)
-        by_normal = np.zeros(points.shape)
-        for light in self.lights or (CENTRED_LIGHT,):
-            surface = self._lit(light, points, normals, to_camera)
-            lit, cos_i, f, to_light, reach, half, half_length, cos_h = surface
-            f_i, f_h = self.brdf.derivative(cos_i, cos_h)
-            shade = lit * f * cos_i
-            linear += shade
-            by_cos_i = lit * (f + f_i * cos_i)
-            by_cos_h = lit * f_h * cos_i
-            by_normal += by_cos_i[..., None] * to_light + by_cos_h[..., None] * half
-            # The two directions turn with the point: ∂ω/∂x = -(1 - ωωᵀ)/distance.
-            turn_i = -(normals - cos_i[..., None] * to_light) / reach[..., None]
-            across = (normals - cos_h[..., None] * half) / half_length[..., None]
-            turn_h = (
-                -(across - _dot(across, to_light)[..., None] * to_light) / reach[..., None]
-            )
-            turn_h -= (across - _dot(across, to_camera)[..., None] * to_camera) / distance[
-                ..., None
-            ]
-            by_point += by_cos_i[..., None] * turn_i + by_cos_h[..., None] * turn_h
-            by_point += shade[..., None] * light.log_gradient(points)
-        cos_alpha = points[..., 2] / distance
-        scale = self.attenuation(cos_alpha) * self._known_gain()
-        forward = np.where(points[..., 2] > 0, points[..., 2], np.inf)[..., None]
-        axis = np.array([0.0, 0.0, 1.0])
-        by_point += (
-            self.k
-            * linear[..., None]
-            * (axis / forward - points / distance[..., None] ** 2)
-        )
-        linear = linear * scale
-        intensity = linear ** (1 / self.gamma)
-        # dI = I/(γ L) dL; in the dark, where I has no slope, 0.
-        slope = (
-            scale
-            * intensity
-            / (self.gamma * np.where(linear > 0, linear, 1.0))
-            * (linear > 0)
-        )
-        return intensity, slope[..., None] * by_point, slope[..., None] * by_normal
 
     # Simplified model ------------------------------------------------------------------
 
@@ -223,11 +159,10 @@ class Photometry:
 
         v = log d, d in mm; the slant is P = tan²θ = ∇vᵀ G⁻¹ ∇v; α is the angle between ray and axis.
         """
-        slant = np.asarray(slant, dtype=np.float64)
-        cosine = 1 / np.sqrt(1 + slant)
+        cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
         f = self.brdf.value(cosine, cosine)
-        slope = sum(self.brdf.derivative(cosine, cosine))
-        intensity = self._to_stored(log_distance, cosine, f, self.attenuation(cos_alpha))
+        slope = self.brdf.slope(cosine)
+        intensity = self.brightness(log_distance, slant, self.attenuation(cos_alpha))
         # d cos θ / dP = -cos³θ / 2
         by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
         return intensity, -2 * intensity / self.gamma, by_slant
@@ -237,32 +172,19 @@ class Photometry:
     ) -> FloatArray:
         """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
         cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
-        return self._to_stored(
-            log_distance, cosine, self.brdf.value(cosine, cosine), attenuation
-        )
-
-    def _to_stored(
-        self,
-        log_distance: ArrayLike,
-        cosine: FloatArray,
-        f: FloatArray,
-        attenuation: FloatArray,
-    ) -> FloatArray:
+        f = self.brdf.value(cosine, cosine)
         falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
         linear = attenuation * self._known_gain() * falloff * f * cosine
         return np.asarray(linear ** (1 / self.gamma))
 
-    def canonical(
-        self, image: ArrayLike, cos_alpha: ArrayLike, theta: ArrayLike = 0.0
-    ) -> FloatArray:
-        """Canonical intensity I_c = I^γ / (μ′ f_r(θ) g) = cos θ / d², 1/mm², of stored values in [0, 1].
+    def canonical(self, image: ArrayLike, cos_alpha: ArrayLike) -> FloatArray:
+        """Canonical intensity I_c = I^γ / (μ′ f_r g), 1/mm², of stored values in [0, 1].
 
-        With an unknown gain, g = 1 is taken; a BRDF that is not Lambertian is read at θ, rad. nan where no
-        light arrives (μ′ = 0).
+        It is cos θ / d² of a Lambertian wall; another BRDF is read at θ = 0. With an unknown gain, g = 1 is
+        taken. nan where no light arrives (μ′ = 0).
         """
-        cosine = np.cos(np.asarray(theta, dtype=np.float64))
         gain = 1.0 if self.gain is None else self.gain
-        reached = self.attenuation(cos_alpha) * self.brdf.value(cosine, cosine) * gain
+        reached = self.attenuation(cos_alpha) * self.brdf.value(1.0, 1.0) * gain
         linear = np.asarray(image, dtype=np.float64) ** self.gamma
         return np.where(reached > 0, linear / np.where(reached > 0, reached, 1.0), np.nan)
 

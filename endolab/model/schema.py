@@ -47,9 +47,7 @@ def shorten(text: str, most: int = LONGEST_VALUE) -> str:
     """Leave out the middle of what is too long, and what cannot be printed in one line."""
     if len(text) > most:
         text = f"{text[: most // 2]} … {text[-most // 2 :]}"
-    return (
-        text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
-    )
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _is_finite(value: Any) -> bool:
@@ -132,11 +130,7 @@ class Section:
         """Take out one of a few words."""
         value = self.take(key)
         if value not in choices:
-            like = nearest(value, choices)
-            hint = f"; did you mean {like}?" if like else ""
-            raise self.error(
-                key, f"expected one of {', '.join(choices)}, found {quote(value)}{hint}"
-            )
+            raise self.error(key, str(unknown_name("value", value, choices)))
         return str(value)
 
     def end(self) -> None:

@@ -43,8 +43,5 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
         return
     # With 30 000 pixels a map of 8 bytes each and a few more like it fit the cache.
     step = max(1, 30_000 // columns)
-    side_by_side(
-        function,
-        [slice(i, min(i + step, rows)) for i in range(0, rows, step)],
-        rows * columns,
-    )
+    bands = [slice(i, min(i + step, rows)) for i in range(0, rows, step)]
+    side_by_side(function, bands, rows * columns)

@@ -576,7 +576,7 @@ def _brdf_table(photometry: Photometry) -> SingleArray:
         1 - np.linspace(0, 1, BRDF_TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9))
     )
     f = photometry.brdf.value(cosine, cosine)
-    slope = sum(photometry.brdf.derivative(cosine, cosine))
+    slope = photometry.brdf.slope(cosine)
     return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
 
 

@@ -1,18 +1,13 @@
-"""Accuracy on scenes and published frames, and seconds: `python -m tests.benchmarks.speed [seconds]`.
+"""Accuracy on scenes, and seconds: `python -m tests.benchmarks.speed [seconds]`.
 
 Not a test: it asserts nothing and depends on the machine.
 """
 
-import subprocess
 import sys
 from collections.abc import Callable
-from statistics import median
-
-import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import compare
 from endolab.numerics.threads import cores, limit_threads
 from tests.benchmarks.report import both, ended, seconds_of, table
 from tests.tools.problems import Shot, moved_colon
@@ -41,69 +36,6 @@ def scenes() -> None:
         "normals [°]",
     )
     table("Scenes at 320x240, 90° pinhole: mean / median errors", heads, rows)
-
-
-def published() -> None:
-    """The solvers on the published frames, where they are."""
-    folder = datasets.data_folder()
-    if folder is None:
-        print("\nPublished frames: not found; set ENDOLAB_DATA to their folder.")
-        return
-    samples = {
-        f"C3VD {i}": datasets.read_c3vd(folder / "c3vd_trans_t1_a", i) for i in (1, 6)
-    }
-    samples |= {
-        f"SimCol3D {i}": datasets.read_simcol3d(folder / "simcol3d", i) for i in range(5)
-    }
-    rows = []
-    for name, sample in samples.items():
-        for channel in ("red", "green", "blue", "grey"):
-            for solver in SOLVERS:
-                result = el.reconstruct(
-                    sample.frame, sample.calibration, solver=solver, channel=channel
-                )
-                cosine = result.problem.field.cos_alpha
-                near_axis = cosine > np.cos(np.deg2rad(55))
-                e = compare(
-                    result.distance, sample.distance, cosine, mask=near_axis, scale="median"
-                )
-                errors = both(e, "percent", 2), both(e, "mm", 2), f"{e.rmse_z_mm:.2f}"
-                rows.append([name, channel, solver, ended(result), *errors])
-    heads = (
-        "frame",
-        "channel",
-        "solver",
-        "iterations",
-        "mean / median [%]",
-        "mean / median [mm]",
-    )
-    heads += ("RMSE of z [mm]",)
-    table(
-        "Published frames, k 2.5, γ 2.2, median-scaled, within 55° of the axis", heads, rows
-    )
-
-
-def imports() -> None:
-    """Seconds to import endolab, and to have its main call ready, in a fresh interpreter."""
-    rows = []
-    for code in (
-        "import endolab",
-        "import endolab; endolab.reconstruct",
-        "import endolab; endolab.record",
-    ):
-        timed = (
-            f"import time; t = time.perf_counter(); {code}; print(time.perf_counter() - t)"
-        )
-        runs = [
-            float(
-                subprocess.run(
-                    [sys.executable, "-c", timed], capture_output=True, check=True
-                ).stdout
-            )
-            for _ in range(5)
-        ]
-        rows.append([code, f"{median(runs):.3f}"])
-    table("Import time", ("code", "seconds (median of 5)"), rows)
 
 
 def runs(width: int) -> dict[str, Callable[[], object]]:
@@ -150,7 +82,7 @@ def seconds() -> None:
     )
 
 
-TABLES = {one.__name__: one for one in (scenes, published, imports, seconds)}
+TABLES = {one.__name__: one for one in (scenes, seconds)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or TABLES:

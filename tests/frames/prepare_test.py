@@ -1,4 +1,4 @@
-"""A frame is prepared by what is in it: text, fields, the lumen, highlights; and drawn."""
+"""A frame is prepared by what is in it: the lumen, highlights; and drawn."""
 
 from dataclasses import replace
 
@@ -9,14 +9,7 @@ from numpy.testing import assert_array_equal
 
 import endolab as el
 from endolab import datasets
-from endolab.frames.prepare import (
-    dark_lumen,
-    deinterlace,
-    is_interlaced,
-    overlay_text,
-    prepare,
-    undistort_frame,
-)
+from endolab.frames.prepare import dark_lumen, prepare, undistort_frame
 from endolab.workbench.plots.preparation import prepare_figure
 
 
@@ -40,57 +33,14 @@ def wet(known):
     return el.render(scene, known.camera, lit, noise=2.0, bits=8, highlights=0.02)
 
 
-def written(image, text="EXIT 12:34:56", at=(150, 180), size=0.8, thick=2):
-    """Text over a picture, and its pixels."""
-    ink = np.zeros(image.shape[:2], np.uint8)
-    cv2.putText(ink, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, 255, thick)
-    ink = ink / 255
-    share = ink if image.ndim == 2 else ink[..., None]
-    return image * (1 - share) + 0.95 * share, ink > 0.5
-
-
-def combed(image, shift=4):
-    mixed = image.copy()
-    mixed[1::2] = np.roll(image, shift, axis=1)[1::2]
-    return mixed
-
-
-@pytest.mark.parametrize("grey", [False, True])
-def test_text_is_found_and_little_else(colon, grey):
-    image = colon.image[..., 1] if grey else colon.image
-    picture, ink = written(image)
-    found = overlay_text(picture, colon.mask)
-    assert (found & ink).sum() > 0.9 * ink.sum()
-    assert not (
-        found & ~cv2.dilate(ink.astype(np.uint8), np.ones((13, 13))).astype(bool)
-    ).any()
-    assert not overlay_text(image, colon.mask).any()
-
-
-def test_signs_in_the_black_are_found(colon):
-    picture, ink = written(colon.image, "A", (5, 25), 0.7)
-    assert not (ink & colon.mask).any()
-    found = overlay_text(picture, colon.mask)
-    assert (found & ink).sum() > 0.9 * ink.sum()
-    assert not (found & colon.mask).any()
-
-
-def test_fields_are_told_and_plain_frames_are_plain(colon, wet):
-    for seen in (colon, wet):
-        assert not is_interlaced(seen.image, seen.mask)
-        assert is_interlaced(combed(seen.image), seen.mask)
-        turned = combed(seen.image.swapaxes(0, 1)).swapaxes(0, 1)
-        assert not is_interlaced(turned, seen.mask)
-
-
-@pytest.mark.parametrize("rows", [1, 2, 6, 7])
-def test_one_field_is_kept(rows):
-    image = np.arange(rows, dtype=float)[:, None] * np.ones((1, 3))
-    image[1::2] += 100
-    # Below it there is nothing to interpolate with.
-    last = rows - 1 if rows % 2 == 0 else rows
-    assert_array_equal(deinterlace(image)[:last, 0], np.arange(last))
-    assert deinterlace(image).max() < rows
+@pytest.mark.parametrize("size", [0.5, 0.8, 1.5])
+def test_white_letters_are_taken_for_highlights(known, colon, size):
+    ink = np.zeros(colon.mask.shape, np.uint8)
+    cv2.putText(ink, "EXIT 12:34", (150, 180), cv2.FONT_HERSHEY_SIMPLEX, size, 255, 2)
+    share = ink[..., None] / 255
+    picture = colon.image * (1 - share) + 0.95 * share
+    ready = prepare(el.Frame(picture, colon.mask), known)
+    assert ready.highlights[ink > 127].mean() > 0.99
 
 
 def test_the_lumen_is_where_noise_says_more_than_the_wall(known, colon):
@@ -156,19 +106,6 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known):
     assert sum(bool(ax.get_title()) for ax in prepare_figure(ready).axes) == 4
 
 
-def test_fields_text_and_undistortion_are_noted(known, colon):
-    picture, ink = written(combed(colon.image))
-    ready = prepare(el.Frame(picture, colon.mask), known, undistort=True)
-    assert (ready.interlaced, ready.undistorted, ready.camera.model) == (
-        True,
-        True,
-        "pinhole",
-    )
-    assert ready.frame.mask.shape == (ready.camera.height, ready.camera.width)
-    assert (ready.text & ink).sum() > 0.8 * ink.sum()
-    assert len(ready.notes) >= 4
-
-
 def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(
     known, colon, wet
 ):
@@ -176,9 +113,8 @@ def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(
     assert (ready.canonical.ndim, ready.highlights.any()) == (2, True)
     shape = colon.mask.shape
     ready = prepare(el.Frame(np.ones((*shape, 3)), np.ones(shape, bool)), known)
-    for part in (ready.highlights, ready.text, ready.lumen):
-        assert not part.any()
-    assert not ready.interlaced
+    assert not ready.highlights.any()
+    assert not ready.lumen.any()
     with pytest.raises(ValueError, match="mask"):
         prepare(el.Frame(np.zeros((*shape, 3)), np.ones(shape, bool)), known)
 
@@ -189,7 +125,6 @@ def test_what_does_not_fit_is_said(known, colon):
     for call, message in (
         (lambda: prepare(frame, known, highlights="paint"), "paint"),
         (lambda: prepare(frame, other), "480x360"),
-        (lambda: undistort_frame(frame, known.camera, 180), "fov"),
         (lambda: undistort_frame(frame, other.camera), "320x240"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -122,14 +122,6 @@ def test_what_is_drawn_on_the_surround_belongs_to_it(wall, rng, draw, level):
     assert_found(framed(wall, inside, level, rng, draw=draw), inside)
 
 
-def test_a_box_over_the_edge_adds_nothing(wall, rng):
-    inside = shape("disc")
-    image = framed(wall, inside, 16, rng)
-    image[:60, 280:330] = (0.1, 0.6, 0.2)
-    shown = field_of_view(image)
-    assert (shown & ~inside).sum() <= 0.005 * shown.sum()
-
-
 @pytest.mark.parametrize("level", [0, 16, 64, 200])
 def test_a_dark_wall_at_the_edge_stays(wall, rng, level):
     """By and by it becomes as dark as a surround, and darker."""
@@ -151,24 +143,6 @@ def test_a_picture_that_a_wall_fills_has_no_surround(wall):
         assert field_of_view(np.round(picture) / 255).all()
     plane = np.round(250 - 0.5 * column) / 255
     assert field_of_view(plane).all()
-
-
-def test_a_surround_of_another_level_leaves_the_same_surface():
-    calibration = datasets.load_calibration("paper", width=160)
-    seen = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry, bits=8)
-    results = []
-    for level in (0, 16, 64):
-        image = np.where(seen.mask[..., None], seen.image, level / 255)
-        frame = el.Frame(image, np.ones_like(seen.mask))
-        results.append(
-            el.reconstruct(frame, calibration, solver="fast_marching", channel="green")
-        )
-    first = results[0]
-    for other in results[1:]:
-        both = first.mask & other.mask
-        assert both.sum() > 0.98 * max(first.mask.sum(), other.mask.sum())
-        change = np.abs(np.log(other.distance[both] / first.distance[both]))
-        assert np.median(change) < 0.01
 
 
 def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall, rng):

@@ -92,21 +92,6 @@ def test_what_is_unknown_is_no_contour(unknown):
     cuts = depth_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
     assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
     assert not cuts[1].any()
-    assert depth_cuts(np.full((1, 1), unknown)).shape == (2, 1, 1)
-
-
-def test_turning_the_map_turns_its_contours(rng):
-    distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
-    distance[rng.random(distance.shape) < 0.1] = np.nan
-    assert_array_equal(
-        depth_cuts(distance.T), depth_cuts(distance)[::-1].transpose(0, 2, 1)
-    )
-
-
-@pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])
-def test_a_threshold_that_cuts_everything_is_refused(threshold):
-    with pytest.raises(ValueError, match="threshold must be positive, got"):
-        depth_cuts(TRUTH, threshold)
 
 
 @pytest.mark.parametrize("width", [160, 100, 320, 480])

@@ -38,22 +38,18 @@ def test_a_table_is_linear_in_the_angle_and_constant_beyond():
 
 
 @every_brdf
-def test_derivatives_by_both_cosines(brdf):
-    i, h = np.meshgrid(np.linspace(0.03, 0.97, 41), np.linspace(0.05, 0.98, 37))
+def test_the_slope_is_the_derivative(brdf):
+    cosine = np.linspace(0.03, 0.97, 1500)
     step = 1e-6
-    actual = brdf.derivative(i, h)
-    by_i = (brdf.value(i + step, h) - brdf.value(i - step, h)) / (2 * step)
-    by_h = (brdf.value(i, h + step) - brdf.value(i, h - step)) / (2 * step)
-    assert_allclose(actual[0], by_i, rtol=0, atol=1e-7)
-    assert_allclose(actual[1], by_h, rtol=0, atol=1e-6)
+    above = brdf.value(cosine + step, cosine + step)
+    below = brdf.value(cosine - step, cosine - step)
+    assert_allclose(brdf.slope(cosine), (above - below) / (2 * step), rtol=0, atol=1e-6)
 
 
 @every_brdf
 @pytest.mark.parametrize("cosine", [0.0, 1.0, 1.0 + 1e-15, -0.3])
 def test_the_ends_are_finite(brdf, cosine):
-    assert np.all(
-        np.isfinite([brdf.value(cosine, cosine), *brdf.derivative(cosine, cosine)])
-    )
+    assert np.isfinite([brdf.value(cosine, cosine), brdf.slope(cosine)]).all()
 
 
 @pytest.mark.parametrize(
@@ -65,15 +61,12 @@ def test_the_ends_are_finite(brdf, cosine):
         ),
         (lambda: Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5), "choose a channel"),
         (lambda: Glossy(-0.1), "albedo"),
-        (lambda: Glossy((0.7, 0.4, 0.3)), "albedo"),
-        (lambda: Glossy(0.5, -0.1), "specular"),
+        (lambda: Glossy(0.5, 1e300), "specular"),
         (lambda: Glossy(0.5, 0.1, np.inf), "shininess"),
         (lambda: TabulatedBRDF((0.0,), (1.0,)), "one length"),
-        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, 1.0, 1.0)), "one length"),
         (lambda: TabulatedBRDF((0.0, 0.0), (1.0, 1.0)), "increase"),
         (lambda: TabulatedBRDF((0.0, 2.0), (1.0, 1.0)), "theta"),
-        (lambda: TabulatedBRDF((-0.1, 1.0), (1.0, 1.0)), "theta"),
-        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, 0.0)), "value"),
+        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, 1e-300)), "value"),
         (lambda: TabulatedBRDF((0.0, 1.0), (1.0, np.nan)), "value"),
     ],
 )

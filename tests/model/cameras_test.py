@@ -27,8 +27,7 @@ every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.k
 def small(camera):
     """The same camera with a few pixels only, one of them exactly on the axis."""
     camera = camera.resize(37, 29)
-    shift = np.round(camera._centre) - camera._centre
-    return camera._transform(np.ones(2), shift, 37, 29)
+    return replace(camera, cx=round(camera.cx), cy=round(camera.cy))
 
 
 def pixels(camera, step=1):
@@ -60,16 +59,6 @@ def test_kannala_brandt_projects_as_opencv_does(rng, camera):
         points[None], *here, matrix(camera), np.array(camera.k)
     )
     assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
-
-
-def test_kannala_brandt_unprojects_as_opencv_does(rng):
-    pixel = ENDOSCOPE.project(directions(rng, 500, 85.0))
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    known = matrix(ENDOSCOPE), np.array(ENDOSCOPE.k)
-    plane = cv2.fisheye.undistortPoints(pixel[None], *known, criteria=stop).reshape(-1, 2)
-    expected = np.concatenate([plane, np.ones((len(plane), 1))], axis=-1)
-    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
-    assert_allclose(ENDOSCOPE.unproject(pixel), expected, rtol=0, atol=1e-9 / ENDOSCOPE.fx)
 
 
 def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
@@ -139,7 +128,6 @@ def test_jacobian_is_the_derivative_of_the_rays(camera):
     field = camera.field
     pixel = pixels(camera)[:-1, :-1]
     h = 1e-4
-    assert (camera._centre == np.round(camera._centre)).all()
     ways = np.eye(2) * h
     numerical = [
         (camera.unproject(pixel + e) - camera.unproject(pixel - e)) / (2 * h) for e in ways
@@ -205,50 +193,19 @@ def test_resize_keeps_the_outer_edges(rng, camera):
     assert_allclose(here, there, rtol=0, atol=1e-12)
 
 
-@every_camera
-def test_crop_moves_the_origin(rng, camera):
-    points = directions(rng, 100, 60.0)
-    window = camera.crop(31, 17, 100, 90)
-    assert (window.width, window.height) == (100, 90)
-    assert_allclose(
-        window.project(points), camera.project(points) - [31, 17], rtol=0, atol=1e-10
-    )
-
-
-@pytest.mark.parametrize(
-    "window", [(-1, 0, 9, 9), (0, -1, 9, 9), (312, 0, 9, 9), (0, 232, 9, 9)]
-)
-def test_crop_stays_inside(window):
-    with pytest.raises(ValueError, match="outside the 320x240"):
-        PINHOLE.crop(*window)
-
-
-def pinhole(**changes):
-    return Pinhole(
-        **({"width": 32, "height": 24, "fx": 20, "fy": 20, "cx": 15, "cy": 11} | changes)
-    )
-
-
-def fisheye(k):
-    return KannalaBrandt(32, 24, 20, 20, 15, 11, k)
-
-
-def scaramuzza(**changes):
-    return Scaramuzza(
-        **({"width": 32, "height": 24, "cx": 15, "cy": 11, "a": (20, 0, 0, 0, 0)} | changes)
-    )
+pinhole = partial(Pinhole, width=32, height=24, fx=20, fy=20, cx=15, cy=11)
+fisheye = partial(KannalaBrandt, 32, 24, 20, 20, 15, 11)
+scaramuzza = partial(Scaramuzza, width=32, height=24, cx=15, cy=11, a=(20, 0, 0, 0, 0))
 
 
 @pytest.mark.parametrize(
     ("make", "name", "value", "message"),
     [
-        *((pinhole, "width", value, "width") for value in (0, -3, 1.5, np.nan, np.inf)),
-        *((pinhole, name, 0, name) for name in ("height", "fx")),
+        *((pinhole, "width", value, "width") for value in (0, 1.5, np.nan)),
+        *((pinhole, "fx", value, "fx") for value in (0, 1e-320)),
         (pinhole, "cx", np.inf, "cx"),
-        *(
-            (fisheye, "k", k, message)
-            for k, message in (((1, 2, 3), "k"), ((0, np.nan, 0, 0), "distortion"))
-        ),
+        (fisheye, "k", (1, 2, 3), "k"),
+        *((fisheye, "k", (value, 0, 0, 0), "distortion") for value in (np.nan, 1e300)),
         *((scaramuzza, "a", a, "a must") for a in ((1, 0, 0), (20, 0, np.nan, 0, 0))),
         (scaramuzza, "a", (-20, 0, 0, 0, 0), r"a\[0\]"),
         (scaramuzza, "a", (20, 0.1, 0, 0, 0), r"a\[1\]"),

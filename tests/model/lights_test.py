@@ -1,4 +1,4 @@
-"""Spot lights: fall-off, cone, derivative."""
+"""Spot lights: fall-off and cone."""
 
 import numpy as np
 import pytest
@@ -31,25 +31,12 @@ def test_nothing_shines_backwards(exponent):
     light = SpotLight(direction=(0, 0, 1), exponent=exponent)
     x = np.array([[0.0, 0.0, -5.0], [3.0, 0.0, -0.1], [3.0, 0.0, 0.0]])
     assert np.all(light.illuminate(x)[0] == 0)
-    assert np.all(np.isfinite(light.log_gradient(x)))
-
-
-@pytest.mark.parametrize(
-    "light",
-    [LIGHT, SpotLight(), SpotLight(exponent=4.0)],
-    ids=["offset", "centred", "narrow"],
-)
-def test_log_gradient_is_the_derivative(rng, light):
-    x = points(rng)
-    h = 1e-4
-    ratio = [light.illuminate(x + e)[0] / light.illuminate(x - e)[0] for e in np.eye(3) * h]
-    assert_allclose(light.log_gradient(x), np.log(ratio).T / (2 * h), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("position", value) for value in ((0, 0), (0, np.nan, 0))),
+        *(("position", value) for value in ((0, 0), (0, np.nan, 0), (0, 1e300, 0))),
         *(("direction", value) for value in ((0, 0, 0), (0, 1))),
         *(("exponent", value) for value in (-0.1, np.nan)),
         *(("weight", value) for value in (0.0, np.inf)),

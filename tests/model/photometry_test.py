@@ -44,28 +44,8 @@ def slope(function, h):
     return (function(h) - function(-h)) / (2 * h)
 
 
-def model(brdf=BRDFS["matt"], lights=(), **changes):
-    return Photometry(
-        **(
-            {"k": 2.5, "gamma": 2.2, "gain": 3000.0, "brdf": brdf, "lights": lights}
-            | changes
-        )
-    )
-
-
-@every_brdf
-@every_light
-def test_derivatives_of_the_general_model(rng, brdf, lights):
-    photometry = model(brdf, lights)
-    points, normals, *_ = surface(rng)
-    intensity, by_point, by_normal = photometry.intensity_gradient(points, normals)
-    assert_array_equal(intensity, photometry.intensity(points, normals))
-    assert intensity.min() > 0.05
-    for axis, e in enumerate(np.eye(3)):
-        by_step = slope(lambda h, e=e: photometry.intensity(points + h * e, normals), 1e-4)
-        assert_allclose(by_point[:, axis], by_step, rtol=1e-5, atol=1e-8)
-        by_turn = slope(lambda h, e=e: photometry.intensity(points, normals + h * e), 1e-6)
-        assert_allclose(by_normal[:, axis], by_turn, rtol=1e-5, atol=1e-7)
+def model(brdf=BRDFS["matt"], lights=(), k=2.5, gamma=2.2, gain=3000.0):
+    return Photometry(k, gamma, gain, brdf, lights)
 
 
 @every_brdf
@@ -109,15 +89,6 @@ def test_the_exponent_can_be_the_lights_or_the_lens(rng, brdf):
     assert split.simplify().k == pytest.approx(2.5)
 
 
-def test_lights_add_up_before_the_response(rng):
-    points, normals, *_ = surface(rng)
-    each = [
-        model(lights=(light,)).intensity(points, normals) ** 2.2 for light in THREE_LIGHTS
-    ]
-    together = model(lights=THREE_LIGHTS).intensity(points, normals) ** 2.2
-    assert_allclose(together, sum(each), rtol=1e-12)
-
-
 def test_far_away_the_lights_become_one(rng):
     """The error falls like offset/distance: ten times as far, about a tenth."""
     lights = tuple(
@@ -152,12 +123,9 @@ def test_inverse_squares(rng, brdf, lights):
     assert_allclose(ratio, 2 ** (-2 / 2.2), rtol=1e-12)
 
 
-@every_brdf
-def test_canonical_intensity_is_cosine_over_square(rng, brdf):
+def test_canonical_intensity_is_cosine_over_square(rng):
     points, normals, distance, theta, cos_alpha = surface(rng)
-    canonical = model(brdf).canonical(
-        model(brdf).intensity(points, normals), cos_alpha, theta
-    )
+    canonical = model().canonical(model().intensity(points, normals), cos_alpha)
     assert_allclose(canonical, np.cos(theta) / distance**2, rtol=1e-12)
 
 
@@ -198,9 +166,9 @@ def test_a_matt_surface_needs_no_table_and_one_brightness_must_not_have_two_slan
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("k", value) for value in (-0.1, np.nan, np.inf)),
-        *(("gamma", value) for value in (0.0, -1.0, np.nan)),
-        *(("gain", value) for value in (0.0, -2.0, np.inf)),
+        *(("k", value) for value in (-0.1, np.nan, 1e300)),
+        *(("gamma", value) for value in (0.0, 1e-300)),
+        *(("gain", value) for value in (0.0, np.inf)),
     ],
 )
 def test_a_bad_model_is_named(name, value):

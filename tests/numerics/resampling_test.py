@@ -19,9 +19,3 @@ def test_it_is_opencvs_in_double_precision_and_turns_with_the_map(rng, shape):
     )
     turned = resample(maps.swapaxes(0, 1), shape[::-1])
     np.testing.assert_allclose(turned.swapaxes(0, 1), found, atol=1e-13)
-
-
-def test_one_pixel_is_everywhere():
-    np.testing.assert_array_equal(
-        resample(np.full((1, 1), 3.0), (4, 5)), np.full((4, 5), 3.0)
-    )

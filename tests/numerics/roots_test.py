@@ -31,21 +31,6 @@ def test_smallest_positive_root_is_the_first_sign_change(seed):
     assert smallest_positive_root(coefficients, 5.0) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("roots", "limit", "expected"),
-    [
-        ([3.0, 0.5, -0.1], 10, 0.5),
-        ([-1.0, -2.0], 10, 10),
-        ([7.0], 4, 4),
-        ([1e-3, 50.0], 100, 1e-3),
-    ],
-)
-def test_smallest_positive_root_of_known_roots(roots, limit, expected):
-    assert smallest_positive_root(polynomial.polyfromroots(roots), limit) == pytest.approx(
-        expected, rel=1e-9
-    )
-
-
 def test_no_positive_root_gives_the_limit_and_trailing_zeros_are_no_degree():
     assert smallest_positive_root([1.0, 0.0, 1.0], 3.0) == 3.0
     assert smallest_positive_root([1.0, -2.0, 0.0, 0.0], 3.0) == pytest.approx(0.5)

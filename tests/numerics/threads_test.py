@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 
-import joblib
 import numba
 import numpy as np
 import pytest
@@ -122,11 +121,3 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(solved(
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_goes_on_by_itself():
     assert output_of(FORK) == "0 True"
-
-
-def test_a_worker_of_joblib_takes_its_share():
-    joint = threads.cores()
-    found = joblib.Parallel(2, backend="loky")(
-        joblib.delayed(threads.threads)() for _ in range(2)
-    )
-    assert found == [max(joint // 2, 1)] * 2

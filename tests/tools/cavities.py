@@ -1,11 +1,11 @@
-"""Cavities of any make: bent, folded, parted, closed, with polyps and rugae; for frames nobody tuned to.
+"""Cavities of any make: bent, folded, closed, with polyps and rugae; for frames nobody tuned to.
 
 A cavity is a tube about a line that bends along an arc and sways across it. In the tube's own coordinates
 (u, v across, s along the line, all mm) the wall is where
 
     F = R - √(u² + v² + q²) - folds - polyps - rugae - bumps = 0,
 
-q being what its rounded ends take; where it parts in two, u is that from the nearer branch's middle. Every
+q being what its rounded ends take. Every
 term is smooth in space, so that F has a steepest slope; a ray goes ahead by F over that slope, which cannot
 cross the wall.
 """
@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import skimage.measure
 
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.rendering import waves
-from endolab.synthetic.scenes import grid_triangles
+from tests.tools.meshes import grid_triangles
 
 LEAST = 0.05  # mm, a step of a ray beside a wall
 FAREST = 1000.0  # mm, beyond every wall
@@ -30,8 +29,6 @@ STEP = 1e-4  # mm, of the central differences that give normals
 BUMPS = 12.0
 RUGAE = 11.0
 RUGA = 0.55  # half the width of a ruga, as a share of that way
-SADDLE = 2.0  # mm, over which the ridge between two branches is rounded
-VOXEL = 0.8  # mm, of the grid in which a parted tube is looked for
 LENGTHWAYS = 0.4  # rugae run along the bag: how much slower they change that way
 
 
@@ -85,8 +82,6 @@ class Cavity:
     )
     folds: tuple[Fold, ...] = ()
     polyps: tuple[Polyp, ...] = ()
-    # Where it parts, mm along it; how steeply a branch goes aside.
-    parting: tuple[float, float] | None = None
     rugae: float = 0.0  # height, mm
     bumps: float = 0.0  # standard deviation, mm
     seed: int = 0  # of rugae and bumps
@@ -101,12 +96,11 @@ class Cavity:
         u = tube[..., 0]
         v = tube[..., 1]
         s = tube[..., 2]
-        off = u if self.parting is None else np.hypot(u, SADDLE) - self._aside(s)
         beyond = (
             np.maximum(s - self.ahead, 0) / self.ends[0]
             + np.maximum(-self.behind - s, 0) / self.ends[1]
         )
-        value = self.radius - np.sqrt(off * off + v * v + (self.radius * beyond) ** 2)
+        value = self.radius - np.sqrt(u * u + v * v + (self.radius * beyond) ** 2)
         for fold in self.folds:
             out = (u * np.cos(fold.side) + v * np.sin(fold.side)) / self.radius
             across = (s - fold.s - fold.lean * out) / fold.width
@@ -128,11 +122,6 @@ class Cavity:
                 self.bumps * waves(tube, BUMPS, np.random.default_rng([self.seed, 1]))[0]
             )
         return value
-
-    def _aside(self, s: FloatArray) -> FloatArray:
-        """How far a branch's middle is from that of the tube, mm."""
-        start, steepness = self.parting or (0.0, 0.0)
-        return steepness * SADDLE * np.logaddexp(0.0, (s - start) / SADDLE)
 
     @cached_property
     def _turn(self) -> FloatArray:
@@ -197,25 +186,7 @@ class Cavity:
         return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
 
     def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
-        """See `Scene.mesh`: `size` steps along and around, by lines that go out from the tube's middle.
-
-        A tube that parts has none: it is looked for in a grid of `VOXEL`.
-        """
-        if self.parting is not None:
-            wide = self.radius + float(self._aside(np.array(self.ahead + self.ends[0])))
-            high = self.radius
-            low = np.array([-wide, -high, -self.behind - self.ends[1]]) - 4 * VOXEL
-            counts = np.ceil(
-                (np.array([wide, high, self.ahead + self.ends[0]]) + 4 * VOXEL - low)
-                / VOXEL
-            )
-            places = low + VOXEL * np.moveaxis(np.indices(counts.astype(int) + 1), 0, -1)
-            vertices, triangles, *_ = skimage.measure.marching_cubes(
-                self._in_tube(places), 0.0
-            )
-            return self.from_tube(
-                VOXEL * vertices.astype(np.float64) + low
-            ), triangles.astype(np.int64)
+        """Vertices and triangles, `size` steps along and around, by lines from the tube's middle."""
         start, out = self._lines(size, size)
         place = start + _march(self._in_tube, start, out, self._steepest)[:, None] * out
         return self.from_tube(place), grid_triangles(size, size)

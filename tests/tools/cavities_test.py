@@ -21,9 +21,6 @@ CAVITIES = {
     "bag": Cavity(
         40.0, 10.0, 5.0, ends=(35.0, 45.0), look=(0.0, 30.0, 20.0), rugae=3.0, bumps=1.0
     ),
-    "parted": Cavity(
-        12.0, 70.0, 20.0, ends=(10.0, 10.0), look=(20.0, 5.0, 0.0), parting=(25.0, 0.6)
-    ),
 }
 
 

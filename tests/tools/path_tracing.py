@@ -32,6 +32,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.rendering import VEIL, Rendered, develop, expose, truth_of
 from endolab.synthetic.scenes import Scene
+from tests.tools.meshes import mesh_of
 from tests.tools.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 
 VARIANT = "llvm_ad_rgb"
@@ -335,7 +336,7 @@ def trace(
     vignetting = photometry if photometry.lights else replace(photometry, k=0.0)
     lights = photometry.lights or (SpotLight(exponent=photometry.k),)
 
-    vertices, triangles = scene.mesh(mesh_size)
+    vertices, triangles = mesh_of(scene, mesh_size)
     albedo = tissue(vertices, mean, texture, vessels, seed, stains)
     tracer = _Tracer(vertices, triangles, scene.normals(vertices), albedo, lights, fog)
     if bounces > 1:

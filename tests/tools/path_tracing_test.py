@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Pinhole
@@ -12,7 +11,6 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import Bowl, Colon, Plane
-from tests.tools.mucosa import film_radiance
 from tests.tools.path_tracing import trace
 
 CAMERA = Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
@@ -49,30 +47,3 @@ def test_an_integrating_sphere(mitsuba, albedo):
 
 def test_a_plane_cannot_light_itself(mitsuba):
     assert not trace(Plane(), CAMERA, ONE, samples=16, mesh_size=60).indirect.any()
-
-
-def mirrored_share(roughness):
-    """What a wall sends one way, straight out, of light that comes alike from everywhere."""
-    points = np.array([[0.0, 0.0, 1.0]])
-    normals = np.array([[0.0, 0.0, -1.0]])
-    # Dense about the mirror's way.
-    theta = np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2
-    sent = []
-    for angle in theta:
-        way = np.array([np.sin(angle), 0.0, -np.cos(angle)])
-        lamp = SpotLight(tuple(points[0] + 1e3 * way), tuple(-way))
-        sent.append(1e6 * film_radiance(points, normals, lamp, 1.0, roughness)[0])
-    return 2 * np.pi * np.trapezoid(np.array(sent) * np.sin(theta), theta)
-
-
-@pytest.mark.parametrize("roughness", [0.4, 0.7])
-def test_a_sheen_mirrors_other_walls(mitsuba, roughness):
-    """In a sphere that is lit alike all over, so much of what it sends as of light from everywhere."""
-    both = tuple(SpotLight(direction=(0.0, 0.0, way)) for way in (1.0, -1.0))
-    lamps = Photometry(k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(0.5), lights=both)
-    how = {"bounces": 40, "samples": 64, "mesh_size": 60, "roughness": roughness}
-    matt, rough = (trace(SPHERE, CAMERA, lamps, sheen=one, **how) for one in (0.0, 1.0))
-    assert_array_equal(matt.direct, rough.direct)
-    gained = (rough.indirect - matt.indirect).mean() / (matt.direct + matt.indirect).mean()
-    assert gained == pytest.approx(mirrored_share(roughness), rel=0.02)
-    assert mirrored_share(roughness) < 1

@@ -1,7 +1,7 @@
 """Random path-traced frames: what an endoscope may see, drawn by a seed, so that nothing can be tuned to it.
 
 `tests.benchmarks.unseen` makes and scores them: 24 open ones to look at and to judge by, 24 sealed ones, to
-be scored once, at the end, and 12 with occluders that turn away smoothly. A seed decides everything: the
+be scored once, at the end. A seed decides everything: the
 cavity, the camera, lamps, wall, sensor and what is known of them. One file a frame holds its picture, truth
 and layers of light, see `read`. Mitsuba is needed to make them, not to read.
 """
@@ -36,7 +36,6 @@ COUNT = 24
 SETS = {
     "open": range(1000, 1000 + COUNT),
     "sealed": range(770_000, 770_000 + COUNT),
-    "smooth": range(2000, 2012),  # whose occluders are
 }
 SIZE = 200, 150  # px
 SAMPLES = 128  # paths a pixel: leaves about a grey level of their noise in red, half of one in green
@@ -174,35 +173,6 @@ def _polyps(rng: np.random.Generator, camera: Camera) -> Cavity:
     return _put_polyps(rng, Cavity(**shape, folds=low), camera, int(rng.integers(1, 5)))
 
 
-def _joint(rng: np.random.Generator, camera: Camera) -> Cavity:
-    """Two condyles before a plateau."""
-    shape = _tube_like(rng, 20, 30)
-    ahead = rng.uniform(25, 50)
-    first = rng.uniform(0, 2 * np.pi)
-    shape |= {
-        "ahead": ahead,
-        "behind": rng.uniform(5, 20),
-        "bend": 0.0,
-        "bumps": rng.uniform(0, 0.2),
-    }
-    condyles = []
-    for side in (first, first + rng.uniform(1.2, 2.2)):
-        radius = rng.uniform(9, 14)
-        condyles.append(
-            Polyp(
-                ahead * rng.uniform(0.4, 0.7), side, radius, radius * rng.uniform(1.0, 1.6)
-            )
-        )
-    return Cavity(
-        **shape | {"ends": (shape["radius"] * 0.4, shape["radius"])}, polyps=tuple(condyles)
-    )
-
-
-def _bifurcation(rng: np.random.Generator, camera: Camera) -> Cavity:
-    shape = _tube_like(rng, 10, 18) | {"bumps": rng.uniform(0, 0.2), "bend": 0.0}
-    return Cavity(**shape, parting=(rng.uniform(15, 45), rng.uniform(0.4, 0.8)))
-
-
 KINDS: dict[str, Callable[[np.random.Generator, Camera], Cavity]] = {
     "colon": _colon,
     "tube": _tube,
@@ -210,7 +180,6 @@ KINDS: dict[str, Callable[[np.random.Generator, Camera], Cavity]] = {
     "bag": _bag,
     "polyps": _polyps,
 }
-SMOOTH = {"joint": _joint, "bifurcation": _bifurcation}
 
 
 def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
@@ -230,7 +199,7 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
     ):
         return False
     jumps = depth_cuts(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
-    return kind not in ("colon", "joint") or bool(jumps > FOLDED)
+    return kind != "colon" or bool(jumps > FOLDED)
 
 
 # All the rest ----------------------------------------------------------------------------
@@ -292,12 +261,11 @@ def _wall(rng: np.random.Generator) -> dict[str, float]:
 
 def random_case(seed: int) -> RandomCase:
     """Draw all that a frame is; kinds of cavity take turns."""
-    kinds = SMOOTH if seed in SETS["smooth"] else KINDS
-    kind = tuple(kinds)[seed % len(kinds)]
+    kind = tuple(KINDS)[seed % len(KINDS)]
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, attempt])
         camera = _camera(rng)
-        cavity = kinds[kind](rng, camera)
+        cavity = KINDS[kind](rng, camera)
         if _is_a_view(kind, cavity, camera):
             break
     else:

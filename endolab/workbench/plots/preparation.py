@@ -17,7 +17,6 @@ MASK_COLOURS = {
     "outside": HOUSE.left_out,
     "lumen": to_rgb(HOUSE.blue),
     "highlights": to_rgb(HOUSE.green),
-    "text": to_rgb(HOUSE.orange),
 }
 
 

@@ -1,0 +1,49 @@
+"""Meshes of scenes, for path tracing: vertices (V, 3), mm, and triangles (T, 3)."""
+
+import numpy as np
+
+from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.synthetic.scenes import SIDEWAYS, Colon, Scene
+
+
+def mesh_of(scene: Scene, size: int) -> tuple[FloatArray, IntArray]:
+    """A scene's mesh, of about `size` steps a side: of a colon, whole; else of what the camera can see."""
+    if hasattr(scene, "mesh"):
+        made: tuple[FloatArray, IntArray] = scene.mesh(size)
+        return made
+    if isinstance(scene, Colon):
+        return _colon_mesh(scene, size)
+    polar = np.linspace(0, np.pi, size)[:, None]
+    around = np.linspace(0, 2 * np.pi, 2 * size)
+    across = np.stack([np.cos(around), np.sin(around)], axis=-1)
+    rays = np.empty((size, 2 * size, 3))
+    rays[..., :2] = np.sin(polar)[..., None] * across
+    rays[..., 2] = np.cos(polar)
+    vertices = (scene.distance(rays)[..., None] * rays).reshape(-1, 3)
+    known = np.isfinite(vertices).all(axis=-1)
+    triangles = grid_triangles(size, 2 * size)
+    return np.nan_to_num(vertices), triangles[known[triangles].all(axis=-1)]
+
+
+def grid_triangles(rows: int, columns: int) -> IntArray:
+    """Triangles (T, 3) that join the points of a grid, row by row."""
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    upper = np.stack([corner, corner + 1, corner + columns], axis=-1)
+    lower = np.stack([corner + 1, corner + columns + 1, corner + columns], axis=-1)
+    return np.concatenate([upper, lower])
+
+
+def _colon_mesh(colon: Colon, size: int) -> tuple[FloatArray, IntArray]:
+    """Also 60 mm of the tube behind the camera."""
+    s = np.linspace(-60.0, colon.length, 2 * size)
+    s = np.append(s, colon.length)
+    closing = np.append(np.ones(2 * size), 0.0)
+    around = np.linspace(0, 2 * np.pi, 2 * size)
+    angle = 3 * (around + colon._twist * s[:, None])
+    radius = colon._shape(s[:, None], np.cos(angle), np.sin(angle))[0] * closing[:, None]
+    swing = colon._winding(s)[0][:, None]
+    vertices = np.empty((2 * size + 1, 2 * size, 3))
+    vertices[..., 0] = swing + radius * np.cos(around)
+    vertices[..., 1] = SIDEWAYS * swing + radius * np.sin(around)
+    vertices[..., 2] = s[:, None]
+    return vertices.reshape(-1, 3) - colon._camera, grid_triangles(2 * size + 1, 2 * size)
