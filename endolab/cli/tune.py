@@ -71,14 +71,11 @@ def find_pictures(source: str | Path) -> list[Path]:
     path = Path(source)
     if not is_sequence(path):
         return [path]
-    if not path.is_dir():
-        raise ValueError(
-            f"{path}: the tuner takes a picture or a folder of pictures, not a video"
-        )
-    names = [name for name in open_frames(path).names if depth_layout(name) is None]
-    if not names:
-        raise ValueError(f"{path}: only depth maps are in this folder, no picture")
-    return [path / name for name in names]
+    names = open_frames(path).names if path.is_dir() else []  # not of a video
+    pictures = [path / name for name in names if depth_layout(name) is None]
+    if not pictures:
+        raise ValueError(f"{path}: expected a picture or a folder of pictures")
+    return pictures
 
 
 def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:

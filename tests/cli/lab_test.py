@@ -1,4 +1,4 @@
-"""What ``endolab lab`` starts: quiet, private, on a free port; and how a cell is interrupted."""
+"""What ``endolab lab`` starts: quiet, private, on a free port."""
 
 import json
 import os
@@ -18,14 +18,6 @@ from endolab.cli import lab
 from endolab.cli import main as cli
 
 ROOT = Path(__file__).resolve().parents[2]
-LONG_SOLVE = """
-import endolab as el
-scene = el.render(el.SCENES["tube"], el.Pinhole(320, 240, 160, 160, 159.5, 119.5), el.Photometry())
-known = el.Calibration(scene.camera, scene.photometry)
-tell = lambda iterate: print("solving", flush=True) if iterate.k else None
-endless = dict(solver="primal_dual", tolerance=0.0, max_iterations=10**9)
-result = el.reconstruct(el.Frame(scene.image, scene.mask), known, observers=[tell], **endless)
-"""
 
 
 @pytest.fixture(scope="module")
@@ -147,32 +139,3 @@ def test_bad_input_is_answered_in_a_line(tmp_path, capsys, monkeypatch):
             )
             error = capsys.readouterr().err
             assert (named in error, error.count("\n")) == (True, 1)
-
-
-def test_interrupting_a_cell_leaves_the_best_iterate(tmp_path):
-    from jupyter_client.manager import KernelManager
-
-    manager = KernelManager(kernel_name="python3")
-    manager.start_kernel(env=os.environ | {"PYTHONPATH": str(ROOT)}, cwd=str(tmp_path))
-    client = manager.client()
-    client.start_channels()
-    try:
-        client.wait_for_ready(timeout=60)
-        shown = []
-
-        def hook(message):
-            shown.append(message["content"].get("text", ""))
-            if "solving" in shown[-1] and not any("solving" in text for text in shown[:-1]):
-                manager.interrupt_kernel()
-
-        reply = client.execute_interactive(LONG_SOLVE, output_hook=hook, timeout=120)
-        assert reply["content"]["status"] == "ok", reply["content"]
-        asked = "result.status.name, result.iterations > 0, result.energy < result.history[0]['energy']"
-        reply = client.execute(
-            "", user_expressions={"answer": asked}, reply=True, timeout=60
-        )
-        answer = reply["content"]["user_expressions"]["answer"]["data"]["text/plain"]
-        assert answer == "('STOPPED', True, True)"
-    finally:
-        client.stop_channels()
-        manager.shutdown_kernel(now=True)

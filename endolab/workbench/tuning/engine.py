@@ -19,16 +19,17 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 
 from endolab.frames.frame import Frame
+from endolab.metrics.depth_errors import resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
+from endolab.reconstruction.warnings import warnings
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.result import Iterate, Observer, Result, run, with_provenance
 from endolab.solvers.solvers import solve
@@ -77,16 +78,14 @@ class Answer:
     @cached_property
     def truth(self) -> FloatArray | None:
         """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
-        truth: Any = self.subject.truth
-        mask = self.result.mask
-        if truth is None:
+        if self.subject.truth is None:
             return None
-        if truth.shape != mask.shape:  # a frame that was shrunk
-            truth = cv2.resize(truth, mask.shape[::-1], interpolation=cv2.INTER_AREA)
-        inside: FloatArray = np.where(mask, truth, np.nan)
+        mask = self.result.mask
+        truth = resample_truth(self.subject.truth, mask.shape)  # a frame may be shrunk
+        truth = np.where(mask, truth, np.nan)
         if not self.result.metric:
-            inside *= np.nanmedian(self.result.distance / inside)
-        return inside
+            truth *= np.nanmedian(self.result.distance / truth)
+        return truth
 
     @cached_property
     def error(self) -> FloatArray | None:
@@ -105,7 +104,12 @@ class Answer:
         residual = model_image(problem, self.result.iterate.log_distance) - problem.image
         return np.where(contradicts(problem, residual), 255 * residual, np.nan)
 
-    @property
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What can hardly be true of the result, a sentence each."""
+        return warnings(self.result)
+
+    @cached_property
     def change(self) -> FloatArray | None:
         """By what the quick answer differs from this one, (H, W), %; None if there was none of this size."""
         if self.followed is None:

@@ -43,7 +43,7 @@ class Drawing:
 
 
 DRAWING = Drawing()
-LEFT_OUT = np.divide(DRAWING.left_out, 255)
+LEFT_OUT: Any = tuple(np.divide(DRAWING.left_out, 255))
 FONT = cv2.FontFace("sans")
 
 

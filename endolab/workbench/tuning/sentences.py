@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.reconstruction.warnings import warnings as warnings_of
 from endolab.workbench.tuning.engine import Answer, Stage
 from endolab.workbench.tuning.panels import Dot, differs_by_lam
 
@@ -26,7 +25,7 @@ def summary(answer: Answer) -> str:
     settings = answer.settings
     result = answer.result
     auto = " (auto)" if settings.regulariser == "auto" else ""
-    ended = answer.stage
+    ended: str = answer.stage
     if ended == Stage.FINAL:
         ended = result.status.name.lower().replace("_", " ")
     parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
@@ -42,7 +41,7 @@ def warnings(answer: Answer, before: Dot | None) -> list[str]:
     """Say in a sentence each what should be known before an answer is believed; `before` is the last one."""
     if answer.stage != Stage.FINAL:
         return []
-    sentences = [*warnings_of(answer.result)]
+    sentences = [*answer.warnings]
     if before is not None and differs_by_lam(before.settings, answer.settings):
         most = max(before.cut_count, answer.cut_count)
         if abs(before.cut_count - answer.cut_count) > LIMITS.cut_elsewhere * most:

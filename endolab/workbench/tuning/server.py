@@ -192,9 +192,8 @@ class _Channel(tornado.websocket.WebSocketHandler):
     def on_message(self, message: str | bytes) -> None:
         try:
             self.page.take(message, self)
-        except (
-            Exception
-        ) as error:  # the page lives, and what it sent, with its address, is nobody's
+        # The page lives on, and what it sent, with its address, is nobody's.
+        except Exception as error:
             sentence = f"endolab: a page sent what cannot be read: {type(error).__name__}"
             print(sentence, file=sys.stderr)
 

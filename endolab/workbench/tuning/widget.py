@@ -159,7 +159,7 @@ class TunerBox(anywidget.AnyWidget):
     picture = t.Bytes().tag(sync=True)
     size: t.List[Any] = t.List([0, 0, 1]).tag(sync=True)
     cells: t.List[Any] = t.List().tag(sync=True)
-    choices: t.List[str] = t.List().tag(sync=True)  # what panels can show
+    choices = t.List([*PANELS]).tag(sync=True)  # what panels can show
     cursor_texts: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
     # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
     hover: t.List[float] = t.List().tag(sync=True)
@@ -350,10 +350,10 @@ class TunerBox(anywidget.AnyWidget):
                 label: replace(now.settings, **{what: value})
                 for label, value in _compared_values(now.settings, what).items()
             }
-            self.columns = dict.fromkeys(several)
-            for label, settings in several.items():
-                if settings == now.settings:
-                    self.columns[label] = now
+            self.columns = {
+                label: now if settings == now.settings else None
+                for label, settings in several.items()
+            }
             self.engine.compare(now, several, self._guard(self._take_compared))
         self._show()
 
@@ -405,11 +405,10 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             self.line = {"text": text, "wrong": wrong}
 
-    def _view(self) -> View:
-        dots = self.dots
-        if self.answer is not None:
-            explained = self.answer.settings.explained_picture
-            dots = [dot for dot in dots if dot.settings.explained_picture == explained]
+    def _view(self, answer: Answer) -> View:
+        """How an answer is looked at, among the dots whose data terms can be compared with its own."""
+        explained = answer.settings.explained_picture
+        dots = [dot for dot in self.dots if dot.settings.explained_picture == explained]
         wide, tall = (int(side * self._ratio) for side in self._room)
         return View(
             line=(self.knobs["across"], self.knobs["section"] / 100),
@@ -423,15 +422,16 @@ class TunerBox(anywidget.AnyWidget):
         answer = self.answer
         if answer is None:
             return
+        view = self._view(answer)
         names: list[str] = []
         kept = self.kept
         if self.columns:
-            self.board = draw_columns(self.columns, answer, self._view())
+            self.board = draw_columns(self.columns, answer, view)
         elif self.shows == "A beside B" and kept and are_comparable(kept, answer):
-            self.board = draw_pair(kept, answer, self._view())
+            self.board = draw_pair(kept, answer, view)
         else:
             names = self.names
-            self.board = draw_answer(answer, names, self._view())
+            self.board = draw_answer(answer, names, view)
         before = [dot for dot in self.dots if dot.settings != answer.settings]
         height, width = self.board.picture.shape[:2]
         with self.hold_sync():
@@ -442,14 +442,11 @@ class TunerBox(anywidget.AnyWidget):
             self.code = self.python()
             self.size = [width, height, self._ratio]
             self.cells = self.board.cells(names)
-            self.choices = [
-                name for name in PANELS if name != "error" or answer.truth is not None
-            ]
             self.picture = jpeg(self.board.picture)
         self._say(self.hover)
         if "3D" in names:
-            texture = PANELS.get(self.knobs["texture"])
-            lies = texture(answer, View()).picture if texture else None
+            name = self.knobs["texture"]
+            lies = None if name == "frame" else PANELS[name](answer, view).picture
             self.surface.show(answer.result, lies)
 
     # What the page says ------------------------------------------------------------------
@@ -461,7 +458,7 @@ class TunerBox(anywidget.AnyWidget):
         self._ratio = min(max(ratio, 1.0), 3.0)
         self._show()
         # It may have been made while a picture was on its way, and have missed that.
-        self.send_state(["picture", "size", "cells", "choices"])
+        self.send_state(["picture", "size", "cells"])
 
     def _say(self, where: Sequence[float]) -> None:
         """Tell what all panels say of a point of their maps, [] of none."""
@@ -484,7 +481,9 @@ class TunerBox(anywidget.AnyWidget):
         elif len(place.dots):
             height, width = self.board.picture.shape[:2]
             away = np.linalg.norm((place.dots - (x, y)) * (width, height), axis=1)
-            dots = self._view().dots  # those of the chart, which marks the answer's besides
+            dots = self._view(
+                place.answer
+            ).dots  # after them the chart marks the answer's own
             nearest = int(away[: len(dots)].argmin())
             if away[nearest] < BOARD.click_radius * self._ratio:
                 self.bring_back(dots[nearest].settings)
@@ -532,7 +531,7 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             answer = self._final()
             code = self.python()
-            board = draw_answer(answer, self.names, self._view())
+            board = draw_answer(answer, self.names, self._view(answer))
         settings = answer.settings
         subject = answer.subject
         uncertainty = answer.uncertainty

@@ -91,10 +91,6 @@ def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
         if name in ("frame", "distance", "model - frame"):
             left, top, right, bottom = place.spot
             assert right - left > 0.75 * wide or bottom - top > 0.85 * tall
-    spot = np.multiply(board.places[0].spot, [1200, 640] * 2)
-    left, top, right, bottom = np.round(spot).astype(int)
-    assert board.picture[top:bottom, left:right].std() > 10
-    assert board.at((left + 5) / 1200, (top + 5) / 640) is board.places[0]
     said = board.places[1].says(40.5 / 160, 30.5 / 120)
     assert said.startswith(f"{answer.result.distance[30, 40]:.4g} ")
 
@@ -116,16 +112,6 @@ def test_two_and_several_share_one_scale(answer, smoother):
         np.testing.assert_array_equal(place.panel.picture, expected)
 
 
-def test_the_lam_curve_has_a_dot_each_and_marks_this_one(answer, smoother):
-    chart = PANELS["λ curve"](answer, View(dots=[dot_of(answer), dot_of(smoother)]))
-    _, places = chart.draw(np.full((300, 400, 3), 255, np.uint8), 12)
-    assert len(places) == 3
-    assert places[0] == places[2]  # the mark lies on its dot
-    assert places[1][0] > places[0][0]  # smoother: explains less, ...
-    assert places[1][1] > places[0][1]  # ... and is less rough
-    assert len(chart.curves[0][1]) == 2
-
-
 def test_what_should_be_known_is_a_sentence(engine, answer, smoother, cut_answer):
     assert warnings(answer, None) == []
     sphere = engine.solve_cold(replace(answer.settings, regulariser="first", lam=1e4))
@@ -138,11 +124,9 @@ def test_what_should_be_known_is_a_sentence(engine, answer, smoother, cut_answer
 
 
 def test_ticks_are_round_and_a_chart_of_nothing_is_drawn():
-    labels = [label for _, label in ticks(0, 10)]
-    assert labels == ["0", "2", "4", "6", "8", "10"]
-    places, labels = zip(*ticks(-2.1, -0.9, log=True), strict=True)
-    assert labels == ("0.01", "0.02", "0.05", "0.1")
-    assert 10 ** np.array(places) == pytest.approx([0.01, 0.02, 0.05, 0.1])
+    assert [label for _, label in ticks(0, 10)] == ["0", "2", "4", "6", "8", "10"]
+    labels = [label for _, label in ticks(-2.1, -0.9, log=True)]
+    assert labels == ["0.01", "0.02", "0.05", "0.1"]
     assert len(ticks(0.0, 0.01, log=True)) > 2
     nothing = np.full(3, np.nan)
     for curves in ([], [("a", nothing, nothing, (0, 0, 0))]):

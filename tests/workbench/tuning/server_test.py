@@ -4,12 +4,9 @@ import asyncio
 import http.client
 import json
 import re
-import shutil
-import subprocess
 import threading
 import time
 from contextlib import closing
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import anywidget
@@ -20,7 +17,6 @@ import traitlets as t
 
 from endolab.workbench.tuning import server
 from endolab.workbench.tuning.server import Page
-from tests.conftest import missing_system
 
 
 class Slider(anywidget.AnyWidget):
@@ -150,26 +146,6 @@ def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origi
 def test_an_origin_that_is_none_is_one_sentence(origin):
     with pytest.raises(ValueError, match=r"https://lab\.example\.org"):
         Page(Slider, "", origin=origin)
-
-
-@pytest.mark.parametrize(
-    "place", ["http://127.0.0.1:8877", "https://lab.example.org", "https://lab/user/x"]
-)
-def test_the_page_opens_its_channel_where_it_came_from(place):
-    """In Node, with as much of a browser as it needs until then."""
-    node = shutil.which("node")
-    if node is None:
-        missing_system("page.js is not looked at: there is no Node on this machine.")
-    address = urlsplit(f"{place}/abc/")
-    known = {"href": address.geturl(), "host": address.netloc, "pathname": address.path}
-    browser = f"""globalThis.location = {json.dumps(known)};
-        globalThis.window = {{ addEventListener() {{}} }};
-        globalThis.WebSocket = class {{ constructor(link) {{ console.log(String(link)); }} }};
-    """
-    script = Path(server.__file__).with_name("page.js").read_text(encoding="utf-8")
-    how = {"capture_output": True, "text": True, "timeout": 60, "check": True}
-    done = subprocess.run([node, "-e", browser + script], **how)
-    assert done.stdout.strip() == f"{place}/abc/channel".replace("http", "ws", 1)
 
 
 def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve, capfd):
