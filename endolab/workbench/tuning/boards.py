@@ -79,15 +79,23 @@ def _board(rows: Sequence[Sequence[Cell | None]], view: View, margin: int = 0) -
             left = j * width
             top = i * height
             if margin and isinstance(panel, Map) and panel.limits is not None:
-                strip = paper[top + 2 * text : top + height - text // 2, -margin:]
+                bottom = top + height - text // 2
+                strip = paper[top + 2 * text : bottom, -margin:]
                 strip[:] = 255  # as the column before drew it too
                 scale_bar(strip, panel.limits, panel.palette, text)
                 panel = replace(panel, limits=None)
-            spot, dots = panel.draw(paper[top : top + height, left : left + width], text)
-            box = _shares([(0, 0), (width, height)], (left, top), size).ravel().tolist()
-            at = _shares(dots, (left, top), size)
-            shown = spot and _shares(spot, (left, top), size).ravel().tolist()
-            places.append(Place(answer, box, shown, panel, at))
+            place = paper[top : top + height, left : left + width]
+            spot, dots = panel.draw(place, text)
+            corner = (left, top)
+            places.append(
+                Place(
+                    answer,
+                    box=_shares([0, 0, width, height], corner, size).ravel().tolist(),
+                    spot=spot and _shares(spot, corner, size).ravel().tolist(),
+                    panel=panel,
+                    dots=_shares(dots, corner, size),
+                )
+            )
     return Board(paper, places)
 
 
@@ -116,8 +124,11 @@ def draw_pair(a: Answer, b: Answer, view: View) -> Board:
     def row(name: str, third: Panel) -> list[Cell]:
         left = PANELS[name](a, view)
         right = PANELS[name](b, view)
-        cells = [(replace(left, title=f"A: {left.title}"), a)]
-        return [*cells, (replace(right, title=f"B: {right.title}"), b), (third, b)]
+        return [
+            (replace(left, title=f"A: {left.title}"), a),
+            (replace(right, title=f"B: {right.title}"), b),
+            (third, b),
+        ]
 
     section = PANELS["section"](b, replace(view, beside=a))
     return _board([row("distance", ratio_of(a, b)), row("model - frame", section)], view)

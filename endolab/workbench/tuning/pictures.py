@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.ticker import LogLocator, MaxNLocator
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
@@ -68,8 +68,10 @@ def write(
     wide: int = cv2.getTextSize((0, 0), text, (0, 0), FONT, size, weight)[2]
     left = max(0, int(x - align * wide))
     if on_white:
-        picture[max(0, y + 2) : y + round(1.6 * size), left : left + wide + 2] = 255
-    cv2.putText(picture, text, (left, y + int(1.4 * size)), colour, FONT, size, weight)
+        bottom = y + round(1.6 * size)
+        picture[max(0, y + 2) : bottom, left : left + wide + 2] = 255
+    base = left, y + int(1.4 * size)
+    cv2.putText(picture, text, base, colour, FONT, size, weight)
     return wide
 
 
@@ -90,16 +92,18 @@ def grey_or_colour(image: FloatArray) -> Picture:
 
 def ticks(low: float, high: float, log: bool = False) -> list[tuple[float, str]]:
     """Where round numbers lie in [low, high], and how they are written; `log`: of the numbers' logarithms."""
+    locator: Locator = MaxNLocator(6, steps=[1, 2, 5, 10])
     if log:
-        low, high = 10**low, 10**high
-    is_wide = log and high > 4 * low
-    locator = LogLocator(subs=(1, 2, 5)) if is_wide else MaxNLocator(6, steps=[1, 2, 5, 10])
-    values = [float(value) for value in locator.tick_values(low, high)]
-    return [
-        (float(np.log10(value)) if log else value, f"{value:.4g}")
-        for value in values
-        if low <= value <= high
-    ]
+        low = 10**low
+        high = 10**high
+        if high > 4 * low:
+            locator = LogLocator(subs=(1, 2, 5))
+    places = []
+    for value in locator.tick_values(low, high):
+        if low <= value <= high:
+            at = np.log10(value) if log else value
+            places.append((float(at), f"{value:.4g}"))
+    return places
 
 
 def _room(paper: Picture, title: str, text: int) -> Box:
@@ -131,7 +135,9 @@ class Map:
         if self.picture is None:
             return (left, top, right, bottom), []
         height, width = self.picture.shape[:2]
-        room = right - left - (DRAWING.scale_width * text if self.limits else 0)
+        room = right - left
+        if self.limits is not None:
+            room -= DRAWING.scale_width * text
         scale = min(room / width, (bottom - top) / height)
         wide = max(1, round(width * scale))
         tall = max(1, round(height * scale))
@@ -213,7 +219,8 @@ class Chart:
         for value, label in ticks(low[1], high[1], self.log[1]):
             at = round(float(place(np.array([low[0], value]))[1]))
             inner[at] = DRAWING.grid
-            write(paper, label, left - text // 3, top + at - text + 1, text, 1.0)
+            middle = top + at - text + 1
+            write(paper, label, left - text // 3, middle, text, 1.0)
         cv2.rectangle(paper, (left, top), (right, bottom), DRAWING.frame, 1)
         write(paper, self.x_label, right, bottom + round(1.1 * text), text, 1.0)
         at = right - left - 2
@@ -231,19 +238,20 @@ class Chart:
 
     def _points(self, x: FloatArray | float, y: FloatArray | float) -> FloatArray:
         """What the axes measure, (..., 2): the values, or their logarithms."""
-        points = np.stack([np.asarray(x, float), np.asarray(y, float)], axis=-1)
+        points = np.stack([x, y], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.log, np.log10(points), points)
 
     def _limits(self, shape: float) -> tuple[FloatArray, FloatArray]:
         """Least and greatest x and y; `shape` is how much longer the axis of x is."""
-        shown: list[Any] = [curve[1:3] for curve in self.curves]
-        if self.fitted is not None:
-            shown = [self.fitted]
+        shown: list[Any] = [self.fitted]
+        if self.fitted is None:
+            shown = [curve[1:3] for curve in self.curves]
         shown += [dot[:2] for dot in self.dots]
-        points = np.concatenate(
-            [np.empty((0, 2)), *(np.atleast_2d(self._points(x, y)) for x, y in shown)]
-        )
+        parts = [np.empty((0, 2))]
+        for x, y in shown:
+            parts.append(self._points(x, y).reshape(-1, 2))
+        points = np.concatenate(parts)
         points = points[np.isfinite(points).all(axis=-1)]
         if not len(points):
             points = np.array([[0.0, 0.0], [1.0, 1.0]])

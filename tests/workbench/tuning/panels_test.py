@@ -91,8 +91,8 @@ def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
         if name in ("frame", "distance", "model - frame"):
             left, top, right, bottom = place.spot
             assert right - left > 0.75 * wide or bottom - top > 0.85 * tall
-    said = board.places[1].says(40.5 / 160, 30.5 / 120)
-    assert said.startswith(f"{answer.result.distance[30, 40]:.4g} ")
+    text = board.places[1].says(40.5 / 160, 30.5 / 120)
+    assert text.startswith(f"{answer.result.distance[30, 40]:.4g} ")
 
 
 def test_two_and_several_share_one_scale(answer, smoother):
