@@ -146,6 +146,7 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(start
     page.keyboard.press("a")
     assert smooth.input_value() == "a"
     smooth.fill("")
+    page.get_by_role("button", name="advanced").click()
     frames.select_option("tube")
     page.wait_for_function(f"() => {SAID}.includes('median error')")
     page.keyboard.press("Control+z")
