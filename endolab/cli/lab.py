@@ -2,13 +2,12 @@
 
 import json
 import os
-import secrets
+import shutil
 import socket
-import sqlite3
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
-from contextlib import closing, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from endolab._extras import need
@@ -18,9 +17,11 @@ OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 PORTS = 50  # that are tried, one after the other
 
 
-def write_settings(folder: str | os.PathLike[str]) -> None:
-    """Write what keeps JupyterLab quiet into a folder of its configuration, as ``.venv/etc/jupyter``."""
-    config = Path(folder) / "labconfig"
+def set_up(prefix: str | os.PathLike[str]) -> None:
+    """Write what keeps JupyterLab quiet, and a kernel named endolab, into a prefix, as ``.venv``."""
+    from ipykernel.kernelspec import write_kernel_spec
+
+    config = Path(prefix) / "etc" / "jupyter" / "labconfig"
     config.mkdir(parents=True, exist_ok=True)
     # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
     settings = {
@@ -35,28 +36,11 @@ def write_settings(folder: str | os.PathLike[str]) -> None:
     }
     for name, content in settings.items():
         (config / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
-
-
-def write_kernel(folder: str | os.PathLike[str]) -> None:
-    """Write a kernel named endolab, of this Python, among Jupyter's data: ``.venv/share/jupyter``."""
-    kernel = Path(folder) / "kernels" / "endolab"
-    kernel.mkdir(parents=True, exist_ok=True)
+    kernel = Path(prefix) / "share" / "jupyter" / "kernels" / "endolab"
+    shutil.rmtree(kernel, ignore_errors=True)
     # Without frozen modules, for else the debugger warns in the first cell.
-    command = [
-        sys.executable,
-        "-Xfrozen_modules=off",
-        "-m",
-        "ipykernel_launcher",
-        "-f",
-        "{connection_file}",
-    ]
-    content = {
-        "argv": command,
-        "display_name": "endolab",
-        "language": "python",
-        "metadata": {"debugger": True},
-    }
-    (kernel / "kernel.json").write_text(json.dumps(content), encoding="utf-8")
+    thawed = ["-Xfrozen_modules=off"]
+    write_kernel_spec(kernel, {"display_name": "endolab"}, python_arguments=thawed)
 
 
 def free_port(first: int) -> int:
@@ -65,51 +49,11 @@ def free_port(first: int) -> int:
         raise ValueError(f"--port must be from 1 to 65535, got {first}")
     last = min(first + PORTS - 1, 65535)
     for port in range(first, last + 1):
-        with socket.socket() as listener:
-            if (
-                os.name == "posix"
-            ):  # as Jupyter does; else a port stays taken for a minute after its last use
-                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                listener.bind(("127.0.0.1", port))
-            except OSError:
-                continue
+        with suppress(OSError), socket.create_server(("127.0.0.1", port)):
             return port
     raise OSError(
         f"all ports from {first} to {last} are taken; name another one with --port"
     )
-
-
-def _prepend(variable: str, folder: Path) -> None:
-    others = os.environ.get(variable)
-    os.environ[variable] = f"{folder}{os.pathsep}{others}" if others else str(folder)
-
-
-def _sign(notebooks: Iterable[Path]) -> None:
-    """Sign endolab's own notebooks as they are delivered, so that JupyterLab does not call them untrusted.
-
-    A signature is one of the content, wherever it lies: copies have it too, and nothing else has. One with
-    outputs or with the state of widgets, in which scripts could wait, is signed by JupyterLab alone, when
-    its cells were run here and it is saved.
-    """
-    from nbformat import ValidationError, read
-    from nbformat.sign import NotebookNotary
-
-    notary = NotebookNotary()
-    with closing(notary.store):
-        for path in notebooks:
-            try:
-                notebook = read(path, as_version=4)
-            except (
-                ValueError,
-                OSError,
-                ValidationError,
-            ):  # not a notebook: JupyterLab will say so
-                continue
-            if "widgets" not in notebook.metadata and not any(
-                cell.get("outputs") for cell in notebook.cells
-            ):
-                notary.sign(notebook)
 
 
 def open_lab(
@@ -129,48 +73,38 @@ def open_lab(
         wanted = "run this from a checkout of endolab, or name a folder with --notebooks"
         raise FileNotFoundError(f"{folder}: there are no notebooks; {wanted}")
     free = free_port(port)
-    token = os.environ.pop("JUPYTER_TOKEN", "") or secrets.token_hex(24)
     with tempfile.TemporaryDirectory(prefix="endolab-lab-") as scratch:
-        home = Path(scratch)
-        write_settings(home)
-        write_kernel(home)
-        # a file is private, a command line is not.
-        (home / "token").write_text(token, encoding="utf-8")
-        os.environ["JUPYTER_TOKEN_FILE"] = str(home / "token")
-        _prepend("JUPYTER_CONFIG_PATH", home)
-        _prepend("JUPYTER_PATH", home)
+        set_up(scratch)
+        for variable, part in (("JUPYTER_CONFIG_PATH", "etc"), ("JUPYTER_PATH", "share")):
+            folders = [os.path.join(scratch, part, "jupyter"), os.environ.get(variable)]
+            os.environ[variable] = os.pathsep.join(filter(None, folders))
         # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
         os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
         asked = [
             f"--notebook-dir={folder.parent}",
             f"--LabApp.default_url=/lab/tree/{folder.name}",
+            "--ip=127.0.0.1",
+            f"--port={free}",
+            "--ServerApp.port_retries=0",
+            "--LabApp.extension_manager=readonly",
+            # One line with the link is printed in place of Jupyter's thirty.
+            "--log-level=WARN",
+            "--LabApp.log_level=WARN",
+            "--allow-root",  # as in a container
         ]
-        asked += ["--ip=127.0.0.1", f"--port={free}", "--ServerApp.port_retries=0"]
-        asked += ["--LabApp.extension_manager=readonly"]
-        # One line with the link is printed in place of Jupyter's thirty.
-        asked += ["--log-level=WARN", "--LabApp.log_level=WARN"]
-        if (
-            hasattr(os, "geteuid") and os.geteuid() == 0
-        ):  # in a container; Jupyter would refuse
-            asked.append("--allow-root")
 
         from jupyter_core.application import NoStart
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-        with suppress(
-            OSError, sqlite3.Error
-        ):  # no place for signatures: JupyterLab trusts none
-            _sign(OWN_NOTEBOOKS.glob("[0-9][0-9]_*.ipynb"))
         with suppress(NoStart):
             server = LabApp.initialize_server([*asked, *options])
+            token = server.identity_provider.token  # of Jupyter's making, or the caller's
+            server.identity_provider.token_generated = False  # or Jupyter says it once more
             link = f"http://127.0.0.1:{free}/lab/tree/{folder.name}?token={token}"
             taken = f" (port {port} is taken)" if free != port else ""
             print(f"JupyterLab: {link}{taken}", flush=True)
             server.start()
 
 
-if (
-    __name__ == "__main__"
-):  # python -m endolab.cli.lab .venv, for a JupyterLab that is started by hand
-    write_settings(Path(sys.argv[1]) / "etc" / "jupyter")
-    write_kernel(Path(sys.argv[1]) / "share" / "jupyter")
+if __name__ == "__main__":  # with .venv, for a JupyterLab that is started by hand
+    set_up(sys.argv[1])

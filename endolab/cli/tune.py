@@ -32,10 +32,12 @@ def _tune(arguments: argparse.Namespace) -> None:
 
     calibration = load_calibration(arguments.calibration)
     pictures = find_pictures(arguments.frame)
-    if arguments.truth is not None and len(pictures) > 1:
-        raise ValueError("--truth is of one frame, and there is a folder of them")
     first = read_frame(pictures[0], calibration)
-    truth = None if arguments.truth is None else read_truth(arguments.truth, calibration)
+    truth = None
+    if arguments.truth is not None:
+        if len(pictures) > 1:
+            raise ValueError("--truth is of one frame, and there is a folder of them")
+        truth = read_truth(arguments.truth, calibration)
 
     def make() -> Any:
         from endolab.workbench.tuning.widget import TunerBox
@@ -44,9 +46,9 @@ def _tune(arguments: argparse.Namespace) -> None:
 
     def announce() -> None:
         taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
-        print(f"tuner: {page.link}{taken}", flush=True)
+        print(f"tuner: {page.link}{taken}")
         if page.origin is not None:
-            print(f"through the proxy: {page.origin}{urlsplit(page.link).path}", flush=True)
+            print(f"through the proxy: {page.origin}{urlsplit(page.link).path}")
         print("It ends when its page is closed, or by Ctrl-C.", flush=True)
         if arguments.browser:
             threading.Thread(target=_open, args=(page.link,), daemon=True).start()
@@ -69,14 +71,11 @@ def find_pictures(source: str | Path) -> list[Path]:
     path = Path(source)
     if not is_sequence(path):
         return [path]
-    if not path.is_dir():
-        raise ValueError(
-            f"{path}: the tuner takes a picture or a folder of pictures, not a video"
-        )
-    names = [name for name in open_frames(path).names if depth_layout(name) is None]
-    if not names:
-        raise ValueError(f"{path}: only depth maps are in this folder, no picture")
-    return [path / name for name in names]
+    names = open_frames(path).names if path.is_dir() else []  # not of a video
+    pictures = [path / name for name in names if depth_layout(name) is None]
+    if not pictures:
+        raise ValueError(f"{path}: expected a picture or a folder of pictures")
+    return pictures
 
 
 def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
@@ -87,24 +86,16 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
     from endolab.io.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
 
-    if str(path).endswith(".npz"):
-        truth: FloatArray = read_depth(path, ("distance",))["distance"]
-    else:
-        cosine = calibration.camera.field.cos_alpha
-        z = true_z(path)
-        check_size(str(path), z.shape[::-1], calibration.camera)
-        truth = z / np.where(cosine > 0, cosine, np.nan)
+    is_z = not str(path).endswith(".npz")
+    truth = true_z(path) if is_z else read_depth(path, ("distance",))["distance"]
     check_size(str(path), truth.shape[::-1], calibration.camera)
-    return truth
+    cosine = calibration.camera.field.cos_alpha
+    return truth / np.where(cosine > 0, cosine, np.nan) if is_z else truth
 
 
 def _open(link: str) -> None:
     if not webbrowser.open(link):
-        print(
-            "There is no browser that could be opened; open the link.",
-            file=sys.stderr,
-            flush=True,
-        )
+        print("There is no browser that could be opened; open the link.", file=sys.stderr)
 
 
 def add_tune_command(commands: Any) -> None:

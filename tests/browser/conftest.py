@@ -1,6 +1,5 @@
 """A JupyterLab on a copy of the notebooks, a Chromium, and a notebook open in it."""
 
-import json
 import os
 import shutil
 import socket
@@ -15,7 +14,6 @@ import endolab as el
 from endolab import datasets
 from endolab.solvers.solvers import SOLVERS
 from tests.conftest import missing_system
-from tests.tools.foreign_notebooks import foreign_notebooks
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
@@ -101,12 +99,17 @@ class OpenNotebook:
 
     def photograph(self, name):
         """Keep a screenshot as build/screenshots/<name>.png; ENDOLAB_SCREENSHOTS names another folder."""
-        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-        self.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+        photograph(self.page, name)
 
     def close(self):
         """Close the notebook and its kernel."""
         self.page.evaluate(CLOSE)
+
+
+def photograph(page, name):
+    """Keep a screenshot of a page among SCREENSHOTS."""
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / f"{name}.png")
 
 
 def a_free_port():
@@ -134,8 +137,6 @@ def lab(tmp_path_factory, compiled):
     shutil.copytree(
         ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*")
     )
-    for name, content in foreign_notebooks().items():
-        (root / "notebooks" / name).write_text(json.dumps(content), encoding="utf-8")
     environment = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
     environment |= {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "endolab", "lab", f"--notebooks={root / 'notebooks'}"]
@@ -159,11 +160,8 @@ def lab(tmp_path_factory, compiled):
 @pytest.fixture(scope="package")
 def browser():
     """Chromium, the system's own; Playwright's stays away from the network."""
-    program = (
-        shutil.which("chromium")
-        or shutil.which("chromium-browser")
-        or shutil.which("google-chrome")
-    )
+    names = ("chromium", "chromium-browser", "google-chrome")
+    program = next(filter(None, map(shutil.which, names)), None)
     if program is None:
         missing_system(
             "The notebooks are not opened in a browser: there is no Chromium on this machine."

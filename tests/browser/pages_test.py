@@ -3,7 +3,7 @@
 import nbformat
 import pytest
 
-from tests.browser.conftest import SCREENSHOTS
+from tests.browser.conftest import photograph
 from tests.tools import render_pages as pages
 
 EXERCISE = """$x^2$: why?
@@ -93,6 +93,5 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     assert [one.is_visible() for one in at] == [False, True]
     assert page.locator(".jp-OutputArea-output > img").is_visible()  # the surface
     assert all(url.startswith(("file:", "data:", "blob:")) for url in outside)
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENSHOTS / f"pages-{'open' if solutions else 'folded'}.png")
+    photograph(page, f"pages-{'open' if solutions else 'folded'}")
     page.close()

@@ -8,30 +8,30 @@ import pytest
 from matplotlib.image import imread
 
 MAKE = """
+import threading
 import time
+from dataclasses import replace
 import numpy as np
 import endolab as el
-from endolab.workbench.tuning.surface_view import SurfaceView
 
 calibration = el.load_calibration("paper", width=320)
 scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
-rays, far = calibration.camera.field.rays, scene.distance
-bands = np.round(127 * (1 + np.sin(far / 3)[..., None] * [1, 0, -1]))
+frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+shown = el.reconstruct(frame, known, solver="facing", channel="green").iterate
+shown = replace(shown, log_distance=np.log(scene.distance))
+bands = np.round(127 * (1 + np.sin(scene.distance / 3)[..., None] * [1, 0, -1]))
 bands = np.nan_to_num(bands).astype(np.uint8)
-view = SurfaceView()
-view.show(far, rays, scene.image, lift=True)
 """
-SHOW = "view"
-BANDS = "view.show(far, rays, bands)"
+SHOW = "view = el.show_surface(shown)\nview"
+BANDS = "view.show(shown, bands)"
 # As the tuner does it, from a thread: the page's answers come in meanwhile.
 MANY = """
-import threading
-
 def follow(count=100):
     for i in range(count):
         number = view.number
-        bent = far * (1 + 0.1 * np.sin(i) * np.cos(8 * rays[..., 0]))
-        view.show(bent, rays, bands if i % 2 else scene.image)
+        waves = 0.1 * np.sin(i) * np.cos(8 * scene.camera.field.rays[..., 0])
+        bent = shown.log_distance + np.log1p(waves)
+        view.show(replace(shown, log_distance=bent), bands if i % 2 else None)
         while view.number == number or view.drawn != view.number:
             time.sleep(0.01)
     view.unit = f"mm, {view.number}"

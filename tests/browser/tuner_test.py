@@ -115,16 +115,6 @@ def test_a_stands_beside_b_by_keys_and_the_notebook_does_not_hear_them(opened):
     assert opened.state()["cells"] == cells
 
 
-def test_five_lam_fill_the_curve_and_a_click_takes_one_over(opened):
-    page = opened.page
-    page.keyboard.press("c")
-    page.wait_for_function(f"() => {CELLS}.length === 15")
-    opened.photograph("06_tuner_compared")
-    page.mouse.click(*at(page, 0.5, 0.5, 3))
-    says(page, "λ 3.2 ")
-    opened.photograph("06_tuner_curve")
-
-
 def test_the_pictures_are_there_every_time_the_cell_has_run(open_notebook):
     """Ten openings while both cores are busy: no slider has to be moved first."""
     busy = "import threading\ndef spin():\n    while True: sum(range(9999))\n"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +13,8 @@ from endolab.workbench.tuning.engine import Answer
 from endolab.workbench.tuning.panels import PANELS, Panel, View, ratio_of
 from endolab.workbench.tuning.pictures import DRAWING, Chart, Map, Picture, scale_bar
 
-COMPARED_PANELS = ("distance", "model - frame", "section")
 Box = list[float]  # left, top, right, bottom
-Rows = Sequence[Sequence[tuple[Panel, Answer] | None]]
+Cell = tuple[Panel, Answer]
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,9 @@ class Place:
         if not isinstance(self.panel, Map) or self.panel.says is None:
             return ""
         mask = self.answer.result.mask
-        i, j = (
-            min(int(share * size), size - 1)
-            for share, size in zip((y, x), mask.shape, strict=True)
-        )
+        height, width = mask.shape
+        i = min(int(y * height), height - 1)
+        j = min(int(x * width), width - 1)
         return self.panel.says(i, j) if mask[i, j] else "left out"
 
 
@@ -57,25 +55,21 @@ class Board:
 
     def cells(self, names: Sequence[str]) -> list[dict[str, Any]]:
         """What the page is told of the panels, which may have names."""
-        names = names or [""] * len(self.places)
-        places = zip(self.places, names, strict=True)
         return [
-            {"box": place.box, "spot": place.spot, "name": name} for place, name in places
+            {"box": place.box, "spot": place.spot, "name": name}
+            for place, name in zip(
+                self.places, names or [""] * len(self.places), strict=True
+            )
         ]
 
 
-def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Board:
+def _board(rows: Sequence[Sequence[Cell | None]], view: View, margin: int = 0) -> Board:
     """Panels in cells of one size; on the right `margin` px with the scales that rows of maps share."""
-    width = (room[0] - margin) // len(rows[0])
-    height = room[1] // len(rows)
+    text = view.text
+    width = (view.room[0] - margin) // len(rows[0])
+    height = view.room[1] // len(rows)
     size = np.array([width * len(rows[0]) + margin, height * len(rows)])
     paper = np.full((size[1], size[0], 3), 255, np.uint8)
-
-    def to_shares(box: Sequence[int]) -> Box:
-        """A box in a cell as shares of the board."""
-        moved: Box = (np.add(np.reshape(box, (2, 2)), (left, top)) / size).ravel().tolist()
-        return moved
-
     places = []
     for i, row in enumerate(rows):
         for j, cell in enumerate(row):
@@ -85,31 +79,35 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
             left = j * width
             top = i * height
             if margin and isinstance(panel, Map) and panel.limits is not None:
-                strip = paper[top + 2 * text : top + height - text // 2, -margin:]
+                bottom = top + height - text // 2
+                strip = paper[top + 2 * text : bottom, -margin:]
                 strip[:] = 255  # as the column before drew it too
-                scale_bar(strip, 0, panel.limits, panel.palette, text)
+                scale_bar(strip, panel.limits, panel.palette, text)
                 panel = replace(panel, limits=None)
-            spot, dots = panel.draw(paper[top : top + height, left : left + width], text)
-            at = np.add(np.reshape(dots, (-1, 2)), (left, top)) / size
+            place = paper[top : top + height, left : left + width]
+            spot, dots = panel.draw(place, text)
+            corner = (left, top)
             places.append(
                 Place(
                     answer,
-                    to_shares((0, 0, width, height)),
-                    spot and to_shares(spot),
-                    panel,
-                    at,
+                    box=_shares([0, 0, width, height], corner, size).ravel().tolist(),
+                    spot=spot and _shares(spot, corner, size).ravel().tolist(),
+                    panel=panel,
+                    dots=_shares(dots, corner, size),
                 )
             )
     return Board(paper, places)
 
 
-def draw_answer(
-    answer: Answer, names: Sequence[str], view: View, room: tuple[int, int], text: int = 12
-) -> Board:
+def _shares(points: Any, corner: tuple[int, int], size: FloatArray) -> FloatArray:
+    """Points in a cell, px from its corner, as shares of the board, (n, 2)."""
+    return (np.reshape(points, (-1, 2)) + corner) / size
+
+
+def draw_answer(answer: Answer, names: Sequence[str], view: View) -> Board:
     """The panels of an answer, three in a row."""
     panels = [(PANELS[name](answer, view), answer) for name in names]
-    rows = [panels[i : i + 3] for i in range(0, len(panels), 3)]
-    return _board(rows, room, text)
+    return _board([panels[i : i + 3] for i in range(0, len(panels), 3)], view)
 
 
 def are_comparable(a: Answer, b: Answer) -> bool:
@@ -119,50 +117,43 @@ def are_comparable(a: Answer, b: Answer) -> bool:
     )
 
 
-def _name_panel(name: str, panel: Panel) -> Panel:
-    return replace(panel, title=f"{name}: {panel.title}")
-
-
-def draw_pair(
-    a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12
-) -> Board:
+def draw_pair(a: Answer, b: Answer, view: View) -> Board:
     """A beside B with the same scales, their ratio and their sections."""
-    thirds = ratio_of(a, b), PANELS["section"](b, replace(view, like=a, beside=a))
-    rows = []
-    for name, third in zip(COMPARED_PANELS[:2], thirds, strict=True):
-        left, right = (PANELS[name](answer, replace(view, like=a)) for answer in (a, b))
-        rows.append([(_name_panel("A", left), a), (_name_panel("B", right), b), (third, b)])
-    return _board(rows, room, text)
+    view = replace(view, like=a)
+
+    def row(name: str, third: Panel) -> list[Cell]:
+        left = PANELS[name](a, view)
+        right = PANELS[name](b, view)
+        return [
+            (replace(left, title=f"A: {left.title}"), a),
+            (replace(right, title=f"B: {right.title}"), b),
+            (third, b),
+        ]
+
+    section = PANELS["section"](b, replace(view, beside=a))
+    return _board([row("distance", ratio_of(a, b)), row("model - frame", section)], view)
 
 
-def draw_columns(
-    answers: Sequence[tuple[str, Answer | None]],
-    like: Answer,
-    view: View,
-    room: tuple[int, int],
-    text: int = 12,
-) -> Board:
+def draw_columns(columns: Mapping[str, Answer | None], like: Answer, view: View) -> Board:
     """Answers in columns, all on the scales of one of them; those to come are left white."""
+    view = replace(view, like=like)
 
-    def panel(name: str, label: str, answer: Answer | None) -> tuple[Panel, Answer] | None:
+    def cell(name: str, label: str, answer: Answer | None) -> Cell | None:
         if answer is None:
             return None
-        shown = PANELS[name](answer, replace(view, like=like))
-        title = shown.title.split(",")[0]
-        if name == COMPARED_PANELS[0]:
+        panel = PANELS[name](answer, view)
+        title = panel.title.split(",")[0]
+        if name == "distance":
             title = f"{label}: {title.lower()}"
-        if isinstance(shown, Chart):  # no room for the names of its curves
-            shown = replace(shown, curves=[("", *curve[1:]) for curve in shown.curves])
-            title = (
-                title
-                if answer.median_error is None
-                else f"Section, error {answer.median_error:.1f} %"
-            )
-        return replace(shown, title=title), answer
+        if isinstance(panel, Chart):  # no room for the names of its curves
+            curves = [("", *curve[1:]) for curve in panel.curves]
+            panel = replace(panel, curves=curves)
+            if answer.median_error is not None:
+                title = f"Section, error {answer.median_error:.1f} %"
+        return replace(panel, title=title), answer
 
-    return _board(
-        [[panel(name, *labelled) for labelled in answers] for name in COMPARED_PANELS],
-        room,
-        text,
-        DRAWING.scale_width * text,
-    )
+    rows = [
+        [cell(name, *column) for column in columns.items()]
+        for name in ("distance", "model - frame", "section")
+    ]
+    return _board(rows, view, DRAWING.scale_width * view.text)

@@ -11,7 +11,7 @@ make the two differ, and the answer holds both. While a long solve goes on, what
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,16 +19,17 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 
 from endolab.frames.frame import Frame
+from endolab.metrics.depth_errors import resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.derivatives import px_per_reference
+from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
+from endolab.reconstruction.warnings import warnings
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.result import Iterate, Observer, Result, run, with_provenance
 from endolab.solvers.solvers import solve
@@ -41,12 +42,15 @@ class Pace:
 
     picture_interval: float = 0.4  # s of a full solve between one picture and the next
     least_width: int = 128  # px, of a frame that is worth solving at half its size first
+    remembered: int = 12  # final answers that come back without a solve
     # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
     draws: int = 8
 
-    def quick_steps(self, solver: str) -> tuple[int, int] | None:
-        """The most steps of a quick answer, from a start and from nothing; None if there is no limit."""
-        return {"gauss_newton": (3, 10), "primal_dual": (60, 120)}.get(solver)
+
+PACE = Pace()
+# The most steps of a first look, from the last answer and from nothing; other solvers have no limit.
+FIRST_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
+IsStale = Callable[[], bool]
 
 
 class Stage(StrEnum):
@@ -57,11 +61,7 @@ class Stage(StrEnum):
     FINAL = "final"
 
 
-PACE = Pace()
-IsStale = Callable[[], bool]
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Answer:
     """What the tuner found for one position of the knobs."""
 
@@ -72,30 +72,20 @@ class Answer:
     result: Result
     # The quick answer at full size, which the final one may differ from.
     followed: Result | None = None
-    # How far the result can be trusted, once that was asked for.
+    # How far the result can be trusted, filled in when that was asked for.
     uncertainty: Uncertainty | None = None
 
     @cached_property
     def truth(self) -> FloatArray | None:
         """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
-        truth = self.subject.truth
+        if self.subject.truth is None:
+            return None
         mask = self.result.mask
-        distance = self.result.distance
-        if truth is None:
-            return None
-        if truth.shape != mask.shape:  # a frame that was shrunk
-            truth = np.asarray(
-                cv2.resize(truth, mask.shape[::-1], interpolation=cv2.INTER_AREA), float
-            )
+        truth = resample_truth(self.subject.truth, mask.shape)  # a frame may be shrunk
         truth = np.where(mask, truth, np.nan)
-        known = np.isfinite(truth)
-        if not known.any():
-            return None
-        return (
-            truth
-            if self.result.metric
-            else truth * np.median(distance[known] / truth[known])
-        )
+        if not self.result.metric:
+            truth *= np.nanmedian(self.result.distance / truth)
+        return truth
 
     @cached_property
     def error(self) -> FloatArray | None:
@@ -115,9 +105,14 @@ class Answer:
         return np.where(contradicts(problem, residual), 255 * residual, np.nan)
 
     @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What can hardly be true of the result, a sentence each."""
+        return warnings(self.result)
+
+    @cached_property
     def change(self) -> FloatArray | None:
-        """By what the quick answer differs from this one, (H, W), %; None if it is not of this size."""
-        if self.followed is None or self.followed.mask.shape != self.result.mask.shape:
+        """By what the quick answer differs from this one, (H, W), %; None if there was none of this size."""
+        if self.followed is None:
             return None
         return 100 * (self.followed.distance / self.result.distance - 1)
 
@@ -130,26 +125,11 @@ class Answer:
     def roughness(self) -> float:
         """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is cut."""
         normals = self.result.normals
-        cuts = self.result.problem.cuts
-        right, below = (
-            np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0)
-        )
-        if cuts is not None:
-            right[cuts[0, :, :-1]] = np.nan
-            below[cuts[1, :-1]] = np.nan
-        mean = np.nanmean(np.append(right, below))
+        joined = links(self.result.mask, self.result.problem.cuts)
+        right = np.linalg.norm(np.diff(normals, axis=1), axis=-1)[joined[0, :, :-1]]
+        below = np.linalg.norm(np.diff(normals, axis=0), axis=-1)[joined[1, :-1]]
+        mean = np.mean(np.append(right, below))
         return float(np.degrees(mean)) * px_per_reference(normals.shape)
-
-    @cached_property
-    def relief(self) -> tuple[float, float]:
-        """How much the surface departs from a sphere around the camera, and from a plane, %."""
-        seen = self.result.mask[::4, ::4]
-        distance = self.result.distance[::4, ::4][seen]
-        rays = self.result.problem.field.rays[::4, ::4][seen]
-        low, high = np.percentile(np.log(distance), [5, 95])
-        plane = np.linalg.lstsq(rays, 1 / distance, rcond=None)[0]
-        bent = np.percentile(np.abs(distance * (rays @ plane) - 1), 95)
-        return 100 * float(high - low), 100 * float(bent)
 
     @property
     def cut_count(self) -> int:
@@ -182,35 +162,19 @@ class Tuner:
     ) -> None:
         self.tell = tell
         self.refuse = refuse
+        self.source = Source(calibration, frame, truth)  # to be replaced at any time
         self._pool = ThreadPoolExecutor(1, "endolab tuner")
         self._asked = 0  # number of the last job; those before are stale
         self._job: Future[None] | None = None
-        self._closed = False
-        self._final: Answer | None = None
-        self.use(calibration, frame, truth)
+        self._answers: list[Answer] = []  # final ones, the last one at the end
 
     # From any thread ---------------------------------------------------------------------
-
-    def use(
-        self,
-        calibration: Calibration,
-        frame: Frame | None = None,
-        truth: FloatArray | None = None,
-    ) -> None:
-        """Look at another frame, or render with another calibration, from the next wish on.
-
-        Raises ValueError if they are not of one size; then nothing changes.
-        """
-        self.source = Source(calibration, frame, truth)
-        self._settled: Answer | None = None  # the last final answer
 
     def do(self, job: Callable[[IsStale], object], name: str = "") -> None:
         """Do a job in the tuner's thread, and drop what was asked for before; returns at once.
 
         One that has a name is never dropped, and if it fails `refuse` is told.
         """
-        if self._closed:
-            raise ValueError("the tuner is closed")
         self._asked += 1
         number = self._asked
 
@@ -224,65 +188,55 @@ class Tuner:
                 job(is_stale)
             except Exception as error:  # whatever it is, the next wish may do better
                 if name or not is_stale():
-                    self.refuse(
-                        f"{name}: {sentence_of(error)}" if name else sentence_of(error)
-                    )
+                    sentence = sentence_of(error)
+                    self.refuse(f"{name}: {sentence}" if name else sentence)
                 raise
 
         self._job = self._pool.submit(run_it)
 
     def ask(self, settings: Knobs) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
-        source = self.source
-        self.do(lambda is_stale: self._answer(source, settings, is_stale))
+        self.do(lambda is_stale: self._answer(settings, is_stale))
 
     def compare(
         self,
         answer: Answer,
-        several: Sequence[Knobs],
-        tell: Callable[[int, Answer], object],
+        several: Mapping[str, Knobs],
+        tell: Callable[[str, Answer], object],
     ) -> None:
-        """Solve these, cut where an answer is; `tell` is given the number and the answer of each."""
+        """Solve all of these, cut where an answer is; `tell` is given the name and the answer of each."""
         cuts = answer.result.problem.cuts
         held: dict[str, Any] = {"contours": False}
         if cuts is not None:
             held = {"contours": None, "cuts": cuts}
 
         def job(is_stale: IsStale) -> None:
-            for number, settings in enumerate(several):
+            for name, settings in several.items():
                 if settings == answer.settings:
                     continue
-                solved = self._solve(answer.subject, settings, [_watch(is_stale)], **held)
+                watch = [_watch(is_stale)]
+                solved = self.solve_cold(settings, watch, answer.subject, **held)
                 if is_stale():
                     return
-                tell(number, solved)
+                tell(name, solved)
 
         self.do(job)
 
     def find_uncertainty(self, answer: Answer) -> None:
         """Find how far an answer can be trusted, and tell it once more."""
+        believed = answer.settings.solving_settings(answer.subject).apply(
+            answer.subject.calibration
+        )
 
         def job(is_stale: IsStale) -> None:
-            known = answer.settings.solving_settings(
-                answer.subject.calibration, answer.subject.grey
-            )
-            believed = known.apply(answer.subject.calibration)
+            watch = [_watch(is_stale)]
             with suppress(Stopped):  # only a wish that came since does that
-                uncertainty = uncertainty_of(
-                    answer.result,
-                    believed,
-                    draws=PACE.draws,
-                    observers=[lambda _: is_stale()],
+                answer.uncertainty = uncertainty_of(
+                    answer.result, believed, draws=PACE.draws, observers=watch
                 )
-                if not is_stale():
-                    self._tell_final(replace(answer, uncertainty=uncertainty))
+                self.tell(answer)
 
         self.do(job)
-
-    def recall(self, answer: Answer) -> None:
-        """Drop what is in flight, and take an answer of before as the last one."""
-        self._final = self._settled = answer
-        self.do(lambda is_stale: None)
 
     def wait(self, timeout: float | None = None) -> Answer:
         """Wait so many seconds for the end of what was asked for last, and return the last final answer.
@@ -290,7 +244,7 @@ class Tuner:
         Raises ValueError, in one sentence, if there is none to that.
         """
         job = None
-        while self._job is not None and job is not self._job:
+        while self._job is not None and job is not self._job:  # another may come meanwhile
             job = self._job
             try:
                 job.result(timeout)
@@ -299,88 +253,107 @@ class Tuner:
             except Exception as error:
                 if job is self._job:
                     raise ValueError(sentence_of(error)) from error
-        if self._final is None:
+        if not self._answers:
             raise ValueError("nothing was asked for")
-        return self._final
+        return self._answers[-1]
 
-    def solve_cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
-        """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish."""
-        return self._solve(self.source.subject(settings), settings, observers)
-
-    def close(self) -> None:
-        """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
-        self._closed = True
-        self._asked += 1
-        self._pool.shutdown()
-
-    def _solve(
+    def solve_cold(
         self,
-        subject: Subject,
         settings: Knobs,
-        observers: Iterable[Observer],
+        observers: Iterable[Observer] = (),
+        subject: Subject | None = None,
         **options: Any,
     ) -> Answer:
-        """Solve a subject."""
+        """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish.
+
+        Another `subject` can be looked at, with other `options` of `reconstruct`.
+        """
+        subject = subject or self.source.subject(settings)
         started = time.perf_counter()
-        saved = settings.solving_settings(subject.calibration, subject.grey)
-        keywords = {**saved.keywords, **options}
+        saved = settings.solving_settings(subject)
         known = saved.apply(subject.calibration)
+        keywords = {**saved.keywords, **options}
         result = reconstruct(subject.frame, known, observers=observers, **keywords)
         return Answer(settings, Stage.FINAL, time.perf_counter() - started, subject, result)
 
+    def close(self) -> None:
+        """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
+        self._asked += 1
+        self._pool.shutdown()
+
     # In the tuner's thread ---------------------------------------------------------------
 
-    def _tell_final(self, answer: Answer) -> None:
-        self._final = answer
-        self.tell(answer)
-
-    def _answer(self, source: Source, settings: Knobs, is_stale: IsStale) -> None:
-        subject = source.subject(settings)
-        followed = None
-        try:
-            first = self._quick(subject, settings, is_stale)
-            if first is not None and not is_stale():
-                followed = first.followed
-                self.tell(first)
-        except Exception as error:  # the whole frame may do better
-            self.refuse(f"there is no first look: {sentence_of(error)}")
+    def _answer(self, settings: Knobs, is_stale: IsStale) -> None:
+        """Answer a wish: a first look, what a long solve has so far, the final answer."""
+        subject = self.source.subject(settings)
+        for known in self._answers:
+            if known.settings == settings and known.subject is subject:
+                self._finish(replace(known))
+                return
+        first = self._first_look(subject, settings, is_stale)
         if is_stale():
             return
+        if first is not None:
+            self.tell(first)
 
         def tell(sofar: Result) -> None:
             self.tell(Answer(settings, Stage.SOFAR, sofar.seconds, subject, sofar))
 
-        answer = self._solve(subject, settings, [_watch(is_stale, tell)])
-        if not is_stale():
-            self._settled = replace(answer, followed=followed)
-            self._tell_final(self._settled)
+        answer = self.solve_cold(settings, [_watch(is_stale, tell)], subject)
+        if is_stale():
+            return
+        if first is not None and first.result.mask.shape == answer.result.mask.shape:
+            answer.followed = first.result
+        self._finish(answer)
 
-    def _quick(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> Answer | None:
+    def _finish(self, answer: Answer) -> None:
+        """Tell a final answer, and remember it as the last one."""
+        others = [known for known in self._answers if known.settings != answer.settings]
+        self._answers = [*others[-PACE.remembered :], answer]
+        self.tell(answer)
+
+    def _first_look(
+        self, subject: Subject, settings: Knobs, is_stale: IsStale
+    ) -> Answer | None:
         """What follows from the last answer, or one of half the size; None if there is no point in either."""
-        started = time.perf_counter()
-        steps = PACE.quick_steps(settings.solver)
-        before = self._settled
+        last = self._answers[-1] if self._answers else None
+        steps = FIRST_STEPS.get(settings.solver)
         # These leave light and contours as they are.
         moved: dict[str, Any] = {"lam": settings.lam, "epsilon": settings.epsilon}
-        if steps and before and settings == replace(before.settings, **moved):
-            problem = replace(before.result.problem, **moved)
-            start = before.result.iterate.log_distance
-            solver = solve(problem, settings.solver, start=start, max_iterations=steps[0])
-            result = run(
-                with_provenance(solver, before.result.provenance), [_watch(is_stale)]
-            )
-            seconds = time.perf_counter() - started
-            return Answer(settings, Stage.FIRST, seconds, subject, result, followed=result)
+        if (
+            steps
+            and last is not None
+            and last.subject is subject
+            and settings == replace(last.settings, **moved)
+        ):
+            return self._follow(last, settings, steps[0], is_stale)
         if settings.width < PACE.least_width:
             return None
-        options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}
-        options["width"] = min(settings.width, subject.frame.width) // 2
-        return replace(
-            self._solve(subject, settings, [_watch(is_stale)], **options), stage=Stage.FIRST
-        )
+        options: dict[str, Any] = {"width": min(settings.width, subject.frame.width) // 2}
+        if steps:
+            options["max_iterations"] = steps[1]
+        with suppress(ValueError):  # which the whole frame says better, if it has it too
+            first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
+            return replace(first, stage=Stage.FIRST)
+        return None
+
+    def _follow(
+        self, last: Answer, settings: Knobs, most_steps: int, is_stale: IsStale
+    ) -> Answer:
+        """Go a few steps from an answer whose light and contours stay."""
+        started = time.perf_counter()
+        before = last.result
+        problem = replace(before.problem, lam=settings.lam, epsilon=settings.epsilon)
+        start = before.iterate.log_distance
+        steps = solve(problem, settings.solver, start=start, max_iterations=most_steps)
+        result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
+        seconds = time.perf_counter() - started
+        return Answer(settings, Stage.FIRST, seconds, last.subject, result)
 
 
-def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) -> Observer:
+def _watch(
+    is_stale: IsStale, tell: Callable[[Result], object] | None = None
+) -> Callable[[Any], bool]:
     """Stop a solve that is stale, and tell now and then what a long one has so far."""
     started = last_told = time.perf_counter()
 

@@ -8,20 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import (
     OKABE_ITO,
     Colour,
-    blue_white_red,
     in_colour,
-    round_length,
 )
 
 Picture = NDArray[np.uint8]
@@ -35,6 +34,7 @@ class Drawing:
 
     ink: Colour = (34, 34, 34)
     grid: Colour = (225, 225, 225)
+    frame: Colour = (120, 120, 120)
     left_out: Colour = (184, 184, 184)
     below_noise: Colour = (236, 236, 236)  # of residuals that noise explains
     jpeg_quality: int = 88
@@ -43,21 +43,14 @@ class Drawing:
 
 
 DRAWING = Drawing()
+LEFT_OUT: Any = tuple(np.divide(DRAWING.left_out, 255))
 FONT = cv2.FontFace("sans")
 
 
 def jpeg(picture: Picture) -> bytes:
     """Encode as JPEG."""
-    return bytes(
-        cv2.imencode(
-            ".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, DRAWING.jpeg_quality]
-        )[1]
-    )
-
-
-def png(picture: Picture) -> bytes:
-    """Encode as PNG."""
-    return bytes(cv2.imencode(".png", picture[..., ::-1])[1])
+    options = [cv2.IMWRITE_JPEG_QUALITY, DRAWING.jpeg_quality]
+    return bytes(cv2.imencode(".jpg", picture[..., ::-1], options)[1])
 
 
 def write(
@@ -68,86 +61,49 @@ def write(
     size: int,
     align: float = 0.0,
     colour: Colour = DRAWING.ink,
+    on_white: bool = False,
 ) -> int:
     """Write a line of text below y, and return its width; x is its left end, or its right for `align` 1."""
-    wide: int = cv2.putText(
-        np.zeros((1, 1, 3), np.uint8),
-        text,
-        (0, 0),
-        DRAWING.ink,
-        FONT,
-        size,
-        DRAWING.font_weight,
-    )[0][0]
+    weight = DRAWING.font_weight
+    wide: int = cv2.getTextSize((0, 0), text, (0, 0), FONT, size, weight)[2]
     left = max(0, int(x - align * wide))
-    cv2.putText(
-        picture, text, (left, y + int(1.4 * size)), colour, FONT, size, DRAWING.font_weight
-    )
+    if on_white:
+        bottom = y + round(1.6 * size)
+        picture[max(0, y + 2) : bottom, left : left + wide + 2] = 255
+    base = left, y + int(1.4 * size)
+    cv2.putText(picture, text, base, colour, FONT, size, weight)
     return wide
 
 
-def draw_label(
-    picture: Picture,
-    text: str,
-    x: int,
-    y: int,
-    size: int,
-    align: float = 0.0,
-    colour: Colour = DRAWING.ink,
-) -> int:
-    """Write a line on white, and return its width, px."""
-    wide = write(np.zeros((1, 1, 3), np.uint8), text, 0, 0, size)
-    left = max(0, int(x - align * wide))
-    picture[max(0, y + 2) : y + round(1.6 * size), left : left + wide + 2] = 255
-    return write(picture, text, left, y, size, colour=colour)
-
-
-@lru_cache(maxsize=4)
-def _palette(name: str) -> Picture:
-    if name == "diverging":
-        return blue_white_red(np.linspace(-1, 1, 256))
-    of_opencv = getattr(cv2, f"COLORMAP_{name.upper()}")
-    scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], of_opencv)
-    return np.ascontiguousarray(scale[:, 0, ::-1])
-
-
 def to_colours(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
-    """Colour a map, (H, W): "viridis", "magma" or "diverging" between the limits, grey where it is nan."""
-    low, high = limits
-    known = np.isfinite(values)
-    share = (np.where(known, values, low) - low) / (high - low)
-    colours = _palette(palette)[np.clip(255 * share, 0, 255).astype(np.uint8)]
-    colours[~known] = DRAWING.left_out
-    return colours
+    """Colour a map, (H, W): Matplotlib's colours between the limits, grey where it is nan."""
+    colours = colormaps[palette].with_extremes(bad=LEFT_OUT)
+    shares = (values - limits[0]) / (limits[1] - limits[0])
+    return np.ascontiguousarray(colours(shares, bytes=True)[..., :3])
 
 
 def grey_or_colour(image: FloatArray) -> Picture:
     """Show values in [0, 1], (H, W) or (H, W, 3); nan is grey."""
     shown = in_colour(image)
     known = np.isfinite(shown).all(axis=-1, keepdims=True)
-    bytes_ = np.round(255 * np.clip(np.where(known, shown, 0), 0, 1)).astype(np.uint8)
-    return np.where(known, bytes_, np.array(DRAWING.left_out, np.uint8))
+    filled = np.where(known, np.clip(shown, 0, 1), LEFT_OUT)
+    return np.round(255 * filled).astype(np.uint8)
 
 
-def ticks(low: float, high: float) -> list[float]:
-    """Round numbers in [low, high], three to eight of them."""
-    step = round_length((high - low) / 3)
-    return [
-        float(k * step)
-        for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)
-    ]
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Logarithms, in [low, high], of 1, 2 and 5 times powers of ten, or of round numbers if they are few."""
-    powers = range(int(np.floor(low)), int(np.ceil(high)))
-    values = [float(np.log10(factor) + power) for power in powers for factor in (1, 2, 5)]
-    values = [value for value in values if low <= value <= high]
-    return (
-        values
-        if len(values) > 1
-        else [float(np.log10(value)) for value in ticks(10**low, 10**high)]
-    )
+def ticks(low: float, high: float, log: bool = False) -> list[tuple[float, str]]:
+    """Where round numbers lie in [low, high], and how they are written; `log`: of the numbers' logarithms."""
+    locator: Locator = MaxNLocator(6, steps=[1, 2, 5, 10])
+    if log:
+        low = 10**low
+        high = 10**high
+        if high > 4 * low:
+            locator = LogLocator(subs=(1, 2, 5))
+    places = []
+    for value in locator.tick_values(low, high):
+        if low <= value <= high:
+            at = np.log10(value) if log else value
+            places.append((float(at), f"{value:.4g}"))
+    return places
 
 
 def _room(paper: Picture, title: str, text: int) -> Box:
@@ -179,48 +135,38 @@ class Map:
         if self.picture is None:
             return (left, top, right, bottom), []
         height, width = self.picture.shape[:2]
-        room = right - left - (DRAWING.scale_width * text if self.limits else 0)
-        scale = max(min(room / width, (bottom - top) / height), 1 / min(width, height))
+        room = right - left
+        if self.limits is not None:
+            room -= DRAWING.scale_width * text
+        scale = min(room / width, (bottom - top) / height)
         wide = max(1, round(width * scale))
         tall = max(1, round(height * scale))
         left += (room - wide) // 2
         interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        shown = cv2.resize(self.picture, (wide, tall), interpolation=interpolation)
         place = paper[top : top + tall, left : left + wide]
-        place[:] = shown[: place.shape[0], : place.shape[1]]
+        place[:] = cv2.resize(self.picture, (wide, tall), interpolation=interpolation)
         if self.line is not None:
             _cut(place, *self.line)
         for number, (name, colour) in enumerate(reversed(self.keys)):
             y = place.shape[0] - round(1.6 * text) * (number + 1)
-            draw_label(place, name, round(1.6 * text), y, text)
+            write(place, name, round(1.6 * text), y, text, on_white=True)
             place[max(0, y + 4) : y + text + 2, 3 : text + 1] = colour
         if self.limits is not None:
-            scale_bar(
-                paper[top : top + tall],
-                left + wide + text // 2,
-                self.limits,
-                self.palette,
-                text,
-            )
+            strip = paper[top : top + tall, left + wide + text // 2 :]
+            scale_bar(strip, self.limits, self.palette, text)
         return (left, top, left + wide, top + tall), []
 
 
-def scale_bar(paper: Picture, left: int, limits: Limits, palette: str, text: int) -> None:
-    """Draw a colour bar with its numbers, as high as the paper."""
-    tall = paper.shape[0]
-    paper[:, left : left + text] = _palette(palette)[np.linspace(255, 0, tall).astype(int)][
-        :, None
-    ]
-    for value in ticks(*limits):
-        y = round((1 - (value - limits[0]) / (limits[1] - limits[0])) * (tall - 1))
-        paper[y, left + text : left + text + text // 3] = DRAWING.ink
-        write(
-            paper,
-            f"{value:g}",
-            left + text + text // 2,
-            max(0, min(y - text + 1, tall - 2 * text)),
-            text,
-        )
+def scale_bar(paper: Picture, limits: Limits, palette: str, text: int) -> None:
+    """Draw a colour bar with its numbers at the left of the paper, as high as it is."""
+    tall = len(paper)
+    scale = np.linspace(limits[1], limits[0], tall)[:, None]
+    paper[:, :text] = to_colours(scale, limits, palette)
+    for value, label in ticks(*limits):
+        y = round((limits[1] - value) / (limits[1] - limits[0]) * (tall - 1))
+        paper[y, text : text + text // 3] = DRAWING.ink
+        middle = max(0, min(y - text + 1, tall - 2 * text))
+        write(paper, label, text + text // 2, middle, text)
 
 
 def _cut(picture: Picture, is_row: bool, share: float) -> None:
@@ -252,13 +198,12 @@ class Chart:
     def draw(self, paper: Picture, text: int) -> tuple[None, list[tuple[int, int]]]:
         """Draw it into a white cell with letters of so many px, and tell where in the cell the dots are."""
         left, top, right, bottom = _room(paper, self.title, text)
-        left = left + round(3.6 * text)
-        right = right - text // 2
-        bottom = bottom - round(2.4 * text)
-        size = np.array([right - left, max(bottom - top, 1)])
-        middle, half = self._limits(size[0] / size[1])
-        low = middle - half
-        high = middle + half
+        left += round(3.6 * text)
+        right -= text // 2
+        bottom -= round(2.4 * text)
+        inner = paper[top : bottom + 1, left : right + 1]
+        size = np.array([right - left, bottom - top])
+        low, high = self._limits(size[0] / size[1])
 
         def place(points: FloatArray) -> FloatArray:
             """To the right and down, px."""
@@ -267,62 +212,63 @@ class Chart:
                 share[..., 1] = 1 - share[..., 1]
             return np.clip(share * size, -4e3, 4e3)
 
-        inner = paper[top : bottom + 1, left : right + 1]
-        for axis, log in enumerate(self.log):
-            for value in (log_ticks if log else ticks)(float(low[axis]), float(high[axis])):
-                at = round(float(place(np.where(np.arange(2) == axis, value, low))[axis]))
-                label = f"{10**value:.2g}" if log else f"{value:g}"
-                if axis == 0:
-                    inner[:, at] = DRAWING.grid
-                    write(paper, label, left + at, bottom, text, 0.5)
-                else:
-                    inner[at] = DRAWING.grid
-                    write(paper, label, left - text // 3, top + at - text + 1, text, 1.0)
-        cv2.rectangle(paper, (left, top), (right, bottom), (120, 120, 120), 1)
+        for value, label in ticks(low[0], high[0], self.log[0]):
+            at = round(float(place(np.array([value, low[1]]))[0]))
+            inner[:, at] = DRAWING.grid
+            write(paper, label, left + at, bottom, text, 0.5)
+        for value, label in ticks(low[1], high[1], self.log[1]):
+            at = round(float(place(np.array([low[0], value]))[1]))
+            inner[at] = DRAWING.grid
+            middle = top + at - text + 1
+            write(paper, label, left - text // 3, middle, text, 1.0)
+        cv2.rectangle(paper, (left, top), (right, bottom), DRAWING.frame, 1)
         write(paper, self.x_label, right, bottom + round(1.1 * text), text, 1.0)
         at = right - left - 2
         for name, x, y, colour in reversed(self.curves):
-            points = place(self._points(x, y))
-            known = np.isfinite(points).all(axis=-1)
-            for run in np.ma.clump_unmasked(np.ma.masked_array(known, ~known)):
-                whole = np.round(16 * points[run]).astype(np.int32)
-                cv2.polylines(inner, [whole], False, tuple(colour), 2, cv2.LINE_AA, shift=4)
+            _draw_curve(inner, place(self._points(x, y)), colour)
             if name:
-                at -= draw_label(inner, name, at, 0, text, 1.0, colour) + text
-        draw_label(inner, self.y_label, 3, 0, text)
+                at -= write(inner, name, at, 0, text, 1.0, colour, on_white=True) + text
+        write(inner, self.y_label, 3, 0, text, on_white=True)
         dots = []
         for x_of, y_of, colour in self.dots:
-            right_of, down_of = (int(pixel) for pixel in place(self._points(x_of, y_of)))
-            cv2.circle(
-                inner, (right_of, down_of), text // 2, tuple(colour), -1, cv2.LINE_AA
-            )
-            dots.append((left + right_of, top + down_of))
+            spot = place(self._points(x_of, y_of)).astype(int).tolist()
+            cv2.circle(inner, spot, text // 2, colour, -1, cv2.LINE_AA)
+            dots.append((left + spot[0], top + spot[1]))
         return None, dots
 
     def _points(self, x: FloatArray | float, y: FloatArray | float) -> FloatArray:
         """What the axes measure, (..., 2): the values, or their logarithms."""
-        points = np.stack([np.asarray(x, float), np.asarray(y, float)], axis=-1)
+        points = np.stack([x, y], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.log, np.log10(points), points)
 
     def _limits(self, shape: float) -> tuple[FloatArray, FloatArray]:
-        """Middle of both axes and half of their lengths, of which one may be `shape` times the other."""
-        curves: list[tuple[Any, Any]] = [(x, y) for _, x, y, _ in self.curves]
-        given = curves if self.fitted is None else [self.fitted]
-        dots = [self._points(x, y)[None] for x, y, _ in self.dots]
-        points = np.concatenate(
-            [np.empty((0, 2)), *(self._points(x, y) for x, y in given), *dots]
-        )
+        """Least and greatest x and y; `shape` is how much longer the axis of x is."""
+        shown: list[Any] = [self.fitted]
+        if self.fitted is None:
+            shown = [curve[1:3] for curve in self.curves]
+        shown += [dot[:2] for dot in self.dots]
+        parts = [np.empty((0, 2))]
+        for x, y in shown:
+            parts.append(self._points(x, y).reshape(-1, 2))
+        points = np.concatenate(parts)
         points = points[np.isfinite(points).all(axis=-1)]
-        low, high = (
-            (points.min(axis=0), points.max(axis=0))
-            if len(points)
-            else (np.zeros(2), np.ones(2))
-        )
-        half = 0.58 * (high - low)
-        half = np.where(half > 0, half, 0.05 * np.maximum(np.abs(low), 1))
-        half = np.where(self.log, np.maximum(half, 0.1), half)
+        if not len(points):
+            points = np.array([[0.0, 0.0], [1.0, 1.0]])
+        low = points.min(axis=0)
+        high = points.max(axis=0)
+        least = np.where(self.log, 0.1, 0.05 * np.abs(high) + 1e-3)
+        half = np.maximum(0.58 * (high - low), least)
         if self.equal:
             half[1] = max(half[1], half[0] / shape)
             half[0] = half[1] * shape
-        return (low + high) / 2, half
+        middle = (low + high) / 2
+        return middle - half, middle + half
+
+
+def _draw_curve(picture: Picture, points: FloatArray, colour: Colour) -> None:
+    """Join points, (n, 2), px to the right and down, but for those that are nan."""
+    known = np.isfinite(points).all(axis=-1)
+    for run in np.ma.clump_unmasked(np.ma.masked_array(known, ~known)):
+        sixteenths = np.round(16 * points[run]).astype(np.int32)
+        cv2.polylines(picture, [sixteenths], False, colour, 2, cv2.LINE_AA, shift=4)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from endolab.workbench.tuning.engine import Answer, Stage
-from endolab.workbench.tuning.panels import differs_by_lam
+from endolab.workbench.tuning.panels import Dot, differs_by_lam
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,6 @@ class WarningLimits:
     """When a sentence warns, chosen on the scenes that students begin with."""
 
     difference: float = 1.0  # %; two surfaces that differ by more are not the same
-    least_relief: float = 5.0  # %; with less a surface is nearly a sphere, or a plane
     # Share of the cut steps by which contours may change without a word.
     cut_elsewhere: float = 0.1
 
@@ -26,31 +25,23 @@ def summary(answer: Answer) -> str:
     settings = answer.settings
     result = answer.result
     auto = " (auto)" if settings.regulariser == "auto" else ""
-    ended = (
-        result.status.name.lower().replace("_", " ")
-        if answer.stage == Stage.FINAL
-        else answer.stage
-    )
+    ended: str = answer.stage
+    if ended == Stage.FINAL:
+        ended = result.status.name.lower().replace("_", " ")
     parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
-    parts += [f"{answer.cut_count:,} px cut"] if answer.cut_count else []
+    if answer.cut_count:
+        parts.append(f"{answer.cut_count:,} px cut")
     parts += [ended, f"{answer.seconds:.1f} s"]
-    parts += (
-        [] if answer.median_error is None else [f"median error {answer.median_error:.2f} %"]
-    )
+    if answer.median_error is not None:
+        parts.append(f"median error {answer.median_error:.2f} %")
     return " · ".join(parts)
 
 
-def warnings(answer: Answer, before: Answer | None) -> list[str]:
+def warnings(answer: Answer, before: Dot | None) -> list[str]:
     """Say in a sentence each what should be known before an answer is believed; `before` is the last one."""
     if answer.stage != Stage.FINAL:
         return []
-    sentences = []
-    sphere, plane = answer.relief
-    if min(sphere, plane) < LIMITS.least_relief:
-        shape = "a sphere around the camera" if sphere < plane else "a plane"
-        sentences.append(
-            f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %."
-        )
+    sentences = [*answer.warnings]
     if before is not None and differs_by_lam(before.settings, answer.settings):
         most = max(before.cut_count, answer.cut_count)
         if abs(before.cut_count - answer.cut_count) > LIMITS.cut_elsewhere * most:
@@ -59,9 +50,9 @@ def warnings(answer: Answer, before: Answer | None) -> list[str]:
                 f"and {answer.cut_count:,} are now."
             )
     if answer.change is not None:
-        size = np.abs(answer.change[np.isfinite(answer.change)])
-        if size.size and size.max() > LIMITS.difference:
-            share = 100 * float(np.mean(size > LIMITS.difference))
+        size = np.abs(answer.change[answer.result.mask])
+        if size.max() > LIMITS.difference:
+            share = 100 * np.mean(size > LIMITS.difference)
             sentences.append(
                 f"A solve that starts from the last answer ends elsewhere: {share:.2g} % of the pixels "
                 f"differ by more than {LIMITS.difference:g} %, one by {size.max():.3g} %."

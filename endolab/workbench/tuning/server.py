@@ -13,10 +13,8 @@ import re
 import secrets
 import socket
 import sys
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +25,12 @@ import tornado.websocket
 from anywidget import AnyWidget
 from comm.base_comm import BaseComm
 
+from endolab.io.atomic import one_sentence
 
-@dataclass(frozen=True)
-class Waiting:
-    """How long a page waits, s."""
-
-    # After the last page was left until all ends: one that is loaded again is back sooner.
-    after_leaving: float = 3.0
-    # After it was lost, as when the browser puts a tab to sleep overnight, or dies.
-    after_loss: float = 24 * 3600.0
-    end: float = 2.0  # that the widget has for its end
-
-
-WAITING = Waiting()
+# s, after the last page was left, until all ends: one that is loaded again is back sooner.
+AFTER_LEAVING = 3.0
+CLOSING = 2.0  # s that pages have to say goodbye
+HERE = Path(__file__)
 # Nothing but this machine, and a proxy's channel; scripts that widgets bring are blobs.
 CONTENT_POLICY = (
     "default-src 'self' blob: data: ws://127.0.0.1:* ws://localhost:* %s 'unsafe-inline'; "
@@ -64,11 +55,11 @@ class Page:
     ) -> None:
         self._make = make
         self.title = title
-        self.origin = None if origin is None else parse_origin(origin)
-        try:
+        if origin is not None and not re.fullmatch(r"https?://[\w.:[\]-]+/?", origin):
+            raise ValueError(f"an origin is like https://lab.example.org, got {origin!r}")
+        self.origin = origin and origin.lower().rstrip("/")  # as browsers write it
+        with one_sentence(f"cannot listen on port {port}"):
             self._socket = socket.create_server(("127.0.0.1", port))
-        except OSError as error:
-            raise OSError(f"cannot listen on port {port}: {error.strerror}") from error
         self._place = f"/{secrets.token_hex(24)}/"  # which nobody can guess
         self.link = f"http://127.0.0.1:{self._socket.getsockname()[1]}{self._place}"
         self.widget: AnyWidget
@@ -84,16 +75,9 @@ class Page:
         before = comm.create_comm
 
         class Comm(BaseComm):
-            def publish_msg(
-                self,
-                msg_type: str,
-                data: Any = None,
-                metadata: Any = None,
-                buffers: Any = None,
-                **keys: Any,
-            ) -> None:
+            def publish_msg(self, msg_type: str, *given: Any, **message: Any) -> None:
                 if msg_type == "comm_msg":
-                    page.send(self.comm_id, data, buffers or [])
+                    page.send(self.comm_id, message["data"], message["buffers"] or [])
 
         comm.create_comm = Comm
         try:
@@ -103,15 +87,9 @@ class Page:
         finally:
             comm.create_comm = before
             self._loop.close()
-            # A solve may not stop at once, as when it is being compiled.
-            closing = threading.Thread(target=self._close, name="endolab end", daemon=True)
-            closing.start()
-            closing.join(WAITING.end)
-            if closing.is_alive():
-                print(
-                    "endolab: what was still being done, such as an export, is dropped",
-                    file=sys.stderr,
-                )
+            self._socket.close()
+            if hasattr(self, "widget"):  # it could be made
+                self.widget.close()  # what it still does, such as an export, comes to its end
 
     async def _serve(self) -> None:
         places = [
@@ -129,43 +107,29 @@ class Page:
             for page in [*self._pages]:
                 page.close(1001)
             with suppress(TimeoutError):  # whoever does not answer
-                await asyncio.wait_for(server.close_all_connections(), WAITING.end)
-
-    def _close(self) -> None:
-        self._socket.close()
-        if hasattr(self, "widget"):  # it could be made
-            self.widget.close()
+                await asyncio.wait_for(server.close_all_connections(), CLOSING)
 
     # Between widgets and pages -----------------------------------------------------------
 
     def send(self, widget: str, data: dict[str, Any], buffers: Sequence[Any]) -> None:
         """Tell all pages what has changed of a widget, from any thread; who changed it knows it already."""
         asker = self._asker if data["method"] == "echo_update" else None
-        message = {
-            "id": widget,
-            "state": data["state"],
-            "buffer_paths": data["buffer_paths"],
-        }
+        message = {key: data[key] for key in ("state", "buffer_paths")} | {"id": widget}
+        parts: list[str | bytes] = [json.dumps(message), *map(bytes, buffers)]
         with suppress(RuntimeError):  # all has ended, and what is closed says so to nobody
-            self._loop.call_soon_threadsafe(
-                self._tell, message, [*map(bytes, buffers)], asker
-            )
+            self._loop.call_soon_threadsafe(self._tell, parts, asker)
 
-    def _tell(
-        self, message: dict[str, Any], buffers: Sequence[bytes], asker: _Channel | None
-    ) -> None:
+    def _tell(self, parts: Sequence[str | bytes], asker: _Channel | None) -> None:
         for page in self._pages - {asker}:
-            page.tell(json.dumps(message), *buffers)
+            page.tell(*parts)
 
     def take(self, content: str | bytes, page: _Channel) -> None:
         """Do what a page says, and tell it when that is done."""
         message = json.loads(content)
-        if not isinstance(message["data"].get("state", {}), dict):
-            raise TypeError("state must be an object")
+        widget = comm.get_comm_manager().comms[message["id"]]
         self._asker = page
         try:
-            given = {"content": {"data": message["data"]}, "buffers": []}
-            comm.get_comm_manager().comms[message["id"]].handle_msg(given)
+            widget.handle_msg({"content": {"data": message["data"]}, "buffers": []})
         finally:
             self._asker = None
         if message["data"]["method"] == "update":
@@ -176,32 +140,17 @@ class Page:
         if self._ending is not None:
             self._ending.cancel()
         self._pages.add(page)
-        held = [
-            child
-            for child in self.widget.trait_values().values()
-            if isinstance(child, AnyWidget)
-        ]
+        held = self.widget.trait_values().values()
         for widget in (*held, self.widget):
-            widget.send_state()
+            if isinstance(widget, AnyWidget):
+                widget.send_state()
 
     def leave(self, page: _Channel) -> None:
         """Forget a page; the last one ends all."""
         self._pages.discard(page)
-        if not self._pages:
-            is_left = page.close_code == 1000  # by which page.js closes a channel
-            rest = WAITING.after_leaving if is_left else WAITING.after_loss
-            self._ending = self._loop.call_later(rest, self._ended.set)
-
-
-def parse_origin(text: str) -> str:
-    """Return an origin as browsers write it; ValueError, unless it is a scheme, a host and perhaps a port."""
-    if not re.fullmatch(r"https?://[\w.:[\]-]+/?", text):
-        raise ValueError(
-            f"an origin is like https://lab.example.org or http://10.0.0.2:8080, got {text!r}"
-        )
-    return re.sub(
-        "(?<=^http)(:.*):80$|(?<=^https)(:.*):443$", r"\1\2", text.lower().rstrip("/")
-    )
+        # With this code page.js closes a channel; a tab that dies or is put to sleep may come back.
+        if page.close_code == 1000 and not self._pages:
+            self._ending = self._loop.call_later(AFTER_LEAVING, self._ended.set)
 
 
 class _Whole(tornado.web.RequestHandler):
@@ -211,16 +160,13 @@ class _Whole(tornado.web.RequestHandler):
         self.page = page
 
     def get(self) -> None:
-        html, script = (
-            Path(__file__).with_name(name).read_text(encoding="utf-8")
-            for name in ("page.html", "page.js")
-        )
-        html = html.replace("TITLE", tornado.escape.xhtml_escape(self.page.title))
+        script = HERE.with_name("page.js").read_text(encoding="utf-8")
         script = script.replace("WIDGET", self.page.widget.model_id)
         channel = (self.page.origin or "").replace("http", "ws", 1)
         self.set_header("Content-Security-Policy", CONTENT_POLICY % channel)
         self.set_header("Cache-Control", "no-store")
-        self.finish(html.replace("SCRIPT", script))
+        page = str(HERE.with_name("page.html"))
+        self.render(page, title=self.page.title, script=script)
 
 
 class _Channel(tornado.websocket.WebSocketHandler):
@@ -238,22 +184,18 @@ class _Channel(tornado.websocket.WebSocketHandler):
 
     def tell(self, *parts: str | bytes) -> None:
         for part in parts:
-            with suppress(
-                tornado.websocket.WebSocketClosedError
-            ):  # at once, or once it was to be sent
+            # At once, or once it was to be sent.
+            with suppress(tornado.websocket.WebSocketClosedError):
                 sent = self.write_message(part, binary=isinstance(part, bytes))
                 sent.add_done_callback(lambda sent: sent.exception())
 
     def on_message(self, message: str | bytes) -> None:
         try:
             self.page.take(message, self)
-        except (
-            Exception
-        ) as error:  # whatever it sent, the page lives, and its address is nobody's
-            print(
-                f"endolab: a page sent what cannot be read: {type(error).__name__}",
-                file=sys.stderr,
-            )
+        # The page lives on, and what it sent, with its address, is nobody's.
+        except Exception as error:
+            sentence = f"endolab: a page sent what cannot be read: {type(error).__name__}"
+            print(sentence, file=sys.stderr)
 
     def on_close(self) -> None:
         self.page.leave(self)

@@ -2,14 +2,14 @@
 
 const VERTEX = `#version 300 es
 uniform mat4 seen;
+uniform ivec2 grid; // columns and rows of points
 in vec3 ray;
 in float far;
-in vec2 spot;
 out vec3 place;
 out vec2 at;
 void main() {
   place = far * ray;
-  at = spot;
+  at = (vec2(gl_VertexID % grid.x, gl_VertexID / grid.x) + 0.5) / vec2(grid);
   gl_Position = seen * vec4(place, 1.0);
 }`;
 // Relief by a lamp that the viewer holds. What the endoscope sees at more than 85° joins the two sides of a fold.
@@ -33,6 +33,8 @@ const CORNERS = [0, 1, 2, 3, 4, 5, 6, 7].map((i) => [i & 1, (i >> 1) & 1, i >> 2
 const EDGES = CORNERS.flatMap((_, i) => [1, 2, 4].filter((bit) => !(i & bit)).flatMap((bit) => [i, i | bit]));
 const TIP = [[0, 0, 0], [-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]]; // of the endoscope, looking along z
 const RIMS = [0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1];
+// Pose at first: degrees to the left and up, zoom, shifted right and down (panels).
+const START = [35, 20, 1, 0, 0];
 const HELP = "drag: turn · shift and drag: move · wheel, once clicked: zoom · double click: as at first";
 const KEYS = {
   ArrowLeft: (pose) => { pose[0] -= 5; },
@@ -52,15 +54,15 @@ function made(gl) {
     gl.compileShader(shader);
     gl.attachShader(program, shader);
   }
-  ["ray", "spot", "far"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
+  ["ray", "far"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
   gl.linkProgram(program);
   gl.useProgram(program);
   gl.enable(gl.DEPTH_TEST);
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
-  const uniforms = ["seen", "eye", "ink"].map((name) => [name, gl.getUniformLocation(program, name)]);
-  const buffers = ["grid", "far", "triangles", "lines"].map((name) => [name, gl.createBuffer()]);
+  const uniforms = ["seen", "grid", "eye", "ink"].map((name) => [name, gl.getUniformLocation(program, name)]);
+  const buffers = ["rays", "far", "triangles", "lines"].map((name) => [name, gl.createBuffer()]);
   return { ...Object.fromEntries(uniforms), ...Object.fromEntries(buffers), sent: {} };
 }
 
@@ -72,10 +74,10 @@ function turned([yaw, pitch]) {
 }
 
 // From the camera's frame to clip space, by columns, and where the viewer stands. At the start the box just fits in.
-function view(pose, start, { middle, size, corners }, wide) {
+function view(pose, { middle, size, corners }, wide) {
   const back = 2.2 * size / pose[2], near = 0.05 * back, far = back + 20 * size;
   const rims = corners.map((corner) => {
-    const [right, down, away] = turned(start).map((axis) => dot(axis, corner.map((part, i) => part - middle[i])));
+    const [right, down, away] = turned(START).map((axis) => dot(axis, corner.map((part, i) => part - middle[i])));
     return Math.max(Math.abs(right) / wide, Math.abs(down)) / (away + 2.2 * size);
   });
   const lens = 0.85 / Math.max(...rims), stretch = (far + near) / (far - near);
@@ -101,7 +103,6 @@ function render({ model, el }) {
   const root = add("div", "endolab-surface", el), canvas = add("canvas", "", root);
   const axes = ["x", "y", "z"].map(() => add("span", "endolab-axis", root));
   const size_of_box = add("div", "endolab-size", root), help = add("div", "endolab-help", root);
-  root.style.height = model.get("height") ? `${model.get("height")}px` : "100%"; // 0: as high as its place
   canvas.tabIndex = 0;
   canvas.dataset.lmSuppressShortcuts = "true"; // arrows turn, they do not go to the next cell
   // Smooth edges cost a processor that draws by itself three times as long; they are short beside the picture.
@@ -112,6 +113,7 @@ function render({ model, el }) {
   }
   let parts = made(gl), frame = 0, decoded = 0, told = 0, gone = false;
 
+  const pose = () => (model.get("pose").length ? model.get("pose") : START);
   const sizes = () => {
     const box = model.get("box"), low = box.slice(0, 3), high = box.slice(3);
     const size = Math.hypot(...high.map((part, i) => part - low[i]));
@@ -129,7 +131,7 @@ function render({ model, el }) {
     if (!gone && number === model.get("number")) { // else a newer one is on its way
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
       gl.generateMipmap(gl.TEXTURE_2D);
-      for (const name of ["grid", "far", "triangles"]) {
+      for (const name of ["rays", "far", "triangles"]) {
         const data = model.get(name), target = name === "triangles" ? gl.ELEMENT_ARRAY_BUFFER : gl.ARRAY_BUFFER;
         if (parts.sent[name] !== data) put(target, name, data);
         parts.sent[name] = data;
@@ -161,25 +163,26 @@ function render({ model, el }) {
     const [width, height] = [root.clientWidth, root.clientHeight].map((length) => Math.round(ratio * length));
     if (!decoded || !width || !height || gl.isContextLost()) return;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const { seen, eye } = view(model.get("pose"), model.get("start"), sizes(), width / height);
+    const { seen, eye } = view(pose(), sizes(), width / height);
+    const columns = model.get("columns"), rows = parts.sent.far.byteLength / 4 / columns;
     gl.viewport(0, 0, width, height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.uniformMatrix4fv(parts.seen, false, seen);
+    gl.uniform2i(parts.grid, columns, rows);
     gl.uniform3fv(parts.eye, eye);
     gl.uniform4f(parts.ink, 0, 0, 0, 0);
-    gl.bindBuffer(gl.ARRAY_BUFFER, parts.grid);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 20, 0);
-    gl.vertexAttribPointer(1, 2, gl.FLOAT, false, 20, 12);
+    gl.bindBuffer(gl.ARRAY_BUFFER, parts.rays);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     gl.bindBuffer(gl.ARRAY_BUFFER, parts.far);
-    gl.vertexAttribPointer(2, 1, gl.FLOAT, false, 0, 0);
-    [0, 1, 2].forEach((i) => gl.enableVertexAttribArray(i));
+    gl.vertexAttribPointer(1, 1, gl.FLOAT, false, 0, 0);
+    [0, 1].forEach((i) => gl.enableVertexAttribArray(i));
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, parts.triangles);
     gl.enable(gl.CULL_FACE); // nothing is seen from behind, so that a tube lies open
     gl.drawElements(gl.TRIANGLES, parts.sent.triangles.byteLength / 4, gl.UNSIGNED_INT, 0);
     gl.bindBuffer(gl.ARRAY_BUFFER, parts.lines);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-    [1, 2].forEach((i) => gl.disableVertexAttribArray(i));
-    gl.vertexAttrib1f(2, 1);
+    gl.disableVertexAttribArray(1);
+    gl.vertexAttrib1f(1, 1);
     gl.uniform4f(parts.ink, 0.5, 0.5, 0.5, 1);
     gl.drawArrays(gl.LINES, 0, EDGES.length + RIMS.length);
     label(seen);
@@ -192,11 +195,11 @@ function render({ model, el }) {
   const soon = () => { frame ||= requestAnimationFrame(draw); };
 
   const turn = (change) => {
-    const pose = [...model.get("pose")];
-    change(pose);
-    pose[1] = Math.min(Math.max(pose[1], -89), 89);
-    pose[2] = Math.min(Math.max(pose[2], 0.3), 20);
-    model.set("pose", pose);
+    const turned_to = [...pose()];
+    change(turned_to);
+    turned_to[1] = Math.min(Math.max(turned_to[1], -89), 89);
+    turned_to[2] = Math.min(Math.max(turned_to[2], 0.3), 20);
+    model.set("pose", turned_to);
   };
   const keep = () => model.save_changes();
   let held; // where the pointer was
@@ -215,7 +218,7 @@ function render({ model, el }) {
     });
   };
   canvas.onpointerup = canvas.onpointercancel = keep;
-  canvas.ondblclick = () => { model.set("pose", model.get("start")); keep(); };
+  canvas.ondblclick = () => { model.set("pose", START); keep(); };
   canvas.onkeydown = (event) => {
     if (!KEYS[event.key]) return;
     event.preventDefault();

@@ -137,16 +137,16 @@ function render({ model, el }) {
     });
   };
   follow(["cursor_texts"], point);
-  follow(["cells", "choices"], () => {
-    const cells = model.get("cells"), choices = model.get("choices");
+  follow(["cells"], () => {
+    const cells = model.get("cells");
     stage.querySelectorAll("select").forEach((one) => one.remove());
     stage.dataset.cells = JSON.stringify(cells);
     place3d.hidden = true;
     cells.forEach(({ box, spot, name }, i) => {
-      if (!choices.length) return;
+      if (!name) return; // several answers are compared
       const select = add("select", "endolab-choose", stage, { title: "choose what this panel shows" });
       select.ariaLabel = `panel ${i + 1}`;
-      for (const choice of choices) select.add(new Option(choice, choice));
+      for (const choice of model.get("choices")) select.add(new Option(choice, choice));
       select.value = name;
       put(select, [box[0], box[1], box[2], box[1]]);
       select.onchange = () => act("choose", i, select.value);

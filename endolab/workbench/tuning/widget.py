@@ -21,11 +21,12 @@ import traitlets as t
 from endolab.frames.frame import Frame
 from endolab.io import datasets
 from endolab.io.atomic import stage_folder, write_atomically
-from endolab.io.images import read_frame
+from endolab.io.images import read_frame, write_image
 from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import check_int, excerpt
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
 from endolab.workbench.tuning.boards import (
@@ -44,10 +45,10 @@ from endolab.workbench.tuning.panels import (
     Dot,
     View,
 )
-from endolab.workbench.tuning.pictures import jpeg, png
+from endolab.workbench.tuning.pictures import jpeg
 from endolab.workbench.tuning.sentences import summary, warnings
-from endolab.workbench.tuning.source import Knobs
-from endolab.workbench.tuning.surface_view import SurfaceView, show_on
+from endolab.workbench.tuning.source import Knobs, Source
+from endolab.workbench.tuning.surface_view import SurfaceView
 
 
 @dataclass(frozen=True)
@@ -58,14 +59,10 @@ class BoardLook:
     least_room: tuple[float, float] = (420.0, 300.0)
     tallest: float = 0.75  # of a board, over its width
     text: int = 12  # px, of letters
-    large_text: int = 14  # on a page that is wider than `large`, px
-    large: float = 1500.0
     click_radius: int = 12  # px around a dot in which a click takes it
-    most_dots: int = 200
-    remembered: int = 12  # final answers that come back without a solve
     widths: tuple[int, ...] = (160, 320, 480, 640)  # px, to choose among
     # Times the present λ, to be compared.
-    lam_factors: tuple[float, ...] = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)
+    lam_factors: tuple[float, ...] = (0.1, 0.32, 1.0, 3.2, 10.0)
 
 
 BOARD = BoardLook()
@@ -126,15 +123,15 @@ def tune(
         ("calibration", calibration, Calibration),
     ):
         if given is not None and not isinstance(given, kind):
-            raise ValueError(f"{name} must be an endolab {kind.__name__}, got {given!r}")
-    if not isinstance(scene, str) or scene not in SCENES:
+            raise ValueError(
+                f"{name} must be an endolab {kind.__name__}, got {excerpt(given)}"
+            )
+    if scene not in SCENES:
         raise unknown_name("scene", scene, SCENES)
-    if not isinstance(width, int) or width < 1:
-        raise ValueError(f"width must be a whole number of pixels, got {width!r}")
+    check_int("width", width, 1)
     truth = None if truth is None else np.asarray(truth)
-    return TunerBox(
-        frame, calibration or datasets.load_calibration("paper"), truth, scene, width
-    )
+    calibration = calibration or datasets.load_calibration("paper")
+    return TunerBox(frame, calibration, truth, scene, width)
 
 
 class TunerBox(anywidget.AnyWidget):
@@ -162,7 +159,7 @@ class TunerBox(anywidget.AnyWidget):
     picture = t.Bytes().tag(sync=True)
     size: t.List[Any] = t.List([0, 0, 1]).tag(sync=True)
     cells: t.List[Any] = t.List().tag(sync=True)
-    choices: t.List[str] = t.List().tag(sync=True)  # what panels can show
+    choices = t.List([*PANELS]).tag(sync=True)  # what panels can show
     cursor_texts: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
     # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
     hover: t.List[float] = t.List().tag(sync=True)
@@ -179,46 +176,39 @@ class TunerBox(anywidget.AnyWidget):
     ) -> None:
         self.now: Answer | None = None
         self.kept: Answer | None = None
-        self.columns: list[tuple[str, Answer | None]] = []  # answers that are compared
+        self.columns: dict[str, Answer | None] = {}  # what is compared
         self.visited: list[Knobs] = []  # for undo
         self.dots: list[Dot] = []
         self.names = list(USUAL_PANELS)  # of the panels
         self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
         self.frame = 0  # which of `pictures` is looked at
-        self._last: Answer | None = None  # the last final answer, ...
-        self._before: Answer | None = None  # ... and the one before it
         self._wish: Knobs | None = None  # the last one
         self._calibration = calibration
         self._pictures = list(pictures)
         # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
         self._lock = threading.RLock()
-        self._word: dict[str, Any] = {}  # on what was done last, until something else is
         self._room = BOARD.room
         self._ratio = 1.0
-        self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
-        names = [path.name for path in self._pictures] or (
-            [frame.name] if frame is not None else []
-        )
-        scenes = [
-            *((name, i) for i, name in enumerate(names)),
-            *((name, name) for name in SCENES),
-        ]
-        start = Knobs(
-            scene=None if names else scene, width=width, channel="auto" if names else None
-        )
-        self._first = vars(start) | VIEW_KNOBS | {"scene": 0 if names else scene}
-        light = calibration.photometry
+        take = self._guard(self._take)
+        self.engine = Tuner(calibration, take, self._refuse, frame=frame, truth=truth)
+        scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
+        start = Knobs(scene=scene, width=width)
+        shown: str | int = scene
+        if frame is not None:
+            start = Knobs(scene=None, width=width, channel="auto")
+            shown = 0
+            names = [frame.name, *(path.name for path in self._pictures[1:])]
+            scenes = [(name, number) for number, name in enumerate(names)] + scenes
+        self._first = vars(start) | VIEW_KNOBS | {"scene": shown}
+        # What the knobs cannot know: the choices, and what None stands for.
         known: dict[str, dict[str, Any]] = {
             "scene": {"options": scenes},
             "width": {"options": sorted({*BOARD.widths, width})},
+            "k": {"first": calibration.photometry.k},
+            "gamma": {"first": calibration.photometry.gamma},
         }
-        # What None stands for.
-        known |= {
-            "k": {"first": light.k},
-            "gamma": {"first": light.gamma},
-        }
-        specs = [{**spec, **known.get(spec["name"], {})} for spec in knob_specs()]
-        super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
+        specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
+        super().__init__(specs=specs, knobs=self._first, surface=SurfaceView())
         self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))
         self.observe(self._guard(self._follow_knobs), "knobs")
         self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
@@ -256,12 +246,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def settings(self) -> Knobs:
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
-        values: dict[str, Any] = {
-            name: self.knobs[name] for name in self.knobs if name not in VIEW_KNOBS
-        }
-        values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
-        if isinstance(values["albedo"], list):
-            values["albedo"] = tuple(values["albedo"])
+        values = {name: self.knobs[name] for name in self.knobs if name not in VIEW_KNOBS}
+        if not isinstance(values["scene"], str):
+            values["scene"] = None
         return Knobs(**values)
 
     def ask(self) -> None:
@@ -272,14 +259,12 @@ class TunerBox(anywidget.AnyWidget):
 
     def _follow_knobs(self, change: dict[str, Any]) -> None:
         """Follow the knobs."""
-        old = change["old"]
         scene = self.knobs["scene"]
-        if self._pictures and isinstance(scene, int) and scene != self.frame:
+        if isinstance(scene, int) and scene != self.frame:
             self._open(scene)
         if self.settings() != self._wish:
             self.ask()
-        elif self._word or any(self.knobs[name] != old[name] for name in VIEW_KNOBS):
-            self._word = {}
+        elif any(self.knobs[name] != change["old"][name] for name in VIEW_KNOBS):
             self._show()
 
     def _set_knobs(self, settings: Knobs) -> None:
@@ -294,76 +279,45 @@ class TunerBox(anywidget.AnyWidget):
             frame = read_frame(self._pictures[index], self._calibration)
         except (OSError, ValueError, MemoryError) as error:
             self.knobs = self.knobs | {"scene": self.frame}
-            raise ValueError(
-                f"{sentence_of(error)}: the frame before is still shown"
-            ) from error
-        self.engine.use(self._calibration, frame)
+            sentence = f"{sentence_of(error)}: the frame before is still shown"
+            raise ValueError(sentence) from error
+        self.engine.source = Source(self._calibration, frame)
         self.frame = index
         self.visited = []
         self.dots = []
-        self._last = None
         self._wish = None
         self.drop()
 
     def step(self, by: int) -> None:
         """Look at the next frame, or the one before."""
-        index = min(max(self.frame + by, 0), len(self._pictures) - 1)
-        self.knobs = self.knobs | {"scene": max(index, 0)} if self._pictures else self.knobs
+        index = self.frame + by
+        if 0 <= index < len(self._pictures):
+            self.knobs = self.knobs | {"scene": index}
 
     def _take(self, answer: Answer) -> None:
-        """Show an answer; in the engine's thread."""
-        self._guard(self._show_answer)(answer)
-
-    def _show_answer(self, answer: Answer) -> None:
-        self._word = {}
-        if (
-            answer.uncertainty is not None
-        ):  # in place of the one of the same settings, of which less was known
-            both = (self.kept, self.now)
-            is_it = [held is not None and held.result is answer.result for held in both]
-            self.kept, self.now = (
-                answer if it else held for it, held in zip(is_it, both, strict=True)
-            )
-        else:
+        """Show an answer; in the engine's thread. Of one that is there already, more is known now."""
+        if answer not in (self.now, self.kept):
             self.now = answer
             if answer.stage == Stage.FINAL:
-                self._before = self._last
-                self._last = answer
-                self._visit(answer.settings)
-                self._dot(answer, answer)
+                self._add_dot(answer)
+                if self.visited[-1:] != [answer.settings]:
+                    self.visited.append(answer.settings)
         self._show()
 
-    def _visit(self, settings: Knobs) -> None:
-        if self.visited[-1:] != [settings]:
-            self.visited.append(settings)
-
-    def _dot(self, answer: Answer, kept: Answer | None) -> None:
-        """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
-        settings = answer.settings
-        earlier = [dot for dot in self.dots if dot.settings != settings][-BOARD.most_dots :]
-        forgotten = [replace(dot, answer=None) for dot in earlier[: -BOARD.remembered]]
-        new = Dot(kept, settings, answer.data, answer.roughness)
-        self.dots = [*forgotten, *earlier[-BOARD.remembered :], new]
+    def _add_dot(self, answer: Answer) -> None:
+        """Have an answer among the dots of the λ curve, the last one."""
+        others = [dot for dot in self.dots if dot.settings != answer.settings]
+        dot = Dot(answer.settings, answer.data, answer.roughness, answer.cut_count)
+        self.dots = [*others, dot]
 
     def bring_back(self, settings: Knobs) -> None:
-        """Show the answer of these settings, if it is remembered, or else ask for it."""
+        """Ask for the answer of these settings once more."""
         self._set_knobs(settings)
-        known = next((dot.answer for dot in self.dots if dot.settings == settings), None)
-        if known is None:
-            self.ask()
-            return
-        self.engine.recall(known)
-        self._before = None
-        self._last = known
-        self.now = known
-        self._word = {}
-        self._visit(settings)
-        self._leave_comparison()
-        self._show()
+        self.ask()
 
     def undo(self) -> None:
         """Go back to the answer before."""
-        if self.visited and self.settings() == self.visited[-1]:
+        if len(self.visited) > 1 and self.settings() == self.visited[-1]:
             self.visited.pop()
         if self.visited:
             self.bring_back(self.visited[-1])
@@ -374,8 +328,10 @@ class TunerBox(anywidget.AnyWidget):
 
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
-        self.engine.find_uncertainty(self._final())
-        self._tell("finding σ ...")
+        answer = self._final()
+        if answer.uncertainty is None:
+            self.engine.find_uncertainty(answer)
+            self._tell("finding σ ...")
 
     def _final(self) -> Answer:
         if self.answer is None or self.answer.stage != Stage.FINAL:
@@ -386,34 +342,26 @@ class TunerBox(anywidget.AnyWidget):
 
     def compare(self, what: str) -> None:
         """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
-        self.columns = []
-        self.compared = ""
-        if not what:
-            self._show()
-            return
-        now = self._final()
-        values: list[Any] = [
-            "first",
-            "second",
-            *(["curvature"] if now.settings.xi == "1/d" else []),
-        ]
-        if what == "lam":
-            values = [
-                float(f"{now.settings.lam * times:.2g}") for times in BOARD.lam_factors
-            ]
-        labels = [f"λ {value:g}" if what == "lam" else value for value in values]
-        several = [replace(now.settings, **{what: value}) for value in values]
-        given = [now if settings == now.settings else None for settings in several]
-        self.columns = list(zip(labels, given, strict=True))
+        self.columns = {}
         self.compared = what
-        self.engine.compare(now, several, self._guard(self._take_compared))
+        if what:
+            now = self._final()
+            several = {
+                label: replace(now.settings, **{what: value})
+                for label, value in _compared_values(now.settings, what).items()
+            }
+            self.columns = {
+                label: now if settings == now.settings else None
+                for label, settings in several.items()
+            }
+            self.engine.compare(now, several, self._guard(self._take_compared))
         self._show()
 
-    def _take_compared(self, number: int, answer: Answer) -> None:
-        if self.columns:
-            self.columns[number] = self.columns[number][0], answer
+    def _take_compared(self, label: str, answer: Answer) -> None:
+        if label in self.columns:
+            self.columns[label] = answer
             if all(dot.settings != answer.settings for dot in self.dots):
-                self._dot(answer, None)
+                self._add_dot(answer)
             self._show()
 
     def keep(self) -> None:
@@ -432,7 +380,6 @@ class TunerBox(anywidget.AnyWidget):
         if self.kept is None:
             return
         self._leave_comparison()
-        self._word = {}
         self.shows = which
         if self.answer is not None:
             self._set_knobs(self.answer.settings)
@@ -444,7 +391,7 @@ class TunerBox(anywidget.AnyWidget):
 
     def _leave_comparison(self) -> None:
         """From columns, or from A, to the present answer."""
-        self.columns = []
+        self.columns = {}
         self.compared = ""
         if self.shows == "A":
             self.shows = "B"
@@ -456,68 +403,51 @@ class TunerBox(anywidget.AnyWidget):
 
     def _tell(self, text: str, wrong: bool = False) -> None:
         with self._lock:
-            self._word = self.line = {"text": text, "wrong": wrong}
+            self.line = {"text": text, "wrong": wrong}
 
-    def _view(self) -> View:
-        explained_picture = (
-            None if self.answer is None else self.answer.settings.explained_picture
-        )
-        dots = [
-            dot for dot in self.dots if dot.settings.explained_picture == explained_picture
-        ]
-        return View((self.knobs["across"], self.knobs["section"] / 100), dots=dots)
-
-    def _draw_answer(self, answer: Answer) -> Board:
-        return draw_answer(answer, self.names, self._view(), *self._pixels())
-
-    def _pixels(self) -> tuple[tuple[int, int], int]:
+    def _view(self, answer: Answer) -> View:
+        """How an answer is looked at, among the dots whose data terms can be compared with its own."""
+        explained = answer.settings.explained_picture
+        dots = [dot for dot in self.dots if dot.settings.explained_picture == explained]
         wide, tall = (int(side * self._ratio) for side in self._room)
-        return (wide, tall), round(
-            self._ratio * (BOARD.large_text if self._room[0] > BOARD.large else BOARD.text)
+        return View(
+            line=(self.knobs["across"], self.knobs["section"] / 100),
+            dots=dots,
+            room=(wide, tall),
+            text=round(self._ratio * BOARD.text),
         )
-
-    def _compose(self, answer: Answer) -> tuple[Board, bool]:
-        """What is on the board, and whether that is the one answer alone."""
-        if self.columns:
-            return draw_columns(self.columns, answer, self._view(), *self._pixels()), False
-        if (
-            self.kept is not None
-            and self.shows == "A beside B"
-            and are_comparable(self.kept, answer)
-        ):
-            return draw_pair(self.kept, answer, self._view(), *self._pixels()), False
-        return self._draw_answer(answer), True
 
     def _show(self) -> None:
-        """Show the one answer: panels, surface, code and status line."""
+        """Show the one answer, alone or beside others: panels, surface, code and status line."""
         answer = self.answer
         if answer is None:
             return
-        self.board, alone = self._compose(answer)
-        text = f"{self.shows}: " * bool(self.shows) + summary(answer)
+        view = self._view(answer)
+        names: list[str] = []
+        kept = self.kept
+        if self.columns:
+            self.board = draw_columns(self.columns, answer, view)
+        elif self.shows == "A beside B" and kept and are_comparable(kept, answer):
+            self.board = draw_pair(kept, answer, view)
+        else:
+            names = self.names
+            self.board = draw_answer(answer, names, view)
+        before = [dot for dot in self.dots if dot.settings != answer.settings]
         height, width = self.board.picture.shape[:2]
-        known = answer.truth is not None
         with self.hold_sync():
-            self.line = self._word or {
-                "text": text,
-                "warnings": warnings(answer, self._before),
+            self.line = {
+                "text": f"{self.shows}: " * bool(self.shows) + summary(answer),
+                "warnings": warnings(answer, before[-1] if before else None),
             }
             self.code = self.python()
-            self.size, self.cells = (
-                [width, height, self._ratio],
-                self.board.cells(self.names if alone else []),
-            )
-            self.choices = (
-                [name for name in PANELS if known or name != "error"] if alone else []
-            )
+            self.size = [width, height, self._ratio]
+            self.cells = self.board.cells(names)
             self.picture = jpeg(self.board.picture)
         self._say(self.hover)
-        if alone and "3D" in self.names:
+        if "3D" in names:
             name = self.knobs["texture"]
-            panel = None if name == "frame" else PANELS[name](answer, View())
-            lies = getattr(panel, "picture", None)
-            shown = answer.result.problem.shown if lies is None else lies
-            show_on(self.surface, answer.result, shown, lies is None)
+            lies = None if name == "frame" else PANELS[name](answer, view).picture
+            self.surface.show(answer.result, lies)
 
     # What the page says ------------------------------------------------------------------
 
@@ -528,60 +458,49 @@ class TunerBox(anywidget.AnyWidget):
         self._ratio = min(max(ratio, 1.0), 3.0)
         self._show()
         # It may have been made while a picture was on its way, and have missed that.
-        self.send_state(["picture", "size", "cells", "choices"])
+        self.send_state(["picture", "size", "cells"])
 
     def _say(self, where: Sequence[float]) -> None:
-        """Tell what all panels say of a point of their maps."""
-        if len(where) != 2:
-            self.cursor_texts = []
-            return
-        x, y = (min(max(float(share), 0.0), 1.0) for share in where)
-        self.cursor_texts = [place.says(x, y) for place in self.board.places]
+        """Tell what all panels say of a point of their maps, [] of none."""
+        self.cursor_texts = [place.says(*where) for place in self.board.places if where]
 
     def choose(self, index: int, name: str) -> None:
         """Show something else in a panel."""
-        if name not in PANELS or not 0 <= index < len(self.names):
-            raise ValueError(f"there is no panel {name!r}")
         self.names[index] = name
         self._show()
-        if (
-            name in NEED_UNCERTAINTY
-            and self.answer is not None
-            and self.answer.uncertainty is None
-        ):
+        if name in NEED_UNCERTAINTY:
             self.find_uncertainty()
 
     def press(self, x: float, y: float) -> None:
         """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
         place = self.board.at(x, y)
-        dots = self._view().dots
         if place is None:
             return
         if self.columns:
             self.bring_back(place.answer.settings)
-        elif len(place.dots) and dots:
+        elif len(place.dots):
             height, width = self.board.picture.shape[:2]
-            away = np.linalg.norm(
-                (place.dots[: len(dots)] - (x, y)) * (width, height), axis=1
-            )
-            if away.min() < BOARD.click_radius * self._ratio:
-                self.bring_back(dots[int(away.argmin())].settings)
+            away = np.linalg.norm((place.dots - (x, y)) * (width, height), axis=1)
+            dots = self._view(
+                place.answer
+            ).dots  # after them the chart marks the answer's own
+            nearest = int(away[: len(dots)].argmin())
+            if away[nearest] < BOARD.click_radius * self._ratio:
+                self.bring_back(dots[nearest].settings)
         else:
             self._cut(x, y)
 
     def _cut(self, x: float, y: float) -> None:
         """Lay the section through a point of a map."""
         place = self.board.at(x, y)
-        if place is not None and place.spot is not None and not self.columns:
-            left, top, right, bottom = place.spot
-            share = (
-                (y - top) / (bottom - top)
-                if self.knobs["across"]
-                else (x - left) / (right - left)
-            )
-            self.knobs = self.knobs | {
-                "section": min(max(round(200 * share) / 2, 0.0), 100.0)
-            }
+        if place is None or place.spot is None or self.columns:
+            return
+        left, top, right, bottom = place.spot
+        share = (x - left) / (right - left)
+        if self.knobs["across"]:
+            share = (y - top) / (bottom - top)
+        percent = min(max(round(200 * share) / 2, 0.0), 100.0)
+        self.knobs = self.knobs | {"section": percent}
 
     # What is written ---------------------------------------------------------------------
 
@@ -594,18 +513,14 @@ class TunerBox(anywidget.AnyWidget):
             if known == self._calibration:
                 source = f"calibration = el.load_calibration({name!r})"
         settings = self.answer.settings
-        frame = self.answer.subject.frame
+        subject = self.answer.subject
         lines = ["from dataclasses import replace\n\nimport endolab as el\n", source]
         if settings.scene is None:
-            lines.append(f"frame = el.read_frame({frame.name!r}, calibration)")
-        return "\n".join(
-            [*lines, settings.code(self._calibration, frame.image.ndim == 2), ""]
-        )
+            lines.append(f"frame = el.read_frame({subject.frame.name!r}, calibration)")
+        return "\n".join([*lines, settings.code(subject), ""])
 
-    def export(
-        self, folder: str | Path, *, overwrite: bool = False, timeout: float = 600.0
-    ) -> Path:
-        """Write all there is about the one answer into a folder; one on its way is waited for.
+    def export(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write all there is about the one answer into a folder.
 
         That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, and what `save_result` writes;
         all or none. It is solved once more, to be recorded. A folder that holds files of others is written
@@ -613,29 +528,22 @@ class TunerBox(anywidget.AnyWidget):
         """
         from endolab.workbench.recording.recorder import record
 
-        if self.answer is None or self.answer.stage != Stage.FINAL:
-            self.engine.wait(timeout)
         with self._lock:
             answer = self._final()
             code = self.python()
-            board = self._draw_answer(self._final())
-        calibration = (
-            self._calibration
-            if answer.settings.scene is None
-            else answer.subject.calibration
-        )
+            board = draw_answer(answer, self.names, self._view(answer))
+        settings = answer.settings
+        subject = answer.subject
+        uncertainty = answer.uncertainty
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
-                self.engine.solve_cold(answer.settings, [recorder])
-                if answer.uncertainty is not None:
-                    recorder.add_uncertainty(answer.uncertainty, answer.result)
-            write_files(answer.result, staging, uncertainty=answer.uncertainty)
-            write_atomically(staging / "board.png", png(board.picture))
+                self.engine.solve_cold(settings, [recorder], subject)
+                if uncertainty is not None:
+                    recorder.add_uncertainty(uncertainty, answer.result)
+            write_files(answer.result, staging, uncertainty=uncertainty)
+            write_image(staging / "board.png", board.picture / 255)
             write_atomically(staging / "result.py", code.encode())
-            write_settings(
-                answer.settings.solving_settings(calibration, answer.subject.grey),
-                staging / "settings.json",
-            )
+            write_settings(settings.solving_settings(subject), staging / "settings.json")
         return Path(folder)
 
     def export_aside(self, name: str) -> None:
@@ -643,12 +551,13 @@ class TunerBox(anywidget.AnyWidget):
         if not name.strip():
             raise ValueError("name a folder to export into")
         folder = Path(name.strip()).expanduser()
-        _ = self._final()
+        self._final()
         self._tell(f"exporting into {folder} ...")
-        name = f"the export into {folder}"
-        self.engine.do(
-            lambda _: self._tell(f"exported into {self.export(folder).resolve()}"), name
-        )
+
+        def job(is_stale: object) -> None:
+            self._tell(f"exported into {self.export(folder).resolve()}")
+
+        self.engine.do(job, f"the export into {folder}")
 
     def close(self) -> None:
         """Close the widget and end its thread."""
@@ -657,3 +566,12 @@ class TunerBox(anywidget.AnyWidget):
             self.surface.close()
             self.layout.close()
         super().close()
+
+
+def _compared_values(settings: Knobs, knob: str) -> dict[str, Any]:
+    """Values of a knob to be compared, by what their columns are called: "lam" or "regulariser"."""
+    if knob == "lam":
+        values = [float(f"{settings.lam * times:.2g}") for times in BOARD.lam_factors]
+        return {f"λ {value:g}": value for value in values}
+    orders = ["first", "second"] + ["curvature"] * (settings.xi == "1/d")
+    return {order: order for order in orders}
