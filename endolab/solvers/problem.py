@@ -31,7 +31,7 @@ class Problem:
     photometry: Photometry  # simplified, of that channel; the gain is known, or chosen and `metric` False
     xi: str = "1/d"  # the map that the regulariser sees: "1/z", "d" or "1/d"
     # Of the gradient ("first") or of the Hessian ("second") of ξ; or of how the surface bends ("curvature"),
-    # of ξ = 1/d only: see `curvature_kernels`.
+    # of ξ = 1/d only: see `curvature`.
     regulariser: str = "second"
     lam: float = 1.0  # λ, at least 0: weight of the regulariser, larger is smoother
     # ε of the Huber norm, positive: below it a derivative costs its square, above it its size. ξ/ξ̃ of a
