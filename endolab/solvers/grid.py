@@ -375,8 +375,14 @@ class Grid:
             parts[SLOPE_DAMPING_U : SLOPE_DAMPING_W + 1] = 0.0
         else:
             # ∂²M by the slope, as of a Lambertian wall that faces.
-            bend = parts[BY_V] / (2 * (1 + self.slants(v)))
-            cost = 0.5 * parts[WEIGHT] * bend * bend * slants
+            bend = self.slants(v)
+            bend += 1
+            bend *= 2
+            np.divide(parts[BY_V], bend, out=bend)
+            cost = 0.5 * parts[WEIGHT]
+            cost *= bend
+            cost *= bend
+            cost *= slants
             np.multiply(cost, self.metric[0], out=parts[SLOPE_DAMPING_U])
             np.multiply(cost, self.metric[2], out=parts[SLOPE_DAMPING_W])
         return Coefficients(

@@ -202,6 +202,23 @@ def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
             x[i, j] += share * y[i, j]
 
 
+@on_cores(cost=1)
+def _begin(
+    rows: Span,
+    x: FloatArray,
+    r: FloatArray,
+    b: FloatArray,
+    inverse: FloatArray,
+    steps: FloatArray,
+) -> None:
+    """x = 0, r = b, and the first of the smoothing steps from there."""
+    for i in range(rows[0], rows[1]):
+        for j in range(x.shape[1]):
+            x[i, j] = 0.0
+            r[i, j] = b[i, j]
+            steps[0, i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
+
+
 @on_cores(cost=10)
 def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) -> None:
     """The reciprocal of each row's absolute sum; 0 where a pixel is held at 0."""
@@ -262,10 +279,7 @@ class _Level:
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
-        self.x[:] = 0.0
-        self.r[:] = self.b
-        np.multiply(self.inverse, self.b, out=self.steps[0])
-        self.steps[0] *= 4 / 3
+        _begin(self.x, self.r, self.b, self.inverse, self.steps)
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
 
     def correct(self, coarse: FloatArray) -> None:
