@@ -26,17 +26,11 @@ is missing: then the normal equations couple no pixels further apart than the He
 
 import numpy as np
 
-from endolab.model.surface import slant, to_xi
+from endolab.model.surface import slant
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import forward_gradient, gradient, hessian
-from endolab.numerics.penalties import huber
-from endolab.solvers.curvature import (
-    CREASE,
-    TWOFOLD,
-    second_form,
-    size_and_twofold,
-    valid_stencil,
-)
+from endolab.numerics.compiled import pad_maps
+from endolab.numerics.derivatives import gradient
+from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, Problem
 
 
@@ -59,36 +53,7 @@ def contradicts(problem: Problem, residual: FloatArray) -> BoolArray:
     return problem.mask & ((problem.evidence == EXACT) | one_sided)
 
 
-def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
-    """What the regulariser charges, without λ and g, (H, W): ‖D ξ/ξ̃‖_ε, or how the surface bends."""
-    mask = problem.mask
-    cuts = problem.cuts
-    epsilon = problem.epsilon
-    xi = (
-        to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha)
-        / problem.xi_median
-    )
-    xi = np.where(mask, xi, 0.0)
-    if problem.regulariser == "curvature":
-        form = second_form(xi, problem.field, mask, cuts)
-        size, twofold = size_and_twofold(
-            form, problem.field.inverse_metric, valid_stencil(mask, cuts)
-        )
-        epsilon *= CREASE
-        return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
-    operator = forward_gradient if problem.regulariser == "first" else hessian
-    size = np.linalg.norm(operator(xi, mask, cuts) * problem.derivative_scale, axis=0)
-    return huber(size, epsilon) / epsilon
-
-
 def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]:
     """The terms "data" and "regulariser" (λ included), whose sum is the energy, of a map of v = log d."""
-    mask = problem.mask
-    count = int(problem.mask.sum())
-    residual = model_image(problem, log_distance) - problem.image
-    residual = residual[contradicts(problem, residual)]
-    roughness = problem.edge_weight * _roughness(problem, log_distance)
-    return {
-        "data": float(huber(residual, problem.threshold).sum() / count),
-        "regulariser": float(problem.lam * roughness[mask].sum() / count),
-    }
+    v = pad_maps(np.where(problem.mask, log_distance, 0.0))
+    return Grid.of(problem).terms(v, problem.lam)

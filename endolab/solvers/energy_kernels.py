@@ -1,8 +1,9 @@
 """The energy and its Gauss-Newton model, compiled.
 
-What is computed here is written readably in `energy.py`; the tests hold the two together. Arrays
-are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`. Loops are over rows without
-their padding, j, of arrays of their own with it, j + 2, so that they take many pixels at once.
+The energy stands in the head of `energy.py`, its model readably in tests/solvers/gauss_newton_model.py; the
+tests hold them together. Arrays are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`.
+Loops are over rows without their padding, j, of arrays of their own with it, j + 2, so that they take many
+pixels at once.
 """
 
 from dataclasses import replace
@@ -20,13 +21,13 @@ from endolab.solvers.curvature_kernels import (
     add_unbent_row,
     bend_row,
     square,
+    step_means,
+    step_sums,
+    steps,
     weigh_bending_row,
 )
 from endolab.solvers.normal_equations import (
     BY_V,
-    SLOPE,
-    SLOPE_DAMPING_U,
-    SLOPE_DAMPING_W,
     SMOOTHNESS,
     WEIGHT,
 )
@@ -96,7 +97,7 @@ def _shade_row(
 
 
 @kernel
-def slopes_row(
+def _slopes_row(
     v: FloatArray,
     metric: FloatArray,
     link: ByteArray,
@@ -106,32 +107,13 @@ def slopes_row(
     slant: FloatArray,
 ) -> None:
     """G⁻¹ ∇v and tan²θ on a row, ∇v being the mean of the differences that there are."""
-    row = v[i]
-    up = v[i - 1]
-    down = v[i + 1]
-    across = link[0, i]
-    below = link[1, i]
-    above = link[1, i - 1]
-    guu = metric[0, i]
-    guv = metric[1, i]
-    gvv = metric[2, i]
     for j in range(slant.size):
-        right = across[j + 2]
-        left = across[j + 1]
-        south = below[j + 2]
-        north = above[j + 2]
-        both = 1 - 0.5 * (float(right) * left)
-        along = 1 - 0.5 * (float(south) * north)
-        u = both * (
-            float(right) * (row[j + 3] - row[j + 2])
-            + float(left) * (row[j + 2] - row[j + 1])
-        )
-        w = along * (
-            float(south) * (down[j + 2] - row[j + 2])
-            + float(north) * (row[j + 2] - up[j + 2])
-        )
-        raised_u[j] = guu[j + 2] * u + guv[j + 2] * w
-        raised_w[j] = guv[j + 2] * u + gvv[j + 2] * w
+        along, down = step_sums(v, link, i, j + 2)
+        mean_u, mean_w = step_means(link, i, j + 2)
+        u = mean_u * along
+        w = mean_w * down
+        raised_u[j] = metric[0, i, j + 2] * u + metric[1, i, j + 2] * w
+        raised_w[j] = metric[1, i, j + 2] * u + metric[2, i, j + 2] * w
         slant[j] = raised_u[j] * u + raised_w[j] * w
 
 
@@ -146,46 +128,20 @@ def fill_xi(
 ) -> None:
     """ξ/ξ̃ where the mask is, 0 elsewhere."""
     for i in range(rows[0], rows[1]):
-        row = v[i]
-        by = factor[i]
-        there = active[i]
-        out = xi[i]
-        for j in range(row.size):
-            out[j] = float(there[j]) * by[j] * exp(sign * row[j])
-
-
-@on_cores(cost=0.5)
-def advance(
-    rows: Span,
-    v: FloatArray,
-    delta: FloatArray,
-    share: float,
-    longest: float,
-    ceiling: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Go a share of a step of which nothing is longer than `longest`, no higher than a ceiling, if any."""
-    for i in range(rows[0], rows[1]):
-        row = v[i]
-        step = delta[i]
-        there = out[i]
-        for j in range(row.size):
-            there[j] = row[j] + share * min(max(step[j], -longest), longest)
-        if ceiling.size > 0:
-            most = ceiling[i]
-            for j in range(row.size):
-                there[j] = min(there[j], most[j])
+        for j in range(v.shape[1]):
+            xi[i, j] = active[i, j] * factor[i, j] * exp(sign * v[i, j])
 
 
 @on_cores(cost=3)
-def fill_slants(
+def fill_slopes(
     rows: Span, v: FloatArray, metric: FloatArray, link: ByteArray, out: FloatArray
 ) -> None:
-    """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
+    """G⁻¹ ∇v and tan² of the angle between ray and normal, (3, ...)."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
-    raised = np.empty((2, v.shape[1] - 2 * PAD))
     for i in range(first, last):
-        slopes_row(v, metric, link, i, raised[0], raised[1], out[i, PAD:-PAD])
+        raised_u = out[0, i, PAD:-PAD]
+        raised_w = out[1, i, PAD:-PAD]
+        _slopes_row(v, metric, link, i, raised_u, raised_w, out[2, i, PAD:-PAD])
 
 
 @kernel
@@ -203,126 +159,100 @@ def _predict_row(
     raised_u = rows[5]
     raised_w = rows[6]
     shading = rows[7]
-    slopes_row(v, metric, link, i, raised_u, raised_w, slant)
+    _slopes_row(v, metric, link, i, raised_u, raised_w, slant)
     _shade_row(slant, table, step, shading, slope)
-    row = v[i]
-    brightness = log_scale[i]
-    seen = image[i]
-    there = active[i]
     for j in range(model.size):
-        model[j] = exp(brightness[j + 2] + (shading[j] - 2 * row[j + 2]) / gamma)
+        log_image = log_scale[i, j + 2] + (shading[j] - 2 * v[i, j + 2]) / gamma
+        model[j] = exp(log_image)
     for j in range(model.size):
-        residual[j] = model[j] - seen[j + 2]
-        counts[j] = float(there[j + 2])
+        residual[j] = model[j] - image[i, j + 2]
+        counts[j] = active[i, j + 2]
     if evidence.size > 0:
-        kinds = evidence[i]
         for j in range(model.size):
-            one_sided = kinds[j + 2] == LOWER_BOUND and residual[j] < 0
-            counts[j] = counts[j] if kinds[j + 2] == EXACT or one_sided else 0.0
+            kind = evidence[i, j + 2]
+            one_sided = kind == LOWER_BOUND and residual[j] < 0
+            counts[j] = counts[j] if kind == EXACT or one_sided else 0.0
 
 
 @kernel
-def _roughness_row(
-    x: FloatArray, link: ByteArray, kind: int, i: int, size: FloatArray
+def _square_difference(x: FloatArray, link: ByteArray, i: int, j: int) -> float:
+    """Mixed difference of the square to the lower right of a pixel; 0 where a step is missing."""
+    difference = x[i + 1, j + 1] - x[i + 1, j] - x[i, j + 1] + x[i, j]
+    return square(link, i, j) * difference
+
+
+@kernel
+def _fill_differences(
+    x: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray, size: FloatArray
 ) -> None:
-    """‖D x‖ on a row, per pixel or per pixel squared."""
-    row = x[i]
-    up = x[i - 1]
-    down = x[i + 1]
-    across = link[0, i]
-    below = link[1, i]
-    above = link[1, i - 1]
+    """D x on a row: along it and down, and of the squares to the lower and upper right; and ‖D x‖.
+
+    A pixel has half of the squared mixed difference of each square around it.
+    """
+    along = out[0]
+    down = out[1]
+    lower = out[2]
+    upper = out[3]
+    for j in range(size.size):
+        right, left, south, north = steps(link, i, j + 2)
+        here = x[i, j + 2]
+        if kind == FIRST:
+            along[j] = right * (x[i, j + 3] - here)
+            down[j] = south * (x[i + 1, j + 2] - here)
+        else:
+            along[j] = right * left * (x[i, j + 3] - 2 * here + x[i, j + 1])
+            down[j] = south * north * (x[i + 1, j + 2] - 2 * here + x[i - 1, j + 2])
     if kind == FIRST:
         for j in range(size.size):
-            right = row[j + 3] - row[j + 2]
-            south = down[j + 2] - row[j + 2]
-            right = float(across[j + 2]) * right
-            south = float(below[j + 2]) * south
-            size[j] = np.sqrt(right * right + south * south)
+            size[j] = np.sqrt(along[j] * along[j] + down[j] * down[j])
         return
     squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
-    for j in range(squares.size):
-        lower = square(link, i, j + 1) * (
-            down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1]
-        )
-        upper = square(link, i - 1, j + 1) * (
-            row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1]
-        )
-        squares[j] = lower * lower + upper * upper
     for j in range(size.size):
-        uu = (
-            float(across[j + 2])
-            * float(across[j + 1])
-            * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
-        )
-        vv = (
-            float(below[j + 2])
-            * float(above[j + 2])
-            * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
-        )
-        size[j] = np.sqrt(uu * uu + vv * vv + 0.5 * (squares[j] + squares[j + 1]))
+        lower[j] = _square_difference(x, link, i, j + 2)
+        upper[j] = _square_difference(x, link, i - 1, j + 2)
+        squares[j + 1] = lower[j] * lower[j] + upper[j] * upper[j]
+    for j in range(size.size):
+        mixed = 0.5 * (squares[j] + squares[j + 1])
+        size[j] = np.sqrt(along[j] * along[j] + down[j] * down[j] + mixed)
 
 
 @kernel
 def _add_smooth_row(
-    x: FloatArray, weight: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray
+    weight: FloatArray, differences: FloatArray, kind: int, i: int, out: FloatArray
 ) -> None:
-    """Add the slope of ½ Σ weight ‖D x‖² over a row to a map."""
-    row = x[i]
-    up = x[i - 1]
-    down = x[i + 1]
-    across = link[0, i]
-    below = link[1, i]
-    above = link[1, i - 1]
+    """Add the slope of ½ Σ weight ‖D x‖² over a row to a map; spoils the differences."""
+    along = differences[0]
+    down = differences[1]
+    lower = differences[2]
+    upper = differences[3]
     here = out[i]
     over = out[i - 1]
     under = out[i + 1]
-    n = weight.size
-    uu = np.empty(n)
+    own = 1.0 if kind == FIRST else 2.0
+    for j in range(weight.size):
+        along[j] *= weight[j]
+        down[j] *= weight[j]
+        here[j + 2] -= own * along[j] + own * down[j]
+        under[j + 2] += down[j]
+    for j in range(weight.size):
+        here[j + 3] += along[j]
     if kind == FIRST:
-        for j in range(n):
-            right = weight[j] * float(across[j + 2]) * (row[j + 3] - row[j + 2])
-            south = weight[j] * float(below[j + 2]) * (down[j + 2] - row[j + 2])
-            here[j + 2] -= right + south
-            under[j + 2] += south
-            uu[j] = right
-        for j in range(n):
-            here[j + 3] += uu[j]
         return
-    for j in range(n):
-        both = float(across[j + 2]) * float(across[j + 1])
-        along = float(below[j + 2]) * float(above[j + 2])
-        uu[j] = weight[j] * both * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
-        vv = weight[j] * along * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
-        here[j + 2] -= 2 * uu[j] + 2 * vv
-        under[j + 2] += vv
-        over[j + 2] += vv
-    for j in range(n):
-        here[j + 3] += uu[j]
-    for j in range(n):
-        here[j + 1] += uu[j]
-    lower = np.empty(n + 1)
-    upper = np.empty(n + 1)
-    for j in range(n + 1):
-        beside = 0.5 * ((weight[j - 1] if j > 0 else 0.0) + (weight[j] if j < n else 0.0))
-        lower[j] = (
-            beside
-            * square(link, i, j + 1)
-            * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
-        )
-        upper[j] = (
-            beside
-            * square(link, i - 1, j + 1)
-            * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
-        )
-    for j in range(n + 1):
-        under[j + 1] -= lower[j]
-        here[j + 1] += lower[j] - upper[j]
-        over[j + 1] += upper[j]
-    for j in range(n + 1):
-        under[j + 2] += lower[j]
-        here[j + 2] += upper[j] - lower[j]
-        over[j + 2] -= upper[j]
+    for j in range(weight.size):
+        here[j + 1] += along[j]
+        over[j + 2] += down[j]
+    for j in range(weight.size - 1):
+        half = 0.5 * (weight[j] + weight[j + 1])
+        lower[j] *= half
+        upper[j] *= half
+    for j in range(weight.size):
+        under[j + 2] -= lower[j]
+        here[j + 2] += lower[j] - upper[j]
+        over[j + 2] += upper[j]
+    for j in range(weight.size):
+        under[j + 3] += lower[j]
+        here[j + 3] += upper[j] - lower[j]
+        over[j + 3] -= upper[j]
 
 
 @on_cores(cost=15)
@@ -344,6 +274,8 @@ def _fill_sums(
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
     form = np.empty((3, count))
+    differences = np.empty((4, count))
+    sizes = np.empty(count)
     totals = np.empty((2, count))
     residual = work[0]
     counts = work[1]
@@ -363,9 +295,9 @@ def _fill_sums(
                 bend_row(xi, link, shares, i, form)
                 add_bending_row(form, metric, link, i, epsilon, weight, rough)
                 continue
-            _roughness_row(xi, link, kind, i, form[0])
+            _fill_differences(xi, link, kind, i, differences, sizes)
             for j in range(count):
-                size = scale * form[0, j]
+                size = scale * sizes[j]
                 small = min(size, epsilon)
                 rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
         out[start // BAND_ROWS, 0] = data.sum()
@@ -395,32 +327,23 @@ def _pull_row(
     by_v = factors[0]
     by_u = factors[1]
     by_w = factors[2]
-    across = link[0, i]
-    below = link[1, i]
-    above = link[1, i - 1]
     here = out[i]
     up = out[i - 1]
     down = out[i + 1]
     for j in range(residual.size):
-        right = across[j + 2]
-        left = across[j + 1]
-        south = below[j + 2]
-        north = above[j + 2]
+        right, left, south, north = steps(link, i, j + 2)
+        mean_u, mean_w = step_means(link, i, j + 2)
         forced = weight[j] * residual[j]
-        by_u[j] *= forced * (1 - 0.5 * (float(right) * left))
-        by_w[j] *= forced * (1 - 0.5 * (float(south) * north))
-        own = (
-            forced * by_v[j]
-            + by_u[j] * (float(left) - right)
-            + by_w[j] * (float(north) - south)
-        )
-        here[j + 2] -= own
-        down[j + 2] -= by_w[j] * float(south)
-        up[j + 2] += by_w[j] * float(north)
+        by_u[j] *= forced * mean_u
+        by_w[j] *= forced * mean_w
+        beside = by_u[j] * (left - right)
+        here[j + 2] -= forced * by_v[j] + beside + by_w[j] * (north - south)
+        down[j + 2] -= by_w[j] * south
+        up[j + 2] += by_w[j] * north
     for j in range(residual.size):
-        here[j + 3] -= by_u[j] * float(across[j + 2])
+        here[j + 3] -= by_u[j] * link[0, i, j + 2]
     for j in range(residual.size):
-        here[j + 1] += by_u[j] * float(across[j + 1])
+        here[j + 1] += by_u[j] * link[0, i, j + 1]
 
 
 @kernel
@@ -450,24 +373,6 @@ def _differentiate_row(
         counts[j] *= threshold / max(abs(residual[j]), threshold)
 
 
-@kernel
-def _weight_row(
-    active: ByteArray, edge: FloatArray, lam: float, i: int, out: FloatArray
-) -> None:
-    """λ w on a row, 0 outside the mask."""
-    there = active[i]
-    g = edge[i]
-    for j in range(out.size):
-        out[j] = float(there[j + 2]) * lam * g[j + 2]
-
-
-@kernel
-def _weigh_row(size: FloatArray, scale: float, epsilon: float, weight: FloatArray) -> None:
-    """Weights become those of the parabola that touches the penalty of D ξ, whose sizes are given."""
-    for j in range(weight.size):
-        weight[j] *= scale * scale / max(scale * size[j], epsilon)
-
-
 @on_cores(cost=10, turns=3)
 def linearise(
     rows: Span,
@@ -480,20 +385,16 @@ def linearise(
     out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
-    metric = picture[2]
-    edge = picture[3]
-    active = picture[4]
-    link = picture[5]
-    shares = picture[7]
-    gamma = wall[0]
+    _, _, metric, edge, active, link, _, shares = picture
     lam, threshold, epsilon, scale, kind = penalties
     parts, descent, smooth = out
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
-    form = np.empty((3, count))
     factors = np.empty((3, count))
-    residual = work[0]
-    weight_row = work[1]
+    form = np.empty((3, count))
+    differences = np.empty((4, count))
+    sizes = np.empty(count)
+    weight = work[1]
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
@@ -506,77 +407,25 @@ def linearise(
             first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
             for i in range(first, last):
                 _predict_row(v, picture, wall, i, work)
-                _differentiate_row(work, gamma, threshold, factors)
-                copy_row(weight_row, parts[WEIGHT, i, PAD:])
+                _differentiate_row(work, wall.gamma, threshold, factors)
+                copy_row(weight, parts[WEIGHT, i, PAD:])
                 for part in range(3):
                     copy_row(factors[part], parts[BY_V + part, i, PAD:])
-                _pull_row(residual, weight_row, factors, link, i, descent)
-                _weight_row(active, edge, lam, i, weight_row)
+                _pull_row(work[0], weight, factors, link, i, descent)
+                for j in range(count):
+                    weight[j] = active[i, j + 2] * lam * edge[i, j + 2]
                 if kind == CURVATURE:
                     bend_row(xi, link, shares, i, form)
-                    weigh_bending_row(
-                        form, metric, link, i, epsilon, weight_row, parts[SMOOTHNESS:]
-                    )
+                    smoothness = parts[SMOOTHNESS:]
+                    weigh_bending_row(form, metric, link, i, epsilon, weight, smoothness)
                     add_unbent_row(form, link, shares, i, smooth)
                     continue
-                _roughness_row(xi, link, kind, i, form[0])
-                _weigh_row(form[0], scale, epsilon, weight_row)
-                copy_row(weight_row, parts[SMOOTHNESS, i, PAD:])
-                _add_smooth_row(xi, weight_row, link, kind, i, smooth)
-
-
-@on_cores(cost=0.5)
-def subtract_smooth(
-    rows: Span,
-    descent: FloatArray,
-    smooth: FloatArray,
-    xi: FloatArray,
-    sign: float,
-    free: ByteArray,
-    parts: FloatArray,
-) -> None:
-    """Subtract X Dᵀ Q D ξ from -Jᵀ W r, for pixels that are free, and write X."""
-    for i in range(rows[0], rows[1]):
-        down = descent[i]
-        rough = smooth[i]
-        here = xi[i]
-        known = free[i]
-        slope = parts[SLOPE, i]
-        for j in range(down.size):
-            slope[j] = sign * here[j]
-            down[j] = float(known[j]) * (down[j] - sign * here[j] * rough[j])
-
-
-@on_cores(cost=3)
-def fill_slope_damping(
-    rows: Span,
-    parts: FloatArray,
-    v: FloatArray,
-    metric: FloatArray,
-    link: ByteArray,
-    slants: FloatArray,
-) -> None:
-    """Write what slopes of a step are charged for beforehand, see `grid.Grid.equations_at`."""
-    first, last = rows_within(rows, PAD, v.shape[0] - PAD)
-    count = v.shape[1] - 2 * PAD
-    raised_u = np.empty(count)
-    raised_w = np.empty(count)
-    slant = np.empty(count)
-    for i in range(first, last):
-        slopes_row(v, metric, link, i, raised_u, raised_w, slant)
-        by_v = parts[BY_V, i]
-        weight = parts[WEIGHT, i]
-        likely = slants[i]
-        u = parts[SLOPE_DAMPING_U, i]
-        w = parts[SLOPE_DAMPING_W, i]
-        guu = metric[0, i]
-        gvv = metric[2, i]
-        for j in range(count):
-            # ∂²M by the slope, as of a Lambertian wall that faces.
-            bend = by_v[j + 2] / (2 * (1 + slant[j]))
-            cost = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
-            u[j + 2] = cost * guu[j + 2]
-            w[j + 2] = cost * gvv[j + 2]
+                _fill_differences(xi, link, kind, i, differences, sizes)
+                # the parabola that touches the penalty
+                for j in range(count):
+                    weight[j] *= scale * scale / max(scale * sizes[j], epsilon)
+                copy_row(weight, parts[SMOOTHNESS, i, PAD:])
+                _add_smooth_row(weight, differences, kind, i, smooth)
 
 
 def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:

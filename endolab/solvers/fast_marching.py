@@ -317,14 +317,10 @@ def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: BitArray) -> BoolAr
 
 @dataclass
 class March:
-    """The state of a march: values, the heap of trial pixels and each pixel's place in it."""
+    """The state of a march."""
 
     y0: FloatArray
-    value: FloatArray
-    heap: IndexArray
-    place: IndexArray
-    fixed: BoolArray
-    ways: BitArray
+    front: Front
     metric: FloatArray
     table: Table
     size: int  # of the heap
@@ -359,21 +355,21 @@ class March:
         place[seeds] = np.arange(seeds.size)
         table = table or (np.empty(0), np.empty(0))
         metric = np.ascontiguousarray(metric)
-        return cls(y0, value, heap, place, fixed, ways.ravel(), metric, table, seeds.size)
+        front = Front(value, heap, place, fixed, ways.ravel())
+        return cls(y0, front, metric, table, seeds.size)
 
     def advance(self, count: int) -> None:
         """Let the front accept `count` more pixels, or as many as there are."""
-        front = Front(self.value, self.heap, self.place, self.fixed, self.ways)
-        self.size = _advance(count, self.size, front, self.y0, self.metric, self.table)
+        self.size = _advance(count, self.size, self.front, self.y0, self.metric, self.table)
 
     @property
     def arrived(self) -> BoolArray:
         """Pixels whose value is final, (H, W)."""
-        return (self.place == _ACCEPTED).reshape(self.y0.shape)
+        return (self.front.place == _ACCEPTED).reshape(self.y0.shape)
 
     @property
     def log_distance(self) -> FloatArray:
         """v = log d, (H, W): the march where it has arrived, the upper bound d₀ elsewhere."""
         return 0.5 * np.log(
-            np.where(self.arrived, self.value.reshape(self.y0.shape), self.y0)
+            np.where(self.arrived, self.front.value.reshape(self.y0.shape), self.y0)
         )

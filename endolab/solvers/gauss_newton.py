@@ -34,7 +34,6 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status
-from endolab.solvers.energy_kernels import advance
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid, dot
 from endolab.solvers.normal_equations import Coefficients
@@ -100,16 +99,23 @@ class _State:
 
     @classmethod
     def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
-        v = np.minimum(v, grid.ceiling) if grid.is_cut else v
+        """Return the state at a map, no higher than the grid's ceiling."""
+        return cls.without_ceiling(
+            grid, np.minimum(v, grid.ceiling) if grid.is_cut else v, lam
+        )
+
+    @classmethod
+    def without_ceiling(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
         return cls(grid, v, lam, grid.terms(v, lam))
 
     @property
     def energy(self) -> float:
         return sum(self.terms.values())
 
-    @property
-    def scalars(self) -> dict[str, float]:
-        return {"step": self.share, "damping": self.damping, "inner": float(self.steps)}
+    def iterate(self, previous: Iterate | None = None, **shown: Any) -> Iterate:
+        """Return what observers see of it, after a previous iterate."""
+        v = inner(self.v)
+        return Iterate.of(self.grid.problem, v, previous, terms=self.terms, **shown)
 
     @property
     def next_damping(self) -> float:
@@ -177,15 +183,16 @@ class _State:
         """
         lowest = self
         share = 1.0
-        moved = np.empty_like(self.v)
+        longest = DESCENT.longest_step
+        step = np.clip(delta, -longest, longest)
         while share >= DESCENT.shortest_share:
-            advance(self.v, delta, share, DESCENT.longest_step, self.grid.ceiling, moved)
-            tried = replace(
-                self, v=moved, terms=self.grid.terms(moved, self.lam), share=share
-            )
+            moved = self.v + share * step
+            if self.grid.is_cut:
+                np.minimum(moved, self.grid.ceiling, out=moved)
+            terms = self.grid.terms(moved, self.lam)
+            tried = replace(self, v=moved, terms=terms, share=share)
             if tried.energy < lowest.energy:
                 lowest = tried
-                moved = np.empty_like(self.v)
             elif lowest is not self:
                 break
             if self.energy - lowest.energy > 0.75 * promise:
@@ -313,35 +320,34 @@ def gauss_newton(
         given = start if inflow is None else np.where(np.isnan(inflow), start, inflow)
         v = pad_maps(np.where(mask, given, 0.0))
         state = _State.at(finest, v, problem.lam)
-        iterate = Iterate.of(problem, inner(v), terms=state.terms)
+        iterate = state.iterate()
         yield iterate
         again = abs(state.energy - converged_at) <= DESCENT.same_energy * state.energy
         if max_iterations > 0 and again:
             tried = state.take_step()
-            moved = Iterate.of(problem, inner(tried.v), iterate, terms=tried.terms).change
-            if tried.has_converged(tolerance) or moved < settled:
+            if tried.has_converged(tolerance) or tried.iterate(iterate).change < settled:
                 return Status.CONVERGED
         if max_iterations > 0:
             adapted = _State.at(finest, _adapt_start(finest, v, tolerance), problem.lam)
             if adapted.energy < state.energy:
                 state = adapted
-                iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
+                iterate = state.iterate(iterate)
                 yield iterate
     else:
         v = pad_maps(np.where(mask, problem.log_d0, 0.0))
-        iterate = Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
+        iterate = _State.without_ceiling(finest, v, problem.lam).iterate()
         yield iterate
         guess = None
         march = True
         for guess, again in _guesses(_coarsen(finest), tolerance):
             march = again
-            terms = finest.terms(guess, problem.lam)
-            if iterate.k < max_iterations and sum(terms.values()) < iterate.energy:
-                iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
+            shown = _State.without_ceiling(finest, guess, problem.lam)
+            if iterate.k < max_iterations and shown.energy < iterate.energy:
+                iterate = shown.iterate(iterate)
                 yield iterate
         state, _ = _begin_march(finest, guess, problem.lam, march)
         if iterate.k < max_iterations and state.energy < iterate.energy:
-            iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
+            iterate = state.iterate(iterate)
             yield iterate
     moved = np.inf
     while iterate.k < max_iterations:
@@ -349,9 +355,12 @@ def gauss_newton(
         if state.share == 0:
             return Status.CONVERGED if state.has_converged(tolerance) else Status.STALLED
         if state.energy < iterate.energy:
-            iterate = Iterate.of(
-                problem, inner(state.v), iterate, terms=state.terms, scalars=state.scalars
-            )
+            scalars = {
+                "step": state.share,
+                "damping": state.damping,
+                "inner": float(state.steps),
+            }
+            iterate = state.iterate(iterate, scalars=scalars)
             yield iterate
         if state.has_converged(tolerance) or max(moved, iterate.change) < settled:
             return Status.CONVERGED

@@ -34,31 +34,30 @@ from endolab.numerics.compiled import (
     active_blocks,
     block_sums,
     inner,
-    kernel,
     leads,
     pad_maps,
 )
-from endolab.numerics.derivatives import links
-from endolab.solvers.cuts import Cells, coarser_links, largest_fragments
+from endolab.numerics.derivatives import links, shift
+from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
     Wall,
-    fill_slants,
-    fill_slope_damping,
+    fill_slopes,
     fill_xi,
     linearise,
     shading_table,
-    slopes_row,
-    subtract_smooth,
     sums,
 )
 from endolab.solvers.fast_marching import March
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.normal_equations import (
+    BY_V,
+    SLOPE,
     SLOPE_DAMPING_U,
     SLOPE_DAMPING_W,
     SMOOTHNESS,
+    WEIGHT,
     Coefficients,
     Structure,
     shares_of,
@@ -84,36 +83,6 @@ class Ceiling:
 
 
 CEILING = Ceiling()
-
-
-@kernel
-def _enters(
-    v: FloatArray,
-    metric: FloatArray,
-    active: ByteArray,
-    link: ByteArray,
-    uncut_links: ByteArray,
-    out: BoolArray,
-) -> None:
-    """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
-    count = out.shape[1]
-    raised_u = np.empty(count)
-    raised_w = np.empty(count)
-    slant = np.empty(count)
-    for row in range(out.shape[0]):
-        slopes_row(v, metric, link, PAD + row, raised_u, raised_w, slant)
-        for column in range(out.shape[1]):
-            i = PAD + row
-            j = PAD + column
-            up = raised_u[column]
-            wp = raised_w[column]
-            right = not active[i, j + 1] or link[0, i, j] < uncut_links[0, i, j]
-            left = not active[i, j - 1] or link[0, i, j - 1] < uncut_links[0, i, j - 1]
-            below = not active[i + 1, j] or link[1, i, j] < uncut_links[1, i, j]
-            above = not active[i - 1, j] or link[1, i - 1, j] < uncut_links[1, i - 1, j]
-            from_sides = (up < 0 and right) or (up > 0 and left)
-            from_ends = (wp < 0 and below) or (wp > 0 and above)
-            out[row, column] = active[i, j] and (from_sides or from_ends)
 
 
 @dataclass(frozen=True)
@@ -226,10 +195,7 @@ class Grid:
 
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
-        blocks = Cells(self.active, self.link, self.uncut_links)
-        way = Interpolation.to(
-            Cells(fine.active, fine.link, fine.uncut_links), fine.main, blocks
-        )
+        way = Interpolation.between(self, fine)
         out = np.zeros(fine.active.shape)
         way.add(v, out)
         if self.is_cut:
@@ -284,9 +250,16 @@ class Grid:
 
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
-        out = np.empty(self.mask.shape, dtype=np.bool_)
-        _enters(v, self.metric, self.active, self.link, self.uncut_links, out)
-        return out
+        slopes = self._slopes(v)
+        enters = np.zeros(v.shape, np.bool_)
+        cut = self.link < self.uncut_links
+        for axis in range(2):
+            slope = slopes[axis]
+            ahead = (shift(self.active, 1, 1 - axis, 0) == 0) | cut[axis]
+            behind = shift(self.active, -1, 1 - axis, 0) == 0
+            behind |= shift(cut[axis], -1, 1 - axis, False)
+            enters |= ((slope < 0) & ahead) | ((slope > 0) & behind)
+        return inner(enters) & self.mask
 
     def march(self, guess: FloatArray | None = None) -> FloatArray:
         """Fast march on this grid.
@@ -331,7 +304,7 @@ class Grid:
     def _energy(self, lam: float) -> tuple[Picture, Wall, Penalties]:
         """What the compiled energy takes beside the map."""
         p = self.problem
-        arrays = (
+        picture = Picture(
             self.image,
             self.log_scale,
             self.metric,
@@ -339,13 +312,11 @@ class Grid:
             self.active,
             self.link,
             self.evidence,
+            self.shares,
         )
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        return (
-            Picture(*arrays, self.shares),
-            wall,
-            Penalties(lam, p.threshold, p.epsilon, self.scale, self._kind),
-        )
+        penalties = Penalties(lam, p.threshold, p.epsilon, self.scale, self._kind)
+        return picture, wall, penalties
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
         """The energy's terms, as `energy_terms` gives them, of the map v."""
@@ -357,11 +328,15 @@ class Grid:
         """How many pixels take part."""
         return int(self.active.sum())
 
+    def _slopes(self, v: FloatArray) -> FloatArray:
+        """G⁻¹ ∇v and tan² of a map's slope, (3, ...)."""
+        out = np.zeros((3, *v.shape))
+        fill_slopes(v, self.metric, self.link, out)
+        return out
+
     def slants(self, v: FloatArray) -> FloatArray:
         """tan² of a map's slope, padded."""
-        out = np.zeros_like(v)
-        fill_slants(v, self.metric, self.link, out)
-        return out
+        return np.asarray(self._slopes(v)[2])
 
     def structure(self, free: ByteArray, old: Structure | None = None) -> Structure:
         """That of equations for pixels that are free: the old one, if it is of the same."""
@@ -389,17 +364,27 @@ class Grid:
         xi, (_, descent, smooth) = self._xi(v), self._room
         sign = 1.0 if self.problem.xi == "d" else -1.0
         linearise(v, xi, *self._energy(lam), (parts, descent, smooth))
+        np.multiply(xi, sign, out=parts[SLOPE])
+        smooth *= parts[SLOPE]
         free = self.free
         if self.is_cut:
-            slope = sign * xi
-            free = free * ~(
-                (v > self.ceiling - CEILING.margin) & (descent > slope * smooth)
-            )
-        subtract_smooth(descent, smooth, xi, sign, free, parts)
+            free = free * ~((v > self.ceiling - CEILING.margin) & (descent > smooth))
+        descent -= smooth
+        descent *= free
         if slants is None:
             parts[SLOPE_DAMPING_U : SLOPE_DAMPING_W + 1] = 0.0
         else:
-            fill_slope_damping(parts, v, self.metric, self.link, slants)
+            # ∂²M by the slope, as of a Lambertian wall that faces.
+            bend = self.slants(v)
+            bend += 1
+            bend *= 2
+            np.divide(parts[BY_V], bend, out=bend)
+            cost = 0.5 * parts[WEIGHT]
+            cost *= bend
+            cost *= bend
+            cost *= slants
+            np.multiply(cost, self.metric[0], out=parts[SLOPE_DAMPING_U])
+            np.multiply(cost, self.metric[2], out=parts[SLOPE_DAMPING_W])
         return Coefficients(
             parts, self.structure(free, None if old is None else old.structure)
         ), descent

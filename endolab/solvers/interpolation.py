@@ -19,12 +19,12 @@ matrix P; steps go up by P and residuals down by Pᵀ.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, kernel, lead
+from endolab.numerics.compiled import PAD, kernel, lead, leads
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.cuts import Cells, nearest_blocks, same_side
 
@@ -101,35 +101,16 @@ def _add_from(
         more[target[k]] = 0.0
 
 
-@kernel
-def _fill_shares(
-    active: ByteArray, main: ByteArray, blocks: Cells, share: FloatArray
-) -> int:
-    """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
-    known, across, uncut = blocks
-    others = 0
-    top = PAD - 1 + lead(active, known, 0)
-    first = PAD - 1 + lead(active, known, 1)
-    for i in range(PAD - 1, known.shape[0] - PAD):
-        for j in range(PAD - 1, known.shape[1] - PAD):
-            together = (
-                known[i, j] and known[i, j + 1] and known[i + 1, j] and known[i + 1, j + 1]
-            )
-            together = (
-                together
-                and across[0, i, j] == uncut[0, i, j]
-                and across[1, i, j] == uncut[1, i, j]
-            )
-            together = together and across[0, i + 1, j] == uncut[0, i + 1, j]
-            together = together and across[1, i, j + 1] == uncut[1, i, j + 1]
-            for row in range(2 * i - top, min(2 * i - top + 2, active.shape[0])):
-                for column in range(2 * j - first, min(2 * j - first + 2, active.shape[1])):
-                    if active[row, column]:
-                        if together and main[row, column]:
-                            share[row, column] = 1 / 16
-                        else:
-                            others += 1
-    return others
+def _share(active: ByteArray, main: ByteArray, blocks: Cells) -> FloatArray:
+    """1/16 for pixels amid four blocks with nothing between, else 0."""
+    known = blocks.active > 0
+    uncut = blocks.link == blocks.uncut_links
+    amid = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
+    amid &= uncut[0, :-1, :-1] & uncut[0, 1:, :-1] & uncut[1, :-1, :-1] & uncut[1, :-1, 1:]
+    down, across = leads(active)
+    rows = (np.arange(active.shape[0]) + PAD - 1 + down) // 2
+    columns = (np.arange(active.shape[1]) + PAD - 1 + across) // 2
+    return amid[rows[:, None], columns] * (active > 0) * (main > 0) / 16
 
 
 @kernel
@@ -188,13 +169,16 @@ class Interpolation(NamedTuple):
     weight: FloatArray
 
     @classmethod
-    def to(cls, pixels: Cells, main: ByteArray, blocks: Cells) -> Interpolation:
-        """Find the way to the active pixels of a grid with these main parts."""
-        share = np.zeros(pixels.active.shape)
-        most = 6 * _fill_shares(pixels.active, main, blocks, share)
+    def between(cls, coarse: Any, fine: Any) -> Interpolation:
+        """Find the way from one grid to the finer one: `Grid`s, or a `Structure` and its coarser one."""
+        blocks = Cells(coarse.active, coarse.link, coarse.uncut_links)
+        pixels = Cells(fine.active, fine.link, fine.uncut_links)
+        share = _share(fine.active, fine.main, blocks)
+        most = 6 * np.count_nonzero((fine.active > 0) & (share == 0))
         strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
-        count = _fill_strands(pixels, main, blocks, share, strands)
-        return cls(share, *(strand[:count] for strand in strands))
+        count = _fill_strands(pixels, fine.main, blocks, share, strands)
+        pixel, block, weight = strands
+        return cls(share, pixel[:count], block[:count], weight[:count])
 
     def add(self, step: FloatArray, x: FloatArray) -> None:
         """x += the blocks' step, interpolated."""

@@ -73,43 +73,27 @@ def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) ->
     """
     count = x.shape[2] - 2 * PAD
     for j in range(count):
-        beside = m[E, i, j + 2] * x[k, i, j + 3] + m[E, i, j + 1] * x[k, i, j + 1]
-        around = beside + (
-            m[S, i, j + 2] * x[k, i + 1, j + 2] + m[S, i - 1, j + 2] * x[k, i - 1, j + 2]
-        )
-        falling = (
-            m[SE, i, j + 2] * x[k, i + 1, j + 3] + m[SE, i - 1, j + 1] * x[k, i - 1, j + 1]
-        )
-        rising = (
-            m[SW, i, j + 2] * x[k, i + 1, j + 1] + m[SW, i - 1, j + 3] * x[k, i - 1, j + 3]
-        )
-        out[j] = (m[CENTRE, i, j + 2] * x[k, i, j + 2] + around) + (falling + rising)
+        around = _pair(m, E, x, k, i, j + 2) + _pair(m, S, x, k, i, j + 2)
+        askew = _pair(m, SE, x, k, i, j + 2) + _pair(m, SW, x, k, i, j + 2)
+        out[j] = (m[CENTRE, i, j + 2] * x[k, i, j + 2] + around) + askew
     for j in range(count):
-        beside = m[EE, i, j + 2] * x[k, i, j + 4] + m[EE, i, j] * x[k, i, j]
-        out[j] += beside + (
-            m[SS, i, j + 2] * x[k, i + 2, j + 2] + m[SS, i - 2, j + 2] * x[k, i - 2, j + 2]
-        )
+        out[j] += _pair(m, EE, x, k, i, j + 2) + _pair(m, SS, x, k, i, j + 2)
     if len(m) <= SEE:
         return
     for j in range(count):
-        falling = m[SEE, i, j + 2] * x[k, i + 1, j + 4] + m[SEE, i - 1, j] * x[k, i - 1, j]
-        wide = falling + (
-            m[SWW, i, j + 2] * x[k, i + 1, j] + m[SWW, i - 1, j + 4] * x[k, i - 1, j + 4]
-        )
-        falling = (
-            m[SSE, i, j + 2] * x[k, i + 2, j + 3]
-            + m[SSE, i - 2, j + 1] * x[k, i - 2, j + 1]
-        )
-        rising = (
-            m[SSW, i, j + 2] * x[k, i + 2, j + 1]
-            + m[SSW, i - 2, j + 3] * x[k, i - 2, j + 3]
-        )
-        out[j] += wide + (falling + rising)
+        wide = _pair(m, SEE, x, k, i, j + 2) + _pair(m, SWW, x, k, i, j + 2)
+        steep = _pair(m, SSE, x, k, i, j + 2) + _pair(m, SSW, x, k, i, j + 2)
+        out[j] += wide + steep
     for j in range(count):
-        falling = m[SE2, i, j + 2] * x[k, i + 2, j + 4] + m[SE2, i - 2, j] * x[k, i - 2, j]
-        out[j] += falling + (
-            m[SW2, i, j + 2] * x[k, i + 2, j] + m[SW2, i - 2, j + 4] * x[k, i - 2, j + 4]
-        )
+        out[j] += _pair(m, SE2, x, k, i, j + 2) + _pair(m, SW2, x, k, i, j + 2)
+
+
+@kernel
+def _pair(m: FloatArray, entry: int, x: FloatArray, k: int, i: int, j: int) -> float:
+    """An entry of the pixel (i, j), and the one that couples it to the pixel on the other side."""
+    down, right = OFFSETS[entry]
+    after = m[entry, i, j] * x[k, i + down, j + right]
+    return after + m[entry, i - down, j - right] * x[k, i - down, j - right]
 
 
 @on_cores(cost=0.3)
@@ -208,14 +192,6 @@ def _smooth(
         for k in range(1, degree):
             for i in range(max(top, rows[0] - PAD * k), min(end, rows[0] + PAD * k)):
                 _smooth_row(m, inverse, steps, x, r, first, k, i, row)
-
-
-@on_cores(cost=0.3)
-def _conjugate(rows: Span, z: FloatArray, share: float, direction: FloatArray) -> None:
-    """direction = z + share · direction."""
-    for i in range(rows[0], rows[1]):
-        for j in range(z.shape[1]):
-            direction[i, j] = z[i, j] + share * direction[i, j]
 
 
 @on_cores(cost=0.4)
@@ -395,7 +371,8 @@ class Multigrid:
             left = now / done if done > 0 else np.inf if now > 0 else 0.0
             if (now <= tolerance**2 * start and left <= tolerance) or step == most:
                 break
-            _conjugate(top.x, now / last if step else 0.0, direction)
+            direction *= now / last if step else 0.0
+            direction += top.x
             last = now
             multiply(top.matrix, direction, product)
             curved = dot(direction, product)

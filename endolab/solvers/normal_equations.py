@@ -21,6 +21,7 @@ The same matrix, readably: tests/solvers/gauss_newton_model.py.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -33,25 +34,43 @@ from endolab.numerics.compiled import (
     active_blocks,
     block_sums,
     clear_row,
+    inner,
     kernel,
     lead,
 )
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
-from endolab.solvers.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
-from endolab.solvers.cuts import Cells, coarser_links, held_pixels, largest_fragments
+from endolab.solvers.curvature_kernels import (
+    DOWN,
+    RIGHT,
+    fill_shares,
+    square,
+    stencils_row,
+    step_means,
+    steps,
+)
+from endolab.solvers.cuts import coarser_links, held_pixels, largest_fragments
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.problem import CURVATURE, FIRST
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
-OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
-OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
+OFFSETS: tuple[tuple[int, int], ...] = (
+    (0, 0),
+    (0, 1),
+    (0, 2),
+    (1, 0),
+    (2, 0),
+    (1, 1),
+    (1, -1),
+)
+OFFSETS += ((1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2))  # those of a form alone
 # Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
 # those of a row of J, which comes fourth, are the first five.
-STENCILS = [
-    [{0, 1}, set[int](), {0, 3}],
-    [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
-    [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5, 6, 7, 8}, {0, 1, 2, 3, 4}],
+CROSS = range(5)
+STENCILS: list[list[Sequence[int]]] = [
+    [(0, 1), (), (0, 3)],
+    [(0, 1, 2), (0, 1, 3, 5), (0, 3, 4)],
+    [CROSS, range(9), CROSS],
 ]
 
 
@@ -76,11 +95,11 @@ class Form(NamedTuple):
                 if step not in OFFSETS:
                     continue
                 entry = OFFSETS.index(step)
-                for term, pixels in enumerate([*stencils, {0, 1, 2, 3, 4}]):
+                for term, pixels in enumerate([*stencils, CROSS]):
                     mixes = kind == CURVATURE and term < 3
                     if k in pixels and (other in pixels or mixes):
                         products.append((k, other, entry, term))
-        entries = [(term, k) for term in range(3) for k in sorted(stencils[term])]
+        entries = [(term, k) for term in range(3) for k in stencils[term]]
         return cls(kind, np.array(entries), np.array(products))
 
 
@@ -113,86 +132,79 @@ def _data_row(
     m: FloatArray,
 ) -> None:
     """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
-    across = link[0, i]
-    below = link[1, i]
-    above = link[1, i - 1]
-    by_v = parts[BY_V, i]
-    by_u = parts[BY_U, i]
-    by_w = parts[BY_W, i]
-    weight = parts[WEIGHT, i]
-    damping_u = parts[SLOPE_DAMPING_U, i]
-    damping_w = parts[SLOPE_DAMPING_W, i]
-    beneath_w = parts[SLOPE_DAMPING_W, i + 1]
     count = t.shape[2]
     for j in range(count):
-        right = float(across[j + 2])
-        left = float(across[j + 1])
-        u = by_u[j + 2] * (1 - 0.5 * right * left)
+        right, left, _, _ = steps(link, i, j + 2)
+        mean_u, _ = step_means(link, i, j + 2)
+        u = parts[BY_U, i, j + 2] * mean_u
         t[3, 1, j] = u * right
         t[3, 2, j] = -u * left
     for j in range(count):
-        south = float(below[j + 2])
-        north = float(above[j + 2])
-        w = by_w[j + 2] * (1 - 0.5 * south * north)
+        _, _, south, north = steps(link, i, j + 2)
+        _, mean_w = step_means(link, i, j + 2)
+        w = parts[BY_W, i, j + 2] * mean_w
         t[3, 3, j] = w * south
         t[3, 4, j] = -w * north
+    by_v = parts[BY_V, i]
+    weight = parts[WEIGHT, i]
     for j in range(count):
         t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
     for k in range(5):
         for j in range(count):
             qt[3, k, j] = weight[j + 2] * t[3, k, j]
-    centre = m[CENTRE, i]
-    beneath = m[CENTRE, i + 1]
-    e = m[E, i]
-    s = m[S, i]
     for j in range(count):
-        centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
-    for j in range(count):
-        u = 0.5 * float(across[j + 2]) * (damping_u[j + 2] + damping_u[j + 3])
-        centre[j + 2] += u
-        e[j + 2] -= u
-    for j in range(count):
-        centre[j + 3] += 0.5 * float(across[j + 2]) * (damping_u[j + 2] + damping_u[j + 3])
-    for j in range(count):
-        w = 0.5 * float(below[j + 2]) * (damping_w[j + 2] + beneath_w[j + 2])
-        centre[j + 2] += w
-        beneath[j + 2] += w
-        s[j + 2] -= w
+        m[CENTRE, i, j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
+    _add_springs(parts[SLOPE_DAMPING_U], link[0], i, 0, 1, m, E)
+    _add_springs(parts[SLOPE_DAMPING_W], link[1], i, 1, 0, m, S)
 
 
 @kernel
-def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
-    """Weights of the nine pixels for the gradient or the Hessian, on a row: those in its `STENCILS`."""
-    across = link[0, i]
-    below = link[1, i]
-    above = link[1, i - 1]
-    beneath = link[0, i + 1]
-    count = t.shape[2]
+def _add_springs(
+    damping: FloatArray,
+    link: ByteArray,
+    i: int,
+    down: int,
+    right: int,
+    m: FloatArray,
+    entry: int,
+) -> None:
+    """Add squared differences of a step between a row's pixels and their neighbours down or right."""
+    start = PAD + right
+    count = link.shape[1] - 2 * PAD
+    spring = np.empty(count)
+    for j in range(count):
+        both = damping[i, j + PAD] + damping[i + down, j + start]
+        spring[j] = 0.5 * float(link[i, j + PAD]) * both
+    for j in range(count):
+        m[CENTRE, i, j + PAD] += spring[j]
+        m[entry, i, j + PAD] -= spring[j]
+    for j in range(count):
+        m[CENTRE, i + down, j + start] += spring[j]
+
+
+@kernel
+def _stencils_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
+    """Weights of the nine pixels for the gradient or the second differences: those in its `STENCILS`."""
+    own = -1.0 if kind == FIRST else -2.0
+    for j in range(t.shape[2]):
+        right, left, south, north = steps(link, i, j + 2)
+        along = right if kind == FIRST else right * left
+        down = south if kind == FIRST else south * north
+        t[0, 0, j] = own * along
+        t[0, 1, j] = along
+        t[0, 2, j] = along
+        t[2, 0, j] = own * down
+        t[2, 3, j] = down
+        t[2, 4, j] = down
     if kind == FIRST:
-        for j in range(count):
-            t[0, 1, j] = float(across[j + 2])
-            t[2, 3, j] = float(below[j + 2])
-            t[0, 0, j] = -float(across[j + 2])
-            t[2, 0, j] = -float(below[j + 2])
         return
     root2 = np.sqrt(2.0)
-    for j in range(count):
-        both = float(across[j + 2]) * float(across[j + 1])
-        t[0, 0, j] = -2 * both
-        t[0, 1, j] = both
-        t[0, 2, j] = both
-    for j in range(count):
-        both = float(below[j + 2]) * float(above[j + 2])
-        t[2, 0, j] = -2 * both
-        t[2, 3, j] = both
-        t[2, 4, j] = both
-    for j in range(count):
-        square = root2 * float(across[j + 2]) * float(below[j + 2])
-        square *= float(beneath[j + 2]) * float(below[j + 3])
-        t[1, 0, j] = square
-        t[1, 1, j] = -square
-        t[1, 3, j] = -square
-        t[1, 5, j] = square
+    for j in range(t.shape[2]):
+        joined = root2 * square(link, i, j + 2)
+        t[1, 0, j] = joined
+        t[1, 1, j] = -joined
+        t[1, 3, j] = -joined
+        t[1, 5, j] = joined
 
 
 @kernel
@@ -210,7 +222,7 @@ def _smooth_row(
     if kind == CURVATURE:
         stencils_row(link, shares, i, t)
     else:
-        _differences_row(link, kind, i, t)
+        _stencils_row(link, kind, i, t)
     count = t.shape[2]
     for n in range(len(entries)):
         term, k = entries[n]
@@ -225,9 +237,7 @@ def _smooth_row(
             term, k = entries[n]
             for j in range(count):
                 weight = here[j + 2]
-                if (
-                    term == 1
-                ):  # of the squares around a pixel, each has a quarter of its weight
+                if term == 1:  # a square has a quarter of the weight of each of its pixels
                     weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
                 qt[term, k, j] = weight * t[term, k, j]
         return
@@ -255,8 +265,8 @@ def _assemble(
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
-    forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
-    step itself come in with the damping of slopes, a² W once more by `damping`.
+    forward gradient, the Hessian or the form of `curvature_kernels`, X the slope of ξ. Squared
+    differences of the step itself come in with the damping of slopes, a² W once more by `damping`.
     """
     products = form[2]
     count = m.shape[2] - 2 * PAD
@@ -347,7 +357,7 @@ class Structure:
     @property
     def pixels(self) -> int:
         """Rows times columns, without the padding."""
-        return (self.active.shape[0] - 2 * PAD) * (self.active.shape[1] - 2 * PAD)
+        return int(inner(self.active).size)
 
     @property
     def entries(self) -> int:
@@ -387,11 +397,7 @@ class Structure:
     @cached_property
     def way(self) -> Interpolation:
         """Linear interpolation from the coarser grid."""
-        below = self.coarser
-        blocks = Cells(below.active, below.link, below.uncut_links)
-        return Interpolation.to(
-            Cells(self.active, self.link, self.uncut_links), self.main, blocks
-        )
+        return Interpolation.between(self.coarser, self)
 
 
 def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:
@@ -442,9 +448,8 @@ class Coefficients:
         _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
         return m
 
-    def coarser(self, out: FloatArray | None = None) -> Coefficients:
-        """The same on half the pixels."""
+    def coarser(self, parts: FloatArray) -> Coefficients:
+        """The same on half the pixels, its maps written to `parts`."""
         below = self.structure.coarser
-        parts = np.zeros((len(self.parts), *below.active.shape)) if out is None else out
         _coarsen(parts, self.parts, self.structure.main, self.structure.kind)
         return Coefficients(parts, below)

@@ -23,7 +23,8 @@ and makes δ (1 - τ + i τ A) δ, which shrinks only for τ < 2/(1 + A²). The 
 Vũ's for a primal-dual step, 1/τ_p + 1/χ - τ_d‖K‖² ≥ ½ (1 + A²) c/(1 + χc), with τ_p τ_d ‖K‖² = 1. So
 every pixel's χ is limited to a share of it. News then travels 2/A pixels a step: hence the paper's
 thousands of iterations. Normals of a patch (Hinterstoisser et al., ICCV 2011) make A smaller: the
-mean of n slopes in a row, taken twice so that it hides no ripple, passes 1.5/n of one at most.
+mean of n slopes in a row, taken twice so that it hides no ripple, passes 1.5/n of one at most. Slopes
+themselves reach over no cut; their means do.
 
 **Precision.** Memory is what a step waits for, so that maps are of single precision: results differ from
 double's by some 1e-6. Only ξ, a sum of steps that may each be too small for its last digit, keeps a rest of
@@ -33,27 +34,21 @@ what is lost, or it would stand still before it has converged; and sums down a c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from endolab.model.photometry import Photometry
 from endolab.model.surface import from_xi, to_xi
-from endolab.numerics.arrays import (
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    IntArray,
-    SingleArray,
-    Span,
-)
+from endolab.numerics.arrays import ByteArray, FloatArray, SingleArray, Span
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import add_frame, kernel, pad_maps
 from endolab.numerics.derivatives import gradient, hessian_stencils, links, px_per_reference
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.grid import Grid
-from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem, check_maps
+from endolab.solvers.problem import LOWER_BOUND, NONE, Problem, check_maps
 from endolab.solvers.result import Iterate, Solver
 
 BALANCE = 0.1  # τ_p in units of 1/c at the start; χ is 1
@@ -76,25 +71,22 @@ TINY = SINGLE(1e-30)
 STRIP_COLUMNS = 128  # columns that are averaged together, at least
 PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
 BRDF_TABLE_SIZE = 4096
-Rows = tuple[SingleArray, SingleArray, SingleArray]
-
-
-class Patches(NamedTuple):
-    """Over which pixels slopes are averaged along rows, or columns; see `_windows`."""
-
-    radius: int
-    share: SingleArray  # (2, ...) one over their number, along rows and along columns
-    odd: IntArray
-    ends: IntArray
+# Of each component of D ξ, the row of `_differences` that has it, and how many columns to the left.
+COMPONENT_ROW = (0, 1, 2, 2, 3, 3)
+COMPONENT_SHIFT = (0, 0, 0, 1, 0, 1)
 
 
 class Slopes(NamedTuple):
-    """How slopes of v follow from ξ, and slants from slopes."""
+    """How slopes of v follow from ξ, over what they are averaged, and how slants follow from them."""
 
     sign: np.float32
     steps: ByteArray
     offsets: SingleArray
     metric: SingleArray
+    radius: int
+    share: (
+        SingleArray  # (2, ...) one over the pixels of a patch, along rows and along columns
+    )
 
 
 class Rule(NamedTuple):
@@ -115,6 +107,7 @@ class Data(NamedTuple):
     unit: SingleArray
     pace: SingleArray
     evidence: ByteArray
+    table: SingleArray
     away: bool
     gamma: np.float32
     threshold: np.float32
@@ -126,9 +119,7 @@ class Room(NamedTuple):
 
     works: SingleArray
     lines: SingleArray
-    line_sums: FloatArray
     running: FloatArray
-    sums: FloatArray
 
 
 class State(NamedTuple):
@@ -140,19 +131,7 @@ class State(NamedTuple):
     q: SingleArray
     limit: SingleArray
     p: SingleArray
-    other: SingleArray
-
-
-class Setup(NamedTuple):
-    """What steps need and do not change, and room to work in."""
-
-    slopes: Slopes
-    along: Patches
-    down: Patches
-    rule: Rule
-    data: Data
-    table: SingleArray
-    room: Room
+    averages: SingleArray
 
 
 # Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1. Compilers use
@@ -169,95 +148,81 @@ def _artanh(z: np.float32) -> np.float32:
 
 
 @kernel
-def _slopes(
-    p: SingleArray,
-    x: SingleArray,
-    steps: ByteArray,
-    offsets: SingleArray,
-    sign: float,
-    i: int,
-) -> None:
+def _log_slope(
+    before: np.float32, here: np.float32, after: np.float32, back: int, on: int
+) -> np.float32:
+    """Slope of log ξ from the neighbours to which there are steps: log b/a = 2 artanh((b - a)/(b + a))."""
+    a = here + SINGLE(back) * (before - here)
+    b = here + SINGLE(on) * (after - here)
+    return (THREE - SINGLE(back) - SINGLE(on)) * _artanh((b - a) / (b + a))
+
+
+@kernel
+def _slopes(p: SingleArray, x: SingleArray, slopes: Slopes, i: int) -> None:
     """Gradient of v = ± log ξ on a row, into p (2, ...), by central differences."""
-    for j in range(
-        x.shape[1] - 2
-    ):  # log b/a = 2 artanh((b - a)/(b + a)), over the number of steps
+    sign, steps, offsets, _, _, _ = slopes
+    for j in range(x.shape[1] - 2):
         here = x[i, j + 1]
-        back = SINGLE(steps[0, i, j])
-        on = SINGLE(steps[0, i, j + 1])
-        a = here + back * (x[i, j] - here)
-        b = here + on * (x[i, j + 2] - here)
-        p[0, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
-        back = SINGLE(steps[1, i - 1, j + 1])
-        on = SINGLE(steps[1, i, j + 1])
-        a = here + back * (x[i - 1, j + 1] - here)
-        b = here + on * (x[i + 1, j + 1] - here)
-        p[1, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
+        p[0, i, j + 1] = sign * _log_slope(
+            x[i, j], here, x[i, j + 2], steps[0, i, j], steps[0, i, j + 1]
+        )
+        p[1, i, j + 1] = sign * _log_slope(
+            x[i - 1, j + 1],
+            here,
+            x[i + 1, j + 1],
+            steps[1, i - 1, j + 1],
+            steps[1, i, j + 1],
+        )
     if offsets.size > 0:
-        for j in range(x.shape[1]):
-            p[0, i, j] += offsets[0, i, j]
-            p[1, i, j] += offsets[1, i, j]
+        for k in range(2):
+            for j in range(x.shape[1]):
+                p[k, i, j] += offsets[k, i, j]
 
 
 @kernel
-def _along_rows(
-    p: SingleArray, i: int, patches: Patches, lines: SingleArray, sums: FloatArray
-) -> None:
-    """Means of both slopes along a row, in place."""
-    for k in range(2):
-        _along_row(p, k, i, patches, lines, sums)
-
-
-@kernel
-def _along_row(
-    p: SingleArray, k: int, i: int, patches: Patches, lines: SingleArray, sums: FloatArray
-) -> None:
-    """Means of a slope along a row, in place: a window's sum is that of some of 2, 4, 8... pixels."""
-    radius, share, odd, ends = patches
+def _average_row(p: SingleArray, i: int, slopes: Slopes, lines: SingleArray) -> None:
+    """Means of both slopes along a row, in place: a window's sum is that of some of 2, 4, 8... pixels."""
     width = INDEX(p.shape[2])
-    reach = INDEX(radius)
-    at = 0
-    span = INDEX(1)
-    done = INDEX(1)
-    length = width + reach + reach
-    for j in range(width):
-        lines[0, j + reach] = p[k, i, j]
-    for j in range(width):
-        lines[3, j] = lines[0, j]
-    while span <= reach:
-        to = 2 if at == 1 else 1
-        length -= span
-        for j in range(length):
-            lines[to, j] = lines[at, j] + lines[at, j + span]
-        span = span + span
-        at = to
-        if (reach + reach) & span:
-            for j in range(width):
-                lines[3, j] += lines[at, j + done]
-            done += span
-    for j in range(width):
-        p[k, i, j] = share[0, i, j] * lines[3, j]
-    if ends[i + 1] > ends[i]:
+    reach = INDEX(slopes.radius)
+    share = slopes.share
+    for k in range(2):
+        at = 0
+        span = INDEX(1)
+        done = INDEX(1)
+        length = width + reach + reach
         for j in range(width):
-            sums[j + INDEX(1)] = sums[j] + lines[0, j + reach]
-        for n in range(ends[i], ends[i + 1]):
-            j = odd[n, 0]
-            p[k, i, j] = share[0, i, j] * (sums[odd[n, 2]] - sums[odd[n, 1]])
+            lines[0, j + reach] = p[k, i, j]
+        for j in range(width):
+            lines[3, j] = lines[0, j]
+        while span <= reach:
+            to = 2 if at == 1 else 1
+            length -= span
+            for j in range(length):
+                lines[to, j] = lines[at, j] + lines[at, j + span]
+            span = span + span
+            at = to
+            if (reach + reach) & span:
+                for j in range(width):
+                    lines[3, j] += lines[at, j + done]
+                done += span
+        for j in range(width):
+            p[k, i, j] = share[0, i, j] * lines[3, j]
 
 
 @kernel
-def _along_columns(
-    out: SingleArray,
+def _average_strip(
     p: SingleArray,
     k: int,
     columns: Span,
-    patches: Patches,
+    slopes: Slopes,
     running: FloatArray,
-    sums: FloatArray,
+    out: SingleArray,
 ) -> None:
     """Means of a slope along some columns."""
-    radius, share, odd, ends = patches
     begin = INDEX(columns[0])
     end = INDEX(columns[1])
+    radius = slopes.radius
+    share = slopes.share
     height = p.shape[1]
     for j in range(begin, end):
         running[k, j] = 0.0
@@ -272,26 +237,11 @@ def _along_columns(
             total = running[k, j] + (p[k, below, j] - p[k, above, j])
             running[k, j] = total
             out[k, i, j] = share[1, i, j] * SINGLE(total)
-    if odd.size > 0:
-        for i in range(height):
-            for j in range(begin, end):
-                sums[k, i + 1, j] = sums[k, i, j] + p[k, i, j]
-        for j in range(columns[0], columns[1]):
-            for n in range(ends[j], ends[j + 1]):
-                i = odd[n, 0]
-                above = odd[n, 1]
-                below = odd[n, 2]
-                out[k, i, j] = share[1, i, j] * (sums[k, below, j] - sums[k, above, j])
 
 
 @kernel
-def _down_columns(
-    rows: Span,
-    out: SingleArray,
-    p: SingleArray,
-    patches: Patches,
-    running: FloatArray,
-    sums: FloatArray,
+def _average_columns(
+    rows: Span, p: SingleArray, slopes: Slopes, running: FloatArray, out: SingleArray
 ) -> None:
     """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
     height, width = p.shape[1:]
@@ -299,28 +249,7 @@ def _down_columns(
     for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
         first = strip // 2 * width // several
         last = (strip // 2 + 1) * width // several
-        _along_columns(out, p, strip % 2, (first, last), patches, running, sums)
-
-
-@kernel
-def _dual_first(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
-    """Dual ascent on a row, of the differences to the right and the lower neighbour."""
-    sigma, valid_stencil, shrink, bound, _, _ = rule
-    for j in range(x.shape[1] - 2):
-        here = x[i, j + 1]
-        rate = sigma[i, j + 1]
-        less = shrink[i, j + 1]
-        q0 = less * (
-            q[0, i, j + 1]
-            + rate * SINGLE(valid_stencil[0, i, j + 1]) * (x[i, j + 2] - here)
-        )
-        q1 = less * (
-            q[1, i, j + 1]
-            + rate * SINGLE(valid_stencil[1, i, j + 1]) * (x[i + 1, j + 1] - here)
-        )
-        factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1), TINY))
-        q[0, i, j + 1] = factor * q0
-        q[1, i, j + 1] = factor * q1
+        _average_strip(p, strip % 2, (first, last), slopes, running, out)
 
 
 @kernel
@@ -334,38 +263,47 @@ def _mixed_differences(
 
 
 @kernel
-def _dual_second(
-    q: SingleArray,
-    x: SingleArray,
-    rule: Rule,
-    i: int,
-    above: SingleArray,
-    below: SingleArray,
-) -> None:
-    """Dual ascent on a row, of the second differences as `hessian` gives them."""
-    sigma, valid_stencil, shrink, bound, _, _ = rule
-    _mixed_differences(x, valid_stencil, i - 1, above)
-    _mixed_differences(x, valid_stencil, i, below)
+def _differences(x: SingleArray, rule: Rule, i: int, out: SingleArray) -> None:
+    """D ξ on a row: to the right and below; or uu, vv, and uv of the squares below and above."""
+    valid_stencil = rule.valid_stencil
+    if not rule.first:
+        _mixed_differences(x, valid_stencil, i, out[2])
+        _mixed_differences(x, valid_stencil, i - 1, out[3])
     for j in range(x.shape[1] - 2):
         here = x[i, j + 1]
-        rate = sigma[i, j + 1]
-        less = shrink[i, j + 1]
-        uu = (x[i, j + 2] - here) - (here - x[i, j])
-        vv = (x[i + 1, j + 1] - here) - (here - x[i - 1, j + 1])
-        q0 = less * (q[0, i, j + 1] + rate * SINGLE(valid_stencil[0, i, j + 1]) * uu)
-        q1 = less * (q[1, i, j + 1] + rate * SINGLE(valid_stencil[2, i, j + 1]) * vv)
-        q2 = less * (q[2, i, j + 1] + rate * below[j + 1])
-        q3 = less * (q[3, i, j + 1] + rate * below[j])
-        q4 = less * (q[4, i, j + 1] + rate * above[j + 1])
-        q5 = less * (q[5, i, j + 1] + rate * above[j])
-        size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3) + (q4 * q4 + q5 * q5))
-        factor = min(ONE, bound[i, j + 1] / max(size, TINY))
-        q[0, i, j + 1] = factor * q0
-        q[1, i, j + 1] = factor * q1
-        q[2, i, j + 1] = factor * q2
-        q[3, i, j + 1] = factor * q3
-        q[4, i, j + 1] = factor * q4
-        q[5, i, j + 1] = factor * q5
+        along = x[i, j + 2] - here
+        down = x[i + 1, j + 1] - here
+        if not rule.first:
+            along -= here - x[i, j]
+            down -= here - x[i - 1, j + 1]
+        out[0, j + 1] = SINGLE(valid_stencil[0, i, j + 1]) * along
+        out[1, j + 1] = SINGLE(valid_stencil[-1, i, j + 1]) * down
+
+
+@kernel
+def _ascend(q: SingleArray, x: SingleArray, rule: Rule, i: int, work: SingleArray) -> None:
+    """Dual ascent on a row."""
+    sigma, _, shrink, bound, _, _ = rule
+    _differences(x, rule, i, work)
+    factor = work[4]
+    count = x.shape[1] - 2
+    factor[:] = 0
+    for k in range(len(q)):
+        row = COMPONENT_ROW[k]
+        left = INDEX(1 - COMPONENT_SHIFT[k])
+        for j in range(count):
+            step = sigma[i, j + 1] * work[row, j + left]
+            q[k, i, j + 1] = shrink[i, j + 1] * (q[k, i, j + 1] + step)
+    for k in range(0, len(q), 2):
+        for j in range(count):
+            one = q[k, i, j + 1]
+            two = q[k + 1, i, j + 1]
+            factor[j] += one * one + two * two
+    for j in range(count):
+        factor[j] = min(ONE, bound[i, j + 1] / max(np.sqrt(factor[j]), TINY))
+    for k in range(len(q)):
+        for j in range(count):
+            q[k, i, j + 1] *= factor[j]
 
 
 @kernel
@@ -436,19 +374,18 @@ def _tilt(
 
 
 @kernel
-def _primal(
-    i: int,
-    theta: float,
-    state: State,
-    rows: Rows,
-    metric: SingleArray,
-    share: SingleArray,
-    data: Data,
+def _descend(
+    i: int, theta: float, state: State, work: SingleArray, slopes: Slopes, data: Data
 ) -> None:
     """Data update and primal descent on a row."""
     x, rest, ahead, _, limit, p, _ = state
-    pull, dark, turn = rows
-    image, unit, pace, evidence, away, gamma, threshold, safety = data
+    pull = work[0]
+    dark = work[1]
+    turn = work[2]
+    metric = slopes.metric
+    share = slopes.share
+    image, unit, pace, evidence, table, away, gamma, threshold, safety = data
+    _tilt(dark, turn, p, metric, table, i)
     per_gamma = ONE / gamma
     per_theta = ONE / theta
     lift = HALF / safety
@@ -503,69 +440,46 @@ def _primal(
 
 @on_cores(cost=3)
 def _advance(
-    rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, setup: Setup
+    rows: Span,
+    turns: Span,
+    xi: SingleArray,
+    theta: float,
+    state: State,
+    slopes: Slopes,
+    rule: Rule,
+    data: Data,
+    room: Room,
 ) -> None:
-    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `setup` is that of `_Path`."""
-    x, _, ahead, q, _, p, other = state
-    slopes, along, down, rule, data, table, room = setup
-    sign, steps, offsets, metric = slopes
-    works, lines, line_sums, running, sums = room
+    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p."""
+    x, _, ahead, q, _, p, averages = state
     band = rows[0] // BAND_ROWS
-    pull = works[band, 0]
-    dark = works[band, 1]
-    turn_by = works[band, 2]
+    work = room.works[band]
+    lines = room.lines[band]
     first, last = rows_within(rows, 1, xi.shape[0] - 1)
     current = SINGLE(theta)
     for turn in range(turns[0], turns[1]):
         phase = turn % PHASES
+        if slopes.radius == 0 and 0 < phase < 4:
+            continue
         if phase == 0:
             for i in range(first, last):
-                _slopes(p, x, steps, offsets, sign, i)
-                if rule.first:
-                    _dual_first(q, ahead, rule, i)
-                else:
-                    _dual_second(q, ahead, rule, i, dark, turn_by)
-                if along.radius > 0:
-                    _along_rows(p, i, along, lines[band], line_sums[band])
-        elif phase == 4:
+                _slopes(p, x, slopes, i)
+                _ascend(q, ahead, rule, i, work)
+                _average_row(p, i, slopes, lines)
+        elif phase == 1:
+            _average_columns(rows, p, slopes, room.running, averages)
+        elif phase == 2:
+            for i in range(first, last):
+                _average_row(averages, i, slopes, lines)
+        elif phase == 3:
+            _average_columns(rows, averages, slopes, room.running, p)
+        else:
             for i in range(first, last):
                 if rule.first:
-                    _pull_first(pull, q, rule, i)
+                    _pull_first(work[0], q, rule, i)
                 else:
-                    _pull_second(pull, q, rule, i, dark, turn_by)
-                _tilt(dark, turn_by, p, metric, table, i)
-                _primal(i, current, state, (pull, dark, turn_by), metric, along.share, data)
-        elif along.radius > 0 and phase == 2:
-            for i in range(first, last):
-                _along_rows(other, i, along, lines[band], line_sums[band])
-        elif along.radius > 0:
-            before, after = (p, other) if phase == 1 else (other, p)
-            _down_columns(rows, after, before, down, running, sums)
-
-
-def _windows(
-    joined: BoolArray, mask: BoolArray, radius: int
-) -> tuple[FloatArray, IntArray, IntArray]:
-    """Patches along rows: as far as steps lead, at most `radius` pixels.
-
-    Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask
-    within the radius beyond it, as place, first and one after the last; and how many of them come before
-    each row.
-    """
-    place = np.arange(mask.shape[1])
-    size = mask.shape[1]
-    starts = np.where(np.roll(joined, 1, axis=1), 0, place)
-    stops = np.where(joined, size - 1, place)[:, ::-1]
-    first = np.maximum(np.maximum.accumulate(starts, axis=1), place - radius)
-    after = np.minimum(np.minimum.accumulate(stops, axis=1)[:, ::-1], place + radius) + 1
-    before = np.pad(np.cumsum(mask, axis=1), ((0, 0), (1, 0)))
-    around: IntArray = (
-        before[:, np.minimum(place + radius + 1, size)]
-        - before[:, np.maximum(place - radius, 0)]
-    )
-    row, column = np.nonzero(mask & (around > after - first))
-    odd = np.stack([column, first[row, column], after[row, column]], axis=-1)
-    return mask / (after - first), odd, np.searchsorted(row, np.arange(mask.shape[0] + 1))
+                    _pull_second(work[0], q, rule, i, work[1], work[2])
+                _descend(i, current, state, work, slopes, data)
 
 
 def _brdf_table(photometry: Photometry) -> SingleArray:
@@ -580,9 +494,9 @@ def _brdf_table(photometry: Photometry) -> SingleArray:
     return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
 
 
-def _single(*arrays: FloatArray) -> tuple[SingleArray, ...]:
-    """Copies in single precision."""
-    return tuple(array.astype(SINGLE) for array in arrays)
+def _single(array: FloatArray) -> SingleArray:
+    """A copy in single precision."""
+    return array.astype(SINGLE)
 
 
 @dataclass
@@ -591,122 +505,108 @@ class _Path:
 
     problem: Problem
     state: State
-    setup: Setup
+    setup: tuple[Slopes, Rule, Data, Room]
 
     @classmethod
     def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
         """Begin at a depth map, the dual at rest; `safety` is the share of the bound on τ that is taken."""
         mask = problem.mask
-        cosine = problem.field.cos_alpha
-        scale = problem.derivative_scale
+        cosine = np.where(mask, problem.field.cos_alpha, 1.0)
         first = problem.regulariser == "first"
         away = problem.xi == "d"
+        evidence = problem.evidence
+        joined = links(mask, problem.cuts)
+
+        def frame(a: FloatArray, fill: float = 0.0) -> FloatArray:
+            return add_frame(np.where(mask, a, fill), fill)
 
         def frame_xi(v: FloatArray) -> FloatArray:
-            xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
-            return add_frame(np.where(mask, xi, 1.0), 1.0)
+            xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine)
+            return frame(xi / problem.xi_median, 1.0)
 
-        joined = links(mask, problem.cuts)
-        steps = np.pad(joined, ((0, 0), (1, 1), (1, 1)))
-        inside = np.pad(mask, 1)
-        along, (share, *down) = (
-            _windows(steps[0], inside, radius),
-            _windows(steps[1].T, inside.T, radius),
-        )
-        (shares,) = _single(np.stack([along[0], share.T]))
-        offsets = np.empty((2, 0, 0))
-        if problem.xi == "1/z":
-            beside = -np.log(np.where(mask, cosine, 1.0))
-            offsets = np.nan_to_num(
-                add_frame(np.stack(gradient(beside, mask, problem.cuts, edge_order=1)))
-            )
-        metric = add_frame(
-            np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0)
-        )
+        def frame_marks(marks: Any) -> ByteArray:
+            framed: ByteArray = add_frame(marks).astype(np.int8)
+            return framed
 
         x = frame_xi(start)
-        image = add_frame(np.where(mask, problem.image, 1.0), 1.0)
+        height, width = x.shape
+        offsets = np.empty((2, 0, 0))
+        if problem.xi == "1/z":
+            beside = gradient(-np.log(cosine), mask, problem.cuts, edge_order=1)
+            offsets = frame(np.stack(beside))
+        share = []
+        for axis in (1, 0):
+            patch = np.ones(2 * radius + 1)
+            count = ndimage.convolve1d(1.0 * mask, patch, axis=axis, mode="constant")
+            share.append(frame(1 / np.maximum(count, 1)))
+        slopes = Slopes(
+            SINGLE(1 if away else -1),
+            frame_marks(joined),
+            _single(offsets),
+            _single(frame(np.moveaxis(problem.field.inverse_metric, -1, 0))),
+            radius,
+            _single(np.stack(share)),
+        )
+        image = frame(problem.image, 1.0)
         tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
         # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
-        widest = add_frame(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
-        for axis in (0, 1):
-            widest = np.max([np.roll(widest, k, axis) for k in (-1, 0, 1)], axis=0)
+        widest = ndimage.maximum_filter(frame(tau_p[1:-1, 1:-1]), 3)
         norm = 8 if first else 64  # ‖K‖² of differences per pixel, at most
+        scale = problem.derivative_scale
         sigma = 1 / (norm * scale**2 * np.where(widest > 0, widest, 1.0))
-        bound = add_frame(np.where(mask, problem.lam * problem.edge_weight, 0.0))
+        bound = frame(problem.lam * problem.edge_weight)
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
-        valid_stencil = joined if first else np.stack(hessian_stencils(joined))
-        evidence = (
-            np.full(mask.shape, EXACT, np.int8)
-            if problem.evidence is None
-            else problem.evidence
+        rule = Rule(
+            _single(sigma * scale),
+            frame_marks(joined if first else np.stack(hessian_stencils(joined))),
+            _single(shrink),
+            _single(bound),
+            SINGLE(scale),
+            first,
         )
-
-        height, width = x.shape
-        several = -(-height // BAND_ROWS)
-        slopes = np.zeros((2, 2, height, width), SINGLE)
-        resting = np.zeros((2 if first else 6, height, width), SINGLE)
-        limit = np.zeros((height, width), SINGLE)
-        start_xi = x.astype(SINGLE)
-        lost = (x - x.astype(SINGLE)).astype(SINGLE)
-        rate, reluctance, most = _single(sigma * scale, shrink, bound)
-        picture, unit, pace = _single(image, 1 / frame_xi(problem.log_d0), 1 / tau_p)
-        setup = Setup(
-            Slopes(
-                SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)
-            ),
-            Patches(radius, shares, *along[1:]),
-            Patches(radius, shares, *down),
-            Rule(
-                rate,
-                np.pad(valid_stencil, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
-                reluctance,
-                most,
-                SINGLE(scale),
-                first,
-            ),
-            Data(
-                picture,
-                unit,
-                pace,
-                np.pad(evidence, 1),
-                away,
-                SINGLE(problem.photometry.gamma),
-                SINGLE(problem.threshold),
-                SINGLE(safety),
-            ),
+        data = Data(
+            _single(image),
+            _single(1 / frame_xi(problem.log_d0)),
+            _single(1 / tau_p),
+            frame_marks(np.zeros(mask.shape) if evidence is None else evidence),
             _brdf_table(problem.photometry),
-            Room(
-                np.zeros((several, 3, width), SINGLE),
-                np.zeros((several, 4, width + 2 * radius), SINGLE),
-                np.zeros((several, width + 1)),
-                np.zeros((2, width)),
-                np.zeros((2, height + 1, width) if down[0].size else (2, 0, 0)),
-            ),
+            away,
+            SINGLE(problem.photometry.gamma),
+            SINGLE(problem.threshold),
+            SINGLE(safety),
         )
-        state = State(start_xi, lost, start_xi.copy(), resting, limit, slopes[0], slopes[1])
-        return cls(problem, state, setup)
+        bands = -(-height // BAND_ROWS)
+        room = Room(
+            np.zeros((bands, 5, width), SINGLE),
+            np.zeros((bands, 4, width + 2 * radius), SINGLE),
+            np.zeros((2, width)),
+        )
+        state = State(
+            _single(x),
+            _single(x - _single(x)),
+            _single(x),
+            np.zeros((2 if first else 6, height, width), SINGLE),
+            np.zeros((height, width), SINGLE),
+            np.zeros((2, height, width), SINGLE),
+            np.zeros((2, height, width), SINGLE),
+        )
+        return cls(problem, state, (slopes, rule, data, room))
 
     def advance(self, count: int, theta: float = 1.0) -> None:
         """Take steps with χ, in units of 1/c at the start."""
-        _advance(
-            self.state.x, theta / BALANCE, self.state, self.setup, turns=count * PHASES
-        )
-
-    @property
-    def x(self) -> FloatArray:
-        """ξ in units of its median, framed."""
-        return self.state.x.astype(np.float64) + self.state.rest
+        turns = count * PHASES
+        _advance(self.state.x, theta / BALANCE, self.state, *self.setup, turns=turns)
 
     @property
     def log_distance(self) -> FloatArray:
         """v = log d, (H, W)."""
         problem = self.problem
-        xi = np.where(problem.mask, self.x[1:-1, 1:-1] * problem.xi_median, 1.0)
+        x = self.state.x.astype(np.float64) + self.state.rest
+        xi = np.where(problem.mask, x[1:-1, 1:-1] * problem.xi_median, 1.0)
         return from_xi(xi, problem.xi, np.where(problem.mask, problem.field.cos_alpha, 1.0))
 
     @property
-    def share(self) -> float:
+    def tau(self) -> float:
         """Part of the way to its data that a pixel went in the last step, on average, c as at first."""
         limit = self.state.limit[1:-1, 1:-1][self.problem.mask].astype(np.float64)
         t = np.minimum(1 / limit, 1.0)  # χc
@@ -759,9 +659,10 @@ def primal_dual(
         count = int(min(every, max_iterations - steps))
         path.advance(count)
         steps += count
-        shown = {"steps": steps, "tau": path.share}
-        terms = grid.terms(pad_maps(path.log_distance), problem.lam)
-        after = Iterate.of(problem, path.log_distance, iterate, terms=terms, scalars=shown)
+        shown = {"steps": steps, "tau": path.tau}
+        v = path.log_distance
+        terms = grid.terms(pad_maps(v), problem.lam)
+        after = Iterate.of(problem, v, iterate, terms=terms, scalars=shown)
         iterate = replace(after, k=steps)
         yield iterate
         if iterate.change <= tolerance * count * shown["tau"]:

@@ -64,17 +64,14 @@ class Problem:
             object.__setattr__(self, name, number(name, getattr(self, name)))
             check_range(name, getattr(self, name))
         shape = (self.camera.height, self.camera.width)
-        object.__setattr__(self, "image", readonly_copy(real_array("image", self.image)))
-        object.__setattr__(self, "mask", readonly_copy(mask_array("mask", self.mask)))
+        image = real_array("image", self.image)
+        for name, array in (("image", image), ("mask", mask_array("mask", self.mask))):
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}, the camera {shape}")
+            object.__setattr__(self, name, readonly_copy(array))
         if self.picture is not None:
-            object.__setattr__(
-                self, "picture", readonly_copy(real_array("picture", self.picture))
-            )
-        for name in ("image", "mask"):
-            if getattr(self, name).shape != shape:
-                raise ValueError(
-                    f"{name} has shape {getattr(self, name).shape}, the camera {shape}"
-                )
+            picture = readonly_copy(real_array("picture", self.picture))
+            object.__setattr__(self, "picture", picture)
         for name, kind, wanted in (
             ("cuts", bool, (2, *shape)),
             ("evidence", np.int8, shape),

@@ -8,16 +8,7 @@ import pytest
 from scipy.special import huber
 
 import endolab as el
-from endolab.numerics.derivatives import gradient
-from endolab.solvers.curvature import (
-    ANGLE,
-    CREASE,
-    SLIGHT,
-    TWOFOLD,
-    second_form,
-    size_and_twofold,
-    valid_stencil,
-)
+from endolab.solvers.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.problem import Problem
 from tests.solvers.gauss_newton_model import GaussNewtonModel, derivative, slope_of_energy
@@ -133,15 +124,6 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     )
 
 
-def sizes_and_twofolds(problem, v):
-    """How the surface of a map of v bends, in the energy's unit, (2, H, W)."""
-    w = np.where(problem.mask, np.exp(-v), 0.0) / problem.xi_median
-    form = second_form(w, problem.field, problem.mask, problem.cuts)
-    return size_and_twofold(
-        form, problem.field.inverse_metric, valid_stencil(problem.mask, problem.cuts)
-    )
-
-
 def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
     """Each second difference of 1/d less that of the plane p·r with its value and slopes; κ of AG⁻¹."""
     problem, v = tiny
@@ -157,17 +139,10 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
             return all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
 
         def slope(f, a, b, row=row, column=column, known=known):
-            steps = [
-                f[row + s * a, column + s * b] - f[row, column]
-                for s in (1, -1)
-                if known((s * a, s * b))
-            ]
             signs = [s for s in (1, -1) if known((s * a, s * b))]
-            return (
-                sum(s * step for s, step in zip(signs, steps, strict=True)) / len(steps)
-                if steps
-                else None
-            )
+            here = f[row, column]
+            steps = [s * (f[row + s * a, column + s * b] - here) for s in signs]
+            return sum(steps) / len(steps) if steps else None
 
         slopes = [(slope(rays, *axis), slope(w, *axis)) for axis in ((0, 1), (1, 0))]
         form = [None, None, None]
@@ -250,23 +225,6 @@ def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
     assert small == pytest.approx(large, rel=0.02)
 
 
-@pytest.mark.parametrize("outside", [np.nan, np.inf, -np.inf, 0.0, 50.0])
-def test_what_lies_outside_the_mask_moves_no_step(problem_with_holes, outside):
-    problem, v = problem_with_holes
-    image = np.where(problem.mask, problem.image, outside)
-    spoilt = GaussNewtonModel.at(
-        replace(problem, image=image), np.where(problem.mask, v, outside)
-    )
-    clean = GaussNewtonModel.at(problem, v)
-    np.testing.assert_array_equal(spoilt.gradient, clean.gradient)
-    np.testing.assert_array_equal(spoilt.multiply(v), clean.multiply(v))
-    np.testing.assert_array_equal(
-        clean.multiply(np.where(problem.mask, v, np.nan)), clean.multiply(v)
-    )
-    assert np.all(clean.gradient[~problem.mask] == 0)
-    assert np.all(clean.multiply(v)[~problem.mask] == 0)
-
-
 def test_a_tear_in_the_surface_is_free_where_it_is_cut():
     """A step of a third of the distance: dear, but not over a cut."""
     problem, v = at_truth("curved", 80)
@@ -283,13 +241,6 @@ def test_a_tear_in_the_surface_is_free_where_it_is_cut():
     assert free["regulariser"] < 0.5 * dear["regulariser"]
 
 
-def matrix_of(model, mask):
-    """The quadratic's matrix over the pixels of the mask, column by column."""
-    units = np.zeros((mask.sum(), *mask.shape))
-    units[:, mask] = np.eye(mask.sum())
-    return np.array([model.multiply(unit)[mask] for unit in units]).T
-
-
 @every_variant
 def test_the_slope_of_the_quadratic_is_the_energys(problem_with_holes, xi, regulariser):
     """Pixel by pixel, with residuals and roughness on both sides of their Huber thresholds."""
@@ -297,18 +248,6 @@ def test_the_slope_of_the_quadratic_is_the_energys(problem_with_holes, xi, regul
     problem = with_regulariser(problem, xi, regulariser)
     model = GaussNewtonModel.at(problem, v)
     assert 5 < np.sum(model.data_weight[problem.mask] < 1) < 50  # of 58 pixels
-    if regulariser == "curvature":
-        for size in sizes_and_twofolds(problem, v):
-            assert 5 < np.sum(np.abs(size) > CREASE * problem.epsilon) < 50
-            assert np.sum(np.abs(size[size != 0]) < CREASE * problem.epsilon) > 5
-    else:
-        flat = (
-            problem.lam
-            * problem.edge_weight
-            * problem.derivative_scale**2
-            / problem.epsilon
-        )
-        assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50
     data = GaussNewtonModel.at(replace(problem, lam=0.0), v).gradient
     assert 0.2 < np.linalg.norm(model.gradient - data) / np.linalg.norm(data) < 5
     expected = slope_of_energy(problem, v)
@@ -318,46 +257,18 @@ def test_the_slope_of_the_quadratic_is_the_energys(problem_with_holes, xi, regul
 
 
 @every_variant
-def test_the_matrix_is_symmetric_and_bends_upwards(problem_with_holes, xi, regulariser):
-    problem, v = problem_with_holes
-    problem = with_regulariser(problem, xi, regulariser)
-    matrix = matrix_of(GaussNewtonModel.at(problem, v), problem.mask)
-    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-14 * np.abs(matrix).max())
-    assert np.linalg.eigvalsh(matrix)[0] > -1e-13 * np.abs(matrix).max()
-
-
-def test_the_model_image_is_linear_along_its_derivatives(rng, problem_with_holes):
-    """I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ."""
-    problem, v = problem_with_holes
-    model = GaussNewtonModel.at(problem, v)
-    delta = rng.normal(size=v.shape)
-    delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
-    change = model.by_v * delta + model.by_v_u * delta_u + model.by_v_v * delta_v
-    expected = derivative(lambda x: model_image(problem, x), v, delta)
-    np.testing.assert_allclose(change, expected, rtol=1e-7, atol=1e-8)
-
-
-def check_the_matrix(problem, v, rng):
-    """It is the derivative of the slope along any direction."""
-    model = GaussNewtonModel.at(problem, v)
-    delta = rng.normal(size=v.shape)
-    expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta)
-    product = model.multiply(delta)
-    np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
-
-
-@every_variant
 def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
     rng, problem_with_holes, xi, regulariser
 ):
     """At no residual and straight ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
     problem, _ = problem_with_holes
     v = costless_surface(problem, xi, regulariser)
-    check_the_matrix(
-        with_regulariser(replace(problem, image=model_image(problem, v)), xi, regulariser),
-        v,
-        rng,
-    )
+    problem = replace(problem, image=model_image(problem, v))
+    problem = with_regulariser(problem, xi, regulariser)
+    delta = rng.normal(size=v.shape)
+    expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta)
+    product = GaussNewtonModel.at(problem, v).multiply(delta)
+    np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
 
 
 @pytest.mark.parametrize(

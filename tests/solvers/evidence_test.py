@@ -13,18 +13,7 @@ from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE
-from tests.solvers.gauss_newton_model import (
-    check_the_compiled,
-)
-from tests.tools.problems import check_it_falls, every_regulariser, percent_off, problem_of
-
-KINDS = {
-    "at least": (LOWER_BOUND,),
-    "none": (NONE,),
-    "all three": (EXACT, LOWER_BOUND, NONE),
-}
-every_kind = pytest.mark.parametrize("kind", KINDS)
-
+from tests.tools.problems import check_it_falls, percent_off, problem_of
 
 problem_of_8_bits = partial(problem_of, bits=8)
 
@@ -39,37 +28,16 @@ def with_evidence(problem, where, what):
     )
 
 
-def worn_problem(rng, kind, **options):
-    """A frame with holes, cuts and evidence of all sorts, and a rough map about the truth."""
-    problem, seen = problem_of_8_bits("curved", 24, **options)
-    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    cuts = rng.random((2, *mask.shape)) > 0.95
-    evidence = rng.choice(KINDS[kind], mask.shape).astype(np.int8)
-    v = np.log(seen.distance) + 0.05 * rng.normal(size=mask.shape)
-    return replace(problem, mask=mask, cuts=cuts, evidence=evidence), v
-
-
 def test_the_data_term_is_the_sum_written_out(rng):
-    problem, v = worn_problem(rng, "all three")
-    model = model_image(problem, v)
-    total = 0.0
-    for pixel in map(tuple, np.argwhere(problem.mask)):
-        r = model[pixel] - problem.image[pixel]
-        if problem.evidence[pixel] == LOWER_BOUND:
-            r = min(r, 0.0)
-        total += (
-            0.0 if problem.evidence[pixel] == NONE else float(huber(r, problem.threshold))
-        )
-    assert energy_terms(problem, v)["data"] == pytest.approx(
-        total / problem.mask.sum(), rel=1e-12
-    )
-
-
-@every_kind
-@every_regulariser
-def test_compiled_energy_and_equations_are_the_readable_ones(rng, kind, regulariser):
-    problem, v = worn_problem(rng, kind, regulariser=regulariser)
-    check_the_compiled(problem, v, rng)
+    problem, seen = problem_of_8_bits("curved", 24)
+    evidence = rng.choice([EXACT, LOWER_BOUND, NONE], problem.mask.shape).astype(np.int8)
+    problem = replace(problem, evidence=evidence)
+    v = np.log(seen.distance) + 0.05 * rng.normal(size=problem.mask.shape)
+    r = model_image(problem, v) - problem.image
+    r = np.where(problem.evidence == LOWER_BOUND, np.minimum(r, 0), r)
+    costs = np.where(problem.evidence == NONE, 0, huber(r, problem.threshold))
+    expected = costs[problem.mask].mean()
+    assert energy_terms(problem, v)["data"] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_block_says_what_its_pixels_say():
@@ -88,8 +56,6 @@ def test_a_block_says_what_its_pixels_say():
         inner(coarse.evidence)[0, :4], [EXACT, NONE, LOWER_BOUND, EXACT]
     )
     np.testing.assert_allclose(inner(coarse.image)[0, :3], [0.3, 0.4, 0.9])
-    # At half of a coarse grid's pixels it has the same form.
-    np.testing.assert_array_equal(inner(coarse.coarser().evidence)[0, :2], [EXACT, EXACT])
 
 
 @pytest.mark.parametrize(("gain", "exact", "bounded"), [(1.5, 3.0, 0.6), (2.0, 8.5, 2.5)])

@@ -3,31 +3,26 @@
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian
-from endolab.solvers.curvature import (
-    ANGLE,
-    CREASE,
-    SLIGHT,
-    TWOFOLD,
-    plane_shares,
-    second_form,
-    size_and_twofold,
-    valid_stencil,
-)
+from endolab.solvers.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.solvers.energy import contradicts, energy_terms
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import multiply
 from endolab.solvers.normal_equations import BY_U, BY_V, BY_W, SLOPE, SMOOTHNESS, WEIGHT
 from endolab.solvers.problem import Problem
+from tests.solvers.curvature_model import (
+    second_form,
+    second_form_adjoint,
+    size_and_twofold,
+    valid_stencil,
+)
 from tests.tools.adjoints import (
     forward_gradient_adjoint,
     gradient_adjoint,
     hessian_adjoint,
-    second_form_adjoint,
 )
 
 
@@ -35,20 +30,10 @@ def _without_rays(operator):
     return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
 
 
-def _second_form(xi, mask, cuts, field):
-    return second_form(xi, field, mask, cuts)
-
-
-def _second_form_adjoint(p, mask, cuts, field):
-    return second_form_adjoint(
-        p, plane_shares(field, mask, cuts), valid_stencil(mask, cuts), mask, cuts
-    )
-
-
 OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
     "first": [_without_rays(forward_gradient), _without_rays(forward_gradient_adjoint)],
     "second": [_without_rays(hessian), _without_rays(hessian_adjoint)],
-    "curvature": [_second_form, _second_form_adjoint],
+    "curvature": [second_form, second_form_adjoint],
 }
 TWINS = {  # of GaussNewtonModel: maps of `Coefficients`
     "by_v": BY_V,
@@ -234,12 +219,9 @@ def inside(problem, v):
 
 
 def check_the_compiled(problem, v, rng):
-    """Energy, coefficients, slope and matrix of the compiled loops are the readable ones."""
+    """Coefficients, slope and matrix of the compiled loops are the readable ones."""
     grid = Grid.of(problem)
     model = GaussNewtonModel.at(problem, v)
-    assert grid.terms(inside(problem, v), problem.lam) == pytest.approx(
-        energy_terms(problem, v), rel=1e-12
-    )
     coefficients, descent = grid.equations_at(inside(problem, v), problem.lam)
     for readable, compiled in TWINS.items():
         found = inner(coefficients.parts[compiled])

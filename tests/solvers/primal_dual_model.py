@@ -4,28 +4,24 @@ import numpy as np
 from scipy import ndimage
 
 from endolab.model.surface import from_xi, slant, to_xi
-from endolab.numerics.derivatives import gradient, links
+from endolab.numerics.derivatives import gradient
 from endolab.solvers.primal_dual import BALANCE
 from tests.solvers.gauss_newton_model import OPERATORS
 
 
-def patch_means(p, problem, radius):
-    """Mean over the row, then the column, as far as the steps lead, at most `radius` pixels."""
-    link = links(problem.mask, problem.cuts)
-    for axis, joined in ((1, link[0]), (0, link[1])):
-        lines = np.moveaxis(p, axis, -1).copy()
-        chained = np.moveaxis(joined, axis, -1)
-        out = lines.copy()
-        for line, chain, to in zip(lines, chained, out, strict=True):
-            for j in range(line.size):
-                first = last = j
-                while last < line.size - 1 and chain[last] and last < j + radius:
-                    last += 1
-                while first > 0 and chain[first - 1] and first > j - radius:
-                    first -= 1
-                to[j] = line[first : last + 1].mean()
-        p = np.moveaxis(out, -1, axis)
+def patch_means(p, mask, radius):
+    """Mean over the pixels of the mask within a radius, along the row, then the column."""
+    patch = np.ones(2 * radius + 1)
+    for axis in (1, 0):
+        sums = ndimage.convolve1d(np.where(mask, p, 0.0), patch, axis=axis, mode="constant")
+        p = np.where(mask, sums / patch_sizes(mask, radius, axis), 0.0)
     return p
+
+
+def patch_sizes(mask, radius, axis):
+    """How many pixels of the mask are within a radius."""
+    patch = np.ones(2 * radius + 1)
+    return np.maximum(ndimage.convolve1d(1.0 * mask, patch, axis=axis, mode="constant"), 1)
 
 
 class PrimalDualModel:
@@ -63,9 +59,7 @@ class PrimalDualModel:
         # normals of the last map
         p = gradient(self.v, *where, edge_order=1)
         for _ in range(2):
-            p = [
-                patch_means(np.where(problem.mask, q, 0.0), problem, self.radius) for q in p
-            ]
+            p = [patch_means(q, problem.mask, self.radius) for q in p]
         intensity, _, by_slant = problem.photometry.shade(
             self.v, slant(*p, problem.field), problem.field.cos_alpha
         )
@@ -103,17 +97,8 @@ class PrimalDualModel:
     def gain(self, p, intensity, by_slant):
         guu, guv, gvv = np.moveaxis(self.problem.field.inverse_metric, -1, 0)
         turn = -self.problem.photometry.gamma * by_slant / intensity
-        link = links(self.problem.mask, self.problem.cuts)
-        spans = [np.ones(link.shape[1:]) for _ in range(2)]
-        for span, joined, axis in ((spans[0], link[0], -1), (spans[1], link[1], 0)):
-            lines = np.moveaxis(span, axis, -1)
-            chained = np.moveaxis(joined, axis, -1)
-            for line, chain in zip(lines, chained, strict=True):
-                for j in range(line.size):
-                    after = chain[j : j + self.radius]
-                    before = chain[max(j - self.radius, 0) : j][::-1]
-                    line[j] += np.cumprod(after).sum() + np.cumprod(before).sum()
-        passes = [np.minimum(1, 1.5 / span) for span in spans]
+        sizes = [patch_sizes(self.problem.mask, self.radius, axis) for axis in (1, 0)]
+        passes = [np.minimum(1, 1.5 / size) for size in sizes]
         along = (
             np.abs(guu * p[0] + guv * p[1]) * passes[0]
             + np.abs(guv * p[0] + gvv * p[1]) * passes[1]

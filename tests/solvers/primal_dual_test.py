@@ -8,19 +8,11 @@ from scipy import ndimage
 
 import endolab as el
 from endolab.model.brdf import Glossy
-from endolab.numerics.derivatives import links
 from endolab.numerics.threads import limit_threads
 from endolab.solvers.energy import model_image
-from endolab.solvers.primal_dual import (
-    Patches,
-    _along_columns,
-    _along_row,
-    _Path,
-    _windows,
-    primal_dual,
-)
+from endolab.solvers.primal_dual import _Path, primal_dual
 from endolab.solvers.problem import Problem
-from tests.solvers.primal_dual_model import PrimalDualModel, patch_means
+from tests.solvers.primal_dual_model import PrimalDualModel
 from tests.tools.problems import (
     SHEET,
     energies,
@@ -50,7 +42,7 @@ def problem_with_holes(rng, brdf=None, **options):
 
 
 @papers_variant
-@pytest.mark.parametrize("radius", [0, 2])
+@pytest.mark.parametrize("radius", [0, 3])
 def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius):
     problem, v = problem_with_holes(
         rng, xi=xi, regulariser=regulariser, lam=0.3, epsilon=1e-3
@@ -70,11 +62,19 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
     )
 
 
-@pytest.mark.parametrize(("brdf", "off"), [(Glossy(0.5, 0.02, 8.0), 3e-6), (SHEET, 1e-3)])
-def test_another_brdf_than_a_lambertian_one(rng, brdf, off):
+@pytest.mark.parametrize(
+    ("brdf", "radius", "off"),
+    [
+        (Glossy(0.5, 0.02, 8.0), 1, 3e-6),
+        (SHEET, 1, 1e-3),
+        (None, 5, 3e-6),
+        (None, 16, 3e-6),
+    ],
+)
+def test_another_brdf_than_a_lambertian_one_and_larger_patches(rng, brdf, radius, off):
     problem, v = problem_with_holes(rng, brdf, lam=0.3)
-    path = _Path.at(problem, v, 1, 0.8)
-    twin = PrimalDualModel(problem, v, 1, 0.8)
+    path = _Path.at(problem, v, radius, 0.8)
+    twin = PrimalDualModel(problem, v, radius, 0.8)
     for _ in range(3):
         path.advance(1)
         twin.step(1.0)
@@ -114,41 +114,6 @@ def test_steps_are_the_same_bit_for_bit_on_any_number_of_threads(
     for one, other in zip(paths[0].state, paths[1].state, strict=True):
         np.testing.assert_array_equal(one, other)
     assert np.abs(paths[0].log_distance - problem.log_d0)[problem.mask].max() > 0.01
-
-
-def average_light(slope, mask, cuts, radius):
-    """Means of a framed map over patches, by the compiled loops."""
-    joined = np.pad(links(mask, cuts), ((0, 0), (1, 1), (1, 1)))
-    inside = np.pad(mask, 1)
-    along, (share, *down) = (
-        _windows(joined[0], inside, radius),
-        _windows(joined[1].T, inside.T, radius),
-    )
-    height, width = inside.shape
-    shares = np.stack([along[0], share.T]).astype(np.float32)
-    lines = np.zeros((4, width + 2 * radius), np.float32)
-    sums = np.zeros((1, height + 1, width))
-    p = slope[None].astype(np.float32)
-    out = np.zeros((1, height, width), np.float32)
-    for i in range(1, height - 1):
-        _along_row(p, 0, i, Patches(radius, shares, *along[1:]), lines, np.zeros(width + 1))
-    for columns in ((0, width // 3), (width // 3, width)):
-        _along_columns(
-            out, p, 0, columns, Patches(radius, shares, *down), np.zeros((1, width)), sums
-        )
-    return out[0]
-
-
-@pytest.mark.parametrize("radius", [1, 2, 5, 7, 16, 50])
-def test_patches_end_where_a_step_is_missing(rng, radius):
-    problem, _ = problem_with_holes(rng)
-    slope = np.where(problem.mask, rng.normal(size=problem.mask.shape), 0)
-    found = average_light(np.pad(slope, 1), problem.mask, problem.cuts, radius)[1:-1, 1:-1]
-    expected = patch_means(slope, problem, radius)
-    np.testing.assert_allclose(
-        found[problem.mask], expected[problem.mask], rtol=0, atol=2e-6
-    )
-    assert not found[~problem.mask].any()
 
 
 @pytest.mark.parametrize(("safety", "stays"), [(0.9, True), (6.0, False)])

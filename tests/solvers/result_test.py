@@ -155,22 +155,3 @@ def test_an_iterate_is_read_only_and_nan_outside_the_mask(problem):
         iterate.log_distance[3, 3] = 1.0
     with pytest.raises(AttributeError):
         iterate.k = 3
-
-
-def test_an_iterate_shows_the_surface(problem):
-    """The plane z = 20 mm on the axis, turned by 10°."""
-    iterate = el.Iterate.of(problem, TRUTH)
-    np.testing.assert_allclose(iterate.distance[MASK], np.exp(TRUTH)[MASK])
-    points = iterate.points[MASK]
-    normal = np.array([-np.sin(np.deg2rad(10)), 0, -np.cos(np.deg2rad(10))])
-    np.testing.assert_allclose(points @ normal, 20 * normal[2], rtol=1e-9)
-    np.testing.assert_allclose(points[:, 2], iterate.z[MASK], rtol=1e-12)
-    np.testing.assert_allclose(
-        np.linalg.norm(points, axis=-1), iterate.distance[MASK], rtol=1e-12
-    )
-    np.testing.assert_allclose(
-        np.linalg.norm(iterate.normals[MASK], axis=-1), 1.0, rtol=1e-12
-    )
-    assert np.all(iterate.normals[MASK] @ normal > np.cos(np.deg2rad(5)))
-    maps = (iterate.distance, iterate.z, iterate.normals, iterate.points)
-    assert all(np.isnan(array[~MASK]).all() for array in maps)

@@ -57,16 +57,3 @@ def second_differences_adjoint(p, mask=None, cuts=None):
     )
     lower = shift(uv, -1, 0, 0.0) - uv
     return out + shift(lower, -1, 1, 0.0) - lower
-
-
-def second_form_adjoint(p, shares, known, mask=None, cuts=None):
-    """Of `second_form`, whose `plane_shares` and `whole` are given."""
-    p = np.where(known, p, 0.0)
-    a, b, c = np.einsum("klij,kij->lij", shares, p)
-    squares = hessian_stencils(_links(p[0].shape, mask, cuts))[1].astype(float)
-    for axis in (1, 0):
-        squares = squares + shift(squares, -1, axis, 0.0)
-    # The mean of the squares around a pixel.
-    mixed = np.sqrt(2) * p[1] / np.maximum(squares, 1)
-    straight = hessian_adjoint(np.stack([p[0], p[2], *4 * [mixed]]), mask, cuts)
-    return straight - gradient_adjoint((a, b), mask, cuts) - c
