@@ -51,7 +51,7 @@ from endolab.solvers.solvers import check_solver_options, knows_curvature, optio
 
 # Of distances: a cut surface hangs together by little, and creeps long after that.
 SETTLED = 1e-2
-SETTLED_UNCUT = 1e-3
+SETTLED_UNCUT = 5e-4
 
 
 def prepare(

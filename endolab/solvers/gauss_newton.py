@@ -60,7 +60,7 @@ class Descent:
     raised_damping: float = 1.0  # the least after less than half of a step
     most_damping: float = 1e3
     damping_factor: float = 4.0
-    inner_precision: float = 0.3  # residual that conjugate gradients leave
+    inner_precision: float = 0.25  # residual that conjugate gradients leave
     inner_steps: int = 20  # of conjugate gradients, at most
     # Of a fall of the energy, how much is taken to follow it: at first, and at most.
     first_rate: float = 0.65
