@@ -50,7 +50,8 @@ from endolab.solvers.result import (
 from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
 
 # Of distances: a cut surface hangs together by little, and creeps long after that.
-SETTLED = 5e-3
+SETTLED = 1e-2
+SETTLED_UNCUT = 5e-4
 
 
 def prepare(
@@ -101,8 +102,7 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
         helpful["start"] = begin
     if before is not None and before.status is Status.CONVERGED:
         helpful["converged_at"] = before.energy
-    if problem.cuts is not None:
-        helpful["settled"] = SETTLED
+    helpful["settled"] = SETTLED if problem.cuts is not None else SETTLED_UNCUT
     if settings.max_iterations is not None:
         helpful["max_iterations"] = settings.max_iterations
     taken = options_of(settings.solver)

@@ -60,7 +60,7 @@ class Descent:
     raised_damping: float = 1.0  # the least after less than half of a step
     most_damping: float = 1e3
     damping_factor: float = 4.0
-    inner_precision: float = 0.1  # residual that conjugate gradients leave
+    inner_precision: float = 0.25  # residual that conjugate gradients leave
     inner_steps: int = 20  # of conjugate gradients, at most
     # Of a fall of the energy, how much is taken to follow it: at first, and at most.
     first_rate: float = 0.65
@@ -357,3 +357,25 @@ def gauss_newton(
             return Status.CONVERGED
         moved = iterate.change
     return Status.MAX_ITERATIONS
+
+
+def look(problem: Problem, start: FloatArray, halvings: int = 1, steps: int = 2) -> Iterate:
+    """Take a few steps on a grid of fewer pixels, and return what they change of the start, at full size.
+
+    For a picture that follows a hand: `start` (H, W), log d, is the surface of a problem that was a little
+    different, and what λ changes is smooth. Rows and columns are halved so many times.
+    """
+    finest = Grid.of(problem)
+    grids = _coarsen(finest, halvings)
+    begun = pad_maps(np.where(problem.mask, start, 0.0))
+    coarse = begun
+    for grid in grids[:-1]:
+        coarse = grid.restrict(coarse)
+    state = _State.at(grids[-1], coarse, problem.lam)
+    for _ in range(steps):
+        state = state.take_step()
+    change = state.v - coarse
+    for level in range(len(grids) - 1, 0, -1):
+        change = grids[level].finer(change, grids[level - 1])
+    v = begun + change
+    return Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
