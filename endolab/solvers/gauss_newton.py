@@ -73,6 +73,9 @@ class Descent:
     # so many times what a step leaves of it.
     start_halvings: int = 2
     start_excess: float = 1.2
+    # Of a look: how near its first surface comes to where it ends, and the steps to each other energy.
+    look_tolerance: float = 1e-2
+    look_steps: int = 1
     # Share by which energies of one map differ, once distances were in another unit.
     same_energy: float = 1e-9
 
@@ -359,23 +362,40 @@ def gauss_newton(
     return Status.MAX_ITERATIONS
 
 
-def look(problem: Problem, start: FloatArray, halvings: int = 1, steps: int = 2) -> Iterate:
-    """Take a few steps on a grid of fewer pixels, and return what they change of the start, at full size.
+class Look:
+    """Follow a surface on few pixels while its energy changes, for a picture that follows a hand.
 
-    For a picture that follows a hand: `start` (H, W), log d, is the surface of a problem that was a little
-    different, and what λ changes is smooth. Rows and columns are halved so many times.
+    v(λ) is about v(λ₀) + P (c(λ) - c(λ₀)), where c is what half as many rows and columns make of the same
+    picture, and P leads from there to all pixels: what λ changes is smooth, and what is fine stays.
     """
-    finest = Grid.of(problem)
-    grids = _coarsen(finest, halvings)
-    begun = pad_maps(np.where(problem.mask, start, 0.0))
-    coarse = begun
-    for grid in grids[:-1]:
-        coarse = grid.restrict(coarse)
-    state = _State.at(grids[-1], coarse, problem.lam)
-    for _ in range(steps):
-        state = state.take_step()
-    change = state.v - coarse
-    for level in range(len(grids) - 1, 0, -1):
-        change = grids[level].finer(change, grids[level - 1])
-    v = begun + change
-    return Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
+
+    def __init__(self, surface: Iterate) -> None:
+        problem = surface.problem
+        self._set_grids(problem)
+        self._fine_start = pad_maps(np.where(problem.mask, surface.log_distance, 0.0))
+        start = self._fine_start
+        if self._coarse is not self._fine:
+            start = self._fine.restrict(start)
+        state = _State.at(self._coarse, start, problem.lam)
+        self._start = self._now = state.descend(DESCENT.look_tolerance).v
+
+    def _set_grids(self, problem: Problem) -> None:
+        self._problem = problem
+        grids = _coarsen(Grid.of(problem), 1)
+        self._fine = grids[0]
+        self._coarse = grids[-1]
+
+    def follow(self, problem: Problem) -> Iterate:
+        """Take a step to the surface of the same picture with another energy, and return it at full size."""
+        names = ("xi", "regulariser", "epsilon", "threshold")
+        if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
+            self._set_grids(problem)
+        state = _State.at(self._coarse, self._now, problem.lam)
+        for _ in range(DESCENT.look_steps):
+            state = state.take_step()
+        self._now = state.v
+        change = state.v - self._start
+        if self._coarse is not self._fine:
+            change = self._coarse.finer(change, self._fine)
+        v = self._fine_start + change
+        return Iterate.of(problem, inner(v), terms=self._fine.terms(v, problem.lam))

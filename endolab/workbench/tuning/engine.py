@@ -36,7 +36,7 @@ from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
 from endolab.solvers.energy import contradicts, model_image
-from endolab.solvers.gauss_newton import gauss_newton, look
+from endolab.solvers.gauss_newton import Look, gauss_newton
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Observer, Result, run, with_provenance
 from endolab.workbench.tuning.source import Knobs, Source, Subject
@@ -177,6 +177,7 @@ class Tuner:
         self._job: Future[None] | None = None
         self._answers: list[Answer] = []  # final ones, the last one at the end
         self._last: Answer | None = None  # the last one at full size, a look as well
+        self._followed: Look | None = None  # what looks follow from, once one was asked for
 
     # From any thread ---------------------------------------------------------------------
 
@@ -325,8 +326,13 @@ class Tuner:
         """Tell a final answer, and remember it as the last one."""
         others = [known for known in self._answers if known.settings != answer.settings]
         self._answers = [*others[-PACE.remembered :], answer]
-        self._last = answer
+        self._start_from(answer)
         self.tell(answer)
+
+    def _start_from(self, answer: Answer) -> None:
+        """Have the next looks follow from an answer at full size."""
+        self._last = answer
+        self._followed = None
 
     def _can_follow(self, settings: Knobs, subject: Subject) -> bool:
         """Whether a wish differs from the last answer by the energy alone, and is of a solver that has one."""
@@ -342,7 +348,8 @@ class Tuner:
         problem = last.result.problem
         names = [name for name in ENERGY_KNOBS if name != "regulariser"]
         energy = {name: getattr(settings, name) for name in names}
-        if settings.regulariser != last.settings.regulariser:
+        chosen = ("regulariser", "xi")
+        if any(getattr(settings, name) != getattr(last.settings, name) for name in chosen):
             energy["regulariser"] = settings.first_regulariser
         return replace(problem, **energy)
 
@@ -350,7 +357,9 @@ class Tuner:
         """Tell what a step on few pixels makes of the last answer."""
         started = time.perf_counter()
         last = self._last
-        iterate = look(self._problem_of(settings), last.result.iterate.log_distance)
+        if self._followed is None:
+            self._followed = Look(last.result.iterate)
+        iterate = self._followed.follow(self._problem_of(settings))
         iterate = replace(iterate, provenance=last.result.provenance)
         row = {"k": 0, "energy": iterate.energy, **iterate.terms}
         seconds = time.perf_counter() - started
@@ -365,8 +374,9 @@ class Tuner:
         steps = gauss_newton(last.result.problem, start=start, settled=PACE.settled)
         result = run(with_provenance(steps, last.result.provenance), [_watch(is_stale)])
         if not is_stale():
-            self._last = Answer(settings, Stage.KEPT, result.seconds, last.subject, result)
-            self.tell(self._last)
+            answer = Answer(settings, Stage.KEPT, result.seconds, last.subject, result)
+            self._start_from(answer)
+            self.tell(answer)
         return result
 
     def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
