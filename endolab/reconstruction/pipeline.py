@@ -50,7 +50,8 @@ from endolab.solvers.result import (
 from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
 
 # Of distances: a cut surface hangs together by little, and creeps long after that.
-SETTLED = 5e-3
+SETTLED = 1e-2
+SETTLED_UNCUT = 5e-4
 
 
 def prepare(
@@ -102,7 +103,7 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
     helpful: dict[str, Any] = {
         "start": begin,
         "converged_at": converged_at,
-        "settled": None if problem.cuts is None else SETTLED,
+        "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED,
         "max_iterations": settings.max_iterations,
     }
     taken = options_of(settings.solver)

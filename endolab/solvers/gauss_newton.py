@@ -59,7 +59,7 @@ class Descent:
     raised_damping: float = 1.0  # the least after less than half of a step
     most_damping: float = 1e3
     damping_factor: float = 4.0
-    inner_precision: float = 0.1  # residual that conjugate gradients leave
+    inner_precision: float = 0.25  # residual that conjugate gradients leave
     inner_steps: int = 20  # of conjugate gradients, at most
     # Of a fall of the energy, how much is taken to follow it: at first, and at most.
     first_rate: float = 0.65
@@ -72,6 +72,9 @@ class Descent:
     # so many times what a step leaves of it.
     start_halvings: int = 2
     start_excess: float = 1.2
+    # Of a look: how near its first surface comes to where it ends, and the steps to each other energy.
+    look_tolerance: float = 1e-2
+    look_steps: int = 1
     # Share by which energies of one map differ, once distances were in another unit.
     same_energy: float = 1e-9
 
@@ -366,3 +369,42 @@ def gauss_newton(
             return Status.CONVERGED
         moved = iterate.change
     return Status.MAX_ITERATIONS
+
+
+class Look:
+    """Follow a surface on few pixels while its energy changes, for a picture that follows a hand.
+
+    v(λ) is about v(λ₀) + P (c(λ) - c(λ₀)), where c is what half as many rows and columns make of the same
+    picture, and P leads from there to all pixels: what λ changes is smooth, and what is fine stays.
+    """
+
+    def __init__(self, surface: Iterate) -> None:
+        problem = surface.problem
+        self._set_grids(problem)
+        self._fine_start = pad_maps(np.where(problem.mask, surface.log_distance, 0.0))
+        start = self._fine_start
+        if self._coarse is not self._fine:
+            start = self._fine.restrict(start)
+        state = _State.at(self._coarse, start, problem.lam)
+        self._start = self._now = state.descend(DESCENT.look_tolerance).v
+
+    def _set_grids(self, problem: Problem) -> None:
+        self._problem = problem
+        grids = _coarsen(Grid.of(problem), 1)
+        self._fine = grids[0]
+        self._coarse = grids[-1]
+
+    def follow(self, problem: Problem) -> Iterate:
+        """Take a step to the surface of the same picture with another energy, and return it at full size."""
+        names = ("xi", "regulariser", "epsilon", "threshold")
+        if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
+            self._set_grids(problem)
+        state = _State.at(self._coarse, self._now, problem.lam)
+        for _ in range(DESCENT.look_steps):
+            state = state.take_step()
+        self._now = state.v
+        change = state.v - self._start
+        if self._coarse is not self._fine:
+            change = self._coarse.finer(change, self._fine)
+        v = self._fine_start + change
+        return Iterate.of(problem, inner(v), terms=self._fine.terms(v, problem.lam))

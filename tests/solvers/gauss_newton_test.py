@@ -10,7 +10,7 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import shift
 from endolab.numerics.threads import limit_threads
 from endolab.solvers.energy import energy_terms
-from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.gauss_newton import Look, gauss_newton
 from endolab.solvers.grid import CEILING
 from endolab.solvers.problem import Problem
 from tests.tools.problems import (
@@ -166,6 +166,22 @@ def test_a_far_start_is_brought_near_on_coarser_grids():
     assert np.all(np.diff(energies(near)) < 0)
     assert near.iterations <= cold.iterations
     assert near.energy < 1.02 * cold.energy
+
+
+@pytest.mark.parametrize("lam", [3.0, 10.0])
+def test_a_look_goes_a_good_part_of_the_way_to_another_energy(lam):
+    """After three of them a hand that rests at the old λ sees the old surface."""
+    problem, _ = problem_of("colon", 160, noise=1, bits=8)
+    start = solve(problem).iterate
+    other = replace(problem, lam=lam)
+    there = solve(other, start=start.log_distance, tolerance=1e-3).iterate.log_distance
+    look = Look(start)
+    at_rest = look.follow(problem).log_distance
+    assert np.nanmean(np.abs(at_rest - start.log_distance)) < 1e-3
+    for _ in range(3):
+        seen = look.follow(other).log_distance
+    left = np.nanmean(np.abs(seen - there))
+    assert left < 0.7 * np.nanmean(np.abs(start.log_distance - there))
 
 
 def test_slow_falls_are_not_taken_for_the_end():

@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from endolab.frames.frame import FRAME_LIMITS
@@ -74,6 +73,12 @@ class LightFit:
     none_bounced: float = 0.05  # p below which nothing is taken to have bounced
     film_seen: float = 0.2  # m beyond which a film is spoken of
     rounds: int = 3  # of the robust weights' scale
+    # Of the steps of one round: the damping at first and at most, how many, and the share of the misfit or
+    # the change at which they end.
+    damping: float = 1e-4
+    most_damping: float = 1e6
+    steps: int = 25
+    precision: float = 1e-5
     # Width of log ι from place to place, as a share of ι/(1 + ι) in red: the surface's errors are those of
     # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
     width_per_pixel: float = 0.25
@@ -299,15 +304,8 @@ class ColourResiduals:
     prior: AlbedoPrior
     sigma: float  # of the tint, in units of texture
 
-    def residual(self, x: FloatArray) -> FloatArray:
-        """Return what least squares are of, (2 P + 6,)."""
-        return self._both(x)[0]
-
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """Return its derivatives, a column for each of x."""
-        return self._both(x)[1]
-
-    def _both(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what least squares are of, (2 P + 6,), and its derivatives, a column for each of x."""
         by_colours, slopes_by_colours = self._of_colours(x)
         by_prior, slopes_by_prior = self._of_prior(x)
         slopes = [slopes_by_colours.reshape(-1, len(x)), slopes_by_prior]
@@ -363,16 +361,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
     sigma = 1.0
     for _ in range(FIT.rounds):
-        inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
-        colours = ColourResiduals(patches, prior, sigma)
-        x = scipy.optimize.least_squares(
-            colours.residual,
-            inside,
-            colours.jacobian,
-            bounds=(low, high),
-            xtol=1e-5,
-            ftol=1e-5,
-        ).x
+        x = _fit_within(ColourResiduals(patches, prior, sigma), x, low, high)
         tint = np.median(np.abs(log_direct(x) @ _tint_whitening().T))
         sigma = max(1.48 * float(tint), FIT.least_spread)
     light = log_direct(x)
@@ -391,6 +380,41 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         none = LightOutcome.NONE_BOUNCED
         return replace(known, outcome=none, factor=0.0, film=0.0, misfit=misfit)
     return estimate
+
+
+def _fit_within(
+    residuals: ColourResiduals, x: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Fit x by the steps of Levenberg and Marquardt; what would leave its bounds stays at them.
+
+    (JᵀJ + damping · its diagonal) step = -Jᵀr. SciPy's trust region finds the same in ten times the time.
+    """
+    residual, jacobian = residuals(x)
+    misfit = residual @ residual
+    damping = FIT.damping
+    for _ in range(FIT.steps):
+        slope = jacobian.T @ residual
+        free = np.where(slope > 0, x > low, x < high)
+        bend = (jacobian.T @ jacobian)[np.ix_(free, free)]
+        step = np.zeros_like(x)
+        step[free] = np.linalg.solve(bend + damping * np.diag(np.diag(bend)), -slope[free])
+        tried = np.clip(x + step, low, high)
+        residual_there, jacobian_there = residuals(tried)
+        fall = misfit - residual_there @ residual_there
+        if fall <= 0:
+            damping *= 10
+            if damping > FIT.most_damping:
+                break
+            continue
+        change = np.abs(tried - x).max()
+        x = tried
+        residual = residual_there
+        jacobian = jacobian_there
+        if fall < FIT.precision * misfit or change < FIT.precision:
+            break
+        misfit -= fall
+        damping /= 10
+    return x
 
 
 def _why_unlikely(estimate: Light) -> str:

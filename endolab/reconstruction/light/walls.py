@@ -31,7 +31,7 @@ share of k lights the walls (`Walls.under`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -276,17 +276,22 @@ class Walls:
         sums = _cell_sums(layers, self.seen.shape)[self.seen]
         full = sums[:, 0] > 0.5 * self.direct.size / self.seen.size
         means = sums[full, 1:] / sums[full, :1]
-        orders = [walls.orders[:, : self.count][:, full] for walls in lit]
+        orders = self.orders_of([walls.lit for walls in lit])
+        orders = [order[:, : self.count][:, full] for order in orders]
         return means[:, : -len(lit)], means[:, -len(lit) :].T, orders, full
 
     @cached_property
     def orders(self) -> FloatArray:
         """What every patch receives after one bounce, two, ..., (bounces, N), of walls of albedo 1."""
+        return self.orders_of([self.lit])[0]
+
+    def orders_of(self, lit: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return the same of several lamps' E, each (N,)."""
         hidden = WALL_MODEL.hidden * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
-        orders = [self.exchange @ self.lit]
+        orders = [self.exchange @ np.stack(lit, axis=1)]
         for _ in range(WALL_MODEL.bounces - 1):
-            orders.append(self.exchange @ orders[-1] + hidden * orders[-1])
-        return np.stack(orders)
+            orders.append(self.exchange @ orders[-1] + hidden[:, None] * orders[-1])
+        return list(np.moveaxis(np.stack(orders), -1, 0))
 
     def bounced_light(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""

@@ -1,11 +1,17 @@
 """The tuner's engine: the latest wish wins, a rough answer comes first, and nothing waits in a queue.
 
-A thread of its own does one job at a time; a new one stops the one in flight at its next iterate. A wish is
-answered twice. The first answer is quick, since it follows from the last one: after a change of λ or ε alone
-the last problem is solved again from where it ended, and otherwise a grid of half the size. The final one is
-what `reconstruct` makes of the whole frame from a cold start, so that it depends on nothing that was tried
-before and the lines of `Knobs.code` give it again, bit for bit; an energy with more than one minimum can
-make the two differ, and the answer holds both. While a long solve goes on, what it has so far is told.
+A thread of its own does one job at a time. While the hand moves, answers follow from the last one:
+
+    a knob moves      look     a step on a quarter of the pixels; it always ends, then the newest wish is next
+    the hand rests    kept     the same problem at full size, until it has converged
+    in idle time      final    all anew, light and contours too
+
+A change of the energy alone (λ, ε, ξ, the regulariser) leaves the picture's light and its contours as they
+are, which is what makes a look quick. After any other change there is a first look at half the size instead.
+The final answer is what `reconstruct` makes of the whole frame from a cold start, so that it depends on
+nothing that was tried before and the lines of `Knobs.code` give it again, bit for bit; an energy with more
+than one minimum can make the two differ, and the answer holds both. While a long solve goes on, what it has
+so far is told. A new wish stops all but a look at the next iterate.
 """
 
 from __future__ import annotations
@@ -31,8 +37,9 @@ from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
 from endolab.reconstruction.warnings import warnings
 from endolab.solvers.energy import contradicts, model_image
+from endolab.solvers.gauss_newton import Look, gauss_newton
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Observer, Result, run, with_provenance
-from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 
@@ -41,6 +48,8 @@ class Pace:
     """What makes the tuner quick, chosen by hand at the knobs."""
 
     picture_interval: float = 0.4  # s of a full solve between one picture and the next
+    rest: float = 0.1  # s without a wish, after which the hand rests
+    settled: float = 5e-3  # of distances: what follows has settled when it changes by less
     least_width: int = 128  # px, of a frame that is worth solving at half its size first
     remembered: int = 12  # final answers that come back without a solve
     # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
@@ -48,15 +57,19 @@ class Pace:
 
 
 PACE = Pace()
-# The most steps of a first look, from the last answer and from nothing; other solvers have no limit.
-FIRST_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
+# The most steps of a first look from nothing; other solvers have no limit.
+FIRST_STEPS = {"gauss_newton": 10, "primal_dual": 120}
+# Knobs of the energy, which leave light and contours as they are.
+ENERGY_KNOBS = ("lam", "epsilon", "threshold", "xi", "regulariser")
 IsStale = Callable[[], bool]
 
 
 class Stage(StrEnum):
     """How far an answer has come."""
 
-    FIRST = "first look"
+    LOOK = "look"  # on few pixels, from the last answer
+    FIRST = "first look"  # on few pixels, from nothing
+    KEPT = "light and contours kept"
     SOFAR = "so far"  # what a long solve has
     FINAL = "final"
 
@@ -167,6 +180,8 @@ class Tuner:
         self._asked = 0  # number of the last job; those before are stale
         self._job: Future[None] | None = None
         self._answers: list[Answer] = []  # final ones, the last one at the end
+        self._last: Answer | None = None  # the last one at full size, a look as well
+        self._followed: Look | None = None  # what looks follow from, once one was asked for
 
     # From any thread ---------------------------------------------------------------------
 
@@ -284,71 +299,112 @@ class Tuner:
     # In the tuner's thread ---------------------------------------------------------------
 
     def _answer(self, settings: Knobs, is_stale: IsStale) -> None:
-        """Answer a wish: a first look, what a long solve has so far, the final answer."""
+        """Answer a wish: what follows from the last answer, or a first look; then the final answer."""
         subject = self.source.subject(settings)
         for known in self._answers:
             if known.settings == settings and known.subject is subject:
                 self._finish(replace(known))
                 return
-        first = self._first_look(subject, settings, is_stale)
+        kept = None
+        last = self._last
+        if last is not None and _follows(settings, subject, last):
+            seen = self._look(settings, last)
+            if not _rests(is_stale):
+                return
+            kept = self._settle(seen, is_stale)
+        else:
+            self._first_look(subject, settings, is_stale)
         if is_stale():
             return
-        if first is not None:
-            self.tell(first)
 
         def tell(sofar: Result) -> None:
-            self.tell(Answer(settings, Stage.SOFAR, sofar.seconds, subject, sofar))
+            if kept is None:
+                self.tell(Answer(settings, Stage.SOFAR, sofar.seconds, subject, sofar))
 
         answer = self.solve_cold(settings, [_watch(is_stale, tell)], subject)
         if is_stale():
             return
-        if first is not None and first.result.mask.shape == answer.result.mask.shape:
-            answer.followed = first.result
+        answer.followed = kept
         self._finish(answer)
 
     def _finish(self, answer: Answer) -> None:
         """Tell a final answer, and remember it as the last one."""
         others = [known for known in self._answers if known.settings != answer.settings]
         self._answers = [*others[-PACE.remembered :], answer]
+        self._start_from(answer)
         self.tell(answer)
 
-    def _first_look(
-        self, subject: Subject, settings: Knobs, is_stale: IsStale
-    ) -> Answer | None:
-        """What follows from the last answer, or one of half the size; None if there is no point in either."""
-        last = self._answers[-1] if self._answers else None
-        steps = FIRST_STEPS.get(settings.solver)
-        # These leave light and contours as they are.
-        moved: dict[str, Any] = {"lam": settings.lam, "epsilon": settings.epsilon}
-        if (
-            steps
-            and last is not None
-            and last.subject is subject
-            and settings == replace(last.settings, **moved)
-        ):
-            return self._follow(last, settings, steps[0], is_stale)
+    def _start_from(self, answer: Answer) -> None:
+        """Have the next looks follow from an answer at full size."""
+        self._last = answer
+        self._followed = None
+
+    def _look(self, settings: Knobs, last: Answer) -> Answer:
+        """Tell what a step on few pixels makes of the last answer."""
+        started = time.perf_counter()
+        if self._followed is None:
+            self._followed = Look(last.result.iterate)
+        iterate = self._followed.follow(_with_energy(last, settings))
+        iterate = replace(iterate, provenance=last.result.provenance)
+        row = {"k": 0, "energy": iterate.energy, **iterate.terms}
+        seconds = time.perf_counter() - started
+        result = Result(iterate, Status.STOPPED, [row], seconds)
+        answer = Answer(settings, Stage.LOOK, seconds, last.subject, result)
+        self._last = answer
+        self.tell(answer)
+        return answer
+
+    def _settle(self, seen: Answer, is_stale: IsStale) -> Result:
+        """Solve the problem that was looked at, and tell what is found if no other wish came."""
+        before = seen.result
+        start = before.iterate.log_distance
+        steps = gauss_newton(before.problem, start=start, settled=PACE.settled)
+        result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
+        if not is_stale():
+            kept = Answer(seen.settings, Stage.KEPT, result.seconds, seen.subject, result)
+            self._start_from(kept)
+            self.tell(kept)
+        return result
+
+    def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
+        """Tell what is found at half the size, if there is a point in that."""
         if settings.width < PACE.least_width:
-            return None
+            return
         options: dict[str, Any] = {"width": min(settings.width, subject.frame.width) // 2}
-        if steps:
-            options["max_iterations"] = steps[1]
+        if settings.solver in FIRST_STEPS:
+            options["max_iterations"] = FIRST_STEPS[settings.solver]
         with suppress(ValueError):  # which the whole frame says better, if it has it too
             first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
-            return replace(first, stage=Stage.FIRST)
-        return None
+            if not is_stale():
+                self.tell(replace(first, stage=Stage.FIRST))
 
-    def _follow(
-        self, last: Answer, settings: Knobs, most_steps: int, is_stale: IsStale
-    ) -> Answer:
-        """Go a few steps from an answer whose light and contours stay."""
-        started = time.perf_counter()
-        before = last.result
-        problem = replace(before.problem, lam=settings.lam, epsilon=settings.epsilon)
-        start = before.iterate.log_distance
-        steps = solve(problem, settings.solver, start=start, max_iterations=most_steps)
-        result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
-        seconds = time.perf_counter() - started
-        return Answer(settings, Stage.FIRST, seconds, last.subject, result)
+
+def _follows(settings: Knobs, subject: Subject, last: Answer) -> bool:
+    """Whether a wish differs from the last answer by the energy alone, and its solver has one."""
+    energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
+    same = last.subject is subject and settings == replace(last.settings, **energy)
+    return same and settings.solver in FIRST_STEPS
+
+
+def _with_energy(last: Answer, settings: Knobs) -> Problem:
+    """The last answer's problem, with the energy that is wished for."""
+    energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
+    chosen = ("regulariser", "xi")
+    if all(energy[name] == getattr(last.settings, name) for name in chosen):
+        energy["regulariser"] = last.result.problem.regulariser
+    else:
+        energy["regulariser"] = settings.first_regulariser
+    return replace(last.result.problem, **energy)
+
+
+def _rests(is_stale: IsStale) -> bool:
+    """Wait until the hand rests; return whether it does."""
+    end = time.perf_counter() + PACE.rest
+    while time.perf_counter() < end:
+        if is_stale():
+            return False
+        time.sleep(PACE.rest / 20)
+    return True
 
 
 def _watch(

@@ -56,6 +56,39 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
     assert len(answers) == count + 1
 
 
+def test_while_the_hand_moves_looks_follow_and_when_it_rests_they_settle(start):
+    """A first look of .5 to .8 s was dropped by each new value: a drag of five seconds showed nothing."""
+    tuner, answers, _ = start()
+    tuner.ask(SMALL)
+    first = tuner.wait(60)
+    wished = [float(lam) for lam in np.geomspace(1.1, 5, 8)]
+    for lam in wished:
+        tuner.ask(replace(SMALL, lam=lam))
+        time.sleep(0.09)  # less than a rest
+    tuner.wait(60)
+    looks = [one for one in answers if one.stage == Stage.LOOK]
+    assert len(looks) >= 3
+    assert {one.settings.lam for one in looks} <= set(wished)
+    stages = [one.stage for one in answers if one.settings.lam == wished[-1]]
+    assert stages == [Stage.LOOK, Stage.KEPT, Stage.FINAL]
+    kept = answers[-2].result
+    for one in (looks[-1].result, kept):
+        assert np.array_equal(one.problem.image, first.result.problem.image)
+    far = np.nanmean(np.abs(first.result.distance / kept.distance - 1))
+    assert np.nanmean(np.abs(looks[-1].result.distance / kept.distance - 1)) < 0.8 * far
+
+
+@pytest.mark.parametrize("changed", [{"regulariser": "second"}, {"xi": "1/z"}])
+def test_another_regulariser_or_map_is_looked_at_from_the_last_answer(start, changed):
+    tuner, answers, _ = start()
+    tuner.ask(SMALL)
+    tuner.wait(60)
+    tuner.ask(replace(SMALL, **changed))
+    final = tuner.wait(60)
+    assert [one.stage for one in answers[-3:]] == [Stage.LOOK, Stage.KEPT, Stage.FINAL]
+    assert np.nanpercentile(np.abs(final.change), 90) < 1
+
+
 def test_of_many_wishes_the_last_is_answered_and_no_other_to_its_end(start):
     tuner, answers, _ = start()
     for lam in np.geomspace(0.01, 1, 30):
