@@ -7,7 +7,7 @@ the full model.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
@@ -78,8 +78,6 @@ class GeometricFit:
     covariance: FloatArray  # (8, 8), of the same
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
-    # k, cost, sigma, change of every step.
-    history: list[dict[str, float]] = field(default_factory=list)
 
     @property
     def agreement(self) -> float:
@@ -295,7 +293,6 @@ def _result(
         covariance=covariance,
         max_angle_seen=float(angles[used].max()),
         status=fitted.status,
-        history=fitted.history,
     )
 
 

@@ -416,5 +416,4 @@ def _result(
         **{f"{name}_range": ends for name, ends in ranges.items()},
         verdict=verdict,
         status=fitted.status,
-        history=fitted.history,
     )

@@ -54,8 +54,6 @@ class PhotometricFit:
     # What is determined, by what, how well, and what is not, in sentences.
     verdict: list[str]
     status: Status
-    # Per iterate: k (its number), cost, sigma, change.
-    history: list[dict[str, float]] = field(repr=False)
 
     @property
     def k(self) -> float:
