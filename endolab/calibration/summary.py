@@ -175,18 +175,8 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     errors = light.standard_errors
     values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
     values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
-    for spot in light.photometry.lights:
-        tilt = np.array(spot.direction[:2]) / spot.direction[2]
-        values |= {
-            f"light {axis}": place for axis, place in zip("xyz", spot.position, strict=True)
-        }
-        values |= {
-            f"light tilt {axis}": float(value)
-            for axis, value in zip("xy", tilt, strict=True)
-        }
-    units = {f"light {axis}": "mm" for axis in "xyz"}
     return [
-        (name.replace("gamma", "γ"), value, errors.get(name, 0.0), units.get(name, ""))
+        (name.replace("gamma", "γ"), value, errors[name], "")
         for name, value in values.items()
     ]
 

@@ -120,7 +120,6 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 
 def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.batch.calibrate import calibrate_to_files, report_folder
-    from endolab.calibration.photometric.fit import check_gamma
     from endolab.calibration.summary import account
     from endolab.io.descriptions import read_camera, read_target
     from endolab.io.video import open_frames
@@ -140,7 +139,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     if given and len(given) != patches:
         count = f"but --reflectance says {len(given)}"
         raise ValueError(f"the target has {patches} kinds of grey patches, {count}")
-    check_gamma(arguments.gamma)
     names = (
         "every",
         "channel",
@@ -150,7 +148,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         "gamma",
         "brdf",
         "gain",
-        "light",
     )
     options = {name: getattr(arguments, name) for name in names}
     options |= {"camera": camera, "reflectance": given or [None] * patches}
@@ -342,12 +339,6 @@ def add_calibration_commands(commands: Any) -> None:
             "of the paper: tabulated (default) or lambertian",
         ),
         ("--gain", "free", "locked", "free (default), or locked: the same in all frames"),
-        (
-            "--light",
-            "centred",
-            "free",
-            "centred (default), or free: its offset and direction are fitted too",
-        ),
     ):
         option(name, choices=(usual, other), default=usual, help=text)
     text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"

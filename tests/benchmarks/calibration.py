@@ -11,7 +11,6 @@ import numpy as np
 from endolab import datasets
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.identifiability import NotIdentifiableError
-from endolab.calibration.photometric.samples import Samples, sample_depth
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from endolab.calibration.targets import TARGETS
 from endolab.model.photometry import Photometry
@@ -22,7 +21,6 @@ TRUE = {"k": 2.5, "gamma": 2.2, "k/gamma": 2.5 / 2.2}
 CAMERA = datasets.load_calibration("paper").camera
 TRUTH = Photometry(TRUE["k"], TRUE["gamma"], 1.0, PAPER_SHEET)
 PATCHES = {"exact": 0.5, "± 2 %": (0.5, 0.01), "2 % too light": 0.51, "unknown": None}
-PHANTOM_LEVELS = (45 / 255, 210 / 255)  # its texture is ± 13 grey levels
 
 
 def take(target, seed, count=300, **how):
@@ -118,38 +116,7 @@ def speed(_):
     table("Speed", ("set-up", "frames", "samples", "ms, median of 7", "steps"), rows)
 
 
-def phantom(_):
-    """C3VD: frames of a silicone phantom with known depth, colours as materials."""
-    folder = datasets.data_folder() / "c3vd_trans_t1_a"
-    parts = []
-    for number, shot in enumerate(datasets.read_c3vd(folder, index) for index in (1, 6)):
-        field = shot.calibration.camera.field
-        mask = shot.frame.mask & (field.cos_alpha > np.cos(np.deg2rad(55)))
-        parts.append(
-            sample_depth(
-                shot.frame.image, shot.distance, field, mask, frame=number, most=6000
-            )
-        )
-    rows = []
-    how = {"brdf": "lambertian", "reflectance": (None, None), "levels": PHANTOM_LEVELS}
-    for name, samples in {
-        "frame 1": parts[0],
-        "frame 6": parts[1],
-        "both": Samples.concatenate(parts),
-    }.items():
-        found = calibrate_light(samples, gamma="free", **how)
-        values = (found.k, "k"), (found.photometry.gamma, "gamma")
-        row = [
-            name,
-            *(f"{value:.3f} ± {found.standard_errors[of]:.3f}" for value, of in values),
-        ]
-        rows.append(
-            [*row, ", ".join(f"{gain:.0f}" for gain in found.gains), f"{found.sigma:.1f}"]
-        )
-    table("C3VD, matt", ("frames", "k", "γ", "gain · red", "σ grey"), rows)
-
-
-TABLES = {one.__name__: one for one in (ways, speed, phantom)}
+TABLES = {one.__name__: one for one in (ways, speed)}
 
 
 if __name__ == "__main__":

@@ -156,7 +156,7 @@ def test_too_few_samples_leave_the_camera(video):
     assert "single frame" in calibrate(one, SHEET, detections=detections, size=SIZE).refused
     none = [(name, None) for name, _ in frames]
     found = calibrate(none, SHEET, detections=detections, size=SIZE)
-    assert "samples are needed, got 0" in found.refused
+    assert "0 of 0 samples" in found.refused
     assert found.geometry.rmse < 0.08
 
 

@@ -93,9 +93,6 @@ def test_the_account_says_it_all(session):
     )
 
 
-def test_a_light_that_is_free_and_patches_have_rows():
+def test_patches_have_rows():
     patches = simulated("vicalib_grey", reflectance=((0.5, 0.05),), gamma=(2.2, 0.1))[0]
     assert "reflectance 1 = 0.5" in "\n".join(account(patches))
-    assert "light tilt x = " in "\n".join(
-        account(simulated("vicalib_folded", light="free")[0])
-    )

@@ -94,8 +94,7 @@ def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
 def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
 
-    Angles at which there were no samples are shaded. If the light's place was fitted, α is the
-    angle off its direction.
+    Angles at which there were no samples are shaded.
     """
     ax = new_axes(ax)
     k = light.k
@@ -117,10 +116,8 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     )
     ax.set_ylim(0, 1.05)
     ax.legend(loc="upper right")
-    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
-    return decorate(
-        ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis"
-    )
+    across = "angle α off the axis [°]"
+    return decorate(ax, "Light's fall-off", across, "share of the light on the axis")
 
 
 @house()

@@ -146,19 +146,6 @@ def test_unknowns_at_their_bounds_are_refused():
     refused("gamma", steep, "out of 0.5 to 5", gamma="free")
 
 
-def test_a_light_that_nothing_tells_is_refused():
-    """Frontal at one distance: a shift of the light and a tilt of it do the same."""
-    samples = video(
-        count=25,
-        per_frame=20,
-        noise=5.0,
-        tilt=np.deg2rad(4),
-        reach=0.2,
-        distance=(95.0, 100.0),
-    )
-    refused("light", samples, "centred", light="free", brdf="lambertian")
-
-
 def shine(samples, lamp, exposed="each"):
     """Samples lit otherwise: `lamp` gives the linear light of some; each frame, or all, well exposed."""
     light = lamp(samples)
