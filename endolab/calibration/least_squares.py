@@ -156,9 +156,9 @@ class Arrow:
         for matrix in (own, common):
             diagonal = np.einsum("...ii->...i", matrix)
             diagonal += damping * diagonal + (diagonal == 0)
-        alone = np.linalg.inv(own)
+        alone: FloatArray = np.linalg.inv(own)
         gain = alone @ self.cross
-        reduced = common - np.einsum("gbi,gbj->ij", self.cross, gain)
+        reduced: FloatArray = common - np.einsum("gbi,gbj->ij", self.cross, gain)
         scale = 1 / np.sqrt(np.diag(common))
         return alone, gain, reduced * scale * scale[:, None], scale
 
@@ -174,7 +174,7 @@ class Arrow:
         square = common @ self.common @ common
         square += 2 * np.einsum("gb,gbp,p->", own, self.cross, common)
         square += np.einsum("gi,gij,gj->", own, self.own, own)
-        return float(np.sqrt(max(square, 0.0)))
+        return float(np.sqrt(np.maximum(square, 0.0)))
 
     def covariance(self) -> Covariance:
         """Invert the normal equations; unknowns that they do not tell get inf."""

@@ -40,16 +40,15 @@ def places(camera: Camera, columns: int = 120) -> FloatArray:
     """
     columns = min(columns, camera.width)
     rows = max(1, round(camera.height * columns / camera.width))
-    u = (np.arange(columns) + 0.5) * camera.width / columns - 0.5
-    v = (np.arange(rows) + 0.5) * camera.height / rows - 0.5
-    return np.stack(np.meshgrid(u, v), axis=-1)
+    row, column = np.indices((rows, columns)) + 0.5
+    scale = camera.width / columns, camera.height / rows
+    return np.stack([column, row], axis=-1) * scale - 0.5
 
 
 def values_within(values: FloatArray, camera: Camera, angle: float) -> FloatArray:
     """Return the finite values of a map at `places` that lie within an angle off the axis, rad: (n,)."""
-    return values[
-        np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(angle))
-    ]
+    cosine = camera.unproject(places(camera))[..., 2]
+    return values[np.isfinite(values) & (cosine >= np.cos(angle))]
 
 
 def ray_uncertainty(
@@ -71,7 +70,7 @@ def ray_uncertainty(
         Off the axis, rad, up to which rays tell the turn that all share: beyond what the views have seen
         they may be wild.
     """
-    pixels = places(camera) if pixels is None else np.asarray(pixels, dtype=np.float64)
+    pixels = places(camera) if pixels is None else pixels
     lost = ~np.isfinite(np.diag(covariance))
     finite = np.where(lost | lost[:, None], 0.0, covariance)
     picture_rays = camera.unproject(pixels)
@@ -98,13 +97,13 @@ def ray_uncertainty(
         sigma[seen] = np.where(untold, np.inf, np.sqrt(np.maximum(square, 0.0)))
         return sigma
 
-    whole = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
+    turns = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
     return RayUncertainty(
         pixels=pixels,
         px=spread(by_camera),
         mrad=1e3 * spread(back @ by_camera),
         mrad_shape=1e3 * spread(back @ (by_camera - by_turn @ turn)),
-        mrad_turn=np.inf if turn[:, lost].any() else 1e3 * whole,
+        mrad_turn=np.inf if turn[:, lost].any() else 1e3 * turns,
     )
 
 
@@ -116,4 +115,4 @@ def fall_off_uncertainty(light: PhotometricFit, camera: Camera) -> FloatArray:
     """
     cosine = camera.unproject(places(camera))[..., 2]
     logarithm = np.log(np.where(cosine > 0, cosine, np.nan))
-    return 100 * np.abs(logarithm) * light.standard_errors["k"]
+    return 100 * np.abs(logarithm) * np.sqrt(light.covariance[0, 0])
