@@ -8,7 +8,7 @@ the full model.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import compress, takewhile
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -43,8 +43,6 @@ class CameraFitRules:
     least_tilt: float = float(np.radians(5.0))
     # Standard error of a focal length or centre, of the focal length.
     largest_error: float = 0.05
-    # A view is wrong if its median residual is this many times that of the others.
-    far_off: float = 5.0
 
 
 CAMERA_FIT = CameraFitRules()
@@ -139,32 +137,6 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
     return best
 
 
-def _drop(
-    views: Sequence[View], geometry: Geometry, target: Target, why: Sequence[str]
-) -> tuple[list[View], Geometry, dict[str, str]]:
-    """Leave out the views with a reason."""
-    dropped = {}
-    kept = []
-    for number, (view, reason) in enumerate(zip(views, why, strict=True)):
-        if reason:
-            dropped[_label(view, target)] = reason
-        else:
-            kept.append(number)
-    poses = {"rotation": geometry.rotation[kept], "translation": geometry.translation[kept]}
-    return [views[number] for number in kept], replace(geometry, **poses), dropped
-
-
-def _find_far_off(model: Reprojection, geometry: Geometry) -> list[str]:
-    """Say which views the camera of the others does not explain at all."""
-    median = model.medians(geometry)
-    usual = float(np.median(median))
-    others = f"those of the others by {usual:.2f} px"
-    limit = CAMERA_FIT.far_off * usual + 1.0
-    return [
-        f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median
-    ]
-
-
 def _find_disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     """Say of which views fewer than half the points agree with the fit."""
     why = []
@@ -193,13 +165,21 @@ def _fit_views(
         _refuse_few(len(views), dropped, least=1)
         model = Reprojection(views, target, ALL_NUMBERS, usual)
         fitted = fit(model, geometry, observers, smallest=POINT_ERRORS.finest)
-        fewer, geometry, more = _drop(
-            views, fitted.iterate.unknowns, target, _find_disagreeing(fitted, model)
-        )
-        if not more or fitted.status is Status.STOPPED:
+        why = _find_disagreeing(fitted, model)
+        if not any(why) or fitted.status is Status.STOPPED:
             return fitted, views, dropped
-        views = fewer
-        dropped = dropped | more
+        labels = [_label(view, target) for view in views]
+        dropped |= {
+            name: reason for name, reason in zip(labels, why, strict=True) if reason
+        }
+        good = [not reason for reason in why]
+        views = list(compress(views, good))
+        geometry = fitted.iterate.unknowns
+        poses = {
+            "rotation": geometry.rotation[good],
+            "translation": geometry.translation[good],
+        }
+        geometry = replace(geometry, **poses)
 
 
 def _reasons(dropped: dict[str, str]) -> str:
@@ -251,11 +231,10 @@ def calibrate_camera(
     for basis in GROWING_BASES if start is None else [ALL_NUMBERS]:
         model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
-    kept, geometry, more = _drop(kept, geometry, target, _find_far_off(model, geometry))
     fitted, kept, disagreeing = _fit_views(
         kept, geometry, target, np.array(camera.k), list(observers)
     )
-    result = _result(fitted, kept, dropped | more | disagreeing, target, (width, height))
+    result = _result(fitted, kept, dropped | disagreeing, target, (width, height))
     if start is None:
         _refuse_few(len(result.views), result.dropped)
         _refuse_untold(result)

@@ -198,16 +198,12 @@ def find_pose(
             f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
         )
     pose = fitted.iterate.unknowns.poses[0]
-    apart = (
-        _least_scale(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
-    )
+    # Scale of the panel in the picture about its middle, where it is least, px/mm.
+    middle = target.points[view.ids].mean(axis=0, keepdims=True)
+    at = camera_vector(camera), pose.rotation[None], pose.translation[None], middle
+    by_shift = project(*at, np.zeros(1)).by_pose[0, :, 3:]
+    scale = np.linalg.svd(by_shift @ pose.rotation[:, :2], compute_uv=False)[-1]
+    apart = scale * target.spacing
     worse = POINT_ERRORS.shared * (1 + (POINT_ERRORS.doubled_at / apart) ** 4)
     pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
     return pose, inliers, fitted.iterate.residual
-
-
-def _least_scale(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
-    """Scale of a panel in the picture about a place of it, (3,), where it is least, px/mm."""
-    around = place + 0.1 * np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]])
-    left, right, above, below = camera.project(pose.transform(around))
-    return float(np.linalg.svd(np.stack([right - left, below - above]) / 0.2)[1][-1])

@@ -117,9 +117,8 @@ def _on_panel(
     axes = camera.project(pose.transform(centre + edges)) - pixel
     # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
     # in the narrowest direction: the short axis of the ellipse that these two axes span.
-    square = np.sum(axes**2, axis=(0, 2)) / 2
-    area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
-    short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
+    axes = np.nan_to_num(axes).transpose(1, 2, 0)
+    short = np.linalg.svd(axes, compute_uv=False)[:, 1]
     nearest = np.round(pixel)
     half = side // 2
     with np.errstate(invalid="ignore"):
