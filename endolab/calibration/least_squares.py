@@ -156,7 +156,7 @@ class Arrow:
         for matrix in (own, common):
             diagonal = np.einsum("...ii->...i", matrix)
             diagonal += damping * diagonal + (diagonal == 0)
-        alone: FloatArray = np.linalg.inv(own)
+        alone = np.asarray(np.linalg.inv(own), dtype=np.float64)
         gain = alone @ self.cross
         reduced: FloatArray = common - np.einsum("gbi,gbj->ij", self.cross, gain)
         scale = 1 / np.sqrt(np.diag(common))
@@ -184,8 +184,8 @@ class Arrow:
         for matrix, equations in ((common, self.common), (own, self.own)):
             variance = np.einsum("...ii->...i", matrix)
             inflation = variance * np.einsum("...ii->...i", equations)
-            told = (inflation > 0) & (inflation < ROBUST.lost_inflation)
-            variance[~told] = np.inf
+            is_determined = (inflation > 0) & (inflation < ROBUST.lost_inflation)
+            variance[~is_determined] = np.inf
         return Covariance(common, own)
 
 

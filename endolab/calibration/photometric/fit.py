@@ -113,7 +113,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     samples = model.samples
     low, high = model.levels
     good = model.geometry.valid & (samples.level > low) & (samples.level < high)
-    vector = model.given
+    vector = model.known_vector
     vector[1] = gamma = vector[1] or LIGHT_FIT.first_gamma
     loose = np.array([known is None for known in model.known])
     loose[1] = False

@@ -146,7 +146,7 @@ class LightModel:
         return np.flatnonzero(self.free[2 + len(self.nodes) :]).tolist()
 
     @property
-    def given(self) -> FloatArray:
+    def known_vector(self) -> FloatArray:
         """The vector as far as it is known, (p,), 0 where it is not."""
         return np.array(
             [0.0 if known is None else np.ravel(known)[0] for known in self.known]
@@ -155,7 +155,7 @@ class LightModel:
     @property
     def given_log_reflectance(self) -> FloatArray:
         """Logarithm of the reflectance of each sample's material, as far as known, (n,); 0 where free."""
-        return self.given[2 + len(self.nodes) :][self.samples.material]
+        return self.known_vector[2 + len(self.nodes) :][self.samples.material]
 
     @cached_property
     def geometry(self) -> SampleGeometry:
