@@ -25,14 +25,14 @@ one function; rounds repeat until the choice no longer changes.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import scipy
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, freeze
-from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
 
@@ -47,11 +47,14 @@ class RobustFit:
     # stage, which only has to come near, than that.
     tolerance: float = 1e-4
     rough_tolerance: float = 1.0
+    max_iterations: int = 200
     max_rounds: int = 20  # of freezing σ and the outliers
     # σ is never less, be it of pixels or stored values: rounding would count.
     smallest_sigma: float = 1e-4
-    # Eigenvalue, relative to the diagonal, of a direction that the data do not tell.
-    lost_eigenvalue: float = 1e-13
+    # What the diagonal grows by, relatively, before it is inverted; an unknown whose variance is so many
+    # times that which it would have alone is not told.
+    ridge: float = 1e-13
+    lost_inflation: float = 1e11
     rows_at_once: int = 256  # of a tall matrix, that are multiplied
 
 
@@ -86,10 +89,6 @@ class Model(Protocol):
         """Residuals and derivatives at the unknowns."""
         ...
 
-    def residual(self, unknowns: Any) -> tuple[FloatArray, FloatArray]:
-        """Residuals (n, m) and, in standard deviations, all that is off from what is known beforehand."""
-        ...
-
     def take_step(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
         """Return the unknowns after a step, (p,) and (groups, b); None if it leads out of bounds."""
         ...
@@ -100,22 +99,10 @@ class Model(Protocol):
 
 
 # Normal equations -----------------------------------------------------------------------
-def _sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
+def _sums(values: FloatArray, group: IntArray) -> FloatArray:
     """Sum over the measurements of each group; the groups are in order, none is empty."""
-    return np.add.reduceat(values, np.searchsorted(group, np.arange(groups)), axis=0)
-
-
-def _inverses(matrices: FloatArray, diagonal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Invert symmetric matrices (..., n, n) where they tell something, after scaling to the diagonal.
-
-    Returns the pseudo-inverses and, as columns (..., n, n), the directions they do not tell, else zero.
-    """
-    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    values, vectors = np.linalg.eigh(matrices * scale[..., None] * scale[..., None, :])
-    gone = values < ROBUST.lost_eigenvalue
-    vectors = vectors * scale[..., None]
-    scaled = vectors / np.sqrt(np.where(gone, np.inf, values))[..., None, :]
-    return scaled @ np.swapaxes(scaled, -1, -2), vectors * gone[..., None, :]
+    first = np.searchsorted(group, np.arange(group[-1] + 1))
+    return np.add.reduceat(values, first, axis=0)
 
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -143,69 +130,62 @@ class Arrow:
     """Normal equations of a linearised model with weights, own unknowns eliminated."""
 
     def __init__(self, lin: Linearised, weight: FloatArray, group: IntArray) -> None:
-        groups = int(group[-1]) + 1
         root = np.sqrt(weight)[:, None]
         r = lin.residual * root
         a = lin.by_common * root[..., None]
         b = lin.by_own * root[..., None]
+        across = np.swapaxes(b, 1, 2)
         flat = a.reshape(r.size, a.shape[-1])
-        self.common = product(flat, flat) + lin.prior_by_common.T @ lin.prior_by_common
-        self.common_gradient = (
-            product(flat, r.reshape(-1, 1))[:, 0] + lin.prior_by_common.T @ lin.prior
-        )
-        self.own = _sums(np.swapaxes(b, 1, 2) @ b, group, groups)
-        self.own += np.eye(b.shape[-1]) * lin.own_stiffness
-        self.own_gradient = (
-            _sums(np.einsum("nmi,nm->ni", b, r), group, groups)
-            + lin.own_stiffness * lin.own
-        )
-        self.cross = _sums(np.swapaxes(b, 1, 2) @ a, group, groups)  # (groups, b, p)
+        known = lin.prior_by_common
+        self.common = product(flat, flat) + known.T @ known
+        self.common_gradient = product(flat, r.reshape(-1, 1))[:, 0] + known.T @ lin.prior
+        self.own = _sums(across @ b, group) + np.eye(b.shape[-1]) * lin.own_stiffness
+        self.own_gradient = _sums(np.einsum("nmi,nm->ni", b, r), group)
+        self.own_gradient += lin.own_stiffness * lin.own
+        self.cross = _sums(across @ a, group)  # (groups, b, p)
 
-    def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Solve for the step with the diagonal grown by a factor 1 + damping (Levenberg-Marquardt)."""
+    def _eliminate(
+        self, damping: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Take the own unknowns out of equations whose diagonal has grown by a factor 1 + damping.
+
+        Returns B⁻¹, B⁻¹ C, what is left for the common unknowns, scaled to A's diagonal, and that scale.
+        """
         own = self.own.copy()
         common = self.common.copy()
         for matrix in (own, common):
             diagonal = np.einsum("...ii->...i", matrix)
             diagonal += damping * diagonal + (diagonal == 0)
-        gain = np.linalg.solve(own, self.cross)
-        rest = np.linalg.solve(own, self.own_gradient[..., None])[..., 0]
+        alone = np.asarray(np.linalg.inv(own), dtype=np.float64)
+        gain = alone @ self.cross
+        reduced: FloatArray = common - np.einsum("gbi,gbj->ij", self.cross, gain)
         scale = 1 / np.sqrt(np.diag(common))
-        reduced = common - np.einsum("gbi,gbj->ij", self.cross, gain)
+        return alone, gain, reduced * scale * scale[:, None], scale
+
+    def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Solve for the step of Levenberg and Marquardt."""
+        alone, gain, reduced, scale = self._eliminate(damping)
         right = self.common_gradient - np.einsum("gbi,gb->i", gain, self.own_gradient)
-        step = (
-            -scale
-            * np.linalg.lstsq(reduced * scale * scale[:, None], right * scale, rcond=1e-14)[
-                0
-            ]
-        )
-        return step, -rest - gain @ step
+        step = -scale * np.linalg.lstsq(reduced, right * scale, rcond=1e-14)[0]
+        return step, -np.einsum("gij,gj->gi", alone, self.own_gradient) - gain @ step
 
     def length(self, common: FloatArray, own: FloatArray) -> float:
         """Length of a step in standard errors; no unknown moves by more of its own."""
-        square = common @ self.common @ common + 2 * np.einsum(
-            "gb,gbp,p->", own, self.cross, common
-        )
-        return float(
-            np.sqrt(max(square + np.einsum("gi,gij,gj->", own, self.own, own), 0.0))
-        )
+        square = common @ self.common @ common
+        square += 2 * np.einsum("gb,gbp,p->", own, self.cross, common)
+        square += np.einsum("gi,gij,gj->", own, self.own, own)
+        return float(np.sqrt(np.maximum(square, 0.0)))
 
     def covariance(self) -> Covariance:
         """Invert the normal equations; unknowns that they do not tell get inf."""
-        alone, lost_own = _inverses(self.own, np.einsum("gii->gi", self.own))
-        gain = alone @ self.cross
-        reduced = self.common - np.einsum("gbi,gbj->ij", self.cross, gain)
-        diagonal = np.diag(self.common)
-        common, lost = _inverses(reduced, diagonal)
+        alone, gain, reduced, scale = self._eliminate(ROBUST.ridge)
+        common = np.linalg.inv(reduced) * scale * scale[:, None]
         own = alone + gain @ common @ np.swapaxes(gain, 1, 2)
-        # What a lost direction moves, in units of what is known of it without the others, is lost too.
-        unknown = np.any(np.abs(lost) * np.sqrt(diagonal)[:, None] > 1e-3, axis=1)
-        common[unknown, unknown] = np.inf
-        spread = np.sqrt(np.einsum("gii->gi", alone))
-        unknown = np.any(np.abs(gain @ lost) > 1e-3 * spread[..., None], axis=-1)
-        unknown |= np.any(lost_own != 0, axis=-1) & (spread == 0)
-        group, index = np.nonzero(unknown)
-        own[group, index, index] = np.inf
+        for matrix, equations in ((common, self.common), (own, self.own)):
+            variance = np.einsum("...ii->...i", matrix)
+            inflation = variance * np.einsum("...ii->...i", equations)
+            is_determined = (inflation > 0) & (inflation < ROBUST.lost_inflation)
+            variance[~is_determined] = np.inf
         return Covariance(common, own)
 
 
@@ -216,15 +196,35 @@ class FitIterate:
 
     k: int  # from 0, the start
     stage: Literal["huber", "final"]
-    round: int  # of the stage
     unknowns: Any  # as the model keeps them
-    residual: FloatArray  # (n, m), read-only
+    linearised: Linearised
     used: BoolArray  # (n,), measurements that count in this round
-    sigma: (
-        float  # standard deviation of one number of a residual, as estimated for this round
-    )
-    cost: float  # what this round minimises: Σ ρ(|r|/σ) + ½ Σ prior²
+    # Standard deviation of one number of a residual, as estimated for this round.
+    sigma: float
     change: float = float("nan")
+
+    @property
+    def residual(self) -> FloatArray:
+        """(n, m), read-only."""
+        return self.linearised.residual
+
+    @cached_property
+    def cost(self) -> float:
+        """What this round minimises."""
+        lin = self.linearised
+        size = np.linalg.norm(lin.residual[self.used], axis=1) / self.sigma
+        rho = huber(size, ROBUST.huber) if self.stage == "huber" else 0.5 * size**2
+        known = np.sum(lin.prior**2) + np.sum(lin.own_stiffness * np.square(lin.own))
+        return float(np.sum(rho) + 0.5 * known)
+
+    @property
+    def weight(self) -> FloatArray:
+        """Weights of the equivalent least squares, (n,)."""
+        weight = self.used / self.sigma**2
+        if self.stage == "huber":
+            size = np.maximum(np.linalg.norm(self.residual, axis=1), ROBUST.smallest_sigma)
+            weight = weight * np.minimum(1.0, ROBUST.huber * self.sigma / size)
+        return weight
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,6 @@ class Fit:
     iterate: FitIterate
     status: Status
     covariance: Covariance
-    history: list[dict[str, float]] = field(default_factory=list)
 
 
 def robust_sigma(
@@ -254,9 +253,8 @@ def robust_sigma(
         raise ValueError("no measurement is left to fit")
     sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
     # E[r² | r < outlier σ] of a chi-squared variable, per number.
-    kept = scipy.special.gammainc(
-        m / 2 + 1, ROBUST.outlier**2 / 2
-    ) / scipy.special.gammainc(m / 2, ROBUST.outlier**2 / 2)
+    limit = ROBUST.outlier**2 / 2
+    kept = scipy.special.gammainc(m / 2 + 1, limit) / scipy.special.gammainc(m / 2, limit)
     for _ in range(30):
         inner = size < ROBUST.outlier * sigma
         count = m * inner.sum()
@@ -269,147 +267,93 @@ def robust_sigma(
     return max(sigma, smallest)
 
 
-@dataclass(frozen=True)
-class _Round:
-    """What is frozen while one function is minimised."""
+def _choose(model: Model, last: FitIterate, smallest: float) -> FitIterate:
+    """Choose σ and the measurements anew at what a round has found."""
+    lin = last.linearised
+    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
+    count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
+    used = model.usable(last.unknowns)
+    sigma = robust_sigma(lin.residual, used, count, smallest)
+    if last.stage == "final":
+        # A measurement on the border would go in and out for ever: who is in stays a little longer.
+        limit = np.where(last.used, 1.01, 1.0) * ROBUST.outlier * sigma
+        used = used & (np.linalg.norm(lin.residual, axis=1) < limit)
+    return replace(last, used=used, sigma=sigma, change=float("nan"))
 
-    stage: Literal["huber", "final"]
-    number: int
-    used: BoolArray
-    sigma: float
 
-    def cost(self, residual: FloatArray, prior: FloatArray) -> float:
-        size = np.linalg.norm(residual[self.used], axis=1) / self.sigma
-        rho = huber(size, ROBUST.huber) if self.stage == "huber" else 0.5 * size**2
-        return float(np.sum(rho) + 0.5 * np.sum(prior**2))
-
-    def weight(self, residual: FloatArray) -> FloatArray:
-        """Weights of the equivalent least squares."""
-        weight = self.used / self.sigma**2
-        if self.stage == "huber":
-            size = np.linalg.norm(residual, axis=1)
-            weight = weight * np.minimum(
-                1.0, ROBUST.huber * self.sigma / np.maximum(size, ROBUST.smallest_sigma)
-            )
-        return weight
-
-    def next(
-        self, model: Model, unknowns: Any, residual: FloatArray, count: int, smallest: float
-    ) -> _Round:
-        """Choose anew at what this round has found."""
-        used = model.usable(unknowns)
-        sigma = robust_sigma(residual, used, count, smallest)
-        if self.stage == "final":
-            # A measurement on the border would go in and out for ever: who is in stays a little longer.
-            limit = np.where(self.used, 1.01, 1.0) * ROBUST.outlier * sigma
-            used = used & (np.linalg.norm(residual, axis=1) < limit)
-        return _Round(self.stage, self.number + 1, used, sigma)
-
-    def is_same(self, later: _Round) -> bool:
-        """Whether another round would find nothing new; the first stage only has to come near."""
-        if self.stage == "huber":
-            return abs(self.sigma - later.sigma) < 0.1 * self.sigma
-        return (
-            np.array_equal(self.used, later.used)
-            and abs(self.sigma - later.sigma) < 1e-3 * self.sigma
-        )
+def _is_same(choice: FitIterate, later: FitIterate) -> bool:
+    """Whether another round would find nothing new; the first stage only has to come near."""
+    apart = abs(choice.sigma - later.sigma) / choice.sigma
+    if choice.stage == "huber":
+        return apart < 0.1
+    return apart < 1e-3 and np.array_equal(choice.used, later.used)
 
 
 def _descend(
-    model: Model, last: FitIterate, choice: _Round, max_iterations: int
+    model: Model, last: FitIterate
 ) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
     """Minimise the cost of one round by Levenberg-Marquardt steps."""
     damping = 1e-10
-    tolerance = ROBUST.tolerance if choice.stage == "final" else ROBUST.rough_tolerance
-    while last.k < max_iterations:
-        lin = model.linearise(last.unknowns)
-        arrow = Arrow(lin, choice.weight(lin.residual), model.group)
+    tolerance = ROBUST.tolerance if last.stage == "final" else ROBUST.rough_tolerance
+    while last.k < ROBUST.max_iterations:
+        arrow = Arrow(last.linearised, last.weight, model.group)
         # An increase that is nothing against the tolerance is rounding.
         limit = last.cost * (1 + 1e-12) + 0.5 * ROBUST.tolerance**2
         while True:
-            step, own = arrow.solve(damping)
-            unknowns = model.take_step(last.unknowns, step, own)
+            step = arrow.solve(damping)
+            length = arrow.length(*step)
+            # A step that is short because it was damped proves nothing.
+            is_last = damping < 1e-3 and length < tolerance
+            unknowns = model.take_step(last.unknowns, *step)
             if unknowns is not None:
-                residual, prior = model.residual(unknowns)
-                cost = choice.cost(residual, prior)
-                if cost <= limit:
+                there = model.linearise(unknowns)
+                trial = replace(last, unknowns=unknowns, linearised=there, change=length)
+                if trial.cost <= limit:
                     break
-            if damping < 1e-3 and arrow.length(step, own) < tolerance:
+            if is_last:
                 return last, Status.CONVERGED
             damping = max(10 * damping, 1e-6)
             if damping > 1e12:
                 return last, Status.STALLED
-        length = arrow.length(step, own)
-        last = replace(
-            last,
-            k=last.k + 1,
-            unknowns=unknowns,
-            residual=freeze(residual),
-            cost=cost,
-            change=length,
-        )
+        freeze(trial.residual)
+        last = replace(trial, k=last.k + 1)
         yield last
-        # A step that is short because it was damped proves nothing.
-        if last.change < tolerance and damping < 1e-3:
+        if is_last:
             return last, Status.CONVERGED
         damping = max(damping / 10, 1e-10)
     return last, Status.MAX_ITERATIONS
 
 
 def iterate_fit(
-    model: Model,
-    start: Any,
-    max_iterations: int = 200,
-    smallest: float = ROBUST.smallest_sigma,
+    model: Model, start: Any, smallest: float = ROBUST.smallest_sigma
 ) -> Generator[FitIterate, None, Status]:
-    """Fit a model from its unknowns `start`, step by step, `max_iterations` after the start in all.
+    """Fit a model from its unknowns `start`, step by step.
 
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
     """
-    check_int("max_iterations", max_iterations)
-    unknowns = start
-    k = 0
-    status = Status.STALLED
-    lin = model.linearise(start)
-    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
-    count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
-    residual, _ = model.residual(start)
     nobody = np.zeros(len(model.group), bool)
+    lin = model.linearise(start)
+    freeze(lin.residual)
+    last = FitIterate(0, "huber", start, lin, nobody, 0.0)
+    status = Status.STALLED
     stages: tuple[Literal["huber", "final"], ...] = ("huber", "final")
     for stage in stages:
-        choice = _Round(stage, -1, nobody, 0.0).next(
-            model, unknowns, residual, count, smallest
-        )
-        seen: list[_Round] = []
+        choice = _choose(model, replace(last, stage=stage, used=nobody), smallest)
+        seen: list[FitIterate] = []
         while True:
-            cost = choice.cost(*model.residual(unknowns))
-            last = FitIterate(
-                k,
-                stage,
-                choice.number,
-                unknowns,
-                freeze(residual),
-                choice.used,
-                choice.sigma,
-                cost,
-            )
-            yield last
-            last, status = yield from _descend(model, last, choice, max_iterations)
-            unknowns = last.unknowns
-            residual = last.residual
-            k = last.k
+            yield choice
+            last, status = yield from _descend(model, choice)
             if status is Status.MAX_ITERATIONS:
                 return status
-            again = choice.next(model, unknowns, residual, count, smallest)
             # A measurement on the border may come and go for ever: a choice that recurs is the last.
             seen.append(choice)
-            if any(again.is_same(earlier) for earlier in seen):
+            choice = _choose(model, last, smallest)
+            if any(_is_same(choice, earlier) for earlier in seen):
                 break
-            if again.number == ROBUST.max_rounds:
+            if len(seen) == ROBUST.max_rounds:
                 status = Status.STALLED
                 break
-            choice = again
     return status
 
 
@@ -417,26 +361,18 @@ def fit(
     model: Model,
     start: Any,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
-    max_iterations: int = 200,
     smallest: float = ROBUST.smallest_sigma,
 ) -> Fit:
     """Fit a model to its end, or until one of the observers, who are shown every iterate, returns True.
 
     Parameters as of `iterate_fit`. A keyboard interrupt, too, leaves the last iterate, of status STOPPED.
     """
-    history: list[dict[str, float]] = []
-    last: FitIterate | None = None
+    steps: list[FitIterate] = []
 
     def keep(step: FitIterate, _: float) -> None:
-        nonlocal last
-        last = step
-        history.append(
-            {"k": step.k, "cost": step.cost, "sigma": step.sigma, "change": step.change}
-        )
+        steps[:] = [step]
 
-    status = drive(iterate_fit(model, start, max_iterations, smallest), observers, keep)
-    assert last is not None
-    lin = model.linearise(last.unknowns)
-    choice = _Round(last.stage, last.round, last.used, last.sigma)
-    covariance = Arrow(lin, choice.weight(lin.residual), model.group).covariance()
-    return Fit(last, status, covariance, history)
+    status = drive(iterate_fit(model, start, smallest), observers, keep)
+    (last,) = steps
+    arrow = Arrow(last.linearised, last.weight, model.group)
+    return Fit(last, status, arrow.covariance())

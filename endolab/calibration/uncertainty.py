@@ -40,16 +40,15 @@ def places(camera: Camera, columns: int = 120) -> FloatArray:
     """
     columns = min(columns, camera.width)
     rows = max(1, round(camera.height * columns / camera.width))
-    u = (np.arange(columns) + 0.5) * camera.width / columns - 0.5
-    v = (np.arange(rows) + 0.5) * camera.height / rows - 0.5
-    return np.stack(np.meshgrid(u, v), axis=-1)
+    row, column = np.indices((rows, columns)) + 0.5
+    scale = camera.width / columns, camera.height / rows
+    return np.stack([column, row], axis=-1) * scale - 0.5
 
 
 def values_within(values: FloatArray, camera: Camera, angle: float) -> FloatArray:
     """Return the finite values of a map at `places` that lie within an angle off the axis, rad: (n,)."""
-    return values[
-        np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(angle))
-    ]
+    cosine = camera.unproject(places(camera))[..., 2]
+    return values[np.isfinite(values) & (cosine >= np.cos(angle))]
 
 
 def ray_uncertainty(
@@ -71,7 +70,7 @@ def ray_uncertainty(
         Off the axis, rad, up to which rays tell the turn that all share: beyond what the views have seen
         they may be wild.
     """
-    pixels = places(camera) if pixels is None else np.asarray(pixels, dtype=np.float64)
+    pixels = places(camera) if pixels is None else pixels
     lost = ~np.isfinite(np.diag(covariance))
     finite = np.where(lost | lost[:, None], 0.0, covariance)
     picture_rays = camera.unproject(pixels)
@@ -98,76 +97,22 @@ def ray_uncertainty(
         sigma[seen] = np.where(untold, np.inf, np.sqrt(np.maximum(square, 0.0)))
         return sigma
 
-    whole = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
+    turns = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
     return RayUncertainty(
         pixels=pixels,
         px=spread(by_camera),
         mrad=1e3 * spread(back @ by_camera),
         mrad_shape=1e3 * spread(back @ (by_camera - by_turn @ turn)),
-        mrad_turn=np.inf if turn[:, lost].any() else 1e3 * whole,
+        mrad_turn=np.inf if turn[:, lost].any() else 1e3 * turns,
     )
 
 
-def fall_off_uncertainty(
-    light: PhotometricFit,
-    camera: Camera,
-    pixels: FloatArray | None = None,
-    distance: float | None = None,
-) -> FloatArray:
-    """Return how well the light's fall-off μ′ is known over the picture: its standard error, %.
+def fall_off_uncertainty(light: PhotometricFit, camera: Camera) -> FloatArray:
+    """Return how well the light's fall-off μ′ is known at `places`: its standard error, %, (h, w).
 
     It is that of the light along a ray over the light on the axis, as the gain takes what all rays share:
-    ln cos α times that of k, if the light was taken to be at the optical centre. A light whose place and
-    direction were fitted is told of for a wall at one distance. nan where no light can come from.
-
-    Parameters
-    ----------
-    light : PhotometricFit
-    camera : Camera
-    pixels : (..., 2) float array, optional
-        Where, column and row, px; `places` by default.
-    distance : float, optional
-        From the optical centre, mm; by default half-way between the ends of the samples' range, in ratio.
+    ln cos α times that of k. nan where no light can come from.
     """
-    rays = camera.unproject(places(camera) if pixels is None else pixels)
-    if distance is None:
-        distance = float(np.sqrt(np.prod(light.distance_range)))
-    names = ["k", *(name for name in light.names if name.startswith("light"))]
-    index = [light.names.index(name) for name in names]
-    estimate = [light.k, 0.0, 0.0, 0.0, 0.0, 0.0]
-    if light.photometry.lights:
-        lamp = light.photometry.lights[0]
-        estimate = [
-            light.k,
-            *lamp.position,
-            *(np.array(lamp.direction[:2]) / lamp.direction[2]),
-        ]
-    step_size = 1e-4  # of k, mm and of the tilt, for the differences
-    ahead, behind = (
-        [
-            _fall_off(estimate + sign * step, distance * rays)
-            for step in step_size * np.eye(6)[: len(index)]
-        ]
-        for sign in (1, -1)
-    )
-    slopes = np.stack(
-        [(a - b) / (2 * step_size) for a, b in zip(ahead, behind, strict=True)], axis=-1
-    )
-    covariance = light.covariance[np.ix_(index, index)]
-    return 100 * np.sqrt(
-        np.maximum(np.einsum("...p,pq,...q->...", slopes, covariance, slopes), 0.0)
-    )
-
-
-def _fall_off(vector: FloatArray, points: FloatArray) -> FloatArray:
-    """Logarithm of the light at points over that on the axis; of a lamp's k, place and tilt, (6,)."""
-    k, x, y, z, a, b = vector
-
-    def light(at: FloatArray) -> FloatArray:
-        offset = at - [x, y, z]
-        reach = np.linalg.norm(offset, axis=-1)
-        cosine = offset @ [a, b, 1.0] / reach / np.sqrt(a * a + b * b + 1)
-        return k * np.log(np.where(cosine > 0, cosine, np.nan)) - 2 * np.log(reach)
-
-    ahead = np.linalg.norm(points, axis=-1, keepdims=True) * [0.0, 0.0, 1.0]
-    return light(points) - light(ahead)
+    cosine = camera.unproject(places(camera))[..., 2]
+    logarithm = np.log(np.where(cosine > 0, cosine, np.nan))
+    return 100 * np.abs(logarithm) * np.sqrt(light.covariance[0, 0])

@@ -7,10 +7,11 @@ the full model.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from dataclasses import dataclass, replace
+from itertools import compress, takewhile
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.planar_pose import PLANE
 from endolab.calibration.geometric.pose import Pose
@@ -42,8 +43,6 @@ class CameraFitRules:
     least_tilt: float = float(np.radians(5.0))
     # Standard error of a focal length or centre, of the focal length.
     largest_error: float = 0.05
-    # A view is wrong if its median residual is this many times that of the others.
-    far_off: float = 5.0
 
 
 CAMERA_FIT = CameraFitRules()
@@ -78,8 +77,6 @@ class GeometricFit:
     covariance: FloatArray  # (8, 8), of the same
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
-    # k, cost, sigma, change of every step.
-    history: list[dict[str, float]] = field(default_factory=list)
 
     @property
     def agreement(self) -> float:
@@ -101,10 +98,9 @@ def _first_poses(
     for view in views:
         try:
             poses.append(linear_pose(view, target, camera))
+            kept.append(view)
         except ValueError as error:
             dropped[_label(view, target)] = str(error)
-        else:
-            kept.append(view)
     return kept, poses, dropped
 
 
@@ -114,70 +110,46 @@ def _approach(model: Reprojection, start: Geometry) -> Geometry:
     return list(steps)[-1].unknowns
 
 
+def _misfit(views: Sequence[View], target: Target, camera: KannalaBrandt) -> float:
+    """How far off, px, views are in the median; inf if half of them have no pose."""
+    kept, poses, _ = _first_poses(views, target, camera)
+    misses = np.full(len(views), np.inf)
+    if kept:
+        model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
+        misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
+    # The lower median: half of the views may be useless.
+    return float(np.sort(misses)[(len(views) - 1) // 2])
+
+
 def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
     """Return the equidistant camera that explains the views best."""
-    start = None
-    least = np.inf
     some = views[:: -(-len(views) // CAMERA_FIT.views_to_start)]
-    focal_lengths = np.geomspace(
+    focal_lengths = width * np.geomspace(
         CAMERA_FIT.shortest_focal, CAMERA_FIT.longest_focal, CAMERA_FIT.focal_lengths
     )
-    for focal in focal_lengths * width:
-        camera = KannalaBrandt(
-            width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
-        )
-        kept, poses, dropped = _first_poses(some, target, camera)
-        misses = np.full(len(some), np.inf)
-        if kept:
-            model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
-            misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
-        # The lower median: half of the views may be useless.
-        if (cost := np.sort(misses)[(len(some) - 1) // 2]) < least:
-            start = camera
-            least = cost
-    if start is None:
-        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
-    return start
-
-
-def _drop(
-    views: Sequence[View], geometry: Geometry, target: Target, why: Sequence[str]
-) -> tuple[list[View], Geometry, dict[str, str]]:
-    """Leave out the views with a reason."""
-    keep = np.array([not reason for reason in why])
-    rest = replace(
-        geometry, rotation=geometry.rotation[keep], translation=geometry.translation[keep]
-    )
-    dropped = {
-        _label(view, target): reason
-        for view, reason in zip(views, why, strict=True)
-        if reason
-    }
-    return [view for view, good in zip(views, keep, strict=True) if good], rest, dropped
-
-
-def _find_far_off(model: Reprojection, geometry: Geometry) -> list[str]:
-    """Say which views the camera of the others does not explain at all."""
-    median = model.medians(geometry)
-    usual = float(np.median(median))
-    others = f"those of the others by {usual:.2f} px"
-    limit = CAMERA_FIT.far_off * usual + 1.0
-    return [
-        f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median
-    ]
+    centre = (width - 1) / 2, (height - 1) / 2
+    cameras = [KannalaBrandt(width, height, f, f, *centre) for f in focal_lengths]
+    misfits = [_misfit(some, target, camera) for camera in cameras]
+    best = cameras[int(np.argmin(misfits))]
+    if np.isinf(min(misfits)):
+        reasons = _reasons(_first_poses(some, target, best)[2])
+        raise ValueError(f"most views are of no use: {reasons}")
+    return best
 
 
 def _find_disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     """Say of which views fewer than half the points agree with the fit."""
-    facing = fitted.iterate.unknowns.facing
-    used = np.bincount(model.group, weights=fitted.iterate.used).astype(int)
-    total = np.bincount(model.group)
-    few = used < np.maximum(PLANE.least_points, total / 2)
-    shares = (f"{some} of its {of}" for some, of in zip(used, total, strict=True))
-    why = [f"only {share} points agree with the other views" for share in shares]
-    return np.where(
-        facing, np.where(few, why, ""), "it shows the paper from behind"
-    ).tolist()
+    why = []
+    for number, facing in enumerate(fitted.iterate.unknowns.facing):
+        used = fitted.iterate.used[model.group == number]
+        if not facing:
+            why.append("it shows the paper from behind")
+        elif used.sum() < max(PLANE.least_points, len(used) / 2):
+            share = f"{used.sum()} of its {len(used)}"
+            why.append(f"only {share} points agree with the other views")
+        else:
+            why.append("")
+    return why
 
 
 def _fit_views(
@@ -190,17 +162,24 @@ def _fit_views(
     """Fit, leave out the views that disagree, until all agree."""
     dropped: dict[str, str] = {}
     while True:
-        if not views:
-            raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
+        _refuse_few(len(views), dropped, least=1)
         model = Reprojection(views, target, ALL_NUMBERS, usual)
         fitted = fit(model, geometry, observers, smallest=POINT_ERRORS.finest)
-        fewer, geometry, more = _drop(
-            views, fitted.iterate.unknowns, target, _find_disagreeing(fitted, model)
-        )
-        if not more or fitted.status is Status.STOPPED:
+        why = _find_disagreeing(fitted, model)
+        if not any(why) or fitted.status is Status.STOPPED:
             return fitted, views, dropped
-        views = fewer
-        dropped = dropped | more
+        labels = [_label(view, target) for view in views]
+        dropped |= {
+            name: reason for name, reason in zip(labels, why, strict=True) if reason
+        }
+        good = [not reason for reason in why]
+        views = list(compress(views, good))
+        geometry = fitted.iterate.unknowns
+        poses = {
+            "rotation": geometry.rotation[good],
+            "translation": geometry.translation[good],
+        }
+        geometry = replace(geometry, **poses)
 
 
 def _reasons(dropped: dict[str, str]) -> str:
@@ -243,25 +222,19 @@ def calibrate_camera(
         If the views cannot tell the camera: too few, none tilted, or a standard error that is
         too large; the sentence says what was found and what is needed.
     """
-    if start is not None and (start.width, start.height) != (width, height):
-        raise ValueError(
-            f"start must be of {width}x{height} px, got {start.width}x{start.height}"
-        )
     if start is None:
         _refuse_few(len(views), {})
-    camera = _start(views, target, width, height) if start is None else start
+    camera = start or _start(views, target, width, height)
     kept, poses, dropped = _first_poses(views, target, camera)
-    if not kept:
-        raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
+    _refuse_few(len(kept), dropped, least=1)
     geometry = Geometry.of(camera_vector(camera), poses)
     for basis in GROWING_BASES if start is None else [ALL_NUMBERS]:
         model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
-    kept, geometry, more = _drop(kept, geometry, target, _find_far_off(model, geometry))
     fitted, kept, disagreeing = _fit_views(
         kept, geometry, target, np.array(camera.k), list(observers)
     )
-    result = _result(fitted, kept, dropped | more | disagreeing, target, (width, height))
+    result = _result(fitted, kept, dropped | disagreeing, target, (width, height))
     if start is None:
         _refuse_few(len(result.views), result.dropped)
         _refuse_untold(result)
@@ -295,38 +268,33 @@ def _result(
         covariance=covariance,
         max_angle_seen=float(angles[used].max()),
         status=fitted.status,
-        history=fitted.history,
     )
 
 
-def _refuse_few(count: int, dropped: dict[str, str]) -> None:
-    if count < CAMERA_FIT.least_views:
+def _refuse_few(
+    count: int, dropped: dict[str, str], least: int = CAMERA_FIT.least_views
+) -> None:
+    if count < least:
         why = f" ({_reasons(dropped)})" if dropped else ""
         raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
 
 
-def _places(poses: Iterable[Pose]) -> int:
-    """Count the poses that differ by a degree, or a fiftieth of the distance, up to as many as needed."""
-    places: list[Pose] = []
-    for pose in poses:
-        reach = 0.02 * np.linalg.norm(pose.translation)
-        if all(
-            np.trace(pose.rotation.T @ place.rotation) < 1 + 2 * np.cos(np.radians(1))
-            or np.linalg.norm(pose.translation - place.translation) > reach
-            for place in places
-        ):
-            places.append(pose)
-        if len(places) == CAMERA_FIT.least_views:
-            break
-    return len(places)
+def _is_elsewhere(pose: Pose, other: Pose) -> bool:
+    """Whether two poses differ by a degree, or a fiftieth of the distance."""
+    shift = np.linalg.norm(pose.translation - other.translation)
+    turn = Rotation.from_matrix(pose.rotation.T @ other.rotation).magnitude()
+    return bool(turn > np.radians(1) or shift > 0.02 * np.linalg.norm(pose.translation))
 
 
 def _refuse_untold(result: GeometricFit) -> None:
     """Refuse a camera that its views do not tell."""
-    places = _places(result.poses)
-    if places < CAMERA_FIT.least_views:
+    places: list[Pose] = []
+    for pose in result.poses:
+        if all(_is_elsewhere(pose, place) for place in places):
+            places.append(pose)
+    if len(places) < CAMERA_FIT.least_views:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
-        raise ValueError(f"{VIEWS_NEEDED}, got {places}: {hardly}")
+        raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)
     fact = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
     if tilt < CAMERA_FIT.least_tilt:
@@ -338,6 +306,5 @@ def _refuse_untold(result: GeometricFit) -> None:
         if not error < CAMERA_FIT.largest_error * focal:
             lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
             why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
-            raise ValueError(
-                f"the views do not tell {name}: {why}; add tilted views that fill the picture"
-            )
+            ways = "add tilted views that fill the picture"
+            raise ValueError(f"the views do not tell {name}: {why}; {ways}")

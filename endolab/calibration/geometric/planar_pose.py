@@ -22,18 +22,15 @@ class PlaneRules:
 PLANE = PlaneRules()
 
 
-def _equations(rays: FloatArray, plane: FloatArray) -> FloatArray:
-    """Coefficients of ray × (H x) = 0 in the nine entries of H, two independent rows a point: (n, 2, 9)."""
-    aside = np.where(np.abs(rays[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    first = np.cross(rays, aside)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    across = np.stack([first, np.cross(rays, first)], axis=1)  # (n, 2, 3)
-    return (across[..., :, None] * plane[:, None, None, :]).reshape(len(rays), 2, 9)
+def _normal_matrices(rays: FloatArray, plane: FloatArray) -> FloatArray:
+    """Normal equations of ray × (H x) = 0 in the nine entries of H, of each point: (n, 9, 9)."""
+    across = np.eye(3) - rays[:, :, None] * rays[:, None]
+    return np.einsum("nij,nk,nl->nikjl", across, plane, plane).reshape(-1, 9, 9)
 
 
-def _solve(equations: FloatArray) -> FloatArray:
-    """Solve for homographies, (s, 3, 3), from the equations of each, (s, 2m, 9)."""
-    _, vectors = np.linalg.eigh(np.swapaxes(equations, 1, 2) @ equations)
+def _solve(matrix: FloatArray) -> FloatArray:
+    """Solve for homographies, (s, 3, 3), from normal equations, (s, 9, 9)."""
+    _, vectors = np.linalg.eigh(matrix)
     return vectors[:, :, 0].reshape(-1, 3, 3)
 
 
@@ -69,17 +66,17 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
         raise ValueError("its points lie on one line")
     size = float(np.sqrt(np.mean(centred**2)))
     plane = np.column_stack([centred / size, np.ones(len(points))])
-    equations = _equations(rays, plane)
+    matrices = _normal_matrices(rays, plane)
     random = np.random.default_rng(0)
     sets = np.argsort(random.random((PLANE.subsets, len(rays))), axis=1)[
         :, : PLANE.subset_size
     ]
-    miss, _ = _misses(_solve(equations[sets].reshape(PLANE.subsets, -1, 9)), rays, plane)
+    miss, _ = _misses(_solve(matrices[sets].sum(axis=1)), rays, plane)
     miss = miss[np.argmin(np.median(miss, axis=1))]
     for _ in range(3):
         # The median of the length of two-dimensional noise is 1.18 σ.
         good = miss <= 3.5 * np.median(miss) / 1.18 * (1 + 5 / len(rays))
-        homography = _solve(equations[good].reshape(1, -1, 9))
+        homography = _solve(matrices[good].sum(axis=0, keepdims=True))
         misses, sign = _misses(homography, rays, plane)
         miss = misses[0]
     spread = np.median(np.linalg.norm(rays - rays.mean(axis=0), axis=1))

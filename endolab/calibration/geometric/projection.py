@@ -12,7 +12,6 @@ where it no longer grows, because a solver may pass there.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.model.cameras import KannalaBrandt
@@ -24,10 +23,11 @@ RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)  # of points on the ri
 
 def _rim_derivative() -> FloatArray:
     """Return the matrix that differentiates a periodic function of the angle, given at `RIM_ANGLES`."""
-    apart = RIM_ANGLES[:, None] - RIM_ANGLES
-    number = np.arange(len(RIM_ANGLES))
-    sign = 0.5 * (-1.0) ** (number[:, None] - number)
-    return np.where(apart == 0, 0.0, sign / np.tan(np.where(apart == 0, 1.0, apart) / 2))
+    count = len(RIM_ANGLES)
+    frequency = np.fft.fftfreq(count, 1 / count)
+    frequency[count // 2] = 0.0
+    waves = np.fft.fft(np.eye(count), axis=0)
+    return np.fft.ifft(1j * frequency[:, None] * waves, axis=0).real
 
 
 RIM_DERIVATIVE = _rim_derivative()
@@ -38,10 +38,10 @@ def camera_vector(camera: KannalaBrandt) -> FloatArray:
     return np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.k])
 
 
-def camera_of(vector: ArrayLike, width: int, height: int) -> KannalaBrandt:
+def camera_of(vector: FloatArray, width: int, height: int) -> KannalaBrandt:
     """Return the camera of a vector (8,) for pictures of a size, px."""
-    fx, fy, cx, cy, *k = (float(value) for value in np.asarray(vector))
-    return KannalaBrandt(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
+    fx, fy, cx, cy, k1, k2, k3, k4 = vector.tolist()
+    return KannalaBrandt(width, height, fx, fy, cx, cy, (k1, k2, k3, k4))
 
 
 @dataclass(frozen=True)
@@ -55,83 +55,63 @@ class Projection:
     )
 
 
-@dataclass(frozen=True)
-class _Fan:
-    """Images of many directions on the camera's plane, before focal length and centre.
+def _to_plane(
+    points: FloatArray, k: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Project points (3, vertices, n) on the camera's plane, before focal length and centre.
 
-    Arrays are (vertices, n): x, y in the plane; c, s the direction off the axis; and what the
-    derivatives need.
+    Returns x, y there, (2, vertices, n), and their derivatives by the points, (2, 3, vertices, n), and by
+    k, (2, 4, vertices, n).
     """
-
-    x: FloatArray
-    y: FloatArray
-    c: FloatArray
-    s: FloatArray
-    theta: FloatArray
-    slope: FloatArray  # dh/dϑ
-    ratio: FloatArray  # h / side
-    over: FloatArray  # 1 / (side² + z²)
-
-
-def _fan(points: FloatArray, k: FloatArray) -> _Fan:
-    """Project points (3, vertices, n) of the camera frame."""
-    x, y, z = points
-    side = np.hypot(x, y)
+    xy = points[:2]
+    z = points[2]
+    side = np.hypot(points[0], points[1])
     axial = side == 0
     safe = np.where(axial, 1.0, side)
     theta = np.arctan2(side, z)
     t = theta * theta
     k1, k2, k3, k4 = k
     value = 1 + t * (k1 + t * (k2 + t * (k3 + t * k4)))  # h/ϑ
-    slope = 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))
+    slope = 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))  # dh/dϑ
     # On the axis ϑ/side → 1/z.
     ratio = value * np.where(axial, 1 / np.where(axial, z, 1.0), theta / safe)
-    over = 1 / (side * side + z * z)
-    return _Fan(
-        x * ratio,
-        y * ratio,
-        np.where(axial, 1.0, x / safe),
-        y / safe,
-        theta,
-        slope,
-        ratio,
-        over,
-    )
+    direction = xy / safe
+    direction[0][axial] = 1.0
+    fall = slope / (side * side + z * z)
+    by_point = np.empty((2, 3, *side.shape))
+    by_point[:, :2] = (fall * z - ratio) * direction[:, None] * direction
+    by_point[0, 0] += ratio
+    by_point[1, 1] += ratio
+    by_point[:, 2] = -fall * xy
+    by_k = np.empty((2, 4, *side.shape))
+    power = theta * direction
+    for number in range(4):
+        power = power * t
+        by_k[:, number] = power
+    return xy * ratio, by_point, by_k
 
 
-def _centroid(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Centroids of what closed curves enclose, from points along them, (vertices, n); two (n,)."""
+def _centroid(plane: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the centroids of what closed curves enclose, from points along them, (2, vertices, n).
+
+    Returns them, (2, n), and their derivatives by the points, (2, 2, vertices, n). A curve of one vertex is
+    that point.
+    """
+    if plane.shape[1] == 1:
+        return plane[:, 0], np.eye(2)[..., None, None]
     # About a point inside, for the sake of rounding.
-    x0 = x.mean(axis=0)
-    y0 = y.mean(axis=0)
-    x = x - x0
-    y = y - y0
+    middle = plane.mean(axis=1)
+    x, y = plane - middle[:, None]
     dx = RIM_DERIVATIVE @ x
     dy = RIM_DERIVATIVE @ y
     area = (x * dy).sum(axis=0)
-    return x0 + 0.5 * (x * x * dy).sum(axis=0) / area, y0 - 0.5 * (y * y * dx).sum(
-        axis=0
-    ) / area
-
-
-def _centroid_weights(
-    x: FloatArray, y: FloatArray
-) -> tuple[tuple[FloatArray, ...], FloatArray]:
-    """Derivatives of the centroids by the points: ∂X/∂x, ∂X/∂y, ∂Y/∂x, ∂Y/∂y; and the centroids, (2, n)."""
-    cx, cy = _centroid(x, y)
+    offset = 0.5 * np.stack([(x * x * dy).sum(axis=0), -(y * y * dx).sum(axis=0)]) / area
     # The derivatives do not depend on the origin; about the centroid the area's change has no effect.
-    x = x - cx
-    y = y - cy
-    dx = RIM_DERIVATIVE @ x
-    dy = RIM_DERIVATIVE @ y
-    over = 1 / (x * dy).sum(axis=0)
-    weights = (
-        x * dy * over,
-        -0.5 * over * (RIM_DERIVATIVE @ (x * x)),
-        0.5 * over * (RIM_DERIVATIVE @ (y * y)),
-        -y * dx * over,
-    )
-    return weights, np.stack([cx, cy])
+    x = x - offset[0]
+    y = y - offset[1]
+    by_x = np.stack([x * dy, 0.5 * RIM_DERIVATIVE @ (y * y)])
+    by_y = np.stack([-0.5 * RIM_DERIVATIVE @ (x * x), -y * dx])
+    return middle + offset, np.stack([by_x, by_y], axis=1) / area
 
 
 def _rims(rotation: FloatArray, points: FloatArray, radii: FloatArray) -> FloatArray:
@@ -141,19 +121,6 @@ def _rims(rotation: FloatArray, points: FloatArray, radii: FloatArray) -> FloatA
         return centre
     right, down = rotation[:, :, :2].transpose(2, 1, 0)[:, :, None] * radii  # (3, 1, n)
     return centre + right * np.cos(RIM_ANGLES)[:, None] + down * np.sin(RIM_ANGLES)[:, None]
-
-
-def predict(
-    vector: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
-    points: FloatArray,
-    radii: FloatArray,
-) -> FloatArray:
-    """Predict where features are measured; see `project`. Returns pixels (n, 2)."""
-    fan = _fan(_rims(rotation, points, radii) + translation.T[:, None], vector[4:])
-    x, y = _centroid(fan.x, fan.y) if len(fan.x) > 1 else (fan.x[0], fan.y[0])
-    return np.stack([x, y], axis=-1) * vector[:2] + vector[2:4]
 
 
 def project(
@@ -170,55 +137,31 @@ def project(
     (n,), mm, are of their discs, all 0 for corners.
     """
     turned = _rims(rotation, points, radii)
-    x, y, z = at = turned + translation.T[:, None]
-    fan = _fan(at, vector[4:])
-    if len(fan.x) > 1:
-        (xx, xy, yx, yy), plane = _centroid_weights(fan.x, fan.y)
-    else:
-        ones = np.ones_like(fan.x)
-        zeros = np.zeros_like(fan.x)
-        (xx, xy, yx, yy), plane = (ones, zeros, zeros, ones), np.stack([fan.x[0], fan.y[0]])
+    plane, by_point, by_k = _to_plane(turned + translation.T[:, None], vector[4:])
+    centroid, weights = _centroid(plane)
     focal = vector[:2]
-    n = plane.shape[1]
-    by_camera = np.zeros((n, 2, 8))
-    by_camera[:, 0, 0], by_camera[:, 1, 1] = plane
+    by_point = (weights[:, :, None] * by_point).sum(axis=1)
+    by_k = (weights[:, :, None] * by_k).sum(axis=1)
+    by_camera = np.zeros((len(points), 2, 8))
+    by_camera[:, 0, 0], by_camera[:, 1, 1] = centroid
     by_camera[:, 0, 2] = by_camera[:, 1, 3] = 1.0
-    # ∂(plane)/∂(point), symmetric in x and y.
-    out = fan.slope * z * fan.over - fan.ratio
-    dxx = fan.ratio + out * fan.c**2
-    dxy = out * fan.c * fan.s
-    dyy = fan.ratio + out * fan.s**2
-    fall = fan.slope * fan.over
-    dxz = -fall * x
-    dyz = -fall * y
-    by_pose = np.empty((n, 2, 6))
-    for row, (wx, wy) in enumerate(((xx, xy), (yx, yy))):
-        gx = wx * dxx + wy * dxy
-        gy = wx * dxy + wy * dyy
-        gz = wx * dxz + wy * dyz
-        # A turn ω moves the point by ω × (turned point).
-        a, b, c = turned
-        turns = (b * gz - c * gy, c * gx - a * gz, a * gy - b * gx)
-        for column, part in enumerate((*turns, gx, gy, gz)):
-            by_pose[:, row, column] = part.sum(axis=0) * focal[row]
-        along = (wx * fan.c + wy * fan.s) * fan.theta
-        for column in range(4, 8):
-            along = along * fan.theta**2
-            by_camera[:, row, column] = along.sum(axis=0) * focal[row]
-    return Projection(plane.T * focal + vector[2:4], by_camera, by_pose)
+    by_camera[:, :, 4:] = by_k.sum(axis=2).T.swapaxes(1, 2) * focal[:, None]
+    # A turn ω moves the point by ω × (turned point).
+    by_turn = np.cross(turned, by_point, axisa=0, axisb=1, axisc=1)
+    by_pose = np.concatenate([by_turn, by_point], axis=1).sum(axis=2)
+    by_pose = by_pose.T.swapaxes(1, 2) * focal[:, None]
+    return Projection(centroid.T * focal + vector[2:4], by_camera, by_pose)
 
 
 def predict_view(
-    camera: KannalaBrandt, pose: Pose, points: ArrayLike, radii: ArrayLike
+    camera: KannalaBrandt, pose: Pose, points: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Predict where the features of one panel are measured, (n, 2), px; nan beyond the camera's range.
 
     `points` (n, 3) lie in the target's plane z = 0, mm; `radii` (n,), mm, are all 0 for corners.
     """
-    points = np.asarray(points, dtype=np.float64)
-    radii = np.asarray(radii, dtype=np.float64)
     n = len(points)
     rotation = np.broadcast_to(pose.rotation, (n, 3, 3))
     translation = np.broadcast_to(pose.translation, (n, 3))
-    pixels = predict(camera_vector(camera), rotation, translation, points, radii)
+    pixels = project(camera_vector(camera), rotation, translation, points, radii).pixels
     return np.where(np.isfinite(camera.project(pose.transform(points))), pixels, np.nan)

@@ -14,7 +14,6 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     camera_of,
     camera_vector,
-    predict,
     project,
 )
 from endolab.calibration.least_squares import Linearised, fit
@@ -131,30 +130,19 @@ class Reprojection:
         self.basis = basis
         self.usual = usual
 
-    def _at(
-        self, u: Geometry
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        return (
-            u.vector,
-            u.rotation[self.group],
-            u.translation[self.group],
+    def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
+        projection = project(
+            unknowns.vector,
+            unknowns.rotation[self.group],
+            unknowns.translation[self.group],
             self.points,
             self.radii,
         )
-
-    def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
-        projection = project(*self._at(unknowns))
         residual = self.pixels - projection.pixels
-        by_common = np.tensordot(-projection.by_camera, self.basis, 1)
-        prior = self._prior(unknowns)
+        by_common = -projection.by_camera @ self.basis
+        prior = (unknowns.vector[4:] - self.usual) / USUAL_K
         by_prior = self.basis[4:] / USUAL_K[:, None]
         return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
-
-    def _prior(self, unknowns: Geometry) -> FloatArray:
-        return (unknowns.vector[4:] - self.usual) / USUAL_K
-
-    def residual(self, unknowns: Geometry) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        return self.pixels - predict(*self._at(unknowns)), self._prior(unknowns)
 
     def take_step(  # noqa: D102
         self, unknowns: Geometry, common: FloatArray, own: FloatArray
@@ -167,13 +155,13 @@ class Reprojection:
 
     def angles(self, unknowns: Geometry) -> FloatArray:
         """Angle of each point off the axis, (n,), rad."""
-        _, rotation, translation, points, _ = self._at(unknowns)
-        x, y, z = (np.einsum("nij,nj->ni", rotation, points) + translation).T
+        turned = np.einsum("nij,nj->ni", unknowns.rotation[self.group], self.points)
+        x, y, z = (turned + unknowns.translation[self.group]).T
         return np.arctan2(np.hypot(x, y), z)
 
     def medians(self, unknowns: Geometry) -> FloatArray:
         """Median length of the residuals of each view, px."""
-        size = np.linalg.norm(self.residual(unknowns)[0], axis=1)
+        size = np.linalg.norm(self.linearise(unknowns).residual, axis=1)
         return np.array(
             [np.median(size[self.group == g]) for g in range(len(unknowns.rotation))]
         )
@@ -210,16 +198,12 @@ def find_pose(
             f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
         )
     pose = fitted.iterate.unknowns.poses[0]
-    apart = (
-        _least_scale(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
-    )
+    # Scale of the panel in the picture about its middle, where it is least, px/mm.
+    middle = target.points[view.ids].mean(axis=0, keepdims=True)
+    at = camera_vector(camera), pose.rotation[None], pose.translation[None], middle
+    by_shift = project(*at, np.zeros(1)).by_pose[0, :, 3:]
+    scale = np.linalg.svd(by_shift @ pose.rotation[:, :2], compute_uv=False)[-1]
+    apart = scale * target.spacing
     worse = POINT_ERRORS.shared * (1 + (POINT_ERRORS.doubled_at / apart) ** 4)
     pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
     return pose, inliers, fitted.iterate.residual
-
-
-def _least_scale(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
-    """Scale of a panel in the picture about a place of it, (3,), where it is least, px/mm."""
-    around = place + 0.1 * np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]])
-    left, right, above, below = camera.project(pose.transform(around))
-    return float(np.linalg.svd(np.stack([right - left, below - above]) / 0.2)[1][-1])

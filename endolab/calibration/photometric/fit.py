@@ -25,7 +25,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
 from endolab.calibration.photometric import identifiability
@@ -43,51 +42,43 @@ from endolab.calibration.photometric.model import (
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
-from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import check_int, excerpt
+from endolab.numerics.checks import check_int, number
 from endolab.numerics.iteration import Status
 
-
-def _number_or_pair(value: ArrayLike) -> float | tuple[float, float] | None:
-    """Read a number, or a mean and its standard deviation; None for what is neither, or not positive."""
-    try:
-        numbers = [float(number) for number in np.atleast_1d(value)]
-    except OverflowError:  # a whole number of hundreds of digits
-        return None
-    if len(numbers) not in (1, 2) or not all(0 < number < np.inf for number in numbers):
-        return None
-    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+LOG_MATT = -float(np.log(np.pi))  # log f_r of a perfectly white sheet
 
 
-def check_gamma(gamma: float | tuple[float, float] | str) -> Known:
-    """Return γ as `calibrate_light` takes it, None if it is free; ValueError if it can be none."""
+def _check_known(
+    name: str, value: float | tuple[float, float], low: float, high: float = np.inf
+) -> float | tuple[float, float]:
+    """Return a number, or its mean and standard deviation; else ValueError."""
+    if np.size(value) != 2:
+        return number(name, value, low, high)
+    mean, deviation = np.asarray(value).tolist()
+    sd = number(f"the standard deviation of {name}", deviation, LIGHT_FIT.least_deviation)
+    return number(name, mean, low, high), sd
+
+
+def _check_gamma(gamma: float | tuple[float, float] | str) -> Known:
+    """Return what is known of γ, None if it is free; ValueError if it can be none."""
     if isinstance(gamma, str):
         if gamma != "free":
-            raise ValueError(
-                f'gamma must be a number, (mean, standard deviation) or "free", got {excerpt(gamma)}'
-            )
+            raise unknown_name("gamma", gamma, ["free"], "a number")
         return None
-    known = _number_or_pair(gamma)
-    low, high = LIGHT_FIT.gamma_bounds
-    if known is None or not low < np.ravel(known)[0] < high:
-        allowed = "alone or with a positive standard deviation"
-        raise ValueError(
-            f"gamma must lie between {low:g} and {high:g}, {allowed}, got {excerpt(gamma)}"
-        )
-    return known
+    return _check_known("gamma", gamma, *LIGHT_FIT.gamma_bounds)
 
 
-def _check_reflectance(reflectance: Sequence[Known]) -> tuple[Known, ...]:
-    checked = tuple(
-        None if value is None else _number_or_pair(value) for value in reflectance
-    )
-    for value, known in zip(reflectance, checked, strict=True):
-        if value is not None and known is None:
-            either = "None, positive, or (value, standard deviation)"
-            raise ValueError(f"reflectance must be {either}, got {value}")
-    return checked
+def _log_reflectance(reflectance: Known) -> Known:
+    """Return what is known of the logarithm of a reflectance; ValueError if it can be none."""
+    if reflectance is None:
+        return None
+    known = _check_known("reflectance", reflectance, LIGHT_FIT.least_reflectance)
+    if isinstance(known, float):
+        return float(np.log(known))
+    return float(np.log(known[0])), known[1] / known[0]
 
 
 def check_options(
@@ -96,24 +87,21 @@ def check_options(
     nodes: int = 15,
     gain: str = "free",
     reflectance: Sequence[Known] = (),
-    light: str = "centred",
     levels: tuple[float, float] = LIGHT_FIT.levels,
 ) -> None:
     """Refuse options of `calibrate_light` that no samples could make right."""
     for name, value, choices in (
         ("brdf", brdf, ("tabulated", "lambertian")),
         ("gain", gain, ("free", "locked")),
-        ("light", light, ("centred", "free")),
     ):
         if value not in choices:
-            raise ValueError(
-                f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}'
-            )
+            raise unknown_name(name, value, choices)
     check_int("nodes", nodes, 2)
     if not 0 <= levels[0] < levels[1]:
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")
-    check_gamma(gamma)
-    _check_reflectance(reflectance)
+    _check_gamma(gamma)
+    for known in reflectance:
+        _log_reflectance(known)
 
 
 def _start(model: LightModel) -> tuple[LightUnknowns, float]:
@@ -123,53 +111,28 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     reweightings. What is saturated is told from the measured level here, for want of a better one.
     """
     samples = model.samples
-    gamma = (
-        model.gamma
-        if isinstance(model.gamma, float)
-        else model.gamma[0]
-        if model.gamma
-        else LIGHT_FIT.first_gamma
-    )
-    log_reflectance = model.given_log_reflectance
-    loose = [m for m in model.loose_materials if model.reflectance[m - 1] is None]
-    geometry, _ = model.geometry(LightUnknowns(0, 1, np.zeros(0), np.zeros(0), np.zeros(0)))
-    good = (
-        geometry.valid
-        & (samples.level > model.levels[0])
-        & (samples.level < model.levels[1])
-    )
-    level = np.where(good, samples.level, 0.5)
-    target = gamma * np.log(level) - geometry.falloff - log_reflectance[samples.material]
-    free = np.arange(len(model.nodes)) != model.pinned
-    loosely = ((samples.material == m)[:, None].astype(float) for m in loose)
-    columns = [geometry.log_cos_psi[:, None], *loosely]
-    if len(model.nodes) > 1:
-        columns.append(hats(model.nodes, geometry.theta)[:, free])
-    matrix = np.concatenate(columns, axis=1)
+    low, high = model.levels
+    good = model.geometry.valid & (samples.level > low) & (samples.level < high)
+    vector = model.known_vector
+    vector[1] = gamma = vector[1] or LIGHT_FIT.first_gamma
+    loose = np.array([known is None for known in model.known])
+    loose[1] = False
+    # The gain of a frame whose samples are all out of range is read from these all the same.
+    level = np.maximum(samples.level, 1e-3)
+    target = gamma * np.log(level) - model.geometry.falloff - model.given_log_reflectance
     weight = level**2 * good
     for _ in range(5):
-        solved, residual = identifiability.regress(matrix, target, weight, model.group)
+        solved, constant, residual = identifiability.regress(
+            model.columns[:, loose], target, np.maximum(weight, 1e-9), model.group
+        )
         grey = GREY_LEVELS * level * residual / gamma
         sigma = 1.4826 * float(np.median(np.abs(grey[good]))) + 1e-12
         weight = level**2 * good / (1 + (grey / (3 * sigma)) ** 2) ** 2
-    log_brdf = np.full(len(model.nodes), -np.log(np.pi))
-    log_reflectance[loose] = solved[1 : 1 + len(loose)]
-    if len(model.nodes) > 1:
-        log_brdf[free] += np.clip(solved[1 + len(loose) :], -5, 5)
-    groups = int(model.group[-1]) + 1
-    start = LightUnknowns(
-        float(solved[0]), gamma, log_brdf, log_reflectance, np.zeros(groups)
-    )
-    # The gain of a frame whose samples are all out of range is read from these all the same.
-    alone = np.bincount(model.group, weight, groups) == 0
-    weight = np.where(alone[model.group], samples.level**2 + 1e-6, weight)
-    measured = np.clip(samples.level, 1e-3, None)
-    expected = np.maximum(model.predict(start) / GREY_LEVELS, 1e-9)
-    rest = gamma * np.log(measured / expected)
-    gain = np.bincount(model.group, weight * rest, groups) / np.bincount(
-        model.group, weight, groups
-    )
-    return replace(start, log_gain=gain), sigma
+    vector[loose] = np.clip(solved, -10, 10)
+    vector[2 : 2 + len(model.nodes)] += LOG_MATT * loose[2 : 2 + len(model.nodes)]
+    own = np.zeros((len(constant), model.own_columns.shape[1]))
+    own[:, 0] = constant - LOG_MATT
+    return model.unknowns(vector, own), sigma
 
 
 def calibrate_light(
@@ -180,7 +143,6 @@ def calibrate_light(
     nodes: int = 15,
     gain: str = "free",
     reflectance: Sequence[Known] = (),
-    light: str = "centred",
     levels: tuple[float, float] = LIGHT_FIT.levels,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> PhotometricFit:
@@ -203,9 +165,6 @@ def calibrate_light(
     reflectance : sequence
         Of materials 1 and up, relative to material 0: a number, (value, sd), or None if free.
         They share the shape of the BRDF.
-    light : {"centred", "free"}
-        At the optical centre and looking forward, or with its offset and direction fitted. Then
-        the result's k is the exponent of that light.
     levels : (low, high)
         Stored values between which a sample's *predicted* value must lie for it to count; choose
         them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
@@ -236,30 +195,24 @@ def calibrate_light(
     >>> abs(fit.k - 2.5) < 3 * fit.standard_errors["k"]
     True
     """
-    check_options(gamma, brdf, nodes, gain, reflectance, light, levels)
+    check_options(gamma, brdf, nodes, gain, reflectance, levels)
     numbers = np.column_stack([samples.level, samples.points, samples.normals])
     finite = np.isfinite(numbers).all(axis=1)
     if not finite.all():
         raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
-    if len(samples) < LIGHT_FIT.least_samples:
-        why = "white paper shows between the ink in too few places, or too small"
-        raise NotIdentifiableError(
-            "light",
-            f"{LIGHT_FIT.least_samples} samples are needed, got {len(samples)}: {why}",
-        )
-    frames, frame = np.unique(samples.frame, return_inverse=True)
-    group = frame if gain == "free" else np.zeros(len(samples), int)
-    if gain == "locked":  # then the frames have no unknowns of their own
-        samples = replace(samples, slack=np.zeros((0, 0)))
-    known = _check_reflectance(reflectance)
-    most = int(samples.material.max())
-    if samples.material.min() < 0 or most != len(known):
-        each = f"each of materials 1 to {most} of the samples"
-        raise ValueError(f"reflectance must have an entry for {each}, got {len(known)}")
     theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
-    model = LightModel(
-        samples, group, theta, pinned, check_gamma(gamma), known, light == "free", levels
-    )
+    materials = np.unique(samples.material)
+    if materials[0] < 0 or materials[-1] != len(reflectance):
+        each = f"each of materials 1 to {materials[-1]} of the samples"
+        raise ValueError(f"reflectance must have an entry for {each}, got {reflectance}")
+    frames, group = np.unique(samples.frame, return_inverse=True)
+    if gain == "locked":  # then the frames have no unknowns of their own
+        group = np.zeros(len(samples), int)
+        samples = replace(samples, slack=np.zeros((0, 0)))
+    known: list[Known] = [None, _check_gamma(gamma), *[None] * len(theta), 0.0]
+    known[2 + pinned] = LOG_MATT
+    known += [_log_reflectance(value) for value in reflectance]
+    model = LightModel(samples, group, theta, tuple(known), levels)
     begin, sigma = _start(model)
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
@@ -274,147 +227,108 @@ def _nodes(
     samples: Samples, count: int, levels: tuple[float, float]
 ) -> tuple[FloatArray, int]:
     """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
-    geometry = SampleGeometry.of(samples, np.zeros(5))
+    geometry = SampleGeometry.of(samples)
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
     if good.sum() < LIGHT_FIT.least_samples:
-        which = (
-            f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
-        )
-        raise NotIdentifiableError(
-            "light", f"{which}, {LIGHT_FIT.least_samples} are needed; change the exposure"
-        )
+        lit = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
+        ways = "change the exposure, or bring the sheet nearer: white paper must show"
+        needed = f"{LIGHT_FIT.least_samples} are needed"
+        raise NotIdentifiableError("light", f"{lit}, {needed}; {ways}")
     theta = geometry.theta[good]
     chosen = np.zeros(1)
     if count > 1:
         if np.ptp(theta) < 1e-3:
             why = "samples that all lie at one incidence angle do not determine the BRDF"
             ways = "tilt the sheet, or assume a matt sheet (lambertian BRDF)"
-            raise NotIdentifiableError(
-                "brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}"
-            )
+            angle = f"{np.rad2deg(theta[0]):.1f}°"
+            raise NotIdentifiableError("brdf", f"{why}, {angle}; {ways}")
         chosen = place_nodes(theta, count)
     light = samples.level[good] ** 2
     return chosen, int(np.argmax(hats(chosen, theta).T @ light))
 
 
-def _check_bounds(
-    model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]
-) -> None:
+def _check_bounds(unknowns: LightUnknowns, errors: dict[str, float]) -> None:
     """Refuse a fit that has run away."""
     low, high = LIGHT_FIT.gamma_bounds
     if unknowns.k < 0:
-        ran = f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0"
-        raise NotIdentifiableError(
-            "k", f"{ran}: these samples show no fall-off off the axis"
-        )
-    if not low < unknowns.gamma < high:
+        ran = f"k ran to {unknowns.k:.3f} ± {errors['k']:.3f}, below 0"
+        why = "these samples show no fall-off off the axis"
+        raise NotIdentifiableError("k", f"{ran}: {why}")
+    if not low <= unknowns.gamma <= high:
         ran = f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}"
         raise NotIdentifiableError("gamma", f"{ran}; check the distances, or give gamma")
-    if model.free_light:
-        _check_place(spread)
-    error = unknowns.gamma * spread["k/gamma"]
+    error = unknowns.gamma * errors["k/gamma"]
     most = identifiability.EVIDENCE.largest_k_error
     if error > most:
         why = f"these samples do not determine k: it is {unknowns.k:.2f} ± {error:.2f}"
         raise NotIdentifiableError("k", f"{why}, of which at most ± {most:g} is of use")
 
 
-def _check_place(spread: dict[str, float]) -> None:
-    """Refuse a light whose place or direction the samples do not tell."""
-    place = max(spread[f"light {axis}"] for axis in "xyz")
-    tilt = max(spread["light tilt x"], spread["light tilt y"])
-    if place > LIGHT_FIT.largest_place_error or tilt > LIGHT_FIT.largest_tilt_error:
-        why = "these samples do not determine the light's place and direction"
-        errors = f"their standard errors are {place:.2g} mm and {np.rad2deg(tilt):.2g}°"
-        ways = (
-            'vary the distance and the tilt, or take the light as centred (light="centred")'
-        )
-        raise NotIdentifiableError("light", f"{why}: {errors}; {ways}")
-
-
 def _standard_errors(
-    unknowns: LightUnknowns, spread: dict[str, float], covariance: FloatArray
+    model: LightModel, unknowns: LightUnknowns, covariance: FloatArray
 ) -> dict[str, float]:
     """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
-    slope = np.zeros(len(spread))  # of k/γ
-    slope[0] = 1 / unknowns.gamma
-    if "gamma" in spread:
-        slope[1] = -unknowns.k / unknowns.gamma**2
-    errors = {"k": spread["k"], "gamma": spread.get("gamma", 0.0)}
-    errors["k/gamma"] = float(np.sqrt(slope @ covariance @ slope))
-    for name, logs in (
-        ("brdf", unknowns.log_brdf),
-        ("reflectance", unknowns.log_reflectance),
-    ):
-        for i, value in enumerate(np.exp(logs)):
-            errors[f"{name} {i}"] = value * spread.get(f"{name} {i}", 0.0)
-    errors |= {name: error for name, error in spread.items() if name.startswith("light")}
-    return {name: float(error) for name, error in errors.items()}
+    unit = np.ones(len(model.known))
+    unit[2:] = np.exp(unknowns.vector[2:])
+    errors = np.zeros(len(model.known))
+    errors[model.free] = unit[model.free] * np.sqrt(np.diag(covariance))
+    slope = np.zeros(len(model.known))  # of k/γ
+    slope[:2] = 1 / unknowns.gamma, -unknowns.k / unknowns.gamma**2
+    slope = slope[model.free]
+    ratio = {"k/gamma": float(np.sqrt(slope @ covariance @ slope))}
+    return dict(zip(model.names, errors.tolist(), strict=True)) | ratio
+
+
+def _range(values: FloatArray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
 
 
 def _result(
     model: LightModel, frames: IntArray, expected: dict[str, Strength], fitted: Fit
 ) -> PhotometricFit:
     """Check a fit and put it into words."""
-    last = fitted.iterate
     used = fitted.iterate.used
-    samples = model.samples
-    unknowns: LightUnknowns = last.unknowns
+    sigma = fitted.iterate.sigma
+    unknowns: LightUnknowns = fitted.iterate.unknowns
     covariance = fitted.covariance.common
     deviation = np.sqrt(np.diag(covariance))
-    spread = dict(zip(model.names, deviation.tolist(), strict=True))
-    errors = _standard_errors(unknowns, spread, covariance)
-    remarks = identifiability.judge_light(model, unknowns, used, last.sigma)
-    _check_bounds(model, unknowns, errors)
+    errors = _standard_errors(model, unknowns, covariance)
+    remarks = identifiability.judge_light(model, unknowns, used, sigma)
+    _check_bounds(unknowns, errors)
     f = np.exp(unknowns.log_brdf)
-    gains = np.exp(unknowns.log_gain)
-    gain_errors = gains * np.sqrt(fitted.covariance.own[:, 0, 0])
-    locked = len(gains) == 1 and len(frames) > 1
-    matt = len(f) == 1
-    surface: BRDF = (
-        Lambertian(float(np.pi * f[0]))
-        if matt
-        else TabulatedBRDF(tuple(model.nodes), tuple(f))
-    )
-    place = unknowns.light[:3].tolist()
-    tilt = unknowns.light[3:].tolist()
-    lights = (
-        (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
-    )
-    k = 0.0 if lights else unknowns.k
-    gain = float(gains[0]) if locked else None
-    alpha = np.arccos(np.minimum(samples.cos_alpha[used], 1.0))
-    theta = model.geometry(unknowns)[0].theta[used]
-    seen = {"alpha": alpha, "theta": theta, "distance": samples.distance[used]}
-    ranges = {
-        name: (float(values.min()), float(values.max())) for name, values in seen.items()
-    }
-    known = np.isfinite(gain_errors)
-    jumps = [] if locked else identifiability.gain_jumps(frames[known], gains[known])
-    verdict = identifiability.describe_verdict(
-        model, unknowns, expected, errors, last.sigma, ranges, jumps
-    )
-    verdict += remarks
-    if fitted.status is not Status.CONVERGED:
-        verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")
-    residuals = last.residual[:, 0]
-    return PhotometricFit(
-        photometry=Photometry(k, unknowns.gamma, gain, surface, lights),
+    surface: BRDF = Lambertian(1.0)
+    if len(f) > 1:
+        surface = TabulatedBRDF(tuple(model.nodes), tuple(f))
+    # One for each frame, though it may be the same for all.
+    alike = len(frames) // len(unknowns.own)
+    gains = np.repeat(np.exp(unknowns.own[:, 0]), alike)
+    gain_errors = gains * np.repeat(np.sqrt(fitted.covariance.own[:, 0, 0]), alike)
+    residuals = fitted.iterate.residual[:, 0]
+    names = [name for name, free in zip(model.names, model.free, strict=True) if free]
+    result = PhotometricFit(
+        photometry=Photometry(
+            unknowns.k, unknowns.gamma, float(gains[0]) if alike > 1 else None, surface
+        ),
         frames=frames,
-        gains=np.repeat(gains, len(frames)) if locked else gains,
-        gain_errors=np.repeat(gain_errors, len(frames)) if locked else gain_errors,
+        gains=gains,
+        gain_errors=gain_errors,
         reflectance=np.exp(unknowns.log_reflectance),
-        names=model.names,
+        names=names,
         covariance=covariance,
         correlation=covariance / np.outer(deviation, deviation),
         standard_errors=errors,
         ratio=unknowns.k / unknowns.gamma,
         residuals=residuals,
         used=used,
-        sigma=last.sigma,
+        sigma=sigma,
         mean=float(residuals[used].mean()),
-        **{f"{name}_range": ends for name, ends in ranges.items()},
-        verdict=verdict,
+        alpha_range=_range(np.arccos(np.minimum(model.samples.cos_alpha[used], 1.0))),
+        theta_range=_range(model.geometry.theta[used]),
+        distance_range=_range(model.samples.distance[used]),
+        verdict=[],
         status=fitted.status,
-        history=fitted.history,
     )
+    verdict = identifiability.describe_verdict(model, result, expected) + remarks
+    if fitted.status is not Status.CONVERGED:
+        verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")
+    return replace(result, verdict=verdict)

@@ -21,7 +21,6 @@ The regression gives f many more nodes than the fit has. Else the error of inter
 few nodes would count as information, and would fix γ at a wrong value.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +33,7 @@ from endolab.calibration.photometric.model import (
     LightUnknowns,
     hats,
 )
+from endolab.calibration.photometric.result import PhotometricFit
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
 
@@ -99,19 +99,19 @@ def regress(
     weight: FloatArray,
     group: IntArray,
     ridge: FloatArray | float = 0.0,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weighted least squares on columns, (n, p), and a free constant per group (ascending, no gaps from 0).
 
     `ridge` weighs coefficient² in the sum that is minimised. Returns the coefficients, the shortest where
-    they are not determined, and the target's residual.
+    they are not determined, the constants, and the target's residual.
     """
     count = columns.shape[1]
     stiffness = np.diag(np.sqrt(np.broadcast_to(ridge, count)))
     ones = np.ones((len(target), 1, 1))
     lin = Linearised(target[:, None], -columns[:, None], -ones, np.zeros(count), stiffness)
-    solved, constant = Arrow(lin, weight, group).solve(0.0)
-    residual = target - columns @ solved - constant[group, 0]
-    return solved, residual
+    solved, own = Arrow(lin, weight, group).solve(0.0)
+    constant = own[:, 0]
+    return solved, constant, target - columns @ solved - constant[group]
 
 
 def strengths(
@@ -121,47 +121,52 @@ def strengths(
 
     The unknowns must be near the truth; σ is the noise in grey levels.
     """
+    samples = model.samples
     used = model.usable(unknowns)
-    geometry, _ = model.geometry(unknowns)
     weight = np.where(used, (model.predict(unknowns) / unknowns.gamma) ** 2, 0.0)
+    tiny = np.finfo(float).tiny
     columns = [np.zeros((len(used), 0))]
     if len(model.nodes) > 1:
         count = int(np.clip(used.sum() // 10, len(model.nodes), EVIDENCE.rich_nodes))
-        columns.append(
-            hats(np.linspace(model.nodes[0], model.nodes[-1], count), geometry.theta)
-        )
-    roughly = []
+        rich = np.linspace(model.nodes[0], model.nodes[-1], count)
+        columns.append(hats(rich, model.geometry.theta))
+    roughly: list[FloatArray] = []
+    stiff: list[float] = []
     for material in model.loose_materials:
-        is_material = (model.samples.material == material).astype(float)
-        known = model.reflectance[material - 1]
+        is_material = (samples.material == material)[:, None].astype(float)
+        known = model.reflectances[material]
         if isinstance(known, tuple):
-            roughly.append((is_material, (sigma * known[0] / known[1]) ** 2))
+            roughly.append(is_material)
+            stiff.append((sigma / known[1]) ** 2)
         else:
-            columns.append(is_material[:, None])
+            columns.append(is_material)
+
+    def left_over(
+        target: FloatArray, others: list[FloatArray], ridge: FloatArray | float = 0.0
+    ) -> float:
+        """Least sum of squares of a target that others imitate."""
+        imitate = np.concatenate(others, axis=1)
+        solved, _, residual = regress(imitate, target, weight, model.group, ridge)
+        return float(weight @ residual**2 + np.sum(ridge * solved**2))
 
     def measure(target: FloatArray) -> Strength:
-        known = np.concatenate(columns, axis=1)
-        squares = float(weight @ regress(known, target, weight, model.group)[1] ** 2)
-        information = alone = squares
+        squares = information = alone = left_over(target, columns)
         if roughly:
-            free = np.column_stack([known, *(column for column, _ in roughly)])
-            ridge = np.concatenate(
-                [np.zeros(known.shape[1]), [stiff for _, stiff in roughly]]
-            )
-            alone = float(weight @ regress(free, target, weight, model.group)[1] ** 2)
-            solved, residual = regress(free, target, weight, model.group, ridge)
-            information = float(weight @ residual**2 + ridge @ solved**2)
-        tiny = np.finfo(float).tiny
+            free = columns + roughly
+            ridge = np.zeros(sum(column.shape[1] for column in free))
+            alone = left_over(target, free)
+            ridge[-len(stiff) :] = stiff
+            information = left_over(target, free, ridge)
         total = max(weight.sum(), tiny)
         sd = sigma / np.sqrt(max(information, tiny))
         return Strength(sd, np.sqrt(squares / total), np.sqrt(alone / total))
 
-    strength = {"k": measure(geometry.log_cos_psi)}
-    if not isinstance(model.gamma, float):
-        columns.append(geometry.log_cos_psi[:, None])
-        strength["gamma"] = measure(
-            geometry.falloff + model.given_log_reflectance[model.samples.material]
-        )
+    fall_off = model.geometry.log_cos_alpha
+    strength = {"k": measure(fall_off)}
+    if model.free[1]:
+        columns.append(fall_off[:, None])
+        target = model.geometry.falloff + model.given_log_reflectance
+        strength["gamma"] = measure(target)
     return strength
 
 
@@ -187,7 +192,7 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
         have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
         why = f"these samples do not determine k: its standard error would be {k.sd:.2g} with {have}"
         raise NotIdentifiableError("k", f"{why}; take more of them, over a wider field")
-    if model.gamma is not None:
+    if model.known[1] is not None:
         return
     gamma = evidence["gamma"]
     if (
@@ -213,14 +218,14 @@ def fall_off_share(
     the unknowns. Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
     1/cos³ θ would pass for it, so that neither residuals nor k betray it.
     """
-    geometry, _ = model.geometry(unknowns)
+    geometry = model.geometry
     level = np.where(used, model.samples.level, 1.0)
     weight = np.where(used, level**2, 0.0)
     loose = [model.samples.material == material for material in model.loose_materials]
-    others = np.column_stack([geometry.log_cos_psi, *loose])
-    known = model.given_log_reflectance[model.samples.material]
-    _, light = regress(others, unknowns.gamma * np.log(level) - known, weight, model.group)
-    _, lamp = regress(others, geometry.falloff, weight, model.group)
+    others = np.column_stack([geometry.log_cos_alpha, *loose])
+    target = unknowns.gamma * np.log(level) - model.given_log_reflectance
+    _, _, light = regress(others, target, weight, model.group)
+    _, _, lamp = regress(others, geometry.falloff, weight, model.group)
     information = float(weight @ lamp**2) + np.finfo(float).tiny
     share = float(weight @ (lamp * light)) / information
     rest = float(weight @ (light - share * lamp) ** 2) / (int(used.sum()) + 1)
@@ -233,7 +238,9 @@ def judge_light(
     """Raise if what was fitted is no light that moves with the camera; return what is doubtful about it."""
     remarks = []
     ways = "use the endoscope's own light, and no other"
-    if model.gamma is not None:  # a free γ would make up for it, and run out of its bounds
+    if (
+        model.known[1] is not None
+    ):  # a free γ would make up for it, and run out of its bounds
         share, error = fall_off_share(model, unknowns, used & (model.samples.level > 0))
         power = f"to the power {share:.2f} ± {error:.2f} of what a lamp at the lens does"
         if share + 2 * error < EVIDENCE.least_fall_off:
@@ -246,9 +253,7 @@ def judge_light(
         why = (
             f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
         )
-        raise NotIdentifiableError(
-            "light", f"{why}; {ways}, or fit one beside the lens (light free)"
-        )
+        raise NotIdentifiableError("light", f"{why}; {ways}")
     return remarks
 
 
@@ -258,39 +263,26 @@ def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightMode
     Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
     nodes, and would seem to be known. `widen` gives the uncertainty back.
     """
-    gamma = model.gamma
-    reflectance = model.reflectance
-    if not isinstance(gamma, float):
-        if (
-            isinstance(gamma, tuple)
-            and evidence["gamma"].signal < EVIDENCE.least_gamma_signal
-        ):
-            gamma = (gamma[0], EVIDENCE.held_to * gamma[1])
-        if evidence["gamma"].alone < EVIDENCE.least_gamma_signal:
-            reflectance = tuple(
-                (r[0], EVIDENCE.held_to * r[1]) if isinstance(r, tuple) else r
-                for r in reflectance
-            )
-    return replace(model, gamma=gamma, reflectance=reflectance)
+    if "gamma" not in evidence:
+        return model
+    known = list(model.known)
+    hold_gamma = evidence["gamma"].signal < EVIDENCE.least_gamma_signal
+    hold_reflectance = evidence["gamma"].alone < EVIDENCE.least_gamma_signal
+    for i, belief in enumerate(known):
+        if isinstance(belief, tuple) and (hold_gamma if i == 1 else hold_reflectance):
+            known[i] = belief[0], EVIDENCE.held_to * belief[1]
+    return replace(model, known=tuple(known))
 
 
 def widen(covariance: FloatArray, model: LightModel, stiff: LightModel) -> FloatArray:
-    """Add to a covariance, (p, p), what the unknowns that were held may vary, and others with them."""
+    """Add to a covariance, (q, q), what the unknowns that were held may vary, and others with them."""
     result = covariance.copy()
-    priors = [("gamma", model.gamma, stiff.gamma, 1.0)]
-    for m, pair in enumerate(
-        zip(model.reflectance, stiff.reflectance, strict=True), start=1
-    ):
-        priors.append(
-            (f"reflectance {m}", *pair, pair[0][0] if isinstance(pair[0], tuple) else 1.0)
-        )
-    for name, true, used, unit in priors:
-        if isinstance(true, tuple) and true != used:
-            column = model.names.index(name)
-            along = covariance[:, column] / covariance[column, column]  # d(all)/d(held)
-            result += ((true[1] / unit) ** 2 - covariance[column, column]) * np.outer(
-                along, along
-            )
+    for number, i in enumerate(np.flatnonzero(model.free)):
+        known = model.known[i]
+        if isinstance(known, tuple) and known != stiff.known[i]:
+            variance = covariance[number, number]
+            along = covariance[:, number] / variance  # d(all)/d(held)
+            result += (known[1] ** 2 - variance) * np.outer(along, along)
     return result
 
 
@@ -307,90 +299,85 @@ def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
     return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]
 
 
-def describe_verdict(
-    model: LightModel,
-    unknowns: LightUnknowns,
-    expected: dict[str, Strength],
-    errors: dict[str, float],
-    sigma: float,
-    used_range: dict[str, tuple[float, float]],
-    jumps: Sequence[tuple[int, float]],
+def _say_gamma(
+    model: LightModel, fit: PhotometricFit, expected: dict[str, Strength]
 ) -> list[str]:
-    """Say in words what is determined, by what, and what is not."""
-    k = unknowns.k
-    gamma = unknowns.gamma
-    lambertian = len(model.nodes) == 1
-    locked = int(model.group[-1]) == 0 and len(np.unique(model.samples.frame)) > 1
-    ratio = f"k/γ = {k / gamma:.4f} ± {errors['k/gamma']:.4f}"
-    sentences: list[str] = []
-    say = sentences.append
-    if isinstance(model.gamma, float):
+    """Say what determines k and γ."""
+    k = fit.k
+    gamma = fit.photometry.gamma
+    errors = fit.standard_errors
+    known = model.known[1]
+    ratio = f"k/γ = {fit.ratio:.4f} ± {errors['k/gamma']:.4f}"
+    measured_k = f"k = {k:.4f} ± {errors['k']:.4f}"
+    if isinstance(known, float):
         given = f"γ = {gamma:g} was given, not measured: where it is wrong by 1 %, k is wrong by 1 %"
-        say(f"{ratio} is determined by how the light falls off across the frames; {given}.")
-        say(f"k = {k:.4f} ± {errors['k']:.4f}, if γ is {gamma:g}.")
-    elif model.gamma is None:
-        source = (
-            "the distance under a locked gain"
-            if locked
-            else "the distance within each frame"
+        return [
+            f"{ratio} is determined by how the light falls off across the frames; {given}.",
+            f"{measured_k}, if γ is {gamma:g}.",
+        ]
+    if known is None:
+        locked = fit.photometry.gain is not None
+        source = "the distance " + (
+            "under a locked gain" if locked else "within each frame"
         )
-        if any(known is not None for known in model.reflectance):
+        if any(known is not None for known in model.reflectances[1:]):
             source = "the reflectances that are known"
-        say(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
         bias = (2 * EVIDENCE.pose_error / expected["gamma"].signal) ** 2 * gamma
         errs = f"Random errors of {100 * EVIDENCE.pose_error:g} % in the distances"
-        say(f"{errs} would raise γ by {bias:.2g}, and k with it.")
-        say(f"k = {k:.4f} ± {errors['k']:.4f} is measured; {ratio}.")
-    else:
-        mean, sd = model.gamma
-        share = (errors["gamma"] / sd) ** 2
-        source = "add nothing to that" if share > 0.9 else f"leave ± {errors['gamma']:.4f}"
-        say(f"γ = {gamma:.4f}: {mean:g} ± {sd:g} was given, and the samples {source}.")
-        say(f"k = {k:.4f} ± {errors['k']:.4f}; {ratio} is known better than either.")
-    if lambertian:
-        also = "" if isinstance(model.gamma, float) else " and γ"
+        return [
+            f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.",
+            f"{errs} would raise γ by {bias:.2g}, and k with it.",
+            f"{measured_k} is measured; {ratio}.",
+        ]
+    mean, sd = known
+    source = f"leave ± {errors['gamma']:.4f}"
+    if errors["gamma"] ** 2 > 0.9 * sd**2:
+        source = "add nothing to that"
+    return [
+        f"γ = {gamma:.4f}: {mean:g} ± {sd:g} was given, and the samples {source}.",
+        f"{measured_k}; {ratio} is known better than either.",
+    ]
+
+
+def describe_verdict(
+    model: LightModel, fit: PhotometricFit, expected: dict[str, Strength]
+) -> list[str]:
+    """Say in words what is determined, by what, and what is not."""
+    sentences = _say_gamma(model, fit, expected)
+    say = sentences.append
+    if len(model.nodes) == 1:
+        also = " and γ" if model.free[1] else ""
         say(
             f"The surface was taken to be matt (Lambertian): a sheen would show as wrong k{also}."
         )
-    low, high = np.rad2deg(used_range["alpha"])
+    low, high = np.rad2deg(fit.alpha_range)
     say(
         f"The fall-off was seen from {low:.0f}° to {high:.0f}° off the axis; it is a guess beyond."
     )
-    if not lambertian:
-        low, high = np.rad2deg(used_range["theta"])
+    if len(model.nodes) > 1:
+        low, high = np.rad2deg(fit.theta_range)
         seen = f"The BRDF was seen from {low:.0f}° to {high:.0f}° and is constant beyond"
         say(f"{seen}; its scale and that of the gains cannot be told apart.")
     for material in model.loose_materials:
-        value = np.exp(unknowns.log_reflectance[material])
-        error = errors[f"reflectance {material}"]
+        error = fit.standard_errors[f"reflectance {material}"]
+        value = f"{fit.reflectance[material]:.4f} ± {error:.4f}"
+        say(f"Material {material} reflects {value} of what material 0 does.")
+    low, high = GREY_LEVELS * np.array(model.levels)
+    needed = EVIDENCE.clearance * fit.sigma
+    if min(low, GREY_LEVELS - high) < needed:
         say(
-            f"Material {material} reflects {value:.4f} ± {error:.4f} of what material 0 does."
-        )
-    if model.free_light:
-        place = [
-            f"{v:.2f} ± {errors[f'light {a}']:.2f}"
-            for v, a in zip(unknowns.light, "xyz", strict=False)
-        ]
-        say(f"The virtual light is at ({', '.join(place)}) mm.")
-    low = GREY_LEVELS * model.levels[0]
-    high = GREY_LEVELS * model.levels[1]
-    if min(low, GREY_LEVELS - high) < EVIDENCE.clearance * sigma:
-        say(
-            f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
+            f"The residuals, of {fit.sigma:.1f} grey levels, reach out of the sensor's range from the levels "
             f"that were used, {low:.0f} to {high:.0f}, which biases the result: keep "
-            f"{EVIDENCE.clearance * sigma:.0f} inside 0 and 255."
+            f"{needed:.0f} inside 0 and 255."
         )
-    if locked:
+    if fit.photometry.gain is not None:
         say("One gain was fitted for all frames.")
+    known = np.isfinite(fit.gain_errors)
+    jumps = gain_jumps(fit.frames[known], fit.gains[known])
     if jumps:
-        named = ", ".join(
-            f"{frame} (×{jump:.2g})"
-            for frame, jump in sorted(jumps[: EVIDENCE.jumps_named])
-        )
-        more = (
-            f" and {len(jumps) - EVIDENCE.jumps_named} more"
-            if len(jumps) > EVIDENCE.jumps_named
-            else ""
-        )
+        largest = sorted(jumps[: EVIDENCE.jumps_named])
+        named = ", ".join(f"{frame} (×{jump:.2g})" for frame, jump in largest)
+        rest = len(jumps) - len(largest)
+        more = f" and {rest} more" if rest else ""
         say(f"The gain jumps at frame {named}{more}.")
     return sentences

@@ -1,6 +1,5 @@
 """What a photometric calibration returns: the model, its uncertainties, and its score on other frames."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,7 +28,7 @@ class PhotometricFit:
     """A photometric calibration with its evidence.
 
     `covariance` and `correlation`, (p, p), are of the unknowns that all frames share, `names`: "k", "gamma",
-    "brdf j", "reflectance m", "light …"; of the logarithms of BRDF and reflectances. `standard_errors` are
+    "brdf j", "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors` are
     of the values themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only
     known beforehand, `gain_errors` are those at its given value.
     """
@@ -54,14 +53,11 @@ class PhotometricFit:
     # What is determined, by what, how well, and what is not, in sentences.
     verdict: list[str]
     status: Status
-    # Per iterate: k (its number), cost, sigma, change.
-    history: list[dict[str, float]] = field(repr=False)
 
     @property
     def k(self) -> float:
-        """Joint exponent of light and vignetting; that of the virtual light, if this was free."""
-        lights = self.photometry.lights
-        return lights[0].exponent if lights else self.photometry.k
+        """Joint exponent of light and vignetting."""
+        return self.photometry.k
 
     def _shape(self, samples: Samples) -> FloatArray:
         """Stored values at a gain of 1."""
@@ -69,58 +65,39 @@ class PhotometricFit:
         level = unit_gain.intensity(samples.points, samples.normals)
         return level * self.reflectance[samples.material] ** (1 / self.photometry.gamma)
 
-    def predict(self, samples: Samples) -> FloatArray:
-        """Stored values that the calibration expects, (n,), whatever the levels; nan without a known gain."""
-        if self.photometry.gain is not None:
-            gain = np.full(len(samples), self.photometry.gain)
-        else:
-            place = np.minimum(
-                np.searchsorted(self.frames, samples.frame), len(self.frames) - 1
-            )
-            gain = np.where(self.frames[place] == samples.frame, self.gains[place], np.nan)
-        return self._shape(samples) * gain ** (1 / self.photometry.gamma)
-
-    def score_held_out(
-        self,
-        samples: Samples,
-        edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0))),
-    ) -> HeldOut:
-        """Score the calibration on frames that it has not seen, in bins of α, rad.
+    def score_held_out(self, samples: Samples) -> HeldOut:
+        """Score the calibration on frames that it has not seen, in bins of α of 10°.
 
         Only the gain of each frame (one for all, if it is locked) is fitted to it, as it has to be; an error
         that all samples of a frame share stays unseen. The error of μ′ at α is the factor, less 1, by which
         the linear light of the samples in a bin exceeds the model's. It is the least-squares factor of their
         grey levels to the power γ: a mean of measured light itself would be biased by noise, which γ bends.
         """
-        if not len(samples):
-            raise ValueError("samples must hold at least one sample, got none")
         measured = GREY_LEVELS * samples.level
         shape = GREY_LEVELS * self._shape(samples)
-        numbers, group = np.unique(samples.frame, return_inverse=True)
+        _, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
-            numbers = numbers[:1]
             group = np.zeros_like(group)
-        low, high = LIGHT_FIT.levels
-        weight = ((samples.level > low) & (samples.level < high)).astype(float)
+        low, high = GREY_LEVELS * np.array(LIGHT_FIT.levels)
+        weight = ((measured > low) & (measured < high)).astype(float)
         for _ in range(10):
-            total = np.bincount(group, weight * shape**2, len(numbers))
-            factor = np.bincount(group, weight * shape * measured, len(numbers))
+            total = np.bincount(group, weight * shape**2)
+            factor = np.bincount(group, weight * shape * measured)
             predicted = (factor / np.where(total > 0, total, 1))[group] * shape
             residual = measured - predicted
-            inside = (predicted > GREY_LEVELS * low) & (predicted < GREY_LEVELS * high)
+            inside = (predicted > low) & (predicted < high)
             if not inside.any():
-                raise ValueError(
-                    "samples must hold some within the range of levels, got none"
-                )
-            sigma = robust_sigma(residual[:, None], inside, len(numbers))
+                raise ValueError("samples must hold some within the range of levels")
+            sigma = robust_sigma(residual[:, None], inside, len(total))
             weight = (inside & (np.abs(residual) < ROBUST.outlier * sigma)).astype(float)
         used = weight > 0
         alpha = np.arccos(np.clip(samples.cos_alpha[used], -1, 1))
-        gamma = self.photometry.gamma
-        count, bounds = np.histogram(alpha, edges)
+        edges = np.deg2rad(np.arange(0.0, 91.0, 10.0))
+        count, _ = np.histogram(alpha, edges)
         power, _ = np.histogram(alpha, edges, weights=predicted[used] ** 2)
         excess, _ = np.histogram(alpha, edges, weights=(predicted * residual)[used])
+        gamma = self.photometry.gamma
         with np.errstate(invalid="ignore", divide="ignore"):
             error = (1 + excess / power) ** gamma - 1
             standard_error = np.where(count > 0, gamma * sigma / np.sqrt(power), np.nan)
-        return HeldOut(bounds, error, standard_error, count, sigma)
+        return HeldOut(edges, error, standard_error, count, sigma)

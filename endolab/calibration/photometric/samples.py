@@ -1,4 +1,4 @@
-"""Photometric samples: how bright the frame is at places of known depth and normal."""
+"""Photometric samples: how bright the frame is at places of a sheet of known pose."""
 
 from __future__ import annotations
 
@@ -8,26 +8,21 @@ from typing import Self
 
 import cv2
 import numpy as np
-import scipy
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
-from endolab.model.cameras import Camera, RayField
-from endolab.model.surface import normals as normals_of
-from endolab.model.surface import points as points_of
+from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
 class SamplingRules:
-    """Which pixels of a known surface can be read, and how many of them."""
+    """Which pixels of a sheet can be read, and how many of them."""
 
     # px; in pictures as wide as this the light of 3x3 pixels is averaged.
     large_picture: int = 960
     # px between a window and the rim of the ink: half of rounding, the rest of blur.
     rim: float = 1.5
-    # Relative step of distance within 3x3 pixels that makes them an edge.
-    edge: float = 0.04
     grey_clearance: float = 0.8  # of a grey disc's radius, that is surely grey
     # Samples of a frame; more would only make one frame count more than another.
     most_of_a_frame: int = 200
@@ -50,19 +45,8 @@ class Samples:
     slack: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        n = len(self.frame)
         if not self.slack.size:
-            object.__setattr__(self, "slack", np.zeros((n, 0)))
-        for name, shape in (
-            ("level", (n,)),
-            ("points", (n, 3)),
-            ("normals", (n, 3)),
-            ("material", (n,)),
-        ):
-            if getattr(self, name).shape != shape:
-                raise ValueError(
-                    f"{name} must be of shape {shape}, got {getattr(self, name).shape}"
-                )
+            object.__setattr__(self, "slack", np.zeros((len(self), 0)))
         if np.any(np.diff(self.frame) < 0):
             raise ValueError("frame must be in ascending order")
 
@@ -76,15 +60,7 @@ class Samples:
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
         """Join samples, in the order of their frames."""
-        parts = [part for part in parts if len(part)]
-        if not parts:
-            return cls(
-                np.zeros(0, int),
-                np.zeros(0),
-                np.zeros((0, 3)),
-                np.zeros((0, 3)),
-                np.zeros(0, int),
-            )
+        parts = [part for part in parts if len(part)] or [NO_SAMPLES]
         order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
         columns = ([getattr(part, column.name) for part in parts] for column in fields(cls))
         return cls(*(np.concatenate(column)[order] for column in columns))
@@ -103,6 +79,11 @@ class Samples:
     def cos_theta(self) -> FloatArray:
         """Cosine of the angle between the normal and the direction to the camera, (n,)."""
         return -np.einsum("ni,ni->n", self.points, self.normals) / self.distance
+
+
+NO_SAMPLES = Samples(
+    np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int)
+)
 
 
 def sample_places(
@@ -136,9 +117,8 @@ def _on_panel(
     axes = camera.project(pose.transform(centre + edges)) - pixel
     # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
     # in the narrowest direction: the short axis of the ellipse that these two axes span.
-    square = np.sum(axes**2, axis=(0, 2)) / 2
-    area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
-    short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
+    axes = np.nan_to_num(axes).transpose(1, 2, 0)
+    short = np.linalg.svd(axes, compute_uv=False)[:, 1]
     nearest = np.round(pixel)
     half = side // 2
     with np.errstate(invalid="ignore"):
@@ -174,7 +154,7 @@ def sample_sheet(
     side = 3 if width >= SAMPLING.large_picture else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
     panel = target.panel_of(spots)
-    parts = [Samples.concatenate([])]
+    parts = []
     for number, pose in enumerate(poses):
         on_panel = np.flatnonzero(panel == number)
         if pose is None or not len(on_panel):
@@ -192,85 +172,11 @@ def sample_sheet(
         slack[:, 3 * number : 3 * number + 3] = 3 * points @ errors - plane @ errors / (
             plane @ plane
         )
-        parts.append(
-            Samples(
-                np.full(len(read), frame),
-                level,
-                points,
-                normals,
-                material[on_panel[read]],
-                slack,
-            )
-        )
+        frames = np.full(len(read), frame)
+        which = material[on_panel[read]]
+        parts.append(Samples(frames, level, points, normals, which, slack))
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples
-    return samples[
-        np.sort(np.random.default_rng(frame).choice(len(samples), most, replace=False))
-    ]
-
-
-def sample_surface(
-    image: FloatArray,
-    points: FloatArray,
-    normals: FloatArray,
-    mask: BoolArray,
-    *,
-    frame: int = 0,
-    most: int = 3000,
-) -> Samples:
-    """Read the brightness of a surface that is known: a phantom, or a rendered scene.
-
-    `points` and `normals` are (H, W, 3), in the camera frame, mm; of `mask`, at most `most` places are
-    sampled at random. The colour channels of an image become materials 0, 1 and 2.
-    """
-    usable = (
-        mask & np.all(np.isfinite(points), axis=-1) & np.all(np.isfinite(normals), axis=-1)
-    )
-    usable &= np.einsum("hwi,hwi->hw", points, normals) < 0
-    rows, columns = np.nonzero(usable)
-    if len(rows) > most:
-        chosen = np.sort(
-            np.random.default_rng(frame).choice(len(rows), most, replace=False)
-        )
-        rows = rows[chosen]
-        columns = columns[chosen]
-    channels = image[..., None] if image.ndim == 2 else image
-    level, places, towards = (
-        a[rows, columns].astype(np.float64) for a in (channels, points, normals)
-    )
-    frames = np.full(len(rows), frame)
-    materials = (np.full(len(rows), channel) for channel in range(channels.shape[-1]))
-    parts = zip(level.T, materials, strict=True)
-    return Samples.concatenate(
-        [Samples(frames, colour, places, towards, which) for colour, which in parts]
-    )
-
-
-def sample_depth(
-    image: FloatArray,
-    distance: FloatArray,
-    field: RayField,
-    mask: BoolArray,
-    *,
-    smooth: float = 2.0,
-    **options: int,
-) -> Samples:
-    """Read the brightness of a surface whose distance map, (H, W), mm, is known; its normals are computed.
-
-    Places near the rim of `mask`, near unknown distances (nan) and near edges are left out. `smooth` is
-    the standard deviation, px, of a Gaussian over the logarithm of the distance: it takes the steps out of
-    a depth map that was stored in whole numbers. `how`: frame and most, as for `sample_surface`.
-    """
-    known = mask & field.valid & np.isfinite(distance) & (distance > 0)
-    v = np.log(np.where(known, distance, 1.0))
-    jump = known & (
-        scipy.ndimage.maximum_filter(v, 3) - scipy.ndimage.minimum_filter(v, 3)
-        > SAMPLING.edge
-    )
-    reach = int(np.ceil(3 * smooth)) + 1
-    inner = scipy.ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
-    v = np.where(known, scipy.ndimage.gaussian_filter(v, smooth), np.nan)
-    return sample_surface(
-        image, points_of(v, field), normals_of(v, field), inner, **options
-    )
+    kept = np.random.default_rng(frame).choice(len(samples), most, replace=False)
+    return samples[np.sort(kept)]

@@ -101,12 +101,10 @@ def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
 def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
 
-    Angles at which there were no samples are shaded. If the light's place was fitted, α is the
-    angle off its direction.
+    Angles at which there were no samples are shaded.
     """
-    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
     share = "share of the light on the axis"
-    ax = decorate(ax, "Light's fall-off", f"angle {what} [°]", share)
+    ax = decorate(ax, "Light's fall-off", "angle α off the axis [°]", share)
     k = light.k
     error = light.standard_errors["k"]
     alpha = np.linspace(0, 90, 361)

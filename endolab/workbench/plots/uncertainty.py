@@ -92,8 +92,6 @@ def show_fall_off_uncertainty(
 ) -> Axes:
     """Show how well the light along each ray is known, relative to that on the axis.
 
-    If the light's place was fitted, it is that on a wall half-way through the samples' distances.
-
     Parameters
     ----------
     light : PhotometricFit

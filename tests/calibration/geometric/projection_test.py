@@ -4,9 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
-    CAMERA_NAMES,
     camera_vector,
-    predict,
     predict_view,
     project,
 )
@@ -26,20 +24,35 @@ CASES = {
 CASES |= {f"wide {name}": (WIDE, pose) for name, pose in POSES.items()}
 
 
-def spread(pose, count):
-    return np.broadcast_to(pose.rotation, (count, 3, 3)), np.broadcast_to(
-        pose.translation, (count, 3)
-    )
+def see(camera, pose, points, radii):
+    """What a camera, or its vector, sees of the points of a panel."""
+    vector = camera if isinstance(camera, np.ndarray) else camera_vector(camera)
+    rotation = np.tile(pose.rotation, (len(points), 1, 1))
+    translation = np.tile(pose.translation, (len(points), 1))
+    return project(vector, rotation, translation, points, radii)
+
+
+def check_derivatives(camera, pose, points, radii, atol=0.0):
+    """Hold derivatives against finite differences."""
+    exact = see(camera, pose, points, radii)
+    vector = camera_vector(camera)
+    for j in range(8):
+        step = (1e-3 if j < 4 else 1e-5) * np.eye(8)[j]
+        ahead = see(vector + step, pose, points, radii).pixels
+        slope = (ahead - see(vector - step, pose, points, radii).pixels) / (2 * step[j])
+        limit = 1e-6 * np.abs(slope).max() + atol
+        assert exact.by_camera[:, :, j] == pytest.approx(slope, abs=limit), j
+    for j, step in enumerate(1e-5 * np.eye(6)):
+        ahead = see(camera, moved(pose, step), points, radii).pixels
+        slope = (ahead - see(camera, moved(pose, -step), points, radii).pixels) / 2e-5
+        limit = 1e-6 * np.abs(slope).max() + atol
+        assert exact.by_pose[:, :, j] == pytest.approx(slope, abs=limit), j
 
 
 def moved(pose, step):
     """Return the pose after a small turn, rad, about the target's origin and a shift, mm."""
     turn = Rotation.from_rotvec(step[:3]).as_matrix()
     return Pose(turn @ pose.rotation, pose.translation + step[3:])
-
-
-def at(camera, pose, points, radii):
-    return camera_vector(camera), *spread(pose, len(points)), points, radii
 
 
 @pytest.mark.parametrize(
@@ -51,75 +64,42 @@ def test_a_poses_vector_comes_back(vector):
 
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
 def test_corners_are_where_the_camera_projects_them(camera, pose):
-    seen = camera.project(pose.transform(SHEET.points))
-    known = np.isfinite(seen[:, 0])
-    none = np.zeros(len(SHEET.points))
+    expected = camera.project(pose.transform(SHEET.points))
+    known = np.isfinite(expected[:, 0])
     assert known.sum() > 20
-    assert predict(*at(camera, pose, SHEET.points, none))[known] == pytest.approx(
-        seen[known], abs=1e-9
-    )
-    exact = project(*at(camera, pose, SHEET.points, none)).pixels
-    assert exact[known] == pytest.approx(seen[known], abs=1e-9)
+    seen = see(camera, pose, SHEET.points, np.zeros(len(SHEET.points))).pixels
+    assert seen[known] == pytest.approx(expected[known], abs=1e-9)
 
 
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
 def test_dots_are_seen_at_the_centroid_of_their_image(camera, pose):
-    points = SHEET.points
-    radii = SHEET.radii
-    exact = exact_centroids(camera, pose, points, radii, rings=12, spokes=48)
-    seen = predict(*at(camera, pose, points, radii))
-    assert np.abs(seen - exact).max() < 2e-3
-    assert np.median(np.abs(seen - exact)) < 1e-6
+    sheet = SHEET.points, SHEET.radii
+    exact = exact_centroids(camera, pose, *sheet, rings=12, spokes=48)
+    off = np.abs(see(camera, pose, *sheet).pixels - exact)
+    assert off.max() < 2e-3
+    assert np.median(off) < 1e-6
 
 
 @pytest.mark.parametrize("discs", [True, False], ids=["discs", "corners"])
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
 def test_derivatives_are_those_of_finite_differences(camera, pose, discs):
-    points = SHEET.points
-    radii = SHEET.radii * discs
-    vector = camera_vector(camera)
-    n = len(points)
-    exact = project(vector, *spread(pose, n), points, radii)
-    for j in range(8):
-        h = 1e-3 if j < 4 else 1e-5
-        ahead, behind = (
-            predict(vector + s * np.eye(8)[j], *spread(pose, n), points, radii)
-            for s in (h, -h)
-        )
-        slope = (ahead - behind) / (2 * h)
-        assert exact.by_camera[:, :, j] == pytest.approx(
-            slope, abs=1e-6 * np.abs(slope).max()
-        ), CAMERA_NAMES[j]
-    for j, h in enumerate(1e-5 * np.eye(6)):
-        ahead, behind = (
-            predict(vector, *spread(moved(pose, s), n), points, radii) for s in (h, -h)
-        )
-        slope = (ahead - behind) / 2e-5
-        assert exact.by_pose[:, :, j] == pytest.approx(
-            slope, abs=1e-6 * np.abs(slope).max()
-        ), j
+    check_derivatives(camera, pose, SHEET.points, SHEET.radii * discs)
 
 
 @pytest.mark.parametrize("discs", [True, False], ids=["discs", "corners"])
 def test_derivatives_hold_on_the_axis(discs):
-    offsets = np.array(
-        [[0.0, 0, 0], [1e-12, 0, 0], [1e-8, -1e-8, 0], [1e-4, 1e-4, 0], [0.05, 0, 0]]
-    )
-    radii = np.full(len(offsets), 1.2 * discs)
+    offsets = np.zeros((5, 3))
+    offsets[1:, 0] = 1e-12, 1e-8, 1e-4, 0.05
+    offsets[2:4, 1] = -1e-8, 1e-4
     pose = pose_of([0, 0, 0, 0, 0, 40.0])
-    exact = project(*at(PAPER, pose, offsets, radii))
-    assert np.all(np.isfinite(exact.by_camera))
-    for j, h in enumerate(1e-5 * np.eye(6)):
-        ahead, behind = (
-            predict(*at(PAPER, moved(pose, s), offsets, radii)) for s in (h, -h)
-        )
-        assert exact.by_pose[:, :, j] == pytest.approx((ahead - behind) / 2e-5, abs=1e-5)
+    check_derivatives(PAPER, pose, offsets, np.full(5, 1.2 * discs), 1e-5)
 
 
 def test_what_is_beyond_the_camera_is_not_predicted():
-    pose = pose_of([0, 0, 0, 0, 0, 40.0])
     points = np.array([[0.0, 0, 0], [40 * np.tan(np.radians(89.0)), 0, 0], [1e5, 0, 0]])
+    radii = np.zeros(3)
     assert PAPER.max_angle == pytest.approx(np.radians(90.8), abs=1e-3)
-    assert np.all(np.isfinite(predict_view(PAPER, pose, points, np.zeros(3))))
+    pose = pose_of([0, 0, 0, 0, 0, 40.0])
+    assert np.all(np.isfinite(predict_view(PAPER, pose, points, radii)))
     behind = pose_of([0, 1.8, 0, 0, 0, -1.0])
-    assert np.isnan(predict_view(PAPER, behind, points, np.zeros(3))[0]).all()
+    assert np.isnan(predict_view(PAPER, behind, points, radii)[0]).all()

@@ -5,23 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import endolab as el
-from endolab import datasets
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.identifiability import (
     NotIdentifiableError,
     gain_jumps,
 )
 from endolab.calibration.photometric.samples import Samples
-from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
-from tests.tools.shooting import shooting
-
-CAMERA = datasets.load_calibration("paper", width=480).camera
-TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
+from tests.tools import shooting
+from tests.tools.shooting import TRUTH
 
 
-def video(target="vicalib_big", count=100, light=TRUTH, **how):
-    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **shooting(**how))[0]
+def video(*given, **how):
+    return shooting.video(*given, **how)[0]
 
 
 def disturbed(samples, seed, distance=0.003, degrees=0.1):
@@ -144,19 +139,6 @@ def test_unknowns_at_their_bounds_are_refused():
     refused("k", brighter, "below 0")
     steep = video("vicalib_folded", fold=0.6, light=replace(TRUTH, gamma=6.0))
     refused("gamma", steep, "out of 0.5 to 5", gamma="free")
-
-
-def test_a_light_that_nothing_tells_is_refused():
-    """Frontal at one distance: a shift of the light and a tilt of it do the same."""
-    samples = video(
-        count=25,
-        per_frame=20,
-        noise=5.0,
-        tilt=np.deg2rad(4),
-        reach=0.2,
-        distance=(95.0, 100.0),
-    )
-    refused("light", samples, "centred", light="free", brdf="lambertian")
 
 
 def shine(samples, lamp, exposed="each"):

@@ -6,31 +6,13 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.calibration.photometric.samples import (
-    Samples,
-    sample_depth,
-    sample_sheet,
-    sample_surface,
-)
+from endolab.calibration.photometric.samples import sample_sheet
 from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET
 
 CAMERA = el.load_calibration("paper", 720).camera
 PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
-
-
-def some(count, seed=0):
-    """Arbitrary samples of a few frames."""
-    rng = np.random.default_rng(seed)
-    normals = rng.normal(size=(count, 3))
-    return Samples(
-        np.sort(rng.integers(0, 5, count)),
-        rng.random(count),
-        rng.normal(size=(count, 3)) + np.array([0, 0, 9]),
-        normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        rng.integers(0, 2, count),
-    )
 
 
 @pytest.mark.parametrize(
@@ -82,45 +64,3 @@ def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
         moved = replace(pose, translation=pose.translation + shift)
         assert len(sample_sheet(np.zeros((540, 720)), target, [moved], CAMERA)) == 0
-
-
-@pytest.mark.parametrize("albedo", [0.6, (0.75, 0.38, 0.30)], ids=["grey", "colour"])
-def test_a_rendered_scene_gives_the_models_levels(albedo):
-    light = el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(albedo))
-    frame = el.render(el.SCENES["curved"], CAMERA.resize(180, 135), light)
-    points = frame.distance[..., None] * frame.camera.field.rays
-    samples = sample_surface(
-        frame.image, points, frame.normals, frame.mask, frame=4, most=300
-    )
-    channels = 3 if isinstance(albedo, tuple) else 1
-    assert len(samples) == 300 * channels
-    assert np.all(samples.frame == 4)
-    for number in range(channels):
-        here = samples[samples.material == number]
-        assert len(here) == 300
-        model = frame.photometry.channel(("red", "green", "blue")[number])
-        expected = np.minimum(model.intensity(here.points, here.normals), 1.0)
-        np.testing.assert_allclose(here.level, expected, rtol=1e-9)
-        np.testing.assert_allclose(here.distance, np.linalg.norm(here.points, axis=1))
-        assert here.cos_theta.min() > 0
-
-
-def test_a_depth_map_gives_points_and_normals_away_from_its_edges():
-    camera = CAMERA.resize(240, 180)
-    frame = el.render(
-        el.SCENES["colon"], camera, el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(0.6))
-    )
-    stored = np.round(frame.distance / 0.002) * 0.002
-    mask = frame.mask & (np.arange(240) > 60)
-    samples = sample_depth(frame.image, stored, camera.field, mask, smooth=1.0, most=10**6)
-    pixels = np.round(camera.project(samples.points)).astype(int)
-    assert np.all(pixels[:, 0] > 60 + 3)
-    true = frame.normals[pixels[:, 1], pixels[:, 0]]
-    angle = np.rad2deg(np.arccos(np.clip(np.sum(samples.normals * true, axis=1), -1, 1)))
-    assert np.median(angle) < 1
-    assert np.quantile(angle, 0.95) < 12  # on the folds that nearly hide what is behind
-    step = np.abs(np.log(samples.distance / frame.distance[pixels[:, 1], pixels[:, 0]]))
-    assert np.median(step) < 1e-3
-    assert 3000 < len(samples) < mask.sum()
-    unknown = np.full(stored.shape, np.nan)
-    assert len(sample_depth(frame.image, unknown, camera.field, mask)) == 0
