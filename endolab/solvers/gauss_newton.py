@@ -73,9 +73,9 @@ class Descent:
     # than this many times the energy after one step.
     start_halvings: int = 2
     start_excess: float = 1.2
-    # Of a look: how near its first surface comes to where it ends, and the steps to each other energy.
+    # Of a look: how near its first surface comes to where it ends, and conjugate gradients' steps afterwards.
     look_tolerance: float = 1e-2
-    look_steps: int = 1
+    look_inner_steps: int = 4
     # Share by which energies of one map differ, once distances were in another unit.
     same_energy: float = 1e-9
 
@@ -112,6 +112,12 @@ class _State:
     def without_ceiling(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
         return cls(grid, v, lam, grid.terms(v, lam))
 
+    def at_weight(self, lam: float) -> _State:
+        """Return the same map under another weight of the regulariser; room for equations is kept."""
+        terms = self.grid.terms(self.v, lam)
+        room = {"coefficients": self.coefficients, "multigrid": self.multigrid}
+        return _State(self.grid, self.v, lam, terms, slants=self.slants, **room)
+
     @property
     def energy(self) -> float:
         return sum(self.terms.values())
@@ -134,7 +140,7 @@ class _State:
     def has_converged(self, tolerance: float) -> bool:
         return self.left <= tolerance * self.energy + DESCENT.rounding
 
-    def take_step(self) -> _State:
+    def take_step(self, inner_steps: int = DESCENT.inner_steps) -> _State:
         """Take one Gauss-Newton step, halved until the energy falls no further."""
         coefficients, descent = self.grid.equations_at(
             self.v, self.lam, self.slants, self.coefficients
@@ -144,7 +150,7 @@ class _State:
         for damping in (self.next_damping, retried_damping):
             multigrid = Multigrid(coefficients, damping, multigrid)
             delta, steps, unsolved = multigrid.solve(
-                descent, DESCENT.inner_precision, DESCENT.inner_steps
+                descent, DESCENT.inner_precision, inner_steps
             )
             promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
             slants = self.grid.slants(delta)
@@ -385,12 +391,19 @@ class Look:
     def __init__(self, surface: Iterate) -> None:
         problem = surface.problem
         self._set_grids(problem)
-        self._fine_start = pad_maps(np.where(problem.mask, surface.log_distance, 0.0))
-        start = self._fine_start
+        start = pad_maps(np.where(problem.mask, surface.log_distance, 0.0))
         if self._coarse is not self._fine:
             start = self._fine.restrict(start)
-        state = _State.at(self._coarse, start, problem.lam)
-        self._start = self._now = state.descend(DESCENT.look_tolerance).v
+        begun = _State.at(self._coarse, start, problem.lam)
+        self._state = begun.descend(DESCENT.look_tolerance)
+        self.start_from(surface)
+
+    def start_from(self, surface: Iterate) -> None:
+        """Follow from this surface of the energy that was followed last, at full size."""
+        self._fine_start = pad_maps(
+            np.where(surface.problem.mask, surface.log_distance, 0.0)
+        )
+        self._start = self._state.v
 
     def _set_grids(self, problem: Problem) -> None:
         self._problem = problem
@@ -403,10 +416,9 @@ class Look:
         names = ("xi", "regulariser", "epsilon", "threshold")
         if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
             self._set_grids(problem)
-        state = _State.at(self._coarse, self._now, problem.lam)
-        for _ in range(DESCENT.look_steps):
-            state = state.take_step()
-        self._now = state.v
+            self._state = _State.at(self._coarse, self._state.v, problem.lam)
+        state = self._state.at_weight(problem.lam).take_step(DESCENT.look_inner_steps)
+        self._state = state
         change = state.v - self._start
         if self._coarse is not self._fine:
             change = self._coarse.finer(change, self._fine)

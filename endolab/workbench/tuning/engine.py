@@ -49,7 +49,7 @@ class Pace:
 
     picture_interval: float = 0.4  # s of a full solve between one picture and the next
     rest: float = 0.1  # s without a wish, after which the hand rests
-    settled: float = 5e-3  # of distances: what follows has settled when it changes by less
+    settled: float = 1e-2  # of distances: what follows has settled when it changes by less
     least_width: int = 128  # px, of a frame that is worth solving at half its size first
     remembered: int = 12  # final answers that come back without a solve
     # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
@@ -307,8 +307,9 @@ class Tuner:
                 return
         kept = None
         last = self._last
-        if last is not None and _follows(settings, subject, last):
-            seen = self._look(settings, last)
+        followed = self._followed
+        if last is not None and followed is not None and _follows(settings, subject, last):
+            seen = self._look(settings, last, followed)
             if not _rests(is_stale):
                 return
             kept = self._settle(seen, is_stale)
@@ -331,20 +332,16 @@ class Tuner:
         """Tell a final answer, and remember it as the last one."""
         others = [known for known in self._answers if known.settings != answer.settings]
         self._answers = [*others[-PACE.remembered :], answer]
-        self._start_from(answer)
-        self.tell(answer)
-
-    def _start_from(self, answer: Answer) -> None:
-        """Have the next looks follow from an answer at full size."""
         self._last = answer
+        self.tell(answer)
         self._followed = None
+        if answer.settings.solver in FIRST_STEPS:  # in idle time, for the looks to come
+            self._followed = Look(answer.result.iterate)
 
-    def _look(self, settings: Knobs, last: Answer) -> Answer:
+    def _look(self, settings: Knobs, last: Answer, followed: Look) -> Answer:
         """Tell what a step on few pixels makes of the last answer."""
         started = time.perf_counter()
-        if self._followed is None:
-            self._followed = Look(last.result.iterate)
-        iterate = self._followed.follow(_with_energy(last, settings))
+        iterate = followed.follow(_with_energy(last, settings))
         iterate = replace(iterate, provenance=last.result.provenance)
         row = {"k": 0, "energy": iterate.energy, **iterate.terms}
         seconds = time.perf_counter() - started
@@ -362,8 +359,10 @@ class Tuner:
         result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
         if not is_stale():
             kept = Answer(seen.settings, Stage.KEPT, result.seconds, seen.subject, result)
-            self._start_from(kept)
+            self._last = kept
             self.tell(kept)
+            if self._followed is not None:
+                self._followed.start_from(result.iterate)
         return result
 
     def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
