@@ -1,5 +1,4 @@
 """A frame and a calibration in, a surface out, stage by stage.
 
-Read `problem_setup`, `colours`, `separation`, `reconstruct`, `scale`, `sentences`, `sequence`,
-`unknown_light`, `mesh`.
+Read `pipeline` first, from its top down; then `channels`, `light/separation`, `contours/choice`, `scale`.
 """

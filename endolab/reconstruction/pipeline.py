@@ -8,7 +8,8 @@
        |  remove indirect light    `light`: what came by way of other walls is computed and taken out
        v
     Task
-       |  choose contours          `contours`: where a fold hides a wall, the surface is cut
+       |  choose contours          `contours`: where a fold hides a wall, the surface is cut; with three
+       |                           colours, the stage before has chosen them already
        v
     Task
        |  solve                    `solvers`: the energy of the paper is minimised
@@ -49,8 +50,9 @@ from endolab.solvers.result import (
 )
 from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
 
-# Of distances: a cut surface hangs together by little, and creeps long after that.
-SETTLED = 1e-2
+# The solver ends when two steps change distances by less than this share, root mean square. It is more if the
+# surface is cut: pieces that are joined at few pixels creep long after that.
+SETTLED_CUT = 1e-2
 SETTLED_UNCUT = 5e-4
 
 
@@ -80,7 +82,7 @@ def solve_in_stages(
     settings: Settings,
     start: Result | FloatArray | None,
 ) -> Solver:
-    """Solve all stages, the one after the other."""
+    """Remove indirect light, choose contours, and solve what is left."""
     before = start if isinstance(start, Result) else None
     contours = settings.contours if settings.searches_contours else False
     task = yield from remove_indirect_light(channels, albedo, contours, before)
@@ -94,43 +96,43 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
     """Solve the problem that is left."""
     regulariser = _choose_regulariser(task, settings)
     problem = replace(task.problem, regulariser=regulariser)
-    begin = task.start
-    if begin is None and before is not None:
-        begin = start_from(before.iterate, problem)
+    first_map = task.start
+    if first_map is None and before is not None:
+        first_map = start_from(before.iterate, problem)
     converged_at = None
     if before is not None and before.status is Status.CONVERGED:
         converged_at = before.energy
-    helpful: dict[str, Any] = {
-        "start": begin,
+    offered: dict[str, Any] = {
+        "start": first_map,
         "converged_at": converged_at,
-        "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED,
+        "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,
         "max_iterations": settings.max_iterations,
     }
-    taken = options_of(settings.solver)
+    accepted = options_of(settings.solver)
     options = {
         name: value
-        for name, value in helpful.items()
-        if name in taken and value is not None
+        for name, value in offered.items()
+        if name in accepted and value is not None
     }
     options |= settings.solver_options
-    asked = settings.as_dict() | {"regulariser": regulariser}
-    provenance = replace(task.provenance, asked=asked)
+    settings_used = settings.as_dict() | {"regulariser": regulariser}
+    provenance = replace(task.provenance, asked=settings_used)
     steps = with_provenance(solve(problem, settings.solver, **options), provenance)
-    if "max_iterations" not in taken:
+    if "max_iterations" not in accepted:
         steps = limit_steps(steps, settings.max_iterations)
     return (yield from steps)
 
 
 def _choose_regulariser(task: Task, settings: Settings) -> str:
-    """Choose the regulariser of the surface that counts.
+    """Choose the regulariser of the final surface.
 
-    On walls whose light bounced, which have a texture as well, curvature is no better than the second order,
-    and it is slower.
+    Where indirect light was removed, walls have a texture too; there curvature is no better than the second
+    order, and it is slower.
     """
-    bounced = task.provenance.albedo is not None
+    removed = task.provenance.albedo is not None
     if (
         settings.regulariser == AUTO
-        and not bounced
+        and not removed
         and knows_curvature(settings.solver, settings.xi)
     ):
         return "curvature"

@@ -5,17 +5,18 @@ linearisation, normals included, and solves the quadratic that results (readably
 tests/solvers/gauss_newton_model.py) by conjugate gradients with a multigrid preconditioner. A step
 is halved until the energy falls no further, so the energies of the iterates fall, always.
 
-Where a wall faces the camera, a linearised model says nothing of its slope: a step may tilt it as it
-likes, and is good only for a small share of its length. So what a slope like that of the last steps would
-darken there is charged for, beforehand (`Grid.equations_at`); as steps become short, this vanishes.
+All is of v = log d. Where a wall faces the camera, brightness does not change with its slope to first order:
+a step may tilt it as it likes, and is good only for a small share of its length. So the equations add a
+quadratic penalty on slopes there, as large as the slopes of the last steps were (`Grid.equations_at`); as
+steps become short, it vanishes.
 
-A fast march explains the frame, but takes the surface to face the camera where it enters the
-picture, at the border and behind contours. The true values there are whatever makes the surface
-smoothest, and what is smooth is seen on a coarse grid as well as on a fine one. So the frame is
-solved on ever finer grids: on the coarsest λ falls to its value from ten times that; every finer
-one marches from the values that the coarser one found where the march enters (or takes over the
-coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's
-own pixels is to be done in two or three.
+A fast march (`fast_marching`: one pass from the nearest points outwards) explains the frame, but takes the
+surface to face the camera where it enters the picture, at the border and behind contours. The true values
+there are whatever makes the surface smoothest, and what is smooth is seen on a coarse grid as well as on a
+fine one. So the frame is solved on ever finer grids: on the coarsest λ falls to its value from ten times
+that; every finer one marches from the values that the coarser one found where the march enters (or takes
+over the coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's own
+pixels is to be done in two or three.
 
 A start is taken as it is if it is near, as after a small change of λ. If it is not, as in a video
 whose camera moves, a grid of fewer pixels tells at little cost, and the finer ones take up what it
@@ -61,15 +62,15 @@ class Descent:
     damping_factor: float = 4.0
     inner_precision: float = 0.25  # residual that conjugate gradients leave
     inner_steps: int = 20  # of conjugate gradients, at most
-    # Of a fall of the energy, how much is taken to follow it: at first, and at most.
+    # Ratio of a fall of the energy to the one before: as is believed at first, and at most.
     first_rate: float = 0.65
     most_rate: float = 0.95
     least_size: int = 24  # rows and columns of the coarsest grid
     # Multiples of λ on the coarsest grid, one after the other.
     continuation: tuple[float, ...] = (10.0, 3.0, 1.0)
     coarse_steps: int = 4  # on each of the coarser grids
-    # How often the grid is halved to see whether a start is near. It is near if its energy there is at most
-    # so many times what a step leaves of it.
+    # How often the grid is halved to see whether a start is near. It is near if its energy there is no more
+    # than this many times the energy after one step.
     start_halvings: int = 2
     start_excess: float = 1.2
     # Of a look: how near its first surface comes to where it ends, and the steps to each other energy.
@@ -93,7 +94,7 @@ class _State:
     share: float = 1.0  # of the last step that was taken; 0 if no share lowered the energy
     left: float = np.inf  # how much the energy may still fall, as the last step tells
     fall: float = np.nan  # of the energy, by the last step
-    rate: float = DESCENT.first_rate  # of a fall to the one before, lately
+    rate: float = DESCENT.first_rate  # ratio of a fall to the one before, lately
     steps: int = 0  # of the inner solver
     damping: float = DESCENT.least_damping
     slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
@@ -134,13 +135,7 @@ class _State:
         return self.left <= tolerance * self.energy + DESCENT.rounding
 
     def take_step(self) -> _State:
-        """Take one Gauss-Newton step, halved until the energy falls no further.
-
-        What is left is what the quadratic promised, with what its solver left of that; or what further falls
-        will sum to, if they go on at the rate of the last ones. A whole step that fell by 1 + q promises
-        tells of that rate too: the quadratic bends more than the energy then, as Huber's parabolas do, so
-        that a share q of the error remains, and q² of the fall.
-        """
+        """Take one Gauss-Newton step, halved until the energy falls no further."""
         coefficients, descent = self.grid.equations_at(
             self.v, self.lam, self.slants, self.coefficients
         )
@@ -170,19 +165,16 @@ class _State:
         if lowest.share == 1:
             slants *= DESCENT.slope_relief
         fall = self.energy - lowest.energy
-        before = self.rate
+        rate = self.rate
         if not np.isnan(self.fall):
-            before = min(fall / self.fall, DESCENT.most_rate)
-        slow = rate = (self.rate + before) / 2
-        if lowest.share == 1 and fall > promise > 0:
-            slow = max(rate, min(fall / promise - 1, DESCENT.most_rate) ** 2)
-        left = max(left, fall * slow / (1 - slow))
+            rate = (self.rate + min(fall / self.fall, DESCENT.most_rate)) / 2
+        left = max(left, _falls_to_come(fall, rate, promise if lowest.share == 1 else 0.0))
         return replace(lowest, left=left, fall=fall, rate=rate, slants=slants, **room)
 
     def _along(self, delta: FloatArray, promise: float) -> _State:
         """Go the share of a step that lowers the energy most, of 1, 1/2, 1/4, ...; nowhere if none does.
 
-        Half a step is promised 3/4 of what the whole is: no need to try it where the whole kept more.
+        Half a step promises 3/4 of what the whole one does: no need to try it where the whole gave more.
         """
         lowest = self
         share = 1.0
@@ -211,6 +203,18 @@ class _State:
             if state.share == 0 or state.has_converged(tolerance):
                 break
         return state
+
+
+def _falls_to_come(fall: float, rate: float, promise: float) -> float:
+    """Return what further falls sum to if each is a share r of the last: fall (r + r² + ...) = fall r/(1 - r).
+
+    r is the rate of the last falls, or larger: a whole step that fell by (1 + q) · promise, q > 0, was solved
+    with a quadratic that bends more than the energy, as Huber's parabolas do. Then a share q of the error
+    remains, and q² of the fall.
+    """
+    if fall > promise > 0:
+        rate = max(rate, min(fall / promise - 1, DESCENT.most_rate) ** 2)
+    return fall * rate / (1 - rate)
 
 
 def _begin_march(
@@ -252,7 +256,7 @@ def _guesses(
 
 
 def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
-    """Return the grid and those of fewer pixels, at most so many."""
+    """Return the grid and coarser ones, each of half the rows and columns of the one before; `most` of them."""
     grids = [grid]
     while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * DESCENT.least_size:
         grids.append(grids[-1].coarser())
@@ -307,8 +311,8 @@ def gauss_newton(
     one step tells that it has not. The run ends as STALLED when no share of a step lowers the energy although
     more is left. A step costs O(pixels).
 
-    First come the start, and what coarser grids make of it if it is far; or d₀, what each coarse grid
-    makes of the frame, as long as its energy is lower, and the march at full size, likewise. Then one
+    With a start, it comes first, and then what coarser grids make of it if it is far. Without one come d₀,
+    what each coarse grid makes of the frame, and the march at full size, each if its energy is lower. Then one
     iterate for each step, `max_iterations` in all at most after the first, with the scalars "step" (share
     of the Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps). The energy
     falls from each to the next. ValueError if `start` or `inflow` cannot be used or the BRDF not inverted.
@@ -325,8 +329,8 @@ def gauss_newton(
         state = _State.at(finest, v, problem.lam)
         iterate = state.iterate()
         yield iterate
-        again = abs(state.energy - converged_at) <= DESCENT.same_energy * state.energy
-        if max_iterations > 0 and again:
+        difference = abs(state.energy - converged_at)
+        if max_iterations > 0 and difference <= DESCENT.same_energy * state.energy:
             tried = state.take_step()
             if tried.has_converged(tolerance) or tried.iterate(iterate).change < settled:
                 return Status.CONVERGED
@@ -342,8 +346,7 @@ def gauss_newton(
         yield iterate
         guess = None
         march = True
-        for guess, again in _guesses(_coarsen(finest), tolerance):
-            march = again
+        for guess, march in _guesses(_coarsen(finest), tolerance):
             shown = _State.without_ceiling(finest, guess, problem.lam)
             if iterate.k < max_iterations and shown.energy < iterate.energy:
                 iterate = shown.iterate(iterate)

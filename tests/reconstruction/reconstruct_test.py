@@ -10,6 +10,7 @@ import endolab as el
 from endolab import datasets
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.sentences import notes
+from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.solvers import SOLVERS, solve
 from tests.tools.problems import Shot
 
@@ -224,6 +225,15 @@ def test_frame_calibration_and_start_must_fit(small, ball):
     ):
         with pytest.raises(ValueError, match=named):
             el.reconstruct(frame, calibration, **options)
+
+
+def test_contours_that_are_not_wanted_are_not_said_to_be_unclear_after_another_frame():
+    shot = el.load_traced("matt")
+    narrow = {"width": 80, "contours": False}
+    first = el.reconstruct(shot.frame, shot.calibration, **narrow)
+    darker = replace(shot.frame, image=0.9 * shot.frame.image)
+    again = el.reconstruct(darker, shot.calibration, start=first, **narrow)
+    assert again.provenance.contours.outcome is ContourOutcome.NOT_ASKED
 
 
 TURNS = {

@@ -28,6 +28,7 @@ def one_more(monkeypatch):
         )
 
     monkeypatch.setattr(settings, "Settings", Settings)
+    monkeypatch.setattr("endolab.io.settings.Settings", Settings)
     monkeypatch.setitem(RANGES, "speckle", (0.0, 1.0))
     return Settings
 

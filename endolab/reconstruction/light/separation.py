@@ -14,8 +14,9 @@ measurements of E, which are merged and solved, and ι follows again from a bett
 Albedos that are not given are found from the colours: the tissue looks more alike all over the picture the
 better the bounced light is known. At last the tint of each place tells where ι is still wrong.
 
-This is the stage *remove indirect light*. It asks which contours are cut, since where a fold hides a wall, a
-surface that goes on smoothly sends light to the wrong places.
+This is the stage *remove indirect light*. With three colours it chooses the contours as well, and the next
+stage then does nothing: where a fold hides a wall, a surface that goes on smoothly sends light to the wrong
+places, so that light and cuts are found together.
 """
 
 from __future__ import annotations
@@ -83,12 +84,12 @@ class Rounds:
 
     uncut: tuple[int, ...] = (8, 4, 3)
     cut: int = 3  # of each trial
-    # Of the last round, whose ι is refined per pixel. Asked earlier, the tint makes all surfaces agree with
-    # the colours, which are to choose among them.
+    # Of the last round, whose ι is refined per pixel. Earlier that would fit every trial to the colours, so
+    # that they could tell the trials apart no more.
     refined: int = 2
     ratio_doubt: float = 0.15  # share of ι that may be wrong
     first_guess: float = 0.5  # s in ι = s a/(1 - s a), before there is a surface
-    # Lines of a picture without as much light everywhere are so much less steep.
+    # With one ι for all pixels, as at first, lines (jumps of log d₀) are less steep by this factor.
     guessed_steepness: float = 0.8
     # Median difference of stored values, as a share, up to which two colours are one.
     same_colour: float = 0.01
@@ -121,15 +122,15 @@ def remove_indirect_light(
     """Find the light that has not bounced; every solve's iterates are yielded, stage and round named.
 
     `albedo` is what is known of the wall's: (3,), green's alone, or None. `contours` says whether to cut the
-    surface at those that are found, by default if that explains the picture much better. An earlier result
-    of the last frame, `before`, makes one round enough; one of this frame tells all of it.
+    surface at those that are found, by default if that explains the picture much better. `before`
+    is an earlier result: of another frame, it makes one round enough; of this frame, it tells all.
 
     Returns the problem of direct light, or that of the clearest colour where colours tell nothing. One
     channel alone is returned as it is.
     """
     if not channels.are_colours:
         return _task_of(channels, 0, channels.light)
-    known = None if before is None else _as_before(channels, before, contours)
+    known = None if before is None else _same_picture_as_before(channels, before, contours)
     if known is not None:
         return known
     if channels.middle.problem.cuts is not None:
@@ -140,7 +141,7 @@ def remove_indirect_light(
         else:
             separation = yield from _continue(channels, albedo, contours, before)
     except NoColour as error:
-        # Of equals, not red.
+        # Of equals the first: green, blue, then red.
         clearest = max((1, 2, 0), key=lambda index: _signal(channels.full[index].problem))
         return _task_of(
             channels, clearest, LightReport(LightOutcome.NO_COLOUR, reason=str(error))
@@ -156,7 +157,9 @@ def _task_of(channels: Channels, index: int, light: LightReport | None) -> Task:
     return Task(full.problem, channels.small[index].problem, provenance)
 
 
-def _as_before(channels: Channels, before: Result, contours: bool | None) -> Task | None:
+def _same_picture_as_before(
+    channels: Channels, before: Result, contours: bool | None
+) -> Task | None:
     """Return the task that an earlier result solves, if it is of the same picture; else None.
 
     Light and contours are known then, and only the energy may be another.
@@ -198,7 +201,10 @@ def _continue(
     is_same = np.array_equal(before.problem.shown, channels.middle.problem.shown)
     known = before.provenance.contours
     searched = known.searched if is_same and known is not None else None
-    return (yield from separate_from(channels.small, albedo, surface, steepness, searched))
+    found = yield from separate_from(channels.small, albedo, surface, steepness, searched)
+    if contours is not False:
+        return found
+    return replace(found, contours=ContourReport(ContourOutcome.NOT_ASKED))
 
 
 def separate(
@@ -384,8 +390,8 @@ def _find_cuts(
 ) -> BoolArray | None:
     """Return cuts at the contours of the picture that is searched.
 
-    What bounces on a cut surface takes so much light from limbs, and from what lies behind folds, that new
-    lines would come of it: so it is that without the light that bounced on the surface when it was uncut.
+    It is the picture without the indirect light of the uncut surface. The ι of a cut one is so large at limbs
+    and behind folds that it would make lines of its own there.
     """
     ratio = resample(searched.indirect_ratio, colours[1].mask.shape)
     picture = merge(colours, ratio, searched.albedo)
