@@ -206,7 +206,7 @@ class _State:
 
 
 def _falls_to_come(fall: float, rate: float, promise: float) -> float:
-    """Return what further falls sum to if each is a share r of the last: fall (r + r² + ...) = fall r/(1 - r).
+    """Return what further falls sum to, each a share r of the last: fall (r + r² + ...) = fall r/(1 - r).
 
     r is the rate of the last falls, or larger: a whole step that fell by (1 + q) · promise, q > 0, was solved
     with a quadratic that bends more than the energy, as Huber's parabolas do. Then a share q of the error
@@ -256,7 +256,7 @@ def _guesses(
 
 
 def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
-    """Return the grid and coarser ones, each of half the rows and columns of the one before; `most` of them."""
+    """Return the grid and `most` coarser ones, each of half the rows and columns of the one before."""
     grids = [grid]
     while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * DESCENT.least_size:
         grids.append(grids[-1].coarser())
@@ -312,8 +312,8 @@ def gauss_newton(
     more is left. A step costs O(pixels).
 
     With a start, it comes first, and then what coarser grids make of it if it is far. Without one come d₀,
-    what each coarse grid makes of the frame, and the march at full size, each if its energy is lower. Then one
-    iterate for each step, `max_iterations` in all at most after the first, with the scalars "step" (share
+    what each coarse grid makes of the frame, and the march at full size, each if its energy is lower. Then
+    one iterate for each step, `max_iterations` in all at most after the first, with the scalars "step" (share
     of the Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps). The energy
     falls from each to the next. ValueError if `start` or `inflow` cannot be used or the BRDF not inverted.
     """
@@ -346,7 +346,8 @@ def gauss_newton(
         yield iterate
         guess = None
         march = True
-        for guess, march in _guesses(_coarsen(finest), tolerance):
+        for guess, is_best in _guesses(_coarsen(finest), tolerance):
+            march = is_best
             shown = _State.without_ceiling(finest, guess, problem.lam)
             if iterate.k < max_iterations and shown.energy < iterate.energy:
                 iterate = shown.iterate(iterate)
