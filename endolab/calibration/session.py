@@ -281,7 +281,7 @@ def calibrate(
     light_observers : iterable of callables
         Shown every step of the light's fit.
     **light
-        Options of `calibrate_light`: gamma, brdf, gain, reflectance, light …
+        Options of `calibrate_light`: gamma, brdf, gain, reflectance …
 
     Returns
     -------

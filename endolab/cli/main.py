@@ -355,6 +355,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
         if getattr(arguments, "threads", None) is not None:
             os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
+        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+            raise ValueError("NUMBA_DISABLE_JIT is set, and endolab's loops need Numba")
         arguments.run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on

@@ -34,12 +34,14 @@ def without_secrets(text: str) -> str:
 
 
 def as_path(path: PathLike) -> Path:
-    """Take a path; ValueError in one sentence, if it is a stream's URL."""
+    """Take a path; ValueError in one sentence, if it is a stream's URL, or nothing can be called so."""
     name = str(os.fspath(path))
     if is_url(name):
         raise ValueError(
             f"{without_secrets(name)} is a stream, where a file or a folder is expected"
         )
+    if not name or "\0" in name:  # an empty one would be the folder where one is
+        raise ValueError(f"no file or folder can be called {name!r}")
     return Path(name)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.io.atomic import (
     PathLike,
     as_json,
+    files_of_report,
     stage_folder,
     write_atomically,
 )
 from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
-from endolab.io.video import write_video
+from endolab.io.video import PICTURES, write_video
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -40,8 +42,17 @@ def save_sheet_video(
     """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
 
     `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
-    `simulate_video`. What is there already is replaced as by `stage_folder`.
+    `simulate_video`. What is there already is replaced as by `stage_folder`. ValueError, if there are
+    pictures of others, which would be taken for more of these frames.
     """
+    out = Path(folder)
+    names = [f"{number:06d}.png" for number in range(count)]
+    replaced = {*files_of_report(out, SHEET_TRUTH), *(out / name for name in names)}
+    for path in [] if video else sorted(out.glob("[!.]*")):
+        if path.suffix.lower() in PICTURES and path not in replaced:
+            raise ValueError(
+                f"{path} would be taken for one of the frames; choose another folder"
+            )
     sheet = read_target(target)
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
     frames = simulate_video(
@@ -66,8 +77,8 @@ def save_sheet_video(
         if video:
             write_video(staging / "sheet.mkv", images())
         else:
-            for number, image in enumerate(images()):
-                write_image(staging / f"{number:06d}.png", image)
+            for name, image in zip(names, images(), strict=True):
+                write_image(staging / name, image)
         theta = np.linspace(0, np.pi / 2, 181)
         value = PAPER_SHEET.value(np.cos(theta), np.cos(theta))
         paper = TabulatedBRDF(tuple(theta), tuple(value))

@@ -40,7 +40,7 @@ class Lambertian:
 
     def __post_init__(self) -> None:
         albedo = real_array("albedo", self.albedo)
-        if albedo.shape not in ((), (3,)):
+        if albedo.shape not in ((), (3,)) or np.asarray(self.albedo).dtype == bool:
             raise ValueError(
                 f"albedo must be one number or three (red, green, blue), got {self.albedo}"
             )

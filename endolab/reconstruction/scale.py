@@ -13,7 +13,7 @@ import numpy as np
 
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray, freeze
-from endolab.numerics.checks import number
+from endolab.numerics.checks import number, real_array
 from endolab.solvers.provenance import Scale
 from endolab.solvers.result import SCALED, Iterate, Result
 
@@ -123,8 +123,7 @@ def check_scale(**lengths: Any) -> None:
         form, shapes = FORMS[name]
         try:
             parts = [
-                np.asarray(part, dtype=np.float64)
-                for part in ([value] if len(shapes) == 1 else value)
+                real_array(name, part) for part in ([value] if len(shapes) == 1 else value)
             ]
         except (TypeError, ValueError):
             parts = []

@@ -104,6 +104,17 @@ def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     assert "needs 3 views" in capsys.readouterr().err
 
 
+def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_another(tmp_path, refused):
+    """`calibrate` would take it for one of its frames."""
+    out = tmp_path / "v"
+    how = ("simulate", "sheet", "--width", 64, "--out", out, "--overwrite", "--frames")
+    assert call(*how, 2) == 0
+    assert call(*how, 1) == 0
+    assert {path.name for path in out.iterdir()} == {"000000.png", "truth.json"}
+    shutil.copy(out / "000000.png", out / "000009.png")
+    refused(["000009.png", "another folder"], *how, 1)
+
+
 def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     video, out = again
     names = list(el.load_calibration(out).evidence["frames"]["errors_px"])[:2]

@@ -360,6 +360,11 @@ def test_a_bad_command(tmp_path, monkeypatch, refused, words, named):
     assert named in refused(words)
 
 
+def test_without_numbas_compiler_it_says_so(refused, monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert "NUMBA_DISABLE_JIT" in refused("simulate plane --width 16 --out o")
+
+
 # As a process of its own ----------------------------------------------------------------
 @pytest.fixture
 def process(tmp_path):

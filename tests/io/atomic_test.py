@@ -165,7 +165,7 @@ def test_an_error_names_the_file_that_it_is_about_and_no_temporary_one(tmp_path)
 
 
 # What cannot be done is said in one sentence that names the file --------------------------
-ODD = ["file/x", "nowhere/x", "folder", "n" * 300, "pipe"]
+ODD = ["file/x", "nowhere/x", "folder", "n" * 300, "pipe", "", "a\0b"]
 
 
 @pytest.fixture
@@ -184,7 +184,7 @@ def test_a_file_that_cannot_be_written_or_read_is_named(here, name):
     for work in (lambda: write_atomically(name, b"new"), lambda: read_bytes(name, "frame")):
         with pytest.raises((OSError, ValueError), match=r"^[^\[\n]+$") as caught:
             work()
-        assert name in str(caught.value)
+        assert name.replace("\0", "\\x00") in str(caught.value)
         assert getattr(caught.value, "errno", None) is None
     assert sorted(here.rglob("*")) == before
     assert (here / "file").read_text() == "mine"

@@ -20,6 +20,20 @@ def state():
     )
 
 
+IMPORTED = """
+import cv2, logging, os
+def state():
+    return cv2.utils.logging.getLogLevel(), dict(os.environ), list(logging.getLogger("PIL").handlers)
+before = state()
+import endolab.io.images, endolab.io.video
+assert state() == before
+"""
+
+
+def test_importing_silences_nobody():
+    subprocess.run([sys.executable, "-c", IMPORTED], check=True, timeout=120, cwd=ROOT)
+
+
 def test_what_the_user_set_stays(monkeypatch):
     monkeypatch.setenv(FFMPEG_LEVEL, "16")
     with quiet:

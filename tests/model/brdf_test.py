@@ -57,7 +57,7 @@ def test_the_ends_are_finite(brdf, cosine):
     [
         *(
             (partial(Lambertian, albedo), "albedo")
-            for albedo in (0.0, 1.1, (0.5, np.nan, 0.5), (0.5, 0.5))
+            for albedo in (0.0, 1.1, True, (0.5, np.nan, 0.5), (0.5, 0.5))
         ),
         (lambda: Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5), "choose a channel"),
         (lambda: Glossy(-0.1), "albedo"),

@@ -113,6 +113,8 @@ def test_a_pixel_without_a_distance_is_refused(relative, pixel, where):
     [
         {"known_distance": (0, 1, 2)},
         {"known_distance": "near"},
+        {"known_distance": (3, 1, "2")},
+        {"known_diameter": (3, (1, 2), (3, None))},
         {"known_diameter": (3, 1, 2, 3, 4)},
         {"known_diameter": (3, (1, 2), (3,))},
         {"median_distance": 1e300},

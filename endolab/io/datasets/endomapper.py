@@ -67,7 +67,7 @@ def _values(element: ElementTree.Element) -> Any:
     That is its type and its children, of which several of one name are a list, or numbers: of
     `[ a; b; … ]`, or one.
     """
-    if len(element) or element.attrib:
+    if len(element):
         values: dict[str, Any] = {"type": element.get("type")}
         for name in dict.fromkeys(child.tag for child in element):
             found = [_values(child) for child in element.findall(name)]

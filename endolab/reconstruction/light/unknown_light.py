@@ -220,6 +220,8 @@ class _Scan:
 
 def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
     """Solve a frame under every k; the iterates are yielded."""
+    if frame.image.ndim == 2:
+        raise NoColour("the picture is grey")
     surfaces = yield from _solve_for_all_k(frame, calibration)
     costs = np.array([_cost(surface) for surface in surfaces])
     middle = surfaces[EXPONENT_SEARCH.first]

@@ -308,13 +308,16 @@ class Tuner:
         kept = None
         last = self._last
         followed = self._followed
-        if last is not None and followed is not None and _follows(settings, subject, last):
-            seen = self._look(settings, last, followed)
-            if not _rests(is_stale):
-                return
-            kept = self._settle(seen, is_stale)
-        else:
-            self._first_look(subject, settings, is_stale)
+        try:
+            if last and followed and _follows(settings, subject, last):
+                seen = self._look(settings, last, followed)
+                if not _rests(is_stale):
+                    return
+                kept = self._settle(seen, is_stale)
+            else:
+                self._first_look(subject, settings, is_stale)
+        except Exception as error:  # the whole frame may do better
+            self.refuse(f"there is no first look: {sentence_of(error)}")
         if is_stale():
             return
 
@@ -372,10 +375,9 @@ class Tuner:
         options: dict[str, Any] = {"width": min(settings.width, subject.frame.width) // 2}
         if settings.solver in FIRST_STEPS:
             options["max_iterations"] = FIRST_STEPS[settings.solver]
-        with suppress(ValueError):  # which the whole frame says better, if it has it too
-            first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
-            if not is_stale():
-                self.tell(replace(first, stage=Stage.FIRST))
+        first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
+        if not is_stale():
+            self.tell(replace(first, stage=Stage.FIRST))
 
 
 def _follows(settings: Knobs, subject: Subject, last: Answer) -> bool:

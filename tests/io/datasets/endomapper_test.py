@@ -76,6 +76,7 @@ def test_the_camera(write):
     assert isinstance(camera, el.KannalaBrandt)
     assert (camera.width, camera.height) == (1440, 1080)
     assert endomapper.read_vicalib(write("734.7278", "0.51")[0]).cx == 0.51
+    assert endomapper.read_vicalib(write("<width>", '<width unit="px">')[0]) == camera
     theta = 0.7
     k = (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
     radius = theta + sum(c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True))

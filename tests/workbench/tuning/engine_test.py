@@ -9,6 +9,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.workbench.tuning import engine
 from endolab.workbench.tuning.engine import Stage, Tuner
 from endolab.workbench.tuning.source import Knobs
 
@@ -148,6 +149,26 @@ def test_trust_is_found_when_it_is_asked_for_and_a_wish_stops_the_search(start):
     tuner.wait(60)
     assert final.uncertainty is None
     assert refused == []
+
+
+def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypatch):
+    def reconstruct(frame, calibration, *, width=None, **how):
+        if width == 80:
+            raise ArithmeticError("too small for it")
+        return el.reconstruct(frame, calibration, width=width, **how)
+
+    def fail(*_):
+        raise ValueError("nothing to look at")
+
+    monkeypatch.setattr(engine, "reconstruct", reconstruct)
+    monkeypatch.setattr(engine, "Look", fail)
+    tuner, answers, refused = start()
+    for settings in (SMALL, replace(SMALL, lam=2.0)):
+        tuner.ask(settings)
+        assert tuner.wait(60).settings == settings
+    assert {answer.stage for answer in answers} <= {Stage.SOFAR, Stage.FINAL}
+    assert "too small for it" in refused[0]
+    assert "nothing to look at" in refused[1]
 
 
 def test_what_is_compared_is_cut_as_the_answer_is(start, until):
