@@ -114,9 +114,7 @@ class _State:
 
     def at_weight(self, lam: float) -> _State:
         """Return the same map under another weight of the regulariser; room for equations is kept."""
-        terms = self.grid.terms(self.v, lam)
-        room = {"coefficients": self.coefficients, "multigrid": self.multigrid}
-        return _State(self.grid, self.v, lam, terms, slants=self.slants, **room)
+        return replace(self, lam=lam, terms=self.grid.terms(self.v, lam), fall=np.nan)
 
     @property
     def energy(self) -> float:

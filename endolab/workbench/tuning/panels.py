@@ -266,7 +266,8 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
     for dot in view.dots:
         colour = OKABE_ITO.sky if dot in family else DRAWING.left_out
         dots.append((dot.data, dot.roughness, colour))
-    dots.append((answer.data, answer.roughness, OKABE_ITO.vermilion))
+    if answer.stage != Stage.LOOK:  # while a hand moves, there is no time for its roughness
+        dots.append((answer.data, answer.roughness, OKABE_ITO.vermilion))
     title = f"λ curve: λ = {answer.settings.lam:.3g}; click on a dot"
     labels = "data term [1]", "roughness [°]"
     curves = [("", x, y, OKABE_ITO.sky)] if family else []

@@ -33,7 +33,8 @@ class Panel3D:
 
     # s; then the next surface is sent though the page has not said that the last is drawn.
     answer_timeout: float = 0.5
-    most: int = 320  # points in a row or a column
+    most: int = 320  # points in a row or a column, ...
+    most_moving: int = 160  # ... and of surfaces that follow one another quickly
     # % of the points lie beyond each face of the box: spikes must not make the rest small.
     outlying: float = 1.0
     # The box stays if the new one's faces are off by less than this share of its size.
@@ -68,12 +69,18 @@ class SurfaceView(anywidget.AnyWidget):
         self._showing = threading.RLock()
         self._last: Result | Iterate | None = None  # what was given last, ...
         self._picture: Picture  # ... and what lies on it
+        self._most = PANEL.most
         self._waits = False  # it has not been sent
         self._sent = 0.0
         super().__init__()
         self.observe(lambda _: self._flush(), ["drawn", "visible"])
 
-    def show(self, shown: Result | Iterate, picture: np.ndarray | None = None) -> None:
+    def show(
+        self,
+        shown: Result | Iterate,
+        picture: np.ndarray | None = None,
+        moving: bool = False,
+    ) -> None:
         """Show a surface, from where the last one was seen.
 
         Returns at once. What nobody sees is not sent before it is seen, nor what comes faster than the page
@@ -85,6 +92,8 @@ class SurfaceView(anywidget.AnyWidget):
         picture : (H, W, 3) or (H, W) array, optional
             What lies on the surface, pixel by pixel: bytes, or numbers in [0, 1]; by default the frame, with
             its dark made brighter.
+        moving : bool
+            Whether others follow at once: then fewer points are sent.
 
         Raises
         ------
@@ -104,6 +113,7 @@ class SurfaceView(anywidget.AnyWidget):
             raise ValueError(f"picture must have shape {shape} or {(*shape, 3)}, {found}")
         with self._showing:
             self._last = shown
+            self._most = PANEL.most_moving if moving else PANEL.most
             self._picture = grey_or_colour(given)
             self._waits = True
             self._flush()
@@ -117,7 +127,7 @@ class SurfaceView(anywidget.AnyWidget):
             if not (self._waits and self.visible and free and shown and self.comm):
                 return
             self._waits = False
-            step = -(-max(shown.mask.shape) // PANEL.most)
+            step = -(-max(shown.mask.shape) // self._most)
             some = np.s_[::step, ::step]
             far = np.where(shown.mask, shown.distance, 0)[some]
             rays = np.nan_to_num(shown.problem.field.rays[some])

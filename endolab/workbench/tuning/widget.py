@@ -447,7 +447,8 @@ class TunerBox(anywidget.AnyWidget):
         if "3D" in names:
             name = self.knobs["texture"]
             lies = None if name == "frame" else PANELS[name](answer, view).picture
-            self.surface.show(answer.result, lies)
+            moving = answer.stage == Stage.LOOK
+            self.surface.show(answer.result, lies, moving)
 
     # What the page says ------------------------------------------------------------------
 

@@ -157,11 +157,15 @@ def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypa
             raise ArithmeticError("too small for it")
         return el.reconstruct(frame, calibration, width=width, **how)
 
-    def fail(*_):
-        raise ValueError("nothing to look at")
+    class Blind:
+        def __init__(self, surface):
+            pass
+
+        def follow(self, problem):
+            raise ValueError("nothing to look at")
 
     monkeypatch.setattr(engine, "reconstruct", reconstruct)
-    monkeypatch.setattr(engine, "Look", fail)
+    monkeypatch.setattr(engine, "Look", Blind)
     tuner, answers, refused = start()
     for settings in (SMALL, replace(SMALL, lam=2.0)):
         tuner.ask(settings)
