@@ -1,21 +1,23 @@
 """The tuner's engine: the latest wish wins, a rough answer comes first, and nothing waits in a queue.
 
-A thread of its own does one job at a time. While the hand moves, answers follow from the last one:
+While the hand moves, answers follow from the last one. Two threads find them, each one at a time:
 
-    a knob moves      look     a step on a quarter of the pixels; it always ends, then the newest wish is next
-    the hand rests    kept     the same problem at full size, until it has converged
-    in idle time      final    all anew, light and contours too
+    a knob moves      look     a step on a quarter of the pixels; it always ends, then the     first thread
+                               newest wish is next
+    the hand rests    kept     the same problem at full size, until it has converged          second thread
+    in idle time      final    all anew, light and contours too                               second thread
 
 A change of the energy alone (λ, ε, ξ, the regulariser) leaves the picture's light and its contours as they
 are, which is what makes a look quick. After any other change there is a first look at half the size instead.
 The final answer is what `reconstruct` makes of the whole frame from a cold start, so that it depends on
 nothing that was tried before and the lines of `Knobs.code` give it again, bit for bit; an energy with more
 than one minimum can make the two differ, and the answer holds both. While a long solve goes on, what it has
-so far is told. A new wish stops all but a look at the next iterate.
+so far is told. A new wish stops what the second thread does at its next iterate.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -157,9 +159,9 @@ def sentence_of(error: BaseException) -> str:
 
 
 class Tuner:
-    """Does what is asked for in a thread of its own.
+    """Does what is asked for in two threads of its own.
 
-    `tell` is given every `Answer`, and `refuse` a sentence for what cannot be answered, in that thread.
+    `tell` is given every `Answer`, and `refuse` a sentence for what cannot be answered, in these threads.
     Scenes are rendered by the calibration, at any size; ``Knobs(scene=None)`` looks at `frame`, whose
     true distance, mm, is `truth`, (H, W).
     """
@@ -176,12 +178,14 @@ class Tuner:
         self.tell = tell
         self.refuse = refuse
         self.source = Source(calibration, frame, truth)  # to be replaced at any time
+        self._looks = ThreadPoolExecutor(1, "endolab tuner looks")
         self._pool = ThreadPoolExecutor(1, "endolab tuner")
         self._asked = 0  # number of the last job; those before are stale
         self._job: Future[None] | None = None
         self._answers: list[Answer] = []  # final ones, the last one at the end
+        self._following = threading.Lock()  # of the two below, which both threads change
         self._last: Answer | None = None  # the last one at full size, a look as well
-        self._followed: Look | None = None  # what looks follow from, once one was asked for
+        self._followed: Look | None = None  # what looks follow from
 
     # From any thread ---------------------------------------------------------------------
 
@@ -211,7 +215,9 @@ class Tuner:
 
     def ask(self, settings: Knobs) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
-        self.do(lambda is_stale: self._answer(settings, is_stale))
+        seen: Future[Answer | None] = Future()
+        self.do(lambda is_stale: self._answer(settings, seen, is_stale))
+        self._looks.submit(self._look, settings, seen, self._asked)
 
     def compare(
         self,
@@ -294,28 +300,70 @@ class Tuner:
     def close(self) -> None:
         """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
         self._asked += 1
+        self._looks.shutdown()
         self._pool.shutdown()
 
-    # In the tuner's thread ---------------------------------------------------------------
+    # In the first thread -----------------------------------------------------------------
 
-    def _answer(self, settings: Knobs, is_stale: IsStale) -> None:
+    def _look(self, settings: Knobs, seen: Future[Answer | None], number: int) -> None:
+        """Tell what a step on few pixels makes of the last answer; None if no look can follow from it."""
+        started = time.perf_counter()
+        try:
+            answer = None
+            with self._following:
+                last = self._last
+                followed = self._followed
+                is_due = number == self._asked and self._remembered(settings) is None
+                if is_due and last and followed and self._follows(settings, last):
+                    iterate = followed.follow(_with_energy(last, settings))
+                    iterate = replace(iterate, provenance=last.result.provenance)
+                    row = {"k": 0, "energy": iterate.energy, **iterate.terms}
+                    seconds = time.perf_counter() - started
+                    result = Result(iterate, Status.STOPPED, [row], seconds)
+                    answer = Answer(settings, Stage.LOOK, seconds, last.subject, result)
+                    self._last = answer
+            if answer is not None:
+                self.tell(answer)
+            seen.set_result(answer)
+        except Exception as error:  # the second thread says it
+            seen.set_exception(error)
+
+    def _remembered(self, settings: Knobs) -> Answer | None:
+        """Return the final answer of these settings, if it is remembered."""
+        for known in self._answers:
+            if known.settings == settings and known.subject is self.source.subject(
+                settings
+            ):
+                return known
+        return None
+
+    def _follows(self, settings: Knobs, last: Answer) -> bool:
+        """Whether a wish differs from the last answer by the energy alone, and its solver has one."""
+        energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
+        return (
+            settings.solver in FIRST_STEPS
+            and settings == replace(last.settings, **energy)
+            and last.subject is self.source.subject(settings)
+        )
+
+    # In the second thread ----------------------------------------------------------------
+
+    def _answer(
+        self, settings: Knobs, seen: Future[Answer | None], is_stale: IsStale
+    ) -> None:
         """Answer a wish: what follows from the last answer, or a first look; then the final answer."""
         subject = self.source.subject(settings)
-        for known in self._answers:
-            if known.settings == settings and known.subject is subject:
-                self._finish(replace(known))
-                return
         kept = None
-        last = self._last
-        followed = self._followed
         try:
-            if last and followed and _follows(settings, subject, last):
-                seen = self._look(settings, last, followed)
-                if not _rests(is_stale):
-                    return
-                kept = self._settle(seen, is_stale)
-            else:
+            look = seen.result()
+            known = self._remembered(settings)
+            if known is not None:
+                self._finish(replace(known), is_stale)
+                return
+            if look is None:
                 self._first_look(subject, settings, is_stale)
+            elif _rests(is_stale):
+                kept = self._settle(look, is_stale)
         except Exception as error:  # the whole frame may do better
             self.refuse(f"there is no first look: {sentence_of(error)}")
         if is_stale():
@@ -329,30 +377,20 @@ class Tuner:
         if is_stale():
             return
         answer.followed = kept
-        self._finish(answer)
+        self._finish(answer, is_stale)
 
-    def _finish(self, answer: Answer) -> None:
-        """Tell a final answer, and remember it as the last one."""
+    def _finish(self, answer: Answer, is_stale: IsStale) -> None:
+        """Tell a final answer, remember it as the last one, and have looks follow from it."""
         others = [known for known in self._answers if known.settings != answer.settings]
         self._answers = [*others[-PACE.remembered :], answer]
-        self._last = answer
         self.tell(answer)
-        self._followed = None
-        if answer.settings.solver in FIRST_STEPS:  # in idle time, for the looks to come
-            self._followed = Look(answer.result.iterate)
-
-    def _look(self, settings: Knobs, last: Answer, followed: Look) -> Answer:
-        """Tell what a step on few pixels makes of the last answer."""
-        started = time.perf_counter()
-        iterate = followed.follow(_with_energy(last, settings))
-        iterate = replace(iterate, provenance=last.result.provenance)
-        row = {"k": 0, "energy": iterate.energy, **iterate.terms}
-        seconds = time.perf_counter() - started
-        result = Result(iterate, Status.STOPPED, [row], seconds)
-        answer = Answer(settings, Stage.LOOK, seconds, last.subject, result)
-        self._last = answer
-        self.tell(answer)
-        return answer
+        followed = None
+        if answer.settings.solver in FIRST_STEPS:
+            followed = Look(answer.result.iterate)
+        with self._following:
+            if not is_stale():
+                self._last = answer
+                self._followed = followed
 
     def _settle(self, seen: Answer, is_stale: IsStale) -> Result:
         """Solve the problem that was looked at, and tell what is found if no other wish came."""
@@ -360,12 +398,14 @@ class Tuner:
         start = before.iterate.log_distance
         steps = gauss_newton(before.problem, start=start, settled=PACE.settled)
         result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
-        if not is_stale():
-            kept = Answer(seen.settings, Stage.KEPT, result.seconds, seen.subject, result)
+        kept = Answer(seen.settings, Stage.KEPT, result.seconds, seen.subject, result)
+        with self._following:
+            if is_stale():
+                return result
             self._last = kept
-            self.tell(kept)
             if self._followed is not None:
                 self._followed.start_from(result.iterate)
+        self.tell(kept)
         return result
 
     def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
@@ -378,13 +418,6 @@ class Tuner:
         first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
         if not is_stale():
             self.tell(replace(first, stage=Stage.FIRST))
-
-
-def _follows(settings: Knobs, subject: Subject, last: Answer) -> bool:
-    """Whether a wish differs from the last answer by the energy alone, and its solver has one."""
-    energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
-    same = last.subject is subject and settings == replace(last.settings, **energy)
-    return same and settings.solver in FIRST_STEPS
 
 
 def _with_energy(last: Answer, settings: Knobs) -> Problem:
