@@ -20,7 +20,10 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 os.environ.setdefault("CI", "1")
 
 # Programs that tests start and interrupt would ignore what nohup, or a shell's &, has this one ignore.
-for _name, _usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+for _name, _usual in (
+    ("SIGINT", signal.default_int_handler),
+    ("SIGHUP", signal.SIG_DFL),
+):
     if (
         hasattr(signal, _name)
         and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN
@@ -78,7 +81,8 @@ def data() -> Path:
 def mitsuba() -> None:
     """Ask for Mitsuba, an optional extra, and the LLVM that it needs."""
     pytest.importorskip(
-        "mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"'
+        "mitsuba",
+        reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"',
     )
     from tests.tools import path_tracing
 
@@ -94,5 +98,7 @@ def open3d() -> ModuleType:
     try:
         import open3d
     except (ImportError, OSError) as error:
-        missing_system(f"Open3D does not import ({error}); on Debian install libusb-1.0-0")
+        missing_system(
+            f"Open3D does not import ({error}); on Debian install libusb-1.0-0"
+        )
     return open3d

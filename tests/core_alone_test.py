@@ -26,7 +26,9 @@ def run(tmp_path_factory):
     source = folder / "source"
     python = folder / "venv/bin/python"
     shutil.copytree(
-        ROOT / "endolab", source / "endolab", ignore=shutil.ignore_patterns("__pycache__")
+        ROOT / "endolab",
+        source / "endolab",
+        ignore=shutil.ignore_patterns("__pycache__"),
     )
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
@@ -40,7 +42,9 @@ def run(tmp_path_factory):
         "text": True,
         "timeout": 200,
     }
-    subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True, timeout=60)
+    subprocess.run(
+        [sys.executable, "-m", "venv", folder / "venv"], check=True, timeout=60
+    )
     uv = Path(sys.executable).with_name("uv")  # several times faster, where it is
     pip = (
         [uv, "pip", "install", "--python", python]
@@ -53,7 +57,9 @@ def run(tmp_path_factory):
         if done.returncode and what == ["setuptools"]:
             pytest.skip("no package can be installed here: the index is out of reach")
         assert done.returncode == 0, done.stderr
-    yield lambda *words: subprocess.run([python, "-W", "error", *map(str, words)], **how)
+    yield lambda *words: subprocess.run(
+        [python, "-W", "error", *map(str, words)], **how
+    )
     shutil.rmtree(folder)  # some 600 MB
 
 
@@ -155,6 +161,11 @@ def test_a_script_beside_the_clone_imports_the_package_not_the_clones_folder(tmp
     }
     command = [sys.executable, script]
     done = subprocess.run(
-        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60
+        command,
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.stdout.strip() == el.__version__, done.stderr

@@ -66,9 +66,19 @@ FILE_CALLS = {
     "write_bytes",
 }
 BORROWED = {
-    "metrics.mesh_distance": {"imports open3d"},  # what a library measures, ours need not
+    "metrics.mesh_distance": {
+        "imports open3d"
+    },  # what a library measures, ours need not
 }
-SLOW_TO_IMPORT = ["numpy", "rerun", "open3d", "matplotlib", "ipywidgets", "numba", "cv2"]
+SLOW_TO_IMPORT = [
+    "numpy",
+    "rerun",
+    "open3d",
+    "matplotlib",
+    "ipywidgets",
+    "numba",
+    "cv2",
+]
 
 
 def complaints(source):
@@ -170,7 +180,9 @@ def test_circles_and_levels_are_found(tmp_path):
 
 
 def test_the_map_of_the_house_shows_the_same_order_and_every_file():
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The house")[1]
+    text = (
+        (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The house")[1]
+    )
     rows = re.findall(r"^\| `(\w+)/` \|[^|]*\|(.*)\|$", text, re.MULTILINE)
     assert [folder for folder, _ in rows] == ORDER
     named = {
@@ -180,12 +192,17 @@ def test_the_map_of_the_house_shows_the_same_order_and_every_file():
     }
     assert (
         named
-        == {".".join(name.split(".")[:2]) for name in structure.modules(PACKAGE)} - BESIDE
+        == {".".join(name.split(".")[:2]) for name in structure.modules(PACKAGE)}
+        - BESIDE
     )
 
 
 def test_importing_the_package_loads_nothing_slow():
-    code = f"import sys, endolab; print([m for m in {SLOW_TO_IMPORT} if m in sys.modules])"
+    code = (
+        f"import sys, endolab; print([m for m in {SLOW_TO_IMPORT} if m in sys.modules])"
+    )
     command = [sys.executable, "-c", code]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
     assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr

@@ -28,7 +28,9 @@ MOST_CODE = 220
 # of a cell
 MOST_LINES = 15
 MOST_COLUMNS = 110
-NO_PROSE = re.compile(r"```.*?```|\$\$.*?\$\$|\$[^$]*\$", re.DOTALL)  # code and formulas
+NO_PROSE = re.compile(
+    r"```.*?```|\$\$.*?\$\$|\$[^$]*\$", re.DOTALL
+)  # code and formulas
 
 
 @pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
@@ -99,7 +101,9 @@ def test_it_opens_by_saying_what_one_will_do_learn_and_need(cells):
 def test_it_keeps_to_its_budget(cells):
     assert len(cells) <= MOST_CELLS
     prose = " ".join(
-        NO_PROSE.sub(" ", cell["text"]) for cell in cells if cell["cell_type"] == "markdown"
+        NO_PROSE.sub(" ", cell["text"])
+        for cell in cells
+        if cell["cell_type"] == "markdown"
     )
     assert sum(any(map(str.isalpha, word)) for word in prose.split()) <= MOST_WORDS
     assert (

@@ -17,7 +17,15 @@ PROGRAM = ".venv/bin/endolab"
 NO_NAMES = {"told", "said", "judged"}  # which only tell that they tell
 # Names that were given up for one word: cuts, log_d0, LOWER_BOUND, readonly_copy, px_per_reference, ...
 GIVEN_UP = {
-    *("discontinuities", "tears", "torn", "log_facing", "AT_LEAST", "owned", "fineness"),
+    *(
+        "discontinuities",
+        "tears",
+        "torn",
+        "log_facing",
+        "AT_LEAST",
+        "owned",
+        "fineness",
+    ),
     *(
         "decided_by",
         "doubts",
@@ -97,13 +105,17 @@ def test_the_readme_is_one_page():
 
 def test_no_name_only_tells_that_it_tells():
     paths = [
-        path for folder in ("endolab", "tests") for path in (ROOT / folder).rglob("*.py")
+        path
+        for folder in ("endolab", "tests")
+        for path in (ROOT / folder).rglob("*.py")
     ]
     assert {name for path in paths for name in names_in(path)} & NO_NAMES == set()
 
 
 def test_one_thing_has_one_name():
-    names = {name for path in (ROOT / "endolab").rglob("*.py") for name in names_in(path)}
+    names = {
+        name for path in (ROOT / "endolab").rglob("*.py") for name in names_in(path)
+    }
     assert names & GIVEN_UP == set()
 
 
@@ -123,7 +135,9 @@ def test_functions_are_verbs_or_what_they_return():
 def test_make_knows_the_targets_of_the_readme():
     targets = set(
         re.findall(
-            r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+            r"^([a-z-]+):",
+            (ROOT / "Makefile").read_text(encoding="utf-8"),
+            re.MULTILINE,
         )
     )
     asked = {target for name, *rest in commands() if name == "make" for target in rest}

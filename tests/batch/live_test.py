@@ -29,7 +29,9 @@ FEW = {"max_iterations": 2}
 
 @pytest.fixture(scope="module")
 def pictures():
-    return [el.render(moved_colon(t), BASE.camera, LIGHT, bits=8).image for t in range(4)]
+    return [
+        el.render(moved_colon(t), BASE.camera, LIGHT, bits=8).image for t in range(4)
+    ]
 
 
 def coming(pictures, count, every):
@@ -40,7 +42,9 @@ def coming(pictures, count, every):
 
 
 def readers():
-    return [thread for thread in threading.enumerate() if thread.name == "endolab camera"]
+    return [
+        thread for thread in threading.enumerate() if thread.name == "endolab camera"
+    ]
 
 
 def patiently(named):
@@ -103,7 +107,9 @@ def test_a_video_is_played_and_shrunk_and_lengths_go_with_it(tmp_path):
     calibration = el.Calibration(large.camera, replace(large.photometry, gain=None))
 
     def first(**how):
-        return next(reconstruct_live(tmp_path / "v.mkv", calibration, **how, **FEW)).result
+        return next(
+            reconstruct_live(tmp_path / "v.mkv", calibration, **how, **FEW)
+        ).result
 
     result = first(known_distance=(60.0, 199.5, 149.5))  # straight ahead
     assert result.distance.shape == (240, LIVE_WIDTH)

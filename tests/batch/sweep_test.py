@@ -81,7 +81,9 @@ def test_each_with_each_is_one_row(frames, seen, tmp_path):
         assert row["seconds"] > 0
     one = el.reconstruct(frames[1], CALIBRATION, lam=0.1, xi="d", regulariser="first")
     same = [
-        row for row in rows if (row["frame"], row["lam"], row["xi"]) == ("tube", 0.1, "d")
+        row
+        for row in rows
+        if (row["frame"], row["lam"], row["xi"]) == ("tube", 0.1, "d")
     ]
     assert same[0]["energy"] == pytest.approx(one.energy, rel=1e-9)
 

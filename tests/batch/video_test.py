@@ -18,7 +18,9 @@ from tests.tools.recorded import Recorded
 
 COUNT = 5
 BASE = datasets.load_calibration("simple", 96)
-UNKNOWN = el.Calibration(BASE.camera, replace(BASE.photometry.channel("green"), gain=None))
+UNKNOWN = el.Calibration(
+    BASE.camera, replace(BASE.photometry.channel("green"), gain=None)
+)
 QUICK = {"solver": "facing", "width": 48}
 OUTPUTS = ["frames", "frames.csv", "recording.rrd", "report.json"]
 
@@ -87,14 +89,22 @@ def test_a_folder_becomes_a_folder(film, out):
     (film / "frame_2.png").write_bytes(b"broken")
     write_image(film / "frame_3.png", np.full((8, 9), 0.4))
     calls = []
-    found = reconstruct_video(film, UNKNOWN, out, progress=lambda *each: calls.append(each))
+    found = reconstruct_video(
+        film, UNKNOWN, out, progress=lambda *each: calls.append(each)
+    )
     expected = [(k + 1, COUNT, f"frame_{k}.png") for k in range(COUNT)]
     assert [(done, total, row["frame"]) for done, total, row in calls] == expected
     assert found.done_before == 0
     assert [path.name for path in found.paths] == names(out) == OUTPUTS
     assert names(out / "frames") == ["frame_0", "frame_1", "frame_4"]
     assert [row["index"] for row in table(out)] == list("01234")
-    assert [bool(row["error"]) for row in found.rows] == [False, False, True, True, False]
+    assert [bool(row["error"]) for row in found.rows] == [
+        False,
+        False,
+        True,
+        True,
+        False,
+    ]
     energies = [float(row["energy"] or "nan") for row in table(out)]
     expected = [row["energy"] for row in found.rows]
     assert energies == pytest.approx(expected, nan_ok=True)
@@ -134,10 +144,14 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, kind, failure):
     assert (out / "frames/frame_1/depth.npz").read_bytes() == kept
     assert [row["error"] for row in table(out)] == [""] * 4
     for name in names(out / "frames"):
-        np.testing.assert_allclose(distances(out, name), distances(whole, name), rtol=1e-3)
+        np.testing.assert_allclose(
+            distances(out, name), distances(whole, name), rtol=1e-3
+        )
     assert recorded(out) == [0, 1, 2, 3]
     written = (out / "recording.rrd").stat().st_mtime_ns
-    again = reconstruct_video(film, UNKNOWN, out, limit=4)  # there is nothing left to do
+    again = reconstruct_video(
+        film, UNKNOWN, out, limit=4
+    )  # there is nothing left to do
     assert (again.done_before, again.rows) == (4, found.rows)
     assert (out / "recording.rrd").stat().st_mtime_ns == written
 
@@ -162,7 +176,9 @@ def test_what_is_damaged_is_done_again(film, out, damage):
 
 
 @pytest.mark.parametrize("broken", [0, 1])
-def test_a_frame_that_is_done_later_takes_up_its_neighbours_scale(film, out, shots, broken):
+def test_a_frame_that_is_done_later_takes_up_its_neighbours_scale(
+    film, out, shots, broken
+):
     path = film / f"frame_{broken}.png"
     content = path.read_bytes()
     path.write_bytes(b"broken")
@@ -175,7 +191,9 @@ def test_a_frame_that_is_done_later_takes_up_its_neighbours_scale(film, out, sho
     np.testing.assert_allclose(np.array(lacks) / lacks[0], 1, atol=0.06)
 
 
-def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(out, tmp_path, shots):
+def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(
+    out, tmp_path, shots
+):
     write_video(tmp_path / "v.mkv", [one.image for one in shots])
     write_image(tmp_path / "mask.png", np.arange(96) < np.full((72, 1), 48))
     how = {"mask": tmp_path / "mask.png", "every": 2, "limit": 2, "solver": "facing"}
@@ -235,7 +253,11 @@ def test_a_run_that_is_interrupted_leaves_nothing_of_the_one_before(film, out):
 def test_without_rerun_there_is_no_recording(film, out, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     found = reconstruct_video(film, UNKNOWN, out, limit=1, **QUICK)
-    assert [path.name for path in found.paths] == ["frames", "frames.csv", "report.json"]
+    assert [path.name for path in found.paths] == [
+        "frames",
+        "frames.csv",
+        "report.json",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,9 @@ class Case:
 
     def with_light(self, photometry: el.Photometry) -> "Case":
         """The same frame, of whose light something else is known."""
-        return replace(self, calibration=replace(self.calibration, photometry=photometry))
+        return replace(
+            self, calibration=replace(self.calibration, photometry=photometry)
+        )
 
 
 def cases_of(wanted: str) -> Iterator[Case]:
@@ -79,7 +81,9 @@ def cases_of(wanted: str) -> Iterator[Case]:
 
 def _exact(name: str, sample: Any) -> Case:
     """A path-traced frame, at true scale."""
-    return Case(name, "", sample.frame, sample.calibration, sample.distance, sample.normals)
+    return Case(
+        name, "", sample.frame, sample.calibration, sample.distance, sample.normals
+    )
 
 
 def _published(name: str, sample: Sample, width: int) -> Case:

@@ -41,7 +41,9 @@ def filled_error(sample: Any) -> str:
     gamma = sample.calibration.photometry.gamma
     mask = sample.frame.mask
     holes = (
-        dilate(find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1])
+        dilate(
+            find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1]
+        )
         & mask
     )
     if not holes.any():
@@ -63,7 +65,10 @@ def report(samples: Mapping[str, Any]) -> None:
         gamma = sample.calibration.photometry.gamma
         tissue = np.maximum((sample.direct + sample.indirect)[..., 1], 1e-9)
         ratio = np.where(frame.mask, sample.mirrored / tissue, 0.0)
-        for kind, image in (("colour", frame.image), ("green alone", frame.image[..., 1])):
+        for kind, image in (
+            ("colour", frame.image),
+            ("green alone", frame.image[..., 1]),
+        ):
             line = scores(image, frame.mask, ratio, gamma)
             rows.append(
                 [name, kind, *line, filled_error(sample) if kind == "colour" else ""]

@@ -18,7 +18,15 @@ from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 
 USUAL = EXPONENT_SEARCH.usual
-HEADS = ("frame", "k", "found", "", "% with k", "with what was found", f"with {USUAL:g}")
+HEADS = (
+    "frame",
+    "k",
+    "found",
+    "",
+    "% with k",
+    "with what was found",
+    f"with {USUAL:g}",
+)
 
 
 def error(case: Case, k: float, gamma: float) -> float:
@@ -34,7 +42,9 @@ def main(wanted: str) -> None:
     off = []
     for case in cases_of(wanted):
         light = case.calibration.photometry.simplify()
-        found = el.estimate_light([case.frame], case.calibration.camera, gamma=light.gamma)
+        found = el.estimate_light(
+            [case.frame], case.calibration.camera, gamma=light.gamma
+        )
         ks = (light.k, found.photometry.k, USUAL)
         errors = [error(case, k, light.gamma) for k in ks]
         off.append([found.k - light.k, *errors])

@@ -17,7 +17,9 @@ def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> No
     for line in lines:
         print(
             "  "
-            + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+            + "  ".join(
+                cell.ljust(width) for cell, width in zip(line, widths, strict=True)
+            )
         )
     sys.stdout.flush()
 

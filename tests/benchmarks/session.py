@@ -32,7 +32,9 @@ def judge(frame: SheetFrame, target: Target, found: Detection) -> tuple[float, i
     truth = np.full((len(target.points), 2), np.nan)
     for number, pose in enumerate(frame.poses):
         here = panel == number
-        truth[here] = predict_view(CAMERA, pose, target.points[here], target.radii[here])
+        truth[here] = predict_view(
+            CAMERA, pose, target.points[here], target.radii[here]
+        )
     height, width = frame.image.shape
     inside = np.all((truth > 5) & (truth < [width - 6, height - 6]), axis=1)
     wrong = np.linalg.norm(found.pixels - truth[found.ids], axis=1) > WRONG
@@ -43,7 +45,9 @@ def pulls_of(light: PhotometricFit) -> list[float]:
     """How far k, γ and the nodes of the BRDF are off, in their standard errors."""
     theta = np.array(light.photometry.brdf.theta)
     values = np.array(light.photometry.brdf.values)
-    errors = np.array([light.standard_errors[f"brdf {node}"] for node in range(len(theta))])
+    errors = np.array(
+        [light.standard_errors[f"brdf {node}"] for node in range(len(theta))]
+    )
     ratio = values / PAPER_SHEET.value(np.cos(theta), np.cos(theta))
     pinned = int(np.argmin(errors))
     free = np.arange(len(theta)) != pinned
@@ -119,7 +123,9 @@ def run(
 
 def main(arguments: list[str]) -> None:
     """Print the table."""
-    count, seeds = (int(value) for value in (*arguments, *("300", "1")[len(arguments) :]))
+    count, seeds = (
+        int(value) for value in (*arguments, *("300", "1")[len(arguments) :])
+    )
     rows = []
     pulls: dict[str, list[float]] = {}
     for seed in range(seeds):
@@ -139,8 +145,18 @@ def main(arguments: list[str]) -> None:
         "RMSE px",
         "f, c px",
     ]
-    heads += ["map to 68° px", "Δk", "Δγ", "Δ(k/γ)", "BRDF % rms", "gain % sd", "σ grey"]
-    table(f"From {count} rendered pictures of 1440x1080, noise 3 grey levels", heads, rows)
+    heads += [
+        "map to 68° px",
+        "Δk",
+        "Δγ",
+        "Δ(k/γ)",
+        "BRDF % rms",
+        "gain % sd",
+        "σ grey",
+    ]
+    table(
+        f"From {count} rendered pictures of 1440x1080, noise 3 grey levels", heads, rows
+    )
 
     shares = []
     for name, off in pulls.items():

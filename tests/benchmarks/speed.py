@@ -41,11 +41,15 @@ def scenes() -> None:
 def runs(width: int) -> dict[str, Callable[[], object]]:
     """What people wait for, of a colon that moves on by a millimetre a frame."""
     calibration = datasets.load_calibration("simple", width)
-    lit = el.render(moved_colon(0), calibration.camera, calibration.photometry).photometry
+    lit = el.render(
+        moved_colon(0), calibration.camera, calibration.photometry
+    ).photometry
     known = el.Calibration(calibration.camera, lit)
     video = []
     for t in range(4):
-        seen = el.render(moved_colon(t), calibration.camera, lit, noise=1, bits=8, seed=t)
+        seen = el.render(
+            moved_colon(t), calibration.camera, lit, noise=1, bits=8, seed=t
+        )
         video.append((str(t), el.Frame(seen.image, seen.mask, str(t))))
     frame = video[0][1]
     one = {"channel": "green", "regulariser": "second"}
@@ -53,13 +57,17 @@ def runs(width: int) -> dict[str, Callable[[], object]]:
     steps = {"solver": "primal_dual", "max_iterations": 100, "channel": "green"}
     return {
         "cold": lambda: el.reconstruct(frame, known, **one),
-        "warm, λ × 1.1": lambda: el.reconstruct(frame, known, lam=1.1, start=found, **one),
+        "warm, λ × 1.1": lambda: el.reconstruct(
+            frame, known, lam=1.1, start=found, **one
+        ),
         "curvature": lambda: el.reconstruct(
             frame, known, channel="green", regulariser="curvature"
         ),
         "the default": lambda: el.reconstruct(frame, known),
         "fast marching": lambda: el.reconstruct(frame, known, solver="fast_marching"),
-        "4 frames, 1 mm apart": lambda: list(el.reconstruct_sequence(video, known, **one)),
+        "4 frames, 1 mm apart": lambda: list(
+            el.reconstruct_sequence(video, known, **one)
+        ),
         "100 primal-dual steps": lambda: el.reconstruct(frame, known, **steps),
     }
 

@@ -68,7 +68,9 @@ def main(wanted: str) -> None:
                 rows.append([name, *cells([found[error, "all"]])])
         for kind in ("all", *KINDS):
             every = [
-                found[error, kind] for found in scores.values() if (error, kind) in found
+                found[error, kind]
+                for found in scores.values()
+                if (error, kind) in found
             ]
             if every:
                 rows.append([f"mean, {kind}", *cells(every)])

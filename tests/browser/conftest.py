@@ -16,7 +16,9 @@ from endolab.solvers.solvers import SOLVERS
 from tests.conftest import missing_system
 
 ROOT = Path(__file__).resolve().parents[2]
-SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
+SCREENSHOTS = Path(
+    os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots"
+)
 FLAGS = [
     "--headless",
     "--no-sandbox",
@@ -137,10 +139,23 @@ def lab(tmp_path_factory, compiled):
     shutil.copytree(
         ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*")
     )
-    environment = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
+    environment = {
+        key: value for key, value in os.environ.items() if key != "MPLBACKEND"
+    }
     environment |= {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "endolab", "lab", f"--notebooks={root / 'notebooks'}"]
-    command += [f"--port={a_free_port()}", "--", "--no-browser", "--expose-app-in-browser"]
+    command = [
+        sys.executable,
+        "-m",
+        "endolab",
+        "lab",
+        f"--notebooks={root / 'notebooks'}",
+    ]
+    command += [
+        f"--port={a_free_port()}",
+        "--",
+        "--no-browser",
+        "--expose-app-in-browser",
+    ]
     command += ["--IdentityProvider.token="]
     log = root / "log.txt"
     with open(log, "w") as stream:

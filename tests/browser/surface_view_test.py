@@ -99,7 +99,9 @@ def run_cell(opened, index):
 def opened(open_notebook):
     """A notebook that shows a rendered colon."""
     opened = open_notebook(
-        "00_quickstart.ipynb", cells=[MAKE, SHOW, BANDS, MANY, "view.close()"], height=1600
+        "00_quickstart.ipynb",
+        cells=[MAKE, SHOW, BANDS, MANY, "view.close()"],
+        height=1600,
     )
     for index in (0, 1):
         run_cell(opened, index)

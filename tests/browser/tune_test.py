@@ -68,7 +68,9 @@ def visit(browser):
     contexts = []
 
     def visit(link, width=1366, height=768):
-        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+        contexts.append(
+            browser.new_context(viewport={"width": width, "height": height})
+        )
         page = contexts[-1].new_page()
         page.set_default_timeout(60_000)
         page.complaints = []
@@ -101,9 +103,7 @@ def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(
     page = visit(link, *size)
     page.wait_for_function(FINAL)
     for _ in range(2):
-        scrolled = (
-            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-        )
+        scrolled = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
         page.wait_for_function(
             f"size => {scrolled}.join() === size", arg=f"{size[0]},{size[1]}"
         )
@@ -127,7 +127,9 @@ def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(
     assert ended(process) == (0, "ended")
 
 
-def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(start, visit):
+def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
+    start, visit
+):
     process, link = start("frames")
     page = visit(link)
     page.wait_for_function(FINAL)

@@ -107,7 +107,11 @@ def test_a_stands_beside_b_by_keys_and_the_notebook_does_not_hear_them(opened):
     press(page, "ArrowLeft", 10)
     says(page, "A beside B: λ 0.1 ")
     opened.photograph("06_tuner_beside")
-    for key, words in (("b", "B: λ 0.1 "), ("b", "A: λ 1 "), ("d", "A beside B: λ 0.1 ")):
+    for key, words in (
+        ("b", "B: λ 0.1 "),
+        ("b", "A: λ 1 "),
+        ("d", "A beside B: λ 0.1 "),
+    ):
         page.keyboard.press(key)
         says(page, words)
     page.keyboard.press("x")  # to the notebook it would mean: cut the cell

@@ -23,7 +23,9 @@ def colours(opened):
     if not canvas.count():
         return 0
     picture = imread(io.BytesIO(canvas.first.screenshot()))
-    return len(np.unique(np.round(255 * picture.reshape(-1, picture.shape[-1])), axis=0))
+    return len(
+        np.unique(np.round(255 * picture.reshape(-1, picture.shape[-1])), axis=0)
+    )
 
 
 def drawn(opened, seconds=30):

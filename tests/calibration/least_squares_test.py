@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from endolab.calibration.least_squares import ROBUST, Arrow, Linearised, fit, robust_sigma
+from endolab.calibration.least_squares import (
+    ROBUST,
+    Arrow,
+    Linearised,
+    fit,
+    robust_sigma,
+)
 from endolab.numerics.iteration import Status
 
 GROUPS = 12
@@ -41,7 +47,9 @@ class Decays:
         curve = height * fall + u.common[1] * self.t + offset
         by_common = np.stack([self.t * height * fall, -self.t], axis=-1)
         by_own = np.stack([-fall, -np.ones_like(fall)], axis=-1)
-        twice = [np.repeat(values[:, None], 2, axis=1) for values in (by_common, by_own)]
+        twice = [
+            np.repeat(values[:, None], 2, axis=1) for values in (by_common, by_own)
+        ]
         prior = self.by_prior @ (u.common - 0.5)
         return Linearised(self.y - curve[:, None], *twice, prior, self.by_prior)
 
@@ -84,7 +92,9 @@ def test_a_fit_and_its_covariance_agree_with_scipy(rng):
         ftol=1e-15,
     )
     error = np.sqrt(np.diag(found.covariance.common))
-    assert np.abs(found.iterate.unknowns.common - oracle.x[:2]).max() < 1e-3 * error.min()
+    assert (
+        np.abs(found.iterate.unknowns.common - oracle.x[:2]).max() < 1e-3 * error.min()
+    )
     assert flat(found.iterate.unknowns) == pytest.approx(oracle.x, abs=1e-5)
     sigma = found.iterate.sigma
     assert found.iterate.cost == pytest.approx(oracle.cost / sigma**2, rel=1e-6)
@@ -124,7 +134,9 @@ def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
         def linearise(self, u):
             lin = super().linearise(u)
             lin.by_common[:, :, 1] = -1.0
-            return replace(lin, residual=lin.residual + u.common[1] * (self.t - 1)[:, None])
+            return replace(
+                lin, residual=lin.residual + u.common[1] * (self.t - 1)[:, None]
+            )
 
     found = fit(Twins(rng), START)
     assert np.isfinite(found.covariance.common[0, 0])
@@ -148,7 +160,9 @@ def test_sigma_is_that_of_the_noise(rng, m, share):
     residual = rng.normal(0, 0.3, (20000, m))
     wrong = rng.random(20000) < share
     residual[wrong] += rng.choice([-1, 1], wrong.sum())[:, None] * 6.0
-    assert robust_sigma(residual, np.ones(20000, bool), 0) == pytest.approx(0.3, rel=0.01)
+    assert robust_sigma(residual, np.ones(20000, bool), 0) == pytest.approx(
+        0.3, rel=0.01
+    )
 
 
 def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():

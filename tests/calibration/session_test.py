@@ -8,7 +8,12 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.session import LEFT_OUT_REASON, calibrate, choose_views, detect_all
+from endolab.calibration.session import (
+    LEFT_OUT_REASON,
+    calibrate,
+    choose_views,
+    detect_all,
+)
 from endolab.calibration.simulation.sheet_image import Sensor
 from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
@@ -36,7 +41,8 @@ def video():
     truth = list(simulate_video(SHEET, CAMERA, LIGHT, 18, **how))
     colour = np.array([1.0, 0.8, 0.6])  # of the sensor's channels, in linear light
     frames = [
-        (f"{n}.png", f.image[..., None] * colour ** (1 / 2.2)) for n, f in enumerate(truth)
+        (f"{n}.png", f.image[..., None] * colour ** (1 / 2.2))
+        for n, f in enumerate(truth)
     ]
     detections, size = detect_all(frames, SHEET)
     assert size == SIZE
@@ -67,7 +73,9 @@ def test_camera_poses_and_light_come_back(video, done):
     assert abs(done.light.sigma - 1.04 * 0.8 ** (1 / 2.2)) < 0.06
 
 
-def test_the_error_of_a_frame_is_how_far_its_dots_lie_from_where_they_are_expected(done):
+def test_the_error_of_a_frame_is_how_far_its_dots_lie_from_where_they_are_expected(
+    done,
+):
     for name, error in done.errors.items():
         off = done.detections[name].pixels - done.predict_pixels(name)
         off = np.linalg.norm(off, axis=1)

@@ -33,11 +33,15 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
     at_rim = 100 * steepest * session.light.standard_errors["k"]
     assert light["fall_off_percent"]["largest"] == pytest.approx(at_rim, rel=0.05)
     assert 0 < camera["rays_mrad"]["median"] < camera["rays_mrad"]["largest"]
-    assert light["gains"]["frame_4"] == session.light.gains[3]  # frame_3 was not located
+    assert (
+        light["gains"]["frame_4"] == session.light.gains[3]
+    )  # frame_3 was not located
     assert (frames["dropped"], len(frames["used"])) == (session.dropped, COUNT)
     off = session.light.residuals[session.light.used & (session.samples.frame == 3)]
     assert frames["errors_grey"]["frame_4"] == pytest.approx(np.sqrt(np.mean(off**2)))
-    assert list(frames["errors_px"]) == list(light_errors(session)) == list(session.poses)
+    assert (
+        list(frames["errors_px"]) == list(light_errors(session)) == list(session.poses)
+    )
 
 
 def test_what_is_not_finite_is_null(session):

@@ -9,12 +9,18 @@ from scipy.spatial.transform import Rotation
 
 from endolab import datasets
 from endolab.calibration.geometric.projection import camera_of, camera_vector
-from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
+from endolab.calibration.uncertainty import (
+    fall_off_uncertainty,
+    places,
+    ray_uncertainty,
+)
 from tests.tools.simulated_session import simulated
 
 PAPER = datasets.load_calibration("paper", width=160).camera
 WIDE = np.deg2rad(70)  # the picture without its corners
-SPREAD = np.array([0.05, 0.06, 0.2, 0.15, 2e-4, 2e-4, 1e-4, 3e-5])  # px, and of k1 to k4
+SPREAD = np.array(
+    [0.05, 0.06, 0.2, 0.15, 2e-4, 2e-4, 1e-4, 3e-5]
+)  # px, and of k1 to k4
 
 
 def covariance(seed=0):
@@ -46,7 +52,9 @@ def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
     pixels = places(PAPER, 16)[1:-1, 2:-2]
     found = ray_uncertainty(PAPER, sure, pixels)
     rays = PAPER.unproject(pixels)
-    drawn = np.random.default_rng(1).multivariate_normal(camera_vector(PAPER), sure, 2000)
+    drawn = np.random.default_rng(1).multivariate_normal(
+        camera_vector(PAPER), sure, 2000
+    )
     cameras = [camera_of(vector, 160, 120) for vector in drawn]
     others = np.array([camera.unproject(pixels) for camera in cameras])
     assert found.mrad == pytest.approx(1e3 * rms(others - rays), rel=0.06)

@@ -72,7 +72,9 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     truth = json.loads((work / "v/truth.json").read_text())
     found = el.load_calibration(work / "cal.json")
     for name in ("fx", "fy", "cx", "cy"):
-        assert getattr(found.camera, name) == pytest.approx(truth["camera"][name], abs=0.15)
+        assert getattr(found.camera, name) == pytest.approx(
+            truth["camera"][name], abs=0.15
+        )
     light = found.photometry
     assert light.k == pytest.approx(2.5, abs=0.06)
     assert light.k / light.gamma == pytest.approx(2.5 / 2.2, abs=0.01)
@@ -80,7 +82,13 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     gains = found.evidence["photometry"]["gains"]
     ratio = [gain / truth["frames"][int(name)]["gain"] for name, gain in gains.items()]
     assert np.std(np.log(ratio)) < 0.02
-    for name in ("report.html", "report.json", "camera.json", "recording.rrd", "light.png"):
+    for name in (
+        "report.html",
+        "report.json",
+        "camera.json",
+        "recording.rrd",
+        "light.png",
+    ):
         assert (work / "cal_report" / name).is_file()
 
 
@@ -104,7 +112,9 @@ def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     assert "needs 3 views" in capsys.readouterr().err
 
 
-def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_another(tmp_path, refused):
+def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_another(
+    tmp_path, refused
+):
     """`calibrate` would take it for one of its frames."""
     out = tmp_path / "v"
     how = ("simulate", "sheet", "--width", 64, "--out", out, "--overwrite", "--frames")
@@ -131,7 +141,9 @@ def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     )
 
 
-def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, refused):
+def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(
+    again, refused
+):
     video, out = again
     assert calibrate(video, out) == 0
     assert el.load_calibration(out).photometry.gamma == 2.2

@@ -134,7 +134,9 @@ def test_bad_input_is_answered_in_a_line(tmp_path, capsys, monkeypatch):
             (".", port, str(port)),
         ):
             assert (
-                cli.main(["lab", f"--notebooks={tmp_path / folder}", f"--port={number}"])
+                cli.main(
+                    ["lab", f"--notebooks={tmp_path / folder}", f"--port={number}"]
+                )
                 == 2
             )
             error = capsys.readouterr().err

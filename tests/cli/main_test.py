@@ -105,7 +105,9 @@ def test_simulate_writes_a_frame_and_its_truth(sim):
     assert names(sim) == ["endoscope.json", "frame.png", "report.json", "truth.npz"]
     calibration = el.load_calibration(sim / "endoscope.json")
     truth = maps(sim / "truth.npz")
-    assert read_image(sim / "frame.png").shape == truth["normals"].shape == (120, 160, 3)
+    assert (
+        read_image(sim / "frame.png").shape == truth["normals"].shape == (120, 160, 3)
+    )
     exact = el.SCENES["curved"].distance(calibration.camera.field.rays)
     np.testing.assert_allclose(truth["distance"], exact, rtol=1e-6)
 
@@ -114,7 +116,9 @@ def test_a_folder_holds_what_was_written_last_and_what_that_was_made_of(tmp_path
     scene = f"--calibration simple --width 64 --out {tmp_path}"
     given = ["endoscope.json", "frame.png", "truth.npz"]
     assert call(f"simulate curved {scene}") == 0
-    how = f"{tmp_path}/frame.png --calibration {tmp_path}/endoscope.json --out {tmp_path}"
+    how = (
+        f"{tmp_path}/frame.png --calibration {tmp_path}/endoscope.json --out {tmp_path}"
+    )
     assert call(f"reconstruct {how} --solver facing --mesh") == 0
     assert names(tmp_path) == sorted([*OUTPUTS, *given, "mesh.ply"])
     assert call(f"reconstruct {how} --solver facing") == 0
@@ -134,12 +138,16 @@ def test_reconstruct_writes_a_whole_folder(work):
         assert np.all(np.isnan(depth[name][~mask]))
     content = report(out)
     assert content["settings"]["channel"] == "separated"
-    assert (content["settings"]["frame"], content["pixels"]) == ("frame.png", mask.sum())
+    assert (content["settings"]["frame"], content["pixels"]) == (
+        "frame.png",
+        mask.sum(),
+    )
     assert f"element vertex {mask.sum()}\n".encode() in (out / "cloud.ply").read_bytes()
 
 
 @pytest.mark.parametrize(
-    ("calibration", "unit"), [("sim/endoscope.json", "(mm)"), ("unknown.json", "(relative")]
+    ("calibration", "unit"),
+    [("sim/endoscope.json", "(mm)"), ("unknown.json", "(relative")],
 )
 def test_the_summary_tells_how_it_ended_in_which_unit_and_where_it_is(
     solve, capsys, tmp_path, calibration, unit
@@ -165,7 +173,9 @@ def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
 
 def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys, refused):
     assert solve("--width 80 --out out --uncertainty --mesh") == 0
-    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "mesh_uncertainty.ply"])
+    assert names(tmp_path / "out") == sorted(
+        [*OUTPUTS, "mesh.ply", "mesh_uncertainty.ply"]
+    )
     assert "σ of the distance: " in capsys.readouterr().out
     depth = maps(tmp_path / "out/depth.npz")
     assert (depth["sigma"][depth["mask"]] > 0).all()
@@ -205,7 +215,8 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
         == 0
     )
     assert (
-        solve("--lam 1 --settings s.json --median-distance 20 --albedo 0.9 --out both") == 0
+        solve("--lam 1 --settings s.json --median-distance 20 --albedo 0.9 --out both")
+        == 0
     )
     runs = [tmp_path / name for name in ("file", "options", "both")]
     content = [report(run)["settings"] for run in runs]
@@ -217,7 +228,9 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     assert np.nanmedian(found[2]) == pytest.approx(20, rel=1e-6)
 
 
-def test_a_depth_map_that_is_given_as_a_frame_is_suspected(sim, solve, tmp_path, capsys):
+def test_a_depth_map_that_is_given_as_a_frame_is_suspected(
+    sim, solve, tmp_path, capsys
+):
     write_image(tmp_path / "1.png", maps(sim / "truth.npz")["z"] / 100, 16)
     how = f"--calibration {sim}/endoscope.json --solver facing --out o"
     for frame, suspected in (("1.png", True), (sim / "frame.png", False)):
@@ -386,7 +399,9 @@ def process(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_told_to_end_it_writes_the_best_so_far(tmp_path, process, number):
-    assert call(f"simulate colon --calibration simple --width 640 --out {tmp_path}/s") == 0
+    assert (
+        call(f"simulate colon --calibration simple --width 640 --out {tmp_path}/s") == 0
+    )
     terminal, end = os.openpty()
     termios.tcsetwinsize(terminal, (24, 80))
     command = "reconstruct s/frame.png --calibration s/endoscope.json --out o"
@@ -460,6 +475,15 @@ def test_help_is_quick_and_loads_nothing_large(process):
         out, error = running.communicate(timeout=60)
     for word in (b"reconstruct", b"sweep", b"simulate", b"evaluate"):
         assert word in out
-    slow = {"numpy", "cv2", "scipy", "numba", "matplotlib", "rerun", "open3d", "jupyterlab"}
+    slow = {
+        "numpy",
+        "cv2",
+        "scipy",
+        "numba",
+        "matplotlib",
+        "rerun",
+        "open3d",
+        "jupyterlab",
+    }
     loaded = {line.rpartition("|")[2].strip() for line in error.decode().splitlines()}
     assert not slow & loaded

@@ -74,7 +74,9 @@ def call(here, capsys):
     """Run a command; its exit code, and what it said on stdout and stderr."""
 
     def run(words):
-        return cli.main([*words.split(), "--calibration", "cal.json"]), *capsys.readouterr()
+        return cli.main(
+            [*words.split(), "--calibration", "cal.json"]
+        ), *capsys.readouterr()
 
     return run
 
@@ -94,7 +96,9 @@ def test_a_video_goes_on_and_tells_what_became_of_it(call, here):
     assert len(rows(here / "o/frames.csv")) == 3
     code, _, error = call("reconstruct film --out o --solver facing --lam 3")
     assert (code, error.count("\n"), "--overwrite" in error) == (2, 1, True)
-    assert call("reconstruct v.mkv --out w --every 4 --solver facing --width 32")[0] == 0
+    assert (
+        call("reconstruct v.mkv --out w --every 4 --solver facing --width 32")[0] == 0
+    )
     assert [row["frame"] for row in rows(here / "w/frames.csv")] == ["000000", "000004"]
 
 
@@ -103,14 +107,18 @@ def test_a_sweep_goes_on_and_tells_what_became_of_it(call, here):
         "sweep film/0.png film/1.png --lam 0.1,1 --xi d --max-iterations 3"
     )
     assert (code, "4 of 4 rows" in output) == (0, True)
-    code, output, _ = call("sweep film/0.png none.png --lam 1,10 --xi d --max-iterations 3")
+    code, output, _ = call(
+        "sweep film/0.png none.png --lam 1,10 --xi d --max-iterations 3"
+    )
     assert code == 0
     for words in ("2 of 4 rows", "not done: none.png", "earlier call: 1"):
         assert words in output
     assert len(rows(here / "sweep.csv")) == 7
 
 
-def test_ctrl_c_ends_a_live_view_with_its_files_written(call, here, monkeypatch, pictures):
+def test_ctrl_c_ends_a_live_view_with_its_files_written(
+    call, here, monkeypatch, pictures
+):
     monkeypatch.setattr(cv2, "VideoCapture", lambda *which: Camera(pictures, 6))
     # a shell in the background ignores it.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -153,7 +161,9 @@ def test_a_video_is_played_live(call, here):
         ("sweep film/0.png --out cal.json", "cal.json"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence_and_writes_nothing(call, here, words, named):
+def test_what_cannot_be_done_is_one_sentence_and_writes_nothing(
+    call, here, words, named
+):
     before = sorted(here.rglob("*"))
     code, _, error = call(words)
     assert (code, error.count("\n"), named in error) == (2, 1, True), error

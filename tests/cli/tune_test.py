@@ -44,7 +44,10 @@ def made(tmp_path_factory):
 
 
 def test_pictures_of_a_folder_come_by_number_and_depth_maps_do_not(made):
-    assert [path.name for path in find_pictures(made / "several")] == ["f9.png", "f10.png"]
+    assert [path.name for path in find_pictures(made / "several")] == [
+        "f9.png",
+        "f10.png",
+    ]
     assert find_pictures(made / "sim/frame.png") == [made / "sim/frame.png"]
 
 
@@ -85,7 +88,9 @@ def test_the_truth_is_a_distance(made):
 )
 def test_what_is_wrong_is_one_sentence(words, named, made, monkeypatch, capsys):
     monkeypatch.chdir(made)
-    assert cli.main(["tune", *words.split(), "--calibration", "sim/endoscope.json"]) == 2
+    assert (
+        cli.main(["tune", *words.split(), "--calibration", "sim/endoscope.json"]) == 2
+    )
     error = capsys.readouterr().err
     assert named in error
     assert error.count("\n") == 1
@@ -104,12 +109,16 @@ def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
             watch = threading.Timer(120, process.kill)
             watch.start()
             line = process.stdout.readline()
-            link = r"tuner: http://127\.0\.0\.1:(\d+)/(\w{48})/ \(port (\d+) is taken\)\n"
+            link = (
+                r"tuner: http://127\.0\.0\.1:(\d+)/(\w{48})/ \(port (\d+) is taken\)\n"
+            )
             found = re.fullmatch(link, line)
             assert found, line
             assert port < int(found[1]) < port + lab.PORTS
             own = psutil.Process(process.pid)
-            at = [at.laddr for at in own.net_connections("tcp") if at.status == "LISTEN"]
+            at = [
+                at.laddr for at in own.net_connections("tcp") if at.status == "LISTEN"
+            ]
             assert at == [("127.0.0.1", int(found[1]))]
             assert found[2] not in " ".join(own.cmdline())
             time.sleep(0.5)

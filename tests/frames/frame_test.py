@@ -79,7 +79,9 @@ def test_shrinking_averages_the_pixels_of_the_mask_alone(rng, colours):
     small = el.Frame(spoilt, mask).resize(8, 6, GAMMA)
     inside = mask.reshape(6, 2, 8, 2).sum(axis=(1, 3))
     assert_array_equal(small.mask, inside >= 2)
-    light = np.where(mask.reshape(*mask.shape, *(1 for _ in colours)), image, 0.0) ** GAMMA
+    light = (
+        np.where(mask.reshape(*mask.shape, *(1 for _ in colours)), image, 0.0) ** GAMMA
+    )
     blocks = light.reshape(6, 2, 8, 2, *colours).sum(axis=(1, 3))
     expected = (blocks[small.mask].T / inside[small.mask]).T ** (1 / GAMMA)
     assert_allclose(small.image[small.mask], expected, rtol=1e-6)
@@ -135,7 +137,9 @@ def test_a_turned_picture_has_the_turned_field_of_view_and_the_same_noise(rng):
     """Once 30 px were seen in one of two that were turned, and equal bytes counted as noise or not."""
     i, j = np.indices((90, 120))
     image = np.where(
-        np.hypot(i - 43, j - 61) < 40, np.round(rng.uniform(60, 200, (90, 120))) / 255, 0.0
+        np.hypot(i - 43, j - 61) < 40,
+        np.round(rng.uniform(60, 200, (90, 120))) / 255,
+        0.0,
     )
     shown = field_of_view(image)
     for turn in (np.fliplr, np.flipud, np.transpose):

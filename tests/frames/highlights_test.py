@@ -19,7 +19,9 @@ def film():
     dry = wall()
     clean = el.render(el.SCENES["curved"], dry.camera, dry.photometry, highlights=0.02)
     noise = np.random.default_rng(0).normal(scale=3 / 255, size=clean.image.shape)
-    image = np.round(255 * np.clip(clean.image + noise * clean.mask[..., None], 0, 1)) / 255
+    image = (
+        np.round(255 * np.clip(clean.image + noise * clean.mask[..., None], 0, 1)) / 255
+    )
     return (
         image,
         clean.mask,
@@ -56,7 +58,9 @@ def test_a_constant_picture_has_none(value, shape):
 def test_a_large_overexposed_wall_is_no_highlight():
     rows, columns = np.indices((240, 320))
     near = np.exp(-((rows - 120) ** 2 + (columns - 160) ** 2) / (2 * 60**2))
-    image = np.clip(2.0 * near[..., None] * np.array([0.75, 0.38, 0.30]), 0, 1) ** (1 / 2.2)
+    image = np.clip(2.0 * near[..., None] * np.array([0.75, 0.38, 0.30]), 0, 1) ** (
+        1 / 2.2
+    )
     assert find_highlights(image, np.ones(rows.shape, bool)).mean() < 0.002
 
 

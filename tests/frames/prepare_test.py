@@ -21,7 +21,12 @@ def known():
 @pytest.fixture(scope="module")
 def colon(known):
     return el.render(
-        el.SCENES["colon"], known.camera, known.photometry, noise=2.0, bits=8, texture=0.1
+        el.SCENES["colon"],
+        known.camera,
+        known.photometry,
+        noise=2.0,
+        bits=8,
+        texture=0.1,
     )
 
 
@@ -95,7 +100,9 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known):
     """Where nothing is too dark, what is prepared solves as what is not, given the same words."""
     camera = el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
     lit = replace(known.photometry, gain=wet.photometry.gain)
-    seen = el.render(el.SCENES["curved"], camera, lit, noise=1.0, bits=8, highlights=0.02)
+    seen = el.render(
+        el.SCENES["curved"], camera, lit, noise=1.0, bits=8, highlights=0.02
+    )
     frame = el.Frame(seen.image, seen.mask)
     mine = el.Calibration(camera, lit)
     ready = prepare(frame, mine, highlights="ignore")

@@ -46,7 +46,8 @@ def framed(wall, inside, level, rng, noise=0.0, soft=0.0, jpeg=False, draw=None)
         draw(around)
     image = share[..., None] * wall + (1 - share[..., None]) * around
     image += (
-        rng.normal(size=image.shape) * np.where(inside, min(noise, 3.0), noise)[..., None]
+        rng.normal(size=image.shape)
+        * np.where(inside, min(noise, 3.0), noise)[..., None]
     )
     stored = np.clip(np.round(image), 0, 255).astype(np.uint8)
     if jpeg:
@@ -79,7 +80,9 @@ def test_a_surround_of_any_level_is_left_out(wall, rng, name, level):
     ("noise", "soft", "jpeg"),
     [(3, 0, False), (8, 2, True), (13, 0, False), (0, 6, False), (3, 6, True)],
 )
-def test_noise_soft_edges_and_codecs_do_not_hide_it(wall, rng, level, noise, soft, jpeg):
+def test_noise_soft_edges_and_codecs_do_not_hide_it(
+    wall, rng, level, noise, soft, jpeg
+):
     inside = shape("disc")
     assert_found(framed(wall, inside, level, rng, noise, soft, jpeg), inside, soft)
 
@@ -134,7 +137,9 @@ def test_a_dark_wall_at_the_edge_stays(wall, rng, level):
 
 def test_a_picture_that_a_wall_fills_has_no_surround(wall):
     row, column = np.indices((HIGH, WIDE))
-    vignette = np.clip(1 - np.hypot(row - 180, column - 240) / 300, 0, 1)[..., None] ** 2
+    vignette = (
+        np.clip(1 - np.hypot(row - 180, column - 240) / 300, 0, 1)[..., None] ** 2
+    )
     for picture in (
         wall,
         wall * vignette,

@@ -24,7 +24,11 @@ LIVE = {"depth.npz", "frames.csv", "recording.rrd", "report.json"}
 SIMULATED = {"endoscope.json", "frame.png", "truth.npz"}
 # Of each command: its words, what it writes, and the files that come together or not at all.
 COMMANDS = {
-    "reconstruct": (f"reconstruct frame.png {KNOWN} --solver primal_dual", "out", RESULT),
+    "reconstruct": (
+        f"reconstruct frame.png {KNOWN} --solver primal_dual",
+        "out",
+        RESULT,
+    ),
     "video": (f"reconstruct pictures {KNOWN}", "out", None),
     "live": (f"reconstruct file://{{given}}/video.mkv {KNOWN}", "out", LIVE),
     "sweep": (f"sweep frame.png {KNOWN} --lam {WEIGHTS}", "out.csv", None),
@@ -46,7 +50,9 @@ PATIENCE = 5  # s until every process that a killed command started is gone
 def check(folder, together):
     """All that is there is whole, and complete if it must be."""
     results = [
-        path for path in folder.rglob("[!.]*") if path.is_file() and "/." not in str(path)
+        path
+        for path in folder.rglob("[!.]*")
+        if path.is_file() and "/." not in str(path)
     ]
     assert [path.name for path in results if not whole(path)] == []
     names = {path.name for path in results} - {"report.json"}
@@ -71,7 +77,9 @@ def left(session):
     "name", [name for name in COMMANDS if name != "convert"]
 )  # it takes no time
 @pytest.mark.parametrize("seed", range(TIMES))
-def test_a_killed_command_leaves_what_is_whole_and_no_process(name, seed, given, tmp_path):
+def test_a_killed_command_leaves_what_is_whole_and_no_process(
+    name, seed, given, tmp_path
+):
     words, out, together = COMMANDS[name]
     number = SIGNALS[(seed + list(COMMANDS).index(name)) % len(SIGNALS)]
     words = [*words.format(given=given).split(), "--out", tmp_path / out]

@@ -53,14 +53,22 @@ def damaged_json(draw, path):
     place = document
     while True:
         key = draw(
-            st.sampled_from(list(place) if isinstance(place, dict) else range(len(place)))
+            st.sampled_from(
+                list(place) if isinstance(place, dict) else range(len(place))
+            )
         )
-        if not isinstance(place[key], dict | list) or not place[key] or draw(st.booleans()):
+        if (
+            not isinstance(place[key], dict | list)
+            or not place[key]
+            or draw(st.booleans())
+        ):
             break
         place = place[key]
     place[key] = draw(st.sampled_from(ODD))
     if isinstance(place, dict) and draw(st.booleans()):
-        place[draw(st.sampled_from(["", "endolab", "gain ", "x" * 3000]))] = place.pop(key)
+        place[draw(st.sampled_from(["", "endolab", "gain ", "x" * 3000]))] = place.pop(
+            key
+        )
     return json.dumps(document).encode()
 
 

@@ -97,7 +97,9 @@ def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_pa
 
 
 @pytest.mark.parametrize("name", ["frames.csv", "report.json", "frames/5/depth.npz"])
-def test_a_video_goes_on_from_damaged_results_or_refuses_them(name, given, tmp_path, capfd):
+def test_a_video_goes_on_from_damaged_results_or_refuses_them(
+    name, given, tmp_path, capfd
+):
     words = f"reconstruct pictures --calibration endoscope.json --solver facing --out {tmp_path}"
 
     @settings(max_examples=max(EXAMPLES // 4, 1))

@@ -19,7 +19,11 @@ def read(path):
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_what_numpy_wrote_is_read(tmp_path, save):
-    written = {"a": NUMBERS, "f": np.asfortranarray(NUMBERS), "big": NUMBERS.astype(">f8")}
+    written = {
+        "a": NUMBERS,
+        "f": np.asfortranarray(NUMBERS),
+        "big": NUMBERS.astype(">f8"),
+    }
     written |= {"one": np.array(True), "text": np.array("λ")}
     # Which is not asked for.
     save(tmp_path / "a.npz", **written, other=np.array([{}], object))
@@ -32,7 +36,8 @@ def test_what_numpy_wrote_is_read(tmp_path, save):
 def promising(shape):
     """An archive whose array has a head that promises a shape, with the numbers of `NUMBERS` behind it."""
     text = (
-        f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+        f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".ljust(117)
+        + "\n"
     )
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
@@ -69,5 +74,7 @@ def test_a_bomb_is_refused_before_it_is_inflated(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", a=np.zeros(10**7))
     assert (tmp_path / "a.npz").stat().st_size < 10**5
     monkeypatch.setattr("endolab.io.archives.MOST_BYTES", 10**7)
-    with pytest.raises(ValueError, match=r"a\.npz: not an archive of numbers: .*0\.1 GB"):
+    with pytest.raises(
+        ValueError, match=r"a\.npz: not an archive of numbers: .*0\.1 GB"
+    ):
         read(tmp_path / "a.npz")

@@ -65,7 +65,9 @@ def test_a_failure_leaves_nothing_and_what_was_there(tmp_path, own, error):
     assert [path.name for path in tmp_path.iterdir()] == ["own"]
 
 
-@pytest.mark.parametrize("report", [None, "[]", '{"endolab": ', '{"status": "CONVERGED"}'])
+@pytest.mark.parametrize(
+    "report", [None, "[]", '{"endolab": ', '{"status": "CONVERGED"}']
+)
 def test_a_folder_of_others_needs_overwrite(tmp_path, report):
     (tmp_path / "notes.txt").write_text("mine")
     if report is not None:
@@ -82,7 +84,10 @@ def test_a_folder_of_others_needs_overwrite(tmp_path, report):
 
 def test_what_an_earlier_run_wrote_goes_with_its_report_and_nothing_else(own):
     report = {"report.json": '{"endolab": 1}'}
-    for name in ("notes.txt", "mesh.ply"):  # called as a file of endolab's, which it is not
+    for name in (
+        "notes.txt",
+        "mesh.ply",
+    ):  # called as a file of endolab's, which it is not
         (own / name).write_text("mine")
     write(own, "b")  # brings no report, so it adds to what there is
     assert {*texts(own)} == {"a", "b", "notes.txt", "mesh.ply", *report}
@@ -126,9 +131,14 @@ def test_a_folder_where_a_run_was_killed_counts_as_empty(tmp_path):
 def test_what_is_read_is_never_replaced(own):
     for overwrite in (False, True):
         for given in (own / "a", own / ".." / own.name / "a"):
-            with pytest.raises(FileExistsError, match="own/a is read by this very call"):
+            with pytest.raises(
+                FileExistsError, match="own/a is read by this very call"
+            ):
                 write(
-                    own, "a", overwrite=overwrite, inputs=["paper", None, given, "x" * 300]
+                    own,
+                    "a",
+                    overwrite=overwrite,
+                    inputs=["paper", None, given, "x" * 300],
                 )
         with pytest.raises(FileExistsError, match="own/a is read by this very call"):
             stage_file(own / "a", overwrite=overwrite, inputs=[own / "a"]).__enter__()
@@ -181,7 +191,10 @@ def here(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ODD)
 def test_a_file_that_cannot_be_written_or_read_is_named(here, name):
     before = sorted(here.rglob("*"))
-    for work in (lambda: write_atomically(name, b"new"), lambda: read_bytes(name, "frame")):
+    for work in (
+        lambda: write_atomically(name, b"new"),
+        lambda: read_bytes(name, "frame"),
+    ):
         with pytest.raises((OSError, ValueError), match=r"^[^\[\n]+$") as caught:
             work()
         assert name.replace("\0", "\\x00") in str(caught.value)
@@ -201,7 +214,9 @@ def test_a_folder_that_cannot_be_made(here, target):
     assert sorted(here.rglob("*")) == before
 
 
-@pytest.mark.parametrize("content", [b"\xff", b"[" * 100_000, b'{"a": ', b"x" * 10_000_001])
+@pytest.mark.parametrize(
+    "content", [b"\xff", b"[" * 100_000, b'{"a": ', b"x" * 10_000_001]
+)
 def test_json_that_cannot_be_read_is_one_sentence(tmp_path, content):
     (tmp_path / "a.json").write_bytes(content)
     with pytest.raises(ValueError, match=r"^[^\n]*a\.json: [^\n]*$"):

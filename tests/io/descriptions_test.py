@@ -28,7 +28,9 @@ CHARUCO = {
 
 def written(tmp_path, **changes):
     """A description with some of its keys changed, or left out for an ellipsis."""
-    content = {key: value for key, value in (DOTS | changes).items() if value is not ...}
+    content = {
+        key: value for key, value in (DOTS | changes).items() if value is not ...
+    }
     path = tmp_path / "sheet.json"
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
@@ -77,7 +79,9 @@ def test_what_is_wrong_with_a_description_is_said_with_file_and_key(
         read_target(written(tmp_path, **changes))
 
 
-def test_an_unknown_name_lists_those_that_are_known_and_a_missing_file_is_named(tmp_path):
+def test_an_unknown_name_lists_those_that_are_known_and_a_missing_file_is_named(
+    tmp_path,
+):
     with pytest.raises(ValueError, match=r"'vicalib'.*vicalib_big, vicalib_small"):
         read_target("vicalib")
     with pytest.raises(FileNotFoundError, match=r"none\.json"):

@@ -13,12 +13,16 @@ from PIL import Image
 import endolab as el
 from endolab.io.images import read_image, read_mask, write_image
 
-CALIBRATION = el.Calibration(el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5), el.Photometry())
+CALIBRATION = el.Calibration(
+    el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5), el.Photometry()
+)
 
 
 def chunk(name, content):
     whole = name + content
-    return struct.pack(">I", len(content)) + whole + struct.pack(">I", zlib.crc32(whole))
+    return (
+        struct.pack(">I", len(content)) + whole + struct.pack(">I", zlib.crc32(whole))
+    )
 
 
 def png(path, stored, bits, size=None, between=b"", kind=None):
@@ -56,7 +60,9 @@ def test_a_png_is_read_exactly(tmp_path, rng, bits, channels):
         stored[..., -1] = 2**bits - 1
         expected = stored[..., 0] if channels == (2,) else stored[..., :3]
     png(tmp_path / "a.png", stored, bits)
-    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), expected / (2**bits - 1))
+    np.testing.assert_array_equal(
+        read_image(tmp_path / "a.png"), expected / (2**bits - 1)
+    )
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -70,9 +76,13 @@ def test_a_tiff_is_read_exactly_and_a_written_picture_reads_back(
     )
     write_image(tmp_path / "a.png", stored / (2**bits - 1), bits)
     for name in ("a.tiff", "a.png"):
-        np.testing.assert_array_equal(read_image(tmp_path / name), stored / (2**bits - 1))
+        np.testing.assert_array_equal(
+            read_image(tmp_path / name), stored / (2**bits - 1)
+        )
     if bits == 8:
-        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), stored)
+        np.testing.assert_array_equal(
+            np.asarray(Image.open(tmp_path / "a.png")), stored
+        )
     write_image(tmp_path / "b.png", np.where(stored > 9, 1.7, -0.3), bits)
     np.testing.assert_array_equal(read_image(tmp_path / "b.png"), stored > 9)
 
@@ -80,7 +90,9 @@ def test_a_tiff_is_read_exactly_and_a_written_picture_reads_back(
 @pytest.mark.parametrize("mode", ["L", "RGB"])
 def test_a_jpeg_is_read_as_others_read_it(tmp_path, mode):
     row, column = np.indices((48, 64))
-    colour = np.stack([row * 5, column * 4, 255 - row - column], axis=-1).astype(np.uint8)
+    colour = np.stack([row * 5, column * 4, 255 - row - column], axis=-1).astype(
+        np.uint8
+    )
     Image.fromarray(colour).convert(mode).save(tmp_path / "a.jpg", quality=95)
     expected = np.asarray(Image.open(tmp_path / "a.jpg"), dtype=float) / 255
     image = read_image(tmp_path / "a.jpg")
@@ -132,7 +144,8 @@ def test_rows_that_are_cut_off_are_no_wall_and_a_warning_says_so(
 ):
     row, column = np.indices((240, 320))
     smooth = np.stack(
-        [90 + 40 * np.sin(column / 30) + row / 4, 60 + row / 5, 200 - column / 4], axis=-1
+        [90 + 40 * np.sin(column / 30) + row / 4, 60 + row / 5, 200 - column / 4],
+        axis=-1,
     )
     whole = Image.fromarray(
         np.clip(smooth + rng.normal(0, 3, smooth.shape), 0, 255).astype(np.uint8)
@@ -269,7 +282,9 @@ def test_a_frame_that_does_not_fit(tmp_path, size, mask, named):
         write_image(tmp_path / "m.png", mask)
     with pytest.raises(ValueError, match=named):
         el.read_frame(
-            tmp_path / "f.png", CALIBRATION, None if mask is None else tmp_path / "m.png"
+            tmp_path / "f.png",
+            CALIBRATION,
+            None if mask is None else tmp_path / "m.png",
         )
 
 
@@ -298,9 +313,13 @@ SHAPE[18:22, 20:28] = False  # within
 def with_alpha(bits, channels, below, alpha):
     """Stored values with alpha, white or black or something where that is not full."""
     most = 2**bits - 1
-    colours = np.dstack([(WALL + 60 + 10 * c) * (most // 255) for c in range(channels - 1)])
+    colours = np.dstack(
+        [(WALL + 60 + 10 * c) * (most // 255) for c in range(channels - 1)]
+    )
     colours[alpha < 255] = {"white": most, "black": 0, "grey": most // 3}[below]
-    return np.dstack([colours, alpha.astype(int) * (most // 255)]).astype(f"u{bits // 8}")
+    return np.dstack([colours, alpha.astype(int) * (most // 255)]).astype(
+        f"u{bits // 8}"
+    )
 
 
 def bmp_of_40_bytes(pixels):
@@ -324,7 +343,9 @@ def save(path, kind, below, alpha):
         between = chunk(b"tRNS", struct.pack(">H", 7) * count)
         png(path, stored[..., 0] if count == 1 else stored, bits, between=between)
     elif kind == "palette":
-        colours = chunk(b"PLTE", np.repeat(np.arange(256), 3).astype(np.uint8).tobytes())
+        colours = chunk(
+            b"PLTE", np.repeat(np.arange(256), 3).astype(np.uint8).tobytes()
+        )
         clear = chunk(b"tRNS", bytes([255] * 255 + [0]))
         png(
             path,
@@ -341,7 +362,9 @@ def save(path, kind, below, alpha):
         Image.fromarray(with_alpha(8, 2, below, alpha), "LA").save(path, "TIFF")
     else:
         pixels = with_alpha(16 if "16" in kind else 8, 4, below, alpha)
-        tifffile.imwrite(path, pixels, photometric="rgb", extrasamples=[kind.split()[-1]])
+        tifffile.imwrite(
+            path, pixels, photometric="rgb", extrasamples=[kind.split()[-1]]
+        )
 
 
 KINDS = [
@@ -369,14 +392,18 @@ KINDS = [
 
 @pytest.mark.parametrize("below", ["white", "black", "grey"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_transparent_pixels_are_no_wall_whatever_is_below(tmp_path, caplog, kind, below):
+def test_transparent_pixels_are_no_wall_whatever_is_below(
+    tmp_path, caplog, kind, below
+):
     save(tmp_path / "a.img", kind, below, np.where(SHAPE, 255, 0))
     frame = el.read_frame(tmp_path / "a.img")
     assert not (frame.mask & ~SHAPE).any()
     assert (frame.mask & SHAPE).sum() > 0.7 * SHAPE.sum()
     assert frame.image.ndim == (2 if kind[0] in "lg" else 3)
     grey = frame.image if frame.image.ndim == 2 else frame.image[..., 0]
-    np.testing.assert_allclose(grey[frame.mask], (WALL[frame.mask] + 60) / 255, atol=1e-9)
+    np.testing.assert_allclose(
+        grey[frame.mask], (WALL[frame.mask] + 60) / 255, atol=1e-9
+    )
     assert "transparent" in caplog.text
     assert not read_image(tmp_path / "a.img")[~SHAPE].any()  # no white paper, either
 
@@ -446,7 +473,9 @@ def test_a_mask_that_is_kept_in_alpha(tmp_path, colours, expected, suffix):
     pixels = np.dstack([colours, colours, colours, np.where(SHAPE, 255, 0)]).astype(
         np.uint8
     )
-    (tmp_path / f"m.{suffix}").write_bytes(cv2.imencode(f".{suffix}", pixels)[1].tobytes())
+    (tmp_path / f"m.{suffix}").write_bytes(
+        cv2.imencode(f".{suffix}", pixels)[1].tobytes()
+    )
     np.testing.assert_array_equal(read_mask(tmp_path / f"m.{suffix}"), expected)
     write_image(tmp_path / "f.png", (WALL + 60) / 255)
     np.testing.assert_array_equal(
@@ -474,4 +503,6 @@ def test_fewer_bits_than_the_file_has_are_named(tmp_path, caplog, bits, suffix):
         )
         caplog.clear()
         el.read_frame(tmp_path / f"{name}.{suffix}")
-        assert (f"{bits} of its 16 bits" in caplog.text) is (name == "low" and bits < 16)
+        assert (f"{bits} of its 16 bits" in caplog.text) is (
+            name == "low" and bits < 16
+        )

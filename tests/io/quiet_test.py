@@ -83,7 +83,13 @@ def test_nothing_is_printed_of_a_damaged_video(tmp_path, rng):
         content[at] ^= 0x5A
     path.write_bytes(content)
     plain = {name: value for name, value in os.environ.items() if name != FFMPEG_LEVEL}
-    how = {"capture_output": True, "text": True, "timeout": 120, "cwd": ROOT, "env": plain}
+    how = {
+        "capture_output": True,
+        "text": True,
+        "timeout": 120,
+        "cwd": ROOT,
+        "env": plain,
+    }
     read = "import cv2, sys\nc = cv2.VideoCapture(sys.argv[1])\nwhile c.grab(): pass"
     loud = subprocess.run([sys.executable, "-c", read, path], **how, check=True)
     assert loud.stderr  # without endolab

@@ -45,7 +45,9 @@ def test_everything_comes_back_as_it_was(tmp_path):
         settings = SolvingSettings(EVERY | {name: length}, LIGHT)
         write_settings(settings, tmp_path / "s.json")
         assert read_settings(tmp_path / "s.json") == settings
-    write_settings(SolvingSettings({"lam": 0.002, "contours": None}), tmp_path / "s.json")
+    write_settings(
+        SolvingSettings({"lam": 0.002, "contours": None}), tmp_path / "s.json"
+    )
     assert json.loads((tmp_path / "s.json").read_text()) == {
         "endolab_settings": 1,
         "lam": 0.002,
@@ -53,7 +55,9 @@ def test_everything_comes_back_as_it_was(tmp_path):
 
 
 def test_the_light_is_believed():
-    known = el.Calibration(el.Pinhole(32, 24, 16, 16, 15.5, 11.5), el.Photometry(gain=1.0))
+    known = el.Calibration(
+        el.Pinhole(32, 24, 16, 16, 15.5, 11.5), el.Photometry(gain=1.0)
+    )
     believed = SolvingSettings({}, LIGHT).apply(known)
     assert believed.camera == known.camera
     assert believed.photometry == el.Photometry(

@@ -17,7 +17,9 @@ GOOD |= {"mask": np.ones((3, 4), bool), "metric": np.array(True)}
 def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
     distance = DISTANCE.copy()
     distance[0] = np.nan, np.inf, -3, 0
-    np.savez(tmp_path / "a.npz", **(GOOD | {"distance": distance, "other": np.zeros(3)}))
+    np.savez(
+        tmp_path / "a.npz", **(GOOD | {"distance": distance, "other": np.zeros(3)})
+    )
     maps = read_depth(tmp_path / "a.npz")
     assert set(maps) == set(GOOD)
     assert np.isnan(maps["distance"][0]).all()

@@ -12,7 +12,13 @@ import pytest
 
 from endolab.cli.main import main
 from endolab.io.images import read_image, write_image
-from endolab.io.video import is_sequence, is_stream, open_frames, open_stream, write_video
+from endolab.io.video import (
+    is_sequence,
+    is_stream,
+    open_frames,
+    open_stream,
+    write_video,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,7 +34,9 @@ def video(pictures, tmp_path):
     return tmp_path / "v.mkv"
 
 
-def test_a_video_keeps_every_value_and_some_frames_can_be_chosen(video, pictures, tmp_path):
+def test_a_video_keeps_every_value_and_some_frames_can_be_chosen(
+    video, pictures, tmp_path
+):
     frames = open_frames(video)
     assert frames.names == tuple(f"{n:06d}" for n in range(12))
     for (_, image), picture in zip(frames, pictures, strict=True):
@@ -90,7 +98,9 @@ def number_of(image):
 
 
 def numbers_in(path):
-    return [None if image is None else number_of(image) for _, image in open_frames(path)]
+    return [
+        None if image is None else number_of(image) for _, image in open_frames(path)
+    ]
 
 
 def at_another_rate(content):
@@ -135,7 +145,9 @@ def test_the_frames_of_a_video_are_those_that_can_be_decoded(
 
 
 @pytest.mark.parametrize("matrix", [(0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0)])
-def test_a_video_marked_as_turned_is_read_as_the_sensor_saw_it(tmp_path, caplog, matrix):
+def test_a_video_marked_as_turned_is_read_as_the_sensor_saw_it(
+    tmp_path, caplog, matrix
+):
     path = tmp_path / "v.mp4"
     content = bytearray(write_numbered(path, "mp4v"))
     a, b, c, d = (65536 * number for number in matrix)
@@ -161,7 +173,9 @@ def test_what_is_damaged_in_the_middle_of_a_video_shifts_no_names(tmp_path):
     ((_, image),) = open_frames(tmp_path / "v.mov").read(["000011"])
     assert number_of(image) == 11
     played = {name: number_of(image) for name, image in open_stream(tmp_path / "v.mov")}
-    assert played == {f"{number:06d}": number for number in expected if number is not None}
+    assert played == {
+        f"{number:06d}": number for number in expected if number is not None
+    }
 
 
 def test_a_video_that_ends_early_says_so(video, caplog):
@@ -172,7 +186,9 @@ def test_a_video_that_ends_early_says_so(video, caplog):
     count = len(open_frames(video))
     assert 0 < count < 12
     assert all(image is not None for _, image in open_frames(video))
-    assert f"v.mkv: ends after {count} frames, where its header tells of 12" in caplog.text
+    assert (
+        f"v.mkv: ends after {count} frames, where its header tells of 12" in caplog.text
+    )
 
 
 def test_a_video_that_is_interlaced_is_refused(tmp_path, caplog, pictures):
@@ -197,16 +213,22 @@ def test_a_video_that_is_interlaced_is_refused(tmp_path, caplog, pictures):
 @pytest.mark.parametrize("name", ["v.MTS", "video_0001", "v.mjpeg"])
 def test_a_video_is_known_by_what_it_is_whatever_its_name(tmp_path, name):
     content = write_numbered(tmp_path / "v.avi", "MJPG")
-    place = content.index(b"\xff\xd8\xff")  # a raw stream is pictures, one after the other
+    place = content.index(
+        b"\xff\xd8\xff"
+    )  # a raw stream is pictures, one after the other
     (tmp_path / name).write_bytes(content[place:] if name == "v.mjpeg" else content)
     assert is_sequence(tmp_path / name)
     assert len(open_frames(tmp_path / name)) == 30
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])
-def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(tmp_path, suffix):
+def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(
+    tmp_path, suffix
+):
     path = tmp_path / "IMG0001"
-    path.write_bytes(cv2.imencode(suffix, np.full((8, 8, 3), 255, np.uint8))[1].tobytes())
+    path.write_bytes(
+        cv2.imencode(suffix, np.full((8, 8, 3), 255, np.uint8))[1].tobytes()
+    )
     assert not is_sequence(path)
     assert open_frames(path).names == ("IMG0001",)
     np.testing.assert_allclose(dict(open_frames(path))["IMG0001"], 1, atol=1e-9)

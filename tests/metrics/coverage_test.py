@@ -41,7 +41,9 @@ def test_no_constant_betters_the_best_one_and_it_draws_with_itself():
     error = np.abs(1 - truth / distance)
     assert found.constant_percent == pytest.approx(100 * np.sqrt(np.mean(error**2)))
     tried = np.geomspace(0.01, 0.2, 60)
-    assert found.constant_log_score <= min(np.mean(log_score(error, one)) for one in tried)
+    assert found.constant_log_score <= min(
+        np.mean(log_score(error, one)) for one in tried
+    )
     same = coverage_of(distance, found.constant_percent / 100 * distance, truth)
     assert same.log_score == pytest.approx(found.constant_log_score)
     assert np.isnan(same.spearman) or abs(same.spearman) < 0.02  # by rounding alone

@@ -7,7 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
-from endolab.metrics.depth_errors import angle_between, compare, depth_cuts, resample_truth
+from endolab.metrics.depth_errors import (
+    angle_between,
+    compare,
+    depth_cuts,
+    resample_truth,
+)
 
 TRUTH = np.array([[10.0, 20.0, 40.0], [50.0, np.nan, 80.0]])
 ESTIMATE = np.array([[11.0, 18.0, 40.0], [54.0, 7.0, np.nan]])
@@ -21,7 +26,9 @@ def test_errors_by_hand():
     assert np.isnan(errors.pop("median_degrees"))
     expected = {"pixels": 4, "scale": 1.0, "mean_percent": 7.0, "median_percent": 9.0}
     expected |= {"mean_mm": 7 / 4, "median_mm": 1.5, "rmse_mm": np.sqrt(21 / 4)}
-    assert errors == pytest.approx(expected | {"rmse_z_mm": np.sqrt((1 + 1 + 0 + 4) / 4)})
+    assert errors == pytest.approx(
+        expected | {"rmse_z_mm": np.sqrt((1 + 1 + 0 + 4) / 4)}
+    )
 
 
 def test_median_scale_undoes_a_factor_and_tolerates_outliers():
@@ -48,8 +55,12 @@ def test_normals_count_where_both_distances_are_known():
     angles = np.deg2rad([0.0, 1.0, 2.0, 9.0])
     known = np.isfinite(TRUTH) & np.isfinite(ESTIMATE)
     normals[known] = [0.0, 0.0, -1.0]
-    true_normals[known] = np.stack([np.sin(angles), 0 * angles, -np.cos(angles)], axis=-1)
-    errors = compare(ESTIMATE, TRUTH, COSINE, normals=normals, true_normals=true_normals)
+    true_normals[known] = np.stack(
+        [np.sin(angles), 0 * angles, -np.cos(angles)], axis=-1
+    )
+    errors = compare(
+        ESTIMATE, TRUTH, COSINE, normals=normals, true_normals=true_normals
+    )
     assert (errors.mean_degrees, errors.median_degrees) == pytest.approx((3.0, 1.5))
 
 
@@ -84,7 +95,9 @@ def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
         cuts = depth_cuts(scale * np.exp(log_distance))
         assert cuts.dtype == bool
         assert_array_equal(cuts, [right, lower])
-    assert_array_equal(depth_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
+    assert_array_equal(
+        depth_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]]
+    )
 
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])

@@ -41,7 +41,8 @@ def directions(rng, count, max_degrees):
     theta = np.deg2rad(rng.uniform(0, max_degrees, count))
     phi = rng.uniform(0, 2 * np.pi, count)
     return np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)],
+        axis=-1,
     )
 
 
@@ -51,9 +52,9 @@ def matrix(camera):
 
 @pytest.mark.parametrize("camera", [ENDOSCOPE, C3VD_KB], ids=["endoscope", "c3vd"])
 def test_kannala_brandt_projects_as_opencv_does(rng, camera):
-    points = directions(rng, 500, min(89.0, np.rad2deg(camera.max_angle))) * rng.uniform(
-        5, 200, (500, 1)
-    )
+    points = directions(
+        rng, 500, min(89.0, np.rad2deg(camera.max_angle))
+    ) * rng.uniform(5, 200, (500, 1))
     here = np.zeros(3), np.zeros(3)
     expected, _ = cv2.fisheye.projectPoints(
         points[None], *here, matrix(camera), np.array(camera.k)
@@ -67,7 +68,9 @@ def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
     theta = np.arccos(ray[:, 2])
     phi = np.arctan2(ray[:, 1], ray[:, 0])
     rho = theta + 0.01 * theta**3
-    expected = 199.5 + 100 * rho[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    expected = 199.5 + 100 * rho[:, None] * np.stack(
+        [np.cos(phi), np.sin(phi)], axis=-1
+    )
     assert np.sum(ray[:, 2] < 0) > 100
     assert_allclose(WIDE.project(7 * ray), expected, rtol=0, atol=1e-10)
     assert_allclose(WIDE.unproject(expected), ray, rtol=0, atol=1e-12)
@@ -130,7 +133,8 @@ def test_jacobian_is_the_derivative_of_the_rays(camera):
     h = 1e-4
     ways = np.eye(2) * h
     numerical = [
-        (camera.unproject(pixel + e) - camera.unproject(pixel - e)) / (2 * h) for e in ways
+        (camera.unproject(pixel + e) - camera.unproject(pixel - e)) / (2 * h)
+        for e in ways
     ]
     numerical = np.stack(numerical, axis=-1)
     # Near the end of the endoscope's polynomial ϑ(ρ) has a square root's slope.
@@ -160,7 +164,9 @@ def often_switched():
     sys.setswitchinterval(before)
 
 
-def test_a_camera_that_threads_resize_is_right_in_each_and_stays_as_it_was(often_switched):
+def test_a_camera_that_threads_resize_is_right_in_each_and_stays_as_it_was(
+    often_switched,
+):
     camera = replace(ENDOSCOPE)
 
     def resize(number):

@@ -31,7 +31,9 @@ CAMERAS = {
         1350, 1080, 678.5, 543.0, POLYNOMIAL, 0.99998686, 0.00288, -0.00296
     ),
 }
-CAMERAS |= {f"{name}, resized": camera.resize(333, 222) for name, camera in CAMERAS.items()}
+CAMERAS |= {
+    f"{name}, resized": camera.resize(333, 222) for name, camera in CAMERAS.items()
+}
 BRDFS = {
     "one albedo": el.Lambertian(0.3),
     "three": el.Lambertian((0.75, 0.38, 0.30)),
@@ -45,7 +47,9 @@ def content(**changes):
     whole = json.loads(EXAMPLE)
     whole["photometry"]["lights"] = [copy.deepcopy(LIGHT)]
     for dotted, value in changes.items():
-        *path, key = (int(part) if part.isdigit() else part for part in dotted.split("."))
+        *path, key = (
+            int(part) if part.isdigit() else part for part in dotted.split(".")
+        )
         place = whole
         for part in path:
             place = place[part]
@@ -118,7 +122,13 @@ NUMBERS = (
     "photometry.lights.0.exponent",
 )
 LISTS = ("camera.k", "photometry.lights.0.position")
-SECTIONS = ("endolab", "camera", "camera.model", "photometry.brdf", "photometry.brdf.model")
+SECTIONS = (
+    "endolab",
+    "camera",
+    "camera.model",
+    "photometry.brdf",
+    "photometry.brdf.model",
+)
 
 
 def named(dotted):

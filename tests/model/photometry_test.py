@@ -63,7 +63,9 @@ def test_derivatives_of_the_simplified_model(rng, brdf):
     )
     steps = 1e-6 * (1 + p)
     assert_allclose(
-        by_p, slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps), rtol=2e-5
+        by_p,
+        slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps),
+        rtol=2e-5,
     )
 
 
@@ -134,7 +136,8 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     colour = model(Lambertian((0.75, 0.38, 0.30)))
     points, normals, *_ = surface(rng)
     rgb = [
-        colour.channel(name).intensity(points, normals) for name in ("red", "green", "blue")
+        colour.channel(name).intensity(points, normals)
+        for name in ("red", "green", "blue")
     ]
     expected = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]
     grey = colour.channel("grey").intensity(points, normals)
@@ -145,7 +148,9 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     assert_allclose(grey, by_opencv, rtol=1e-5)
 
 
-@pytest.mark.parametrize("brdf", [BRDFS["table"], BRDFS["glossy"]], ids=["table", "glossy"])
+@pytest.mark.parametrize(
+    "brdf", [BRDFS["table"], BRDFS["glossy"]], ids=["table", "glossy"]
+)
 def test_the_slant_table_inverts_the_brightness(brdf):
     log_c, log_slant = model(brdf).slant_table()
     theta = np.deg2rad(np.linspace(0, 88, 500))

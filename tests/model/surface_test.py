@@ -14,7 +14,9 @@ CAMERAS = {
     "pinhole": Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5),
     "kannala_brandt": load_calibration("paper", 240).camera,
     "scaramuzza": load_calibration("c3vd", 225).camera,
-    "beyond 90°": KannalaBrandt(240, 240, 60.0, 60.0, 119.5, 119.5, (0.01, 0.0, 0.0, 0.0)),
+    "beyond 90°": KannalaBrandt(
+        240, 240, 60.0, 60.0, 119.5, 119.5, (0.01, 0.0, 0.0, 0.0)
+    ),
 }
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 

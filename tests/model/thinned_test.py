@@ -14,7 +14,9 @@ from endolab.numerics.derivatives import gradient
 def test_every_nth_is_as_in_the_whole(step, is_cut, rng):
     field = el.load_calibration("paper", width=48).camera.field
     v = rng.normal(3, 0.2, field.shape)
-    mask = field.valid & (rng.random(field.shape) > 0.3)  # holes, borders and lonely pixels
+    mask = field.valid & (
+        rng.random(field.shape) > 0.3
+    )  # holes, borders and lonely pixels
     v[~mask] = np.nan
     cuts = rng.random((2, *field.shape)) < 0.3 if is_cut else None
     every = np.s_[::step, ::step]

@@ -26,7 +26,13 @@ def test_loops_run_where_nothing_can_be_kept(tmp_path):
     """A copy of some of endolab beside which nothing can be kept, and a user without a home."""
     numerics = tmp_path / "endolab" / "numerics"
     numerics.mkdir(parents=True)
-    for name in ("__init__.py", "arrays.py", "checks.py", "compiled.py", "iteration.py"):
+    for name in (
+        "__init__.py",
+        "arrays.py",
+        "checks.py",
+        "compiled.py",
+        "iteration.py",
+    ):
         shutil.copy(PACKAGE / "numerics" / name, numerics)
     for taken in (
         tmp_path / "endolab/__init__.py",
@@ -39,7 +45,9 @@ def test_loops_run_where_nothing_can_be_kept(tmp_path):
         for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")
     }
     environment = {
-        name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith("NUMBA_")
     } | home
     how = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120}
     done = subprocess.run(

@@ -35,7 +35,9 @@ PAIRS = [
     (hessian, hessian_adjoint),
 ]
 every_pair = pytest.mark.parametrize(
-    ("operator", "adjoint"), PAIRS, ids=["gradient", "forward", "differences", "hessian"]
+    ("operator", "adjoint"),
+    PAIRS,
+    ids=["gradient", "forward", "differences", "hessian"],
 )
 
 
@@ -72,7 +74,8 @@ def test_gradient_takes_the_best_formula_that_the_mask_allows(rng, mask):
         line_axis = gradient(line, mask)[1 - axis]
         for r, c in zip(*np.nonzero(mask), strict=True):
             here = [
-                padded[r + 2 + s * step[0], c + 2 + s * step[1]] for s in (-2, -1, 0, 1, 2)
+                padded[r + 2 + s * step[0], c + 2 + s * step[1]]
+                for s in (-2, -1, 0, 1, 2)
             ]
             run = [all(here[i : i + 3]) for i in range(3)]
             if any(run):
@@ -80,7 +83,9 @@ def test_gradient_takes_the_best_formula_that_the_mask_allows(rng, mask):
                 assert f_axis[r, c] == pytest.approx(exact[1 - axis][r, c], abs=1e-12)
             elif here[1] or here[3]:
                 seen["two"] += 1
-                assert line_axis[r, c] == pytest.approx(slope[1 - axis][r, c], abs=1e-12)
+                assert line_axis[r, c] == pytest.approx(
+                    slope[1 - axis][r, c], abs=1e-12
+                )
             else:
                 seen["one"] += 1
                 assert f_axis[r, c] == 0.0
@@ -117,7 +122,10 @@ def test_the_norm_is_the_same_whichever_way_a_map_is_turned(rng, mask, operator)
     mirrored = np.stack([np.roll(cuts[0][:, ::-1], -1, axis=1), cuts[1][:, ::-1]])
     for turned, back in (
         (operator(f[:, ::-1], mask[:, ::-1], mirrored), np.s_[:, ::-1]),
-        (operator(f.T, mask.T, cuts[::-1].transpose(0, 2, 1)).transpose(0, 2, 1), np.s_[:]),
+        (
+            operator(f.T, mask.T, cuts[::-1].transpose(0, 2, 1)).transpose(0, 2, 1),
+            np.s_[:],
+        ),
     ):
         assert_allclose(np.linalg.norm(turned, axis=0)[back], norm, rtol=0, atol=1e-14)
 
@@ -132,7 +140,8 @@ def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
         True  # the last two lead nowhere
     )
     assert_array_equal(
-        links(mask, cuts), np.array([[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]]]) > 0
+        links(mask, cuts),
+        np.array([[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]]]) > 0,
     )
 
 

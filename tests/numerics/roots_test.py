@@ -28,7 +28,9 @@ def sampled_root(coefficients, limit):
 def test_smallest_positive_root_is_the_first_sign_change(seed):
     coefficients = np.random.default_rng(seed).normal(size=5)
     expected = sampled_root(coefficients, 5.0)
-    assert smallest_positive_root(coefficients, 5.0) == pytest.approx(expected, abs=1e-9)
+    assert smallest_positive_root(coefficients, 5.0) == pytest.approx(
+        expected, abs=1e-9
+    )
 
 
 def test_no_positive_root_gives_the_limit_and_trailing_zeros_are_no_degree():

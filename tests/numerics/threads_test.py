@@ -41,7 +41,12 @@ def output_of(code, **environment):
         "-c",
         f"from endolab.numerics import threads\n{code}",
     ]
-    how = {"capture_output": True, "text": True, "timeout": 120, "env": plain | environment}
+    how = {
+        "capture_output": True,
+        "text": True,
+        "timeout": 120,
+        "env": plain | environment,
+    }
     done = subprocess.run(command, **how)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()

@@ -26,9 +26,9 @@ def points_of(scene):
 def facing(mesh):
     """Cross product of two sides of each triangle, and its first corner."""
     corners = mesh.vertices[mesh.triangles]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[
-        :, 0
-    ]
+    return np.cross(
+        corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    ), corners[:, 0]
 
 
 def wall(rows=5, columns=7):
@@ -109,7 +109,9 @@ def test_normals_face_the_camera_and_are_the_scenes(name):
     assert (np.einsum("ni,ni->n", *facing(mesh)) < 0).all()
     assert (np.einsum("ni,ni->n", mesh.normals, mesh.vertices) < 0).all()
     assert np.allclose(np.linalg.norm(mesh.normals, axis=-1), 1)
-    cosine = np.einsum("ni,ni->n", mesh.normals, scene.normals(mesh.vertices)).clip(-1, 1)
+    cosine = np.einsum("ni,ni->n", mesh.normals, scene.normals(mesh.vertices)).clip(
+        -1, 1
+    )
     assert np.rad2deg(np.median(np.arccos(cosine))) < 1.0
 
 

@@ -67,7 +67,9 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
     percent = {}
     for solver in ("fast_marching", "gauss_newton"):
         for smooth in (None, 0.0):
-            result = el.reconstruct(frame, ball.calibration, solver=solver, smooth=smooth)
+            result = el.reconstruct(
+                frame, ball.calibration, solver=solver, smooth=smooth
+            )
             percent[solver, smooth] = ball.errors(result).mean_percent
             used = result.provenance.preparation.smooth
             assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
@@ -151,13 +153,19 @@ def test_where_a_run_converged_it_stays(how):
     first = el.reconstruct(sample.frame, sample.calibration, **how)
     again = el.reconstruct(sample.frame, sample.calibration, start=first, **how)
     assert first.status is again.status is el.Status.CONVERGED
-    assert np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 99) < 5e-3
+    assert (
+        np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 99)
+        < 5e-3
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"solver": "magic"}, "unknown solver 'magic'; choose facing, .* or primal_dual$"),
+        (
+            {"solver": "magic"},
+            "unknown solver 'magic'; choose facing, .* or primal_dual$",
+        ),
         ({"snapshots": 3}, "'gauss_newton' has no option 'snapshots'"),
         ({"solver": "facing", "inflow": None}, "'facing' has no option 'inflow'"),
         ({"cuts": np.zeros((2, 3, 3), bool)}, "cuts"),
@@ -219,9 +227,19 @@ def test_frame_calibration_and_start_must_fit(small, ball):
     for frame, calibration, options, named in (
         (small.frame.image, small.calibration, {}, "frame must be a Frame"),
         (small.frame, "paper", {}, "calibration must be a Calibration"),
-        (small.frame, CALIBRATION, {}, "80x60 px, but the calibration is for 320x240 px"),
+        (
+            small.frame,
+            CALIBRATION,
+            {},
+            "80x60 px, but the calibration is for 320x240 px",
+        ),
         (grey, small.calibration, {"channel": "red"}, "has no red channel"),
-        (ball.frame, ball.calibration, {"start": small.reconstruct()}, "start has shape"),
+        (
+            ball.frame,
+            ball.calibration,
+            {"start": small.reconstruct()},
+            "start has shape",
+        ),
     ):
         with pytest.raises(ValueError, match=named):
             el.reconstruct(frame, calibration, **options)
@@ -255,7 +273,9 @@ def turned(camera, turn):
         return replace(camera, **swapped, cx=camera.cy, cy=camera.cx)
     camera = replace(camera, cx=camera.width - 1 - camera.cx)
     return (
-        camera if turn == "mirrored" else replace(camera, cy=camera.height - 1 - camera.cy)
+        camera
+        if turn == "mirrored"
+        else replace(camera, cy=camera.height - 1 - camera.cy)
     )
 
 
@@ -316,10 +336,15 @@ def test_a_frame_that_is_solved_again_is_cut_at_the_same_lines(matt):
     first = el.reconstruct(frame, calibration)
     # Or nothing is sought.
     brighter = replace(calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31)))
-    again = el.reconstruct(frame, replace(calibration, photometry=brighter), start=first)
+    again = el.reconstruct(
+        frame, replace(calibration, photometry=brighter), start=first
+    )
     assert first.problem.cuts.any()
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
-    assert np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 90) < 0.05
+    assert (
+        np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 90)
+        < 0.05
+    )
 
 
 def test_discontinuities_that_are_given_are_kept():

@@ -43,7 +43,8 @@ def relative(shot):
 def posed(result, **changes):
     """A result whose problem differs."""
     return replace(
-        result, iterate=replace(result.iterate, problem=replace(result.problem, **changes))
+        result,
+        iterate=replace(result.iterate, problem=replace(result.problem, **changes)),
     )
 
 
@@ -94,7 +95,8 @@ def test_a_length_that_is_known_changes_the_unit_alone(shot, relative):
 
 
 @pytest.mark.parametrize(
-    ("pixel", "where"), [((200, 20), "picture"), ((20, -1), "picture"), ((20, 20), "mask")]
+    ("pixel", "where"),
+    [((200, 20), "picture"), ((20, -1), "picture"), ((20, 20), "mask")],
 )
 def test_a_pixel_without_a_distance_is_refused(relative, pixel, where):
     hole = relative.mask.copy()

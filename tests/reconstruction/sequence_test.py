@@ -72,11 +72,13 @@ def test_the_first_frames_median_fixes_the_scale_of_all():
     seen = shots(WAYS["tube"][:3], [900, 950, 1000])
     median = float(np.median(seen[0].distance))
     for calibration in (UNKNOWN, KNOWN):
-        steps = list(reconstruct_sequence(named(seen), calibration, median_distance=median))
-        assert all(step.result.metric for step in steps)
-        assert np.median(steps[0].result.distance[steps[0].result.mask]) == pytest.approx(
-            median, rel=0.01
+        steps = list(
+            reconstruct_sequence(named(seen), calibration, median_distance=median)
         )
+        assert all(step.result.metric for step in steps)
+        assert np.median(
+            steps[0].result.distance[steps[0].result.mask]
+        ) == pytest.approx(median, rel=0.01)
     moved = np.median(steps[2].result.distance) / median
     assert abs(moved - 1) > 1e-3  # and not each frame's own
 
@@ -115,7 +117,9 @@ def test_what_cannot_be_used_is_named_and_skipped():
     assert steps[0].error == "lost: cannot be read"
     assert "small is 12x10 px, but the calibration is for 96x72 px" in steps[2].error
     assert steps[3].warm
-    with pytest.raises(ValueError, match="lost: cannot be read"):  # it is said of no other
+    with pytest.raises(
+        ValueError, match="lost: cannot be read"
+    ):  # it is said of no other
         next(reconstruct_sequence(frames, UNKNOWN, known_distance=(30.0, 40, 50)))
 
 

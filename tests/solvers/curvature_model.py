@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from endolab.numerics.derivatives import gradient, hessian, hessian_stencils, links, shift
+from endolab.numerics.derivatives import (
+    gradient,
+    hessian,
+    hessian_stencils,
+    links,
+    shift,
+)
 from endolab.solvers.curvature import ANGLE, SLIGHT
 from tests.tools.adjoints import gradient_adjoint, hessian_adjoint
 

@@ -11,7 +11,11 @@ import endolab as el
 from endolab.solvers.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.problem import Problem
-from tests.solvers.gauss_newton_model import GaussNewtonModel, derivative, slope_of_energy
+from tests.solvers.gauss_newton_model import (
+    GaussNewtonModel,
+    derivative,
+    slope_of_energy,
+)
 from tests.tools.problems import at_truth, every_variant, papers_variant
 
 CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
@@ -39,14 +43,18 @@ def problem_with_holes(rng):
     v = np.log(20) + 0.1 * rng.normal(size=shape)
     problem = Problem(np.full(shape, 0.5), mask, camera, PHOTOMETRY, cuts=cuts)
     noise = rng.choice([0.01, 0.1], shape) * rng.normal(size=shape)
-    return replace(problem, image=np.clip(model_image(problem, v) + noise, 0.05, 0.95)), v
+    return replace(
+        problem, image=np.clip(model_image(problem, v) + noise, 0.05, 0.95)
+    ), v
 
 
 def with_regulariser(problem, xi, regulariser):
     """A problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
-    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 6e-5)}[
-        regulariser
-    ]
+    lam, epsilon = {
+        "first": (2.0, 4e-3),
+        "second": (20.0, 3e-4),
+        "curvature": (8.0, 6e-5),
+    }[regulariser]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 
@@ -76,7 +84,9 @@ def test_data_term_is_the_sum_written_out(tiny):
         cos_theta = abs(normal @ ray) / np.linalg.norm(normal)
         d2 = np.exp(2 * v[row, column])
         predicted = (ray[2] ** 1.7 / d2 * 0.6 / np.pi * cos_theta * 900.0) ** (1 / 2.0)
-        assert model_image(problem, v)[row, column] == pytest.approx(predicted, rel=1e-7)
+        assert model_image(problem, v)[row, column] == pytest.approx(
+            predicted, rel=1e-7
+        )
         expected += huber(0.05, predicted - problem.image[row, column])
     assert energy_terms(problem, v)["data"] == pytest.approx(expected / 35, rel=1e-7)
 
@@ -87,7 +97,11 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
     mask = problem.mask
     cosine = CAMERA.unproject(np.moveaxis(np.indices((5, 7))[::-1], 0, -1))[..., 2]
-    maps = {"1/z": lambda v: np.exp(-v) / cosine, "d": np.exp, "1/d": lambda v: np.exp(-v)}
+    maps = {
+        "1/z": lambda v: np.exp(-v) / cosine,
+        "d": np.exp,
+        "1/d": lambda v: np.exp(-v),
+    }
     start = np.log(problem.image**-2.0 * cosine**1.7 * 0.6 / np.pi * 900.0) / 2
     f = maps[xi](v) / np.median(maps[xi](start)[mask])
 
@@ -109,9 +123,14 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
             steps = [at(pixel, (0, 0), (0, 1)), at(pixel, (0, 0), (1, 0))]
             size = np.sqrt(sum((x[1] - x[0]) ** 2 for x in steps if x)) * 7 / 320
         else:
-            lines = [at(pixel, (0, -1), (0, 0), (0, 1)), at(pixel, (-1, 0), (0, 0), (1, 0))]
+            lines = [
+                at(pixel, (0, -1), (0, 0), (0, 1)),
+                at(pixel, (-1, 0), (0, 0), (1, 0)),
+            ]
             squares = [
-                at(pixel, (0, 0), (0, b), (a, 0), (a, b)) for a in (-1, 1) for b in (-1, 1)
+                at(pixel, (0, 0), (0, b), (a, 0), (a, b))
+                for a in (-1, 1)
+                for b in (-1, 1)
             ]
             second = [(x[0] - 2 * x[1] + x[2]) ** 2 for x in lines if x]
             second += [(x[0] - x[1] - x[2] + x[3]) ** 2 / 2 for x in squares if x]
@@ -148,13 +167,18 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
         form = [None, None, None]
         if all(one[0] is not None for one in slopes):
             system = [rays[row, column], slopes[0][0], slopes[1][0]]
-            plane = np.linalg.solve(system, [w[row, column], slopes[0][1], slopes[1][1]])
+            plane = np.linalg.solve(
+                system, [w[row, column], slopes[0][1], slopes[1][1]]
+            )
             rest = w - rays @ plane
             patch = np.pad(rest, 1)[row : row + 3, column : column + 3]
             if known((0, 1), (0, -1)):
                 form[0] = patch[1, 2] + patch[1, 0]
             squares = [
-                (a, b) for a in (1, -1) for b in (1, -1) if known((0, b), (a, 0), (a, b))
+                (a, b)
+                for a in (1, -1)
+                for b in (1, -1)
+                if known((0, b), (a, 0), (a, b))
             ]
             if squares:  # the mean of theirs; the patch is 0 in its middle
                 corners = [
@@ -166,7 +190,9 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
                 form[2] = patch[2, 1] + patch[0, 1]
         uu, uv, vv = (0.0 if one is None else one for one in form)
         guu, guv, gvv = problem.field.inverse_metric[row, column] / 160**2
-        kappa = np.linalg.eigvals(np.array([[uu, uv], [uv, vv]]) @ [[guu, guv], [guv, gvv]])
+        kappa = np.linalg.eigvals(
+            np.array([[uu, uv], [uv, vv]]) @ [[guu, guv], [guv, gvv]]
+        )
         size = np.hypot(*kappa)
         twofold = 0.0 if None in form else np.prod(kappa) / np.hypot(size, SLIGHT)
         cost = huber(CREASE * 2e-5, size) + TWOFOLD * huber(CREASE * 2e-5, twofold)
@@ -219,7 +245,8 @@ def test_the_unit_of_length_plays_no_part(tiny, xi, regulariser, scale):
 @every_variant
 def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
     both = (
-        at_truth("curved", width, xi=xi, regulariser=regulariser) for width in (120, 240)
+        at_truth("curved", width, xi=xi, regulariser=regulariser)
+        for width in (120, 240)
     )
     small, large = (energy_terms(*each)["regulariser"] for each in both)
     assert small == pytest.approx(large, rel=0.02)
@@ -268,7 +295,9 @@ def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
     delta = rng.normal(size=v.shape)
     expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta)
     product = GaussNewtonModel.at(problem, v).multiply(delta)
-    np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
+    np.testing.assert_allclose(
+        product, expected, rtol=0, atol=1e-7 * np.abs(product).max()
+    )
 
 
 @pytest.mark.parametrize(

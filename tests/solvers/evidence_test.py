@@ -30,7 +30,9 @@ def with_evidence(problem, where, what):
 
 def test_the_data_term_is_the_sum_written_out(rng):
     problem, seen = problem_of_8_bits("curved", 24)
-    evidence = rng.choice([EXACT, LOWER_BOUND, NONE], problem.mask.shape).astype(np.int8)
+    evidence = rng.choice([EXACT, LOWER_BOUND, NONE], problem.mask.shape).astype(
+        np.int8
+    )
     problem = replace(problem, evidence=evidence)
     v = np.log(seen.distance) + 0.05 * rng.normal(size=problem.mask.shape)
     r = model_image(problem, v) - problem.image
@@ -58,7 +60,9 @@ def test_a_block_says_what_its_pixels_say():
     np.testing.assert_allclose(inner(coarse.image)[0, :3], [0.3, 0.4, 0.9])
 
 
-@pytest.mark.parametrize(("gain", "exact", "bounded"), [(1.5, 3.0, 0.6), (2.0, 8.5, 2.5)])
+@pytest.mark.parametrize(
+    ("gain", "exact", "bounded"), [(1.5, 3.0, 0.6), (2.0, 8.5, 2.5)]
+)
 def test_a_bowl_whose_nearest_part_is_saturated(gain, exact, bounded):
     """Measured inside the saturated part, in %: 3.5 and 0.40 at 1.5 times the gain, 9.3 and 1.8 at twice."""
     problem, seen = problem_of_8_bits("curved", 160, gain=gain)
@@ -83,7 +87,8 @@ def test_a_painted_blob_on_a_plane_is_seen_through(radius):
     blob = np.hypot(rows - 60, columns - 70) < radius
     problem = replace(problem, image=np.where(blob, 1.0, problem.image))
     taken, ignored = (
-        el.run(gauss_newton(each)) for each in (problem, with_evidence(problem, blob, NONE))
+        el.run(gauss_newton(each))
+        for each in (problem, with_evidence(problem, blob, NONE))
     )
     assert percent_off(taken, seen, blob) > 15
     assert percent_off(ignored, seen, blob) < 0.1

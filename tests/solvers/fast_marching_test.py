@@ -55,7 +55,9 @@ def open_steps(mask, cuts):
         if 0 in step:
             return not is_cut(a, b)
         corners = (a[0], b[1]), (b[0], a[1])
-        around = [c in inside and not is_cut(a, c) and not is_cut(c, b) for c in corners]
+        around = [
+            c in inside and not is_cut(a, c) and not is_cut(c, b) for c in corners
+        ]
         return any(around) or not any(is_cut(x, c) for x in (a, b) for c in corners)
 
     return {a: [step for step in AROUND if is_open(a, step)] for a in sorted(inside)}
@@ -109,7 +111,10 @@ def local_solution(y, limit, inverse_metric, steps, pixel, highest_order):
             continue
         turn = a[0] * b[1] - a[1] * b[0]
         for order in range(highest_order, 0, -1):
-            (sa, ta, ya), (sb, tb, yb) = difference(step, order), difference(turned, order)
+            (sa, ta, ya), (sb, tb, yb) = (
+                difference(step, order),
+                difference(turned, order),
+            )
             alpha = (b[1] * sa - a[1] * sb) / turn, (a[0] * sb - b[0] * sa) / turn
             beta = (b[1] * ta - a[1] * tb) / turn, (a[0] * tb - b[0] * ta) / turn
             squared = (
@@ -151,13 +156,17 @@ def fast_sweeping(problem):
         for _ in range(20):
             before = list(y.values())
             for pixel in (place for sweep in orders for place in sweep):
-                y[pixel] = local_solution(y, y0[pixel], metric[pixel], steps, pixel, order)
+                y[pixel] = local_solution(
+                    y, y0[pixel], metric[pixel], steps, pixel, order
+                )
             if np.allclose(list(y.values()), before, rtol=1e-13, atol=0):
                 break
         else:
             pytest.fail("the sweeps do not converge")
     swept = np.full(problem.mask.shape, np.nan)
-    swept[problem.mask] = list(y.values())  # sorted by row and column, as the mask reads
+    swept[problem.mask] = list(
+        y.values()
+    )  # sorted by row and column, as the mask reads
     return swept
 
 
@@ -180,9 +189,11 @@ def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
         holed &= rng.random(holed.shape) > 0.05
     problem, seen = problem_of(scene, camera=camera, mask=holed)
     contours = depth_cuts(seen.distance)
-    cuts = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[
-        tear
-    ]
+    cuts = {
+        "none": None,
+        "contours": contours,
+        "random": rng.random((2, 13, 17)) < 0.15,
+    }[tear]
     assert contours.sum() > 20 or scene != "colon"
     problem = replace(problem, cuts=cuts)
     found = march_distances(problem)

@@ -108,7 +108,8 @@ class GaussNewtonModel:
         counts = contradicts(problem, residual)
         slope = xi if problem.xi == "d" else -xi
         data = (
-            np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight)
+            np.where(counts, piece, 0.0)
+            for piece in (residual, by_v, *by_gradient, weight)
         )
         return cls(
             problem,
@@ -153,7 +154,8 @@ class GaussNewtonModel:
         by_half_square = ANGLE**4 * inverse @ matrix @ inverse
         softened = np.hypot(size, SLIGHT)[..., None, None]
         by_matrix = (
-            by_product / softened - twofold[..., None, None] * by_half_square / softened**2
+            by_product / softened
+            - twofold[..., None, None] * by_half_square / softened**2
         )
         by_form = np.stack(
             [by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]]
@@ -164,7 +166,9 @@ class GaussNewtonModel:
         )
         squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
         weights = problem.lam * problem.edge_weight
-        onefold = weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
+        onefold = (
+            weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
+        )
         # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
         # slope is `degree` times what is charged.
         degree = 2 - (size / softened[..., 0, 0]) ** 2
@@ -226,7 +230,9 @@ def check_the_compiled(problem, v, rng):
     for readable, compiled in TWINS.items():
         found = inner(coefficients.parts[compiled])
         expected = getattr(model, readable)
-        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), readable
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), (
+            readable
+        )
     count = problem.mask.sum()
     assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
     x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)

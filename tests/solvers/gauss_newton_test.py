@@ -246,7 +246,9 @@ MASKS = {
     "a row": ROWS == 30,
     "a column": COLUMNS == 30,
     "a diagonal": ROWS == COLUMNS,
-    "lines": (ROWS % 9 == 0) | (COLUMNS % 11 == 0) | ((ROWS % 4 == 0) & (COLUMNS % 3 == 0)),
+    "lines": (ROWS % 9 == 0)
+    | (COLUMNS % 11 == 0)
+    | ((ROWS % 4 == 0) & (COLUMNS % 3 == 0)),
     "a checkerboard": (ROWS + COLUMNS) % 2 == 0,
 }
 
@@ -285,14 +287,17 @@ def poor_frames():
         "nearly black": grey,
         "saturated": np.ones(image.shape),
         "clipped": np.minimum(3 * image, 1),
-        "a lumen below one grey level": np.maximum(np.round(255 * 0.05 * image), 0.5) / 255,
+        "a lumen below one grey level": np.maximum(np.round(255 * 0.05 * image), 0.5)
+        / 255,
     }
 
 
 @pytest.mark.parametrize("name", poor_frames())
 def test_poor_frames(name):
     problem, _ = problem_of("colon", 96)
-    problem = replace(problem, image=poor_frames()[name], mask=np.ones_like(problem.mask))
+    problem = replace(
+        problem, image=poor_frames()[name], mask=np.ones_like(problem.mask)
+    )
     result = solve(problem)
     assert result.status in ENDED
     check_it_falls(result)
@@ -317,4 +322,6 @@ def test_a_frame_that_is_explained_exactly_has_converged():
     result = solve(replace(problem, mask=problem.mask & MASKS["single pixels"]))
     assert result.status is el.Status.CONVERGED
     assert result.energy < 1e-24
-    np.testing.assert_allclose(result.distance, np.exp(result.problem.log_d0), rtol=1e-9)
+    np.testing.assert_allclose(
+        result.distance, np.exp(result.problem.log_d0), rtol=1e-9
+    )

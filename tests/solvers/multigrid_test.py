@@ -82,7 +82,9 @@ def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
 @pytest.mark.parametrize(
     ("step", "last", "off"), [(0.0, 31, 1e-13), (1.0, 31, 1e-13), (1.0, 30, 0.01)]
 )
-def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step, last, off):
+def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(
+    step, last, off
+):
     """Block means lie in the blocks' centres, and gradients at the rim are as good as inside.
 
     A block that a cut halves has the mean of one half, which lies half a pixel aside: measured 0.0075.
@@ -121,7 +123,9 @@ def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
         levels = inner(v)
         assert set(np.unique(levels)) == {1.0, 2.0}
         for axis, link in ((1, inner(grid.link)[0]), (0, inner(grid.link)[1])):
-            np.testing.assert_array_equal(link > 0, levels == shift(levels, 1, axis, 0.0))
+            np.testing.assert_array_equal(
+                link > 0, levels == shift(levels, 1, axis, 0.0)
+            )
         assert np.isin(np.round(inner(grid.finer(v, fine)), 12), (1.0, 2.0)).all()
 
 
@@ -163,7 +167,10 @@ def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
     solver, b, free = system
     kept = np.flatnonzero(free)
     matrix = as_sparse(solver.levels[0].matrix)[kept][:, kept].tocsc()
-    for right in (b, np.where(free, b, 7.0)):  # whatever is asked of pixels that are held
+    for right in (
+        b,
+        np.where(free, b, 7.0),
+    ):  # whatever is asked of pixels that are held
         x, steps, remaining = solver.solve(right, 1e-12, 300)
         assert steps < 200  # measured 42 and 127 for equations as rough as these
         assert remaining <= 1e-12
@@ -175,7 +182,9 @@ def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
 
 @pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 5, 38)])
 @every_regulariser
-def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, regulariser):
+def test_the_number_of_steps_does_not_grow_with_the_picture(
+    scene, few, many, regulariser
+):
     """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 4 and up to 33."""
     steps = []
     for width in (80, 160, 320):
@@ -188,7 +197,11 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
 
 
 PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
-TURNS = [lambda a: a[..., ::-1], lambda a: a[..., ::-1, :], lambda a: a.swapaxes(-1, -2)]
+TURNS = [
+    lambda a: a[..., ::-1],
+    lambda a: a[..., ::-1, :],
+    lambda a: a.swapaxes(-1, -2),
+]
 
 
 @pytest.mark.parametrize("turn", TURNS)

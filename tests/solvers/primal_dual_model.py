@@ -13,7 +13,9 @@ def patch_means(p, mask, radius):
     """Mean over the pixels of the mask within a radius, along the row, then the column."""
     patch = np.ones(2 * radius + 1)
     for axis in (1, 0):
-        sums = ndimage.convolve1d(np.where(mask, p, 0.0), patch, axis=axis, mode="constant")
+        sums = ndimage.convolve1d(
+            np.where(mask, p, 0.0), patch, axis=axis, mode="constant"
+        )
         p = np.where(mask, sums / patch_sizes(mask, radius, axis), 0.0)
     return p
 
@@ -21,7 +23,9 @@ def patch_means(p, mask, radius):
 def patch_sizes(mask, radius, axis):
     """How many pixels of the mask are within a radius."""
     patch = np.ones(2 * radius + 1)
-    return np.maximum(ndimage.convolve1d(1.0 * mask, patch, axis=axis, mode="constant"), 1)
+    return np.maximum(
+        ndimage.convolve1d(1.0 * mask, patch, axis=axis, mode="constant"), 1
+    )
 
 
 class PrimalDualModel:
@@ -89,7 +93,9 @@ class PrimalDualModel:
         )
         a = self.x - theta * weight * residual * slope / (1 + theta * curvature)
         # primal descent
-        new = (self.x - self.pace * pull + self.pace * a / theta) / (1 + self.pace / theta)
+        new = (self.x - self.pace * pull + self.pace * a / theta) / (
+            1 + self.pace / theta
+        )
         new = np.clip(new, 0.5 * self.x, 2 * self.x)
         self.ahead = 2 * new - self.x
         self.x = new

@@ -35,7 +35,9 @@ def problem_with_holes(rng, brdf=None, **options):
         k=1.7, gamma=2.0, gain=900.0, brdf=brdf or el.Lambertian(0.6)
     )
     v = np.log(20) + ndimage.gaussian_filter(0.3 * rng.normal(size=shape), 1)
-    problem = Problem(np.full(shape, 0.5), mask, CAMERA, photometry, cuts=cuts, **options)
+    problem = Problem(
+        np.full(shape, 0.5), mask, CAMERA, photometry, cuts=cuts, **options
+    )
     noise = rng.choice([0.01, 0.06], shape) * rng.normal(size=shape)
     seen = np.where(mask, model_image(problem, v) + noise, 0.5)
     return replace(problem, image=np.clip(seen, 0.2, 0.95)), v
@@ -53,7 +55,9 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
         path.advance(1, theta)
         twin.step(theta)
     inside = problem.mask
-    np.testing.assert_allclose(path.log_distance[inside], twin.v[inside], rtol=0, atol=3e-6)
+    np.testing.assert_allclose(
+        path.log_distance[inside], twin.v[inside], rtol=0, atol=3e-6
+    )
     assert np.abs(twin.v - v)[inside].max() > 1e-3
     limit = 1 / (1 + path.state.limit[1:-1, 1:-1][inside])
     np.testing.assert_allclose(limit, twin.limit[inside], rtol=1e-4)
@@ -162,4 +166,6 @@ def test_steps_are_counted_and_too_few_are_said_to_be_so():
     assert (short.status, short.iterations) == (el.Status.MAX_ITERATIONS, 20)
     # How often one looks does not change what is seen.
     at_once = el.run(primal_dual(problem, every=25, max_iterations=25))
-    np.testing.assert_array_equal(at_once.iterate.log_distance, result.iterate.log_distance)
+    np.testing.assert_array_equal(
+        at_once.iterate.log_distance, result.iterate.log_distance
+    )

@@ -27,9 +27,9 @@ SCENE = SCENES["curved"]
 
 def truth(frame):
     """Points and normals of the pixels that see the surface."""
-    return (frame.distance[..., None] * frame.camera.field.rays)[frame.mask], frame.normals[
+    return (frame.distance[..., None] * frame.camera.field.rays)[
         frame.mask
-    ]
+    ], frame.normals[frame.mask]
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -99,7 +99,9 @@ def test_texture_is_a_mottled_albedo():
     """The logarithm of the light changes smoothly, alike in all channels, in proportion."""
     clean = render(SCENE, CAMERA, COLOUR).image ** 2.2
     ratio = np.log(render(SCENE, CAMERA, COLOUR, texture=0.1).image ** 2.2 / clean)
-    assert_allclose(ratio[..., 1:], ratio[..., :1].repeat(2, axis=-1), rtol=0, atol=1e-12)
+    assert_allclose(
+        ratio[..., 1:], ratio[..., :1].repeat(2, axis=-1), rtol=0, atol=1e-12
+    )
     # Mottles are millimetres wide: neighbouring pixels, half a millimetre apart, are nearly alike.
     assert np.diff(ratio[..., 0], axis=1).std() < 0.3 * ratio.std()
     doubled = np.log(render(SCENE, CAMERA, COLOUR, texture=0.2).image ** 2.2 / clean)
@@ -122,7 +124,10 @@ def test_highlights_are_white_few_and_near_the_mirror_direction():
     unclipped = wet.image.max(axis=-1) < 1
     assert unclipped.mean() > 0.5
     assert_allclose(
-        added[unclipped], added[unclipped][:, :1].repeat(3, axis=-1), rtol=1e-6, atol=1e-12
+        added[unclipped],
+        added[unclipped][:, :1].repeat(3, axis=-1),
+        rtol=1e-6,
+        atol=1e-12,
     )
     facing = -np.einsum("hwi,hwi->hw", clean.normals, CAMERA.field.rays)
     glint = added[..., 2] > 0.02

@@ -71,7 +71,12 @@ every_shape = pytest.mark.parametrize(
     "scene",
     [
         *SCENES.values(),
-        *(Plane(60.0, -35.0), Bowl(50.0, (-30.0, 20.0, 10.0)), TILTED_TUBE, STEEP_COLON),
+        *(
+            Plane(60.0, -35.0),
+            Bowl(50.0, (-30.0, 20.0, 10.0)),
+            TILTED_TUBE,
+            STEEP_COLON,
+        ),
         *(Bump(60.0, 25.0, 9.0), Bump(60.0, -30.0, 8.0)),
     ],
     ids=[*SCENES, "plane 2", "bowl 2", "tube 2", "colon 2", "bump", "dent"],
@@ -120,10 +125,14 @@ def test_normals_are_across_the_tangents(scene, camera):
     assert np.mean(np.rad2deg(sine[met]) > 0.1) < 2e-3
 
 
-@pytest.mark.parametrize(("name", "mean"), [("plane", 110), ("curved", 60), ("tube", 40)])
+@pytest.mark.parametrize(
+    ("name", "mean"), [("plane", 110), ("curved", 60), ("tube", 40)]
+)
 def test_mean_distances_are_about_the_papers(name, mean):
     camera = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
-    assert SCENES[name].distance(camera.field.rays).mean() == pytest.approx(mean, rel=0.2)
+    assert SCENES[name].distance(camera.field.rays).mean() == pytest.approx(
+        mean, rel=0.2
+    )
 
 
 def test_the_camera_must_be_inside():

@@ -20,10 +20,14 @@ def between(labels):
 def gradient_adjoint(both, mask=None, cuts=None):
     """Of `gradient` with ``edge_order=1``."""
     out = np.zeros(both[0].shape)
-    for p, joined, axis in zip(both, _links(out.shape, mask, cuts), (1, 0), strict=True):
+    for p, joined, axis in zip(
+        both, _links(out.shape, mask, cuts), (1, 0), strict=True
+    ):
         before = shift(joined, -1, axis, False)
         # The derivative is the mean of the differences that there are: each has its share of p.
-        share = np.where(joined | before, p, 0.0) / np.maximum(1.0 * joined + before, 1.0)
+        share = np.where(joined | before, p, 0.0) / np.maximum(
+            1.0 * joined + before, 1.0
+        )
         step = joined * (share + shift(share, 1, axis, 0.0))
         out += shift(step, -1, axis, 0.0) - step
     return out
@@ -32,7 +36,9 @@ def gradient_adjoint(both, mask=None, cuts=None):
 def forward_gradient_adjoint(p, mask=None, cuts=None):
     """Of `forward_gradient`, minus the divergence."""
     steps = np.where(_links(p[0].shape, mask, cuts), p, 0.0)
-    return sum(shift(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
+    return sum(
+        shift(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0))
+    )
 
 
 def differences_adjoint(p, mask=None, cuts=None):
@@ -53,7 +59,8 @@ def second_differences_adjoint(p, mask=None, cuts=None):
     stencils = hessian_stencils(_links(p[0].shape, mask, cuts))
     uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(stencils, p, strict=True))
     out = sum(
-        shift(q, 1, a, 0.0) - 2 * q + shift(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0))
+        shift(q, 1, a, 0.0) - 2 * q + shift(q, -1, a, 0.0)
+        for q, a in ((uu, 1), (vv, 0))
     )
     lower = shift(uv, -1, 0, 0.0) - uv
     return out + shift(lower, -1, 1, 0.0) - lower

@@ -119,7 +119,8 @@ class Cavity:
             value -= self.rugae * np.exp(-((wave / RUGA) ** 2))
         if self.bumps:
             value -= (
-                self.bumps * waves(tube, BUMPS, np.random.default_rng([self.seed, 1]))[0]
+                self.bumps
+                * waves(tube, BUMPS, np.random.default_rng([self.seed, 1]))[0]
             )
         return value
 

@@ -32,9 +32,9 @@ def test_known_distances():
     assert plain.distance(-ahead) == pytest.approx(55.0)
     assert plain.distance(right) == pytest.approx(20.0)
     # Straight ahead in a bent tube: to the outer wall, where √(z² + 80²) = 80 + 20.
-    assert Cavity(radius=20.0, ahead=60.0, bend=1 / 80).distance(ahead) == pytest.approx(
-        60.0
-    )
+    assert Cavity(radius=20.0, ahead=60.0, bend=1 / 80).distance(
+        ahead
+    ) == pytest.approx(60.0)
 
 
 @pytest.mark.parametrize("cavity", CAVITIES.values(), ids=CAVITIES.keys())
@@ -56,5 +56,7 @@ def test_open3d_sees_the_same(open3d, cavity):
         np.mean(error > 0.02) < 0.03
     )  # beside contours, now the near side is seen, now the far one
     facets = answer["primitive_normals"].numpy()
-    cosine = np.abs(np.einsum("ni,ni->n", cavity.normals(distance[:, None] * rays), facets))
+    cosine = np.abs(
+        np.einsum("ni,ni->n", cavity.normals(distance[:, None] * rays), facets)
+    )
     assert np.rad2deg(np.median(np.arccos(np.minimum(cosine, 1)))) < 1.5

@@ -20,5 +20,7 @@ def blurred(rows, turns, a, out):
 
 def plainly_blurred(a, rounds):
     for _ in range(rounds):
-        a = np.concatenate([a[:1], np.sin((a[:-2] + a[1:-1] + a[2:]) / 3.1) + 0.1, a[-1:]])
+        a = np.concatenate(
+            [a[:1], np.sin((a[:-2] + a[1:-1] + a[2:]) / 3.1) + 0.1, a[-1:]]
+        )
     return a

@@ -29,15 +29,23 @@ SAMPLES = 256  # paths a pixel: leaves less than a grey level of their noise
 _TISSUE = Lambertian((0.75, 0.38, 0.30))
 _ONE = Photometry(k=2.5, gamma=2.2, brdf=_TISSUE)
 _AROUND = [
-    (3.5 * np.cos(angle), 3.5 * np.sin(angle), 0.0) for angle in np.deg2rad([90, 210, 330])
+    (3.5 * np.cos(angle), 3.5 * np.sin(angle), 0.0)
+    for angle in np.deg2rad([90, 210, 330])
 ]
 _LIGHTS = tuple(SpotLight(place, exponent=2.5, weight=1 / 3) for place in _AROUND)
 _THREE = Photometry(k=0.0, gamma=2.2, brdf=_TISSUE, lights=_LIGHTS)
 _COLONS = (
     Colon(),
-    Colon(radius=26, fold_height=0.3, fold_spacing=33, sharpness=5, winding=-9, length=190),
     Colon(
-        radius=19, fold_height=0.45, fold_spacing=24, sharpness=9, winding=18, length=150
+        radius=26, fold_height=0.3, fold_spacing=33, sharpness=5, winding=-9, length=190
+    ),
+    Colon(
+        radius=19,
+        fold_height=0.45,
+        fold_spacing=24,
+        sharpness=9,
+        winding=18,
+        length=150,
     ),
 )
 _TEXTURED = {"texture": 0.10, "vessels": 0.35}
@@ -71,7 +79,10 @@ def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
     far = float(np.nanmax(traced.distance))
     if far > 255:
         raise ValueError(f"the file holds distances up to 255 mm, got {far:.0f} mm")
-    facts = {"scene": asdict(case.scene), "options": case.options | {"samples": samples}}
+    facts = {
+        "scene": asdict(case.scene),
+        "options": case.options | {"samples": samples},
+    }
     facts["calibration"] = Calibration(traced.camera, traced.photometry).to_dict()
     layers = {
         name: GREY_STEPS * getattr(traced, name) ** (1 / traced.photometry.gamma)
@@ -94,7 +105,9 @@ def make(folder: PathLike, names: Sequence[str], *, samples: int = SAMPLES) -> N
     for name in tqdm(names, unit="frame"):
         case = CASES[name]
         camera = load_calibration(case.camera, 320).camera
-        traced = trace(case.scene, camera, case.photometry, samples=samples, **case.options)
+        traced = trace(
+            case.scene, camera, case.photometry, samples=samples, **case.options
+        )
         write(Path(folder) / f"{name}.npz", traced, case, samples)
 
 

@@ -40,10 +40,14 @@ def _colon_mesh(colon: Colon, size: int) -> tuple[FloatArray, IntArray]:
     closing = np.append(np.ones(2 * size), 0.0)
     around = np.linspace(0, 2 * np.pi, 2 * size)
     angle = 3 * (around + colon._twist * s[:, None])
-    radius = colon._shape(s[:, None], np.cos(angle), np.sin(angle))[0] * closing[:, None]
+    radius = (
+        colon._shape(s[:, None], np.cos(angle), np.sin(angle))[0] * closing[:, None]
+    )
     swing = colon._winding(s)[0][:, None]
     vertices = np.empty((2 * size + 1, 2 * size, 3))
     vertices[..., 0] = swing + radius * np.cos(around)
     vertices[..., 1] = SIDEWAYS * swing + radius * np.sin(around)
     vertices[..., 2] = s[:, None]
-    return vertices.reshape(-1, 3) - colon._camera, grid_triangles(2 * size + 1, 2 * size)
+    return vertices.reshape(-1, 3) - colon._camera, grid_triangles(
+        2 * size + 1, 2 * size
+    )

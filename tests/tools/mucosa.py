@@ -46,7 +46,9 @@ def tissue(
     log = texture * mottle[..., None] * MOTTLE - vessels * blood[..., None] * BLOOD
     if stains:
         wave = waves(points, STAIN_SIZE, np.random.default_rng([seed, 5]))[0]
-        log -= stains * (0.5 + 0.5 * np.tanh((wave - RARE) / STAIN_EDGE))[..., None] * BILE
+        log -= (
+            stains * (0.5 + 0.5 * np.tanh((wave - RARE) / STAIN_EDGE))[..., None] * BILE
+        )
     return np.clip(albedo * np.exp(log), 0.01, 0.95)
 
 

@@ -16,7 +16,9 @@ STRICT = "import warnings\nwarnings.simplefilter('error')\n"
 
 def solutions(cells: list[Any]) -> list[str]:
     """Python in each solution of a notebook's cells; nothing where a solution is but told."""
-    texts = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
+    texts = [
+        "".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"
+    ]
     return [
         "".join(BLOCK.findall(solution))
         for text in texts

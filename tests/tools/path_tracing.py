@@ -51,9 +51,7 @@ class Traced(Rendered):
 
     direct: FloatArray  # (H, W, 3), linear light times gain; an average over the pixel
     indirect: FloatArray  # (H, W, 3), the same
-    mirrored: (
-        FloatArray  # (H, W), the same, of the lamps in film or sheen; equal in all channels
-    )
+    mirrored: FloatArray  # (H, W), the same, of the lamps in film or sheen; equal in all channels
 
 
 def mitsuba() -> tuple[Any, Any]:
@@ -96,7 +94,9 @@ class _Tracer:
         self.normals = normals
         self.lights = lights
         self.fog = fog
-        self.wall = mi.Mesh("wall", len(vertices), len(triangles), has_vertex_normals=True)
+        self.wall = mi.Mesh(
+            "wall", len(vertices), len(triangles), has_vertex_normals=True
+        )
         self.wall.add_attribute("vertex_albedo", 3, albedo.astype(np.float32).ravel())
         self.wall.add_attribute(
             "vertex_bounced", 3, np.zeros(self.vertices.size, np.float32)
@@ -128,11 +128,18 @@ class _Tracer:
         dr = self.dr
         hit = self.world.ray_intersect(ray, active)
         normal = dr.normalize(hit.sh_frame.n)
-        facet = dr.mulsign(hit.n, dr.dot(hit.n, normal))  # whichever way the triangle turns
+        facet = dr.mulsign(
+            hit.n, dr.dot(hit.n, normal)
+        )  # whichever way the triangle turns
         # The wall's back is black.
         faced = mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)
         left = self._attribute("vertex_albedo", hit, faced)
-        return hit, normal, faced, left * dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
+        return (
+            hit,
+            normal,
+            faced,
+            left * dr.exp(-self.fog * dr.select(faced, hit.t, 0.0)),
+        )
 
     def _attribute(self, name: str, hit: Any, active: Any) -> Any:
         value = self.mi.Color3f(hit.shape.eval_attribute_3(name, hit, active))
@@ -149,7 +156,9 @@ class _Tracer:
         cosine = dr.dot(normal, way)
         spread = lamp.weight * dr.power(dr.maximum(front, 1e-6), lamp.exponent)
         active = active & (front > 0) & (cosine > 0)
-        active &= ~self.world.ray_test(hit.spawn_ray_to(mi.Point3f(lamp.position)), active)
+        active &= ~self.world.ray_test(
+            hit.spawn_ray_to(mi.Point3f(lamp.position)), active
+        )
         return dr.select(
             active, spread * dr.exp(-self.fog * dr.sqrt(square)) * cosine / square, 0.0
         )
@@ -168,11 +177,15 @@ class _Tracer:
         def turn(bounce, ray, left, sent, active, sampler):  # type: ignore[no-untyped-def]
             hit, normal, active, kept = self._meet(ray, active)
             left *= kept
-            sent += dr.select(active, left * self._lit(hit, normal, active) / dr.pi, 0.0)
+            sent += dr.select(
+                active, left * self._lit(hit, normal, active) / dr.pi, 0.0
+            )
             away = mi.Frame3f(normal).to_world(
                 mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active))
             )
-            luck = dr.select(bounce >= SURE_BOUNCES, dr.clip(dr.max(left), 0.05, 0.95), 1.0)
+            luck = dr.select(
+                bounce >= SURE_BOUNCES, dr.clip(dr.max(left), 0.05, 0.95), 1.0
+            )
             active &= (sampler.next_1d(active) < luck) & (bounce < turns)
             return bounce + 1, hit.spawn_ray(away), left / luck, sent, active, sampler
 
@@ -227,7 +240,9 @@ class _Tracer:
         if sheen:
             away, weight = self._mirrored_way(hit, normal, start, sheen, roughness)
             clear = dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
-            sent += clear * weight * self._sent(hit.spawn_ray(away), faced & (weight > 0))
+            sent += (
+                clear * weight * self._sent(hit.spawn_ray(away), faced & (weight > 0))
+            )
         return np.array(sent, dtype=np.float64).T
 
     def _sent(self, ray: Any, active: Any) -> Any:
@@ -249,7 +264,8 @@ class _Tracer:
         dr = self.dr
         width = roughness**4
         first, turn = (
-            dr.llvm.Float(np.ascontiguousarray(part, dtype=np.float32)) for part in start
+            dr.llvm.Float(np.ascontiguousarray(part, dtype=np.float32))
+            for part in start
         )
         steep = dr.sqrt(width * first / (1 - first))
         local = mi.Vector3f(
@@ -367,10 +383,17 @@ def trace(
     gain = expose(photometry, (average[..., :3] + average[..., 3:6])[mask])
     direct, indirect, mirrored = np.split(gain * average, [3, 6], axis=-1)
     image = stored(
-        direct + indirect + mirrored, truth["distance"], photometry.gamma, fog, noise, seed
+        direct + indirect + mirrored,
+        truth["distance"],
+        photometry.gamma,
+        fog,
+        noise,
+        seed,
     )
     light = {"direct": direct, "indirect": indirect, "mirrored": mirrored[..., 0]}
-    return Traced(image=image, photometry=replace(photometry, gain=gain), **truth, **light)
+    return Traced(
+        image=image, photometry=replace(photometry, gain=gain), **truth, **light
+    )
 
 
 def stored(
@@ -384,5 +407,7 @@ def stored(
     """The picture (H, W, 3) of 8 bits that a sensor makes of linear light, with the fog's veil."""
     veil = VEIL * (1 - np.exp(-fog * np.nan_to_num(distance)))[..., None]
     return np.where(
-        np.isfinite(distance)[..., None], develop(light + veil, gamma, noise, 8, seed), 0.0
+        np.isfinite(distance)[..., None],
+        develop(light + veil, gamma, noise, 8, seed),
+        0.0,
     )

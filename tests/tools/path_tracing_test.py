@@ -30,7 +30,9 @@ def test_direct_light_is_the_renderers(mitsuba, scene, light):
     ratio = (made.direct / fine.reshape(30, 4, 40, 4, 3).mean(axis=(1, 3)))[made.mask]
     assert np.median(ratio) == pytest.approx(1, abs=1e-3)
     # The colon's folds are edges of a mesh here, and throw shadows, which the general model does not know.
-    assert np.mean(np.abs(ratio - 1) < 0.03) > (0.85 if isinstance(scene, Colon) else 0.97)
+    assert np.mean(np.abs(ratio - 1) < 0.03) > (
+        0.85 if isinstance(scene, Colon) else 0.97
+    )
     assert not made.indirect.any()
     assert not made.mirrored.any()
 

@@ -18,7 +18,9 @@ every_variant = pytest.mark.parametrize(
 )
 every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
 papers_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
-every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second", "curvature"])
+every_regulariser = pytest.mark.parametrize(
+    "regulariser", ["first", "second", "curvature"]
+)
 # A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(
     tuple(np.linspace(0, 1.5, 15)),

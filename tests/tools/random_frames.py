@@ -77,8 +77,12 @@ class RandomCase:
 class RandomFrame(Sample):
     """A random frame: its calibration is what a user would have, one light that stands for all."""
 
-    normals: FloatArray  # (H, W, 3), true, unit, in the camera frame, towards the camera
-    direct: FloatArray  # (H, W, 3), linear light times gain, 1 being the sensor's maximum
+    normals: (
+        FloatArray  # (H, W, 3), true, unit, in the camera frame, towards the camera
+    )
+    direct: (
+        FloatArray  # (H, W, 3), linear light times gain, 1 being the sensor's maximum
+    )
     indirect: FloatArray  # (H, W, 3), the same
     mirrored: FloatArray  # (H, W), the same
     kind: str
@@ -113,7 +117,9 @@ def _put_polyps(
     polyps = []
     for u, v, s in cavity.to_tube(cavity.distance(rays)[:, None] * rays):
         radius = rng.uniform(3.0, 8.0)
-        polyps.append(Polyp(s, math.atan2(v, u), radius, radius * rng.uniform(1.0, 2.2)))
+        polyps.append(
+            Polyp(s, math.atan2(v, u), radius, radius * rng.uniform(1.0, 2.2))
+        )
     return replace(cavity, polyps=tuple(polyps))
 
 
@@ -159,7 +165,9 @@ def _bag(rng: np.random.Generator, camera: Camera) -> Cavity:
     shape = _tube_like(rng, 28, 45)
     shape |= {"ahead": rng.uniform(0, 25), "behind": rng.uniform(0, 20)}
     shape |= {"look": (rng.uniform(-180, 180), *rng.uniform(-50, 50, 2))}
-    return Cavity(**shape | {"rugae": rng.uniform(0, 4.5), "bumps": rng.uniform(0.3, 1.5)})
+    return Cavity(
+        **shape | {"rugae": rng.uniform(0, 4.5), "bumps": rng.uniform(0.3, 1.5)}
+    )
 
 
 def _polyps(rng: np.random.Generator, camera: Camera) -> Cavity:
@@ -303,7 +311,9 @@ def frame_of(
     """Path-trace and develop a case."""
     lit = replace(case.photometry, gain=1.0)
     how = {"samples": samples, "mesh_size": mesh_size, "fog": case.fog}
-    return developed_frame(case, trace(case.cavity, case.camera, lit, **how, **case.wall))
+    return developed_frame(
+        case, trace(case.cavity, case.camera, lit, **how, **case.wall)
+    )
 
 
 def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
@@ -315,11 +325,17 @@ def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
     gamma = case.photometry.gamma
     light = traced.direct + traced.indirect + traced.mirrored[..., None]
     share, level = case.exposure
-    gain = level**gamma / float(np.percentile(light[mask].max(axis=-1), 100 * (1 - share)))
-    image = stored(gain * light, traced.distance, gamma, case.fog, case.noise, case.seed)
+    gain = level**gamma / float(
+        np.percentile(light[mask].max(axis=-1), 100 * (1 - share))
+    )
+    image = stored(
+        gain * light, traced.distance, gamma, case.fog, case.noise, case.seed
+    )
     if case.jpeg is not None:
         grey_levels = np.round(255 * image[..., ::-1]).astype(np.uint8)
-        packed = cv2.imencode(".jpg", grey_levels, [cv2.IMWRITE_JPEG_QUALITY, case.jpeg])[1]
+        packed = cv2.imencode(
+            ".jpg", grey_levels, [cv2.IMWRITE_JPEG_QUALITY, case.jpeg]
+        )[1]
         image = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1] / 255
     one = replace(case.photometry, gain=gain).simplify()
     albedo = one.brdf.albedo if case.albedo_known else one.brdf.albedo[1]

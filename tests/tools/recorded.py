@@ -20,7 +20,9 @@ class Recorded:
         for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
             batch = chunk.to_record_batch()
             entity = batch.schema.metadata[b"rerun:entity_path"].decode()
-            times = [name for name in ("frame", "iteration") if name in batch.schema.names]
+            times = [
+                name for name in ("frame", "iteration") if name in batch.schema.names
+            ]
             at = batch.column(times[0]).to_pylist() if times else [None] * len(batch)
             for name in batch.schema.names:
                 if ":" in name:
@@ -29,7 +31,9 @@ class Recorded:
                         name.split(":")[1], {}
                     )
                     found |= {
-                        k: column[i].values for i, k in enumerate(at) if column[i].is_valid
+                        k: column[i].values
+                        for i, k in enumerate(at)
+                        if column[i].is_valid
                     }
 
     @property
@@ -51,7 +55,9 @@ class Recorded:
         return self.rows[entity][component][k][0].as_py()
 
     def picture(self, entity, k, grey=False):
-        stored = cv2.imdecode(self.at(entity, "blob", k).astype(np.uint8), 0 if grey else 1)
+        stored = cv2.imdecode(
+            self.at(entity, "blob", k).astype(np.uint8), 0 if grey else 1
+        )
         return stored if grey else stored[..., ::-1]
 
 

@@ -26,9 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 STILLS = "from tests.tools import stills; stills.install(); del stills"
 LECTURERS = ("ANSWERS", "MISTAKES")  # texts that are not for students
 WIDGET = "application/vnd.jupyter.widget-view+json"
-NO_WIDGET = (
-    "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
-)
+NO_WIDGET = "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)]*\))")
 SOLUTION = re.compile(r"<details>(?=\s*<summary>Solution)")
 
@@ -62,7 +60,9 @@ def with_links(text, path, out, names):
         before, target, after = match.groups()
         if re.match(r"[a-z]+:", target):
             return match[0]
-        if "images/" in target:  # which the page holds, found from the folder of notebooks
+        if (
+            "images/" in target
+        ):  # which the page holds, found from the folder of notebooks
             return f"{before}images/{Path(target).name}{after}"
         source = Path(os.path.normpath(path.parent / target))
         page = (
@@ -155,7 +155,8 @@ def render_pages(notebooks, out, solutions=False):
         if solutions or one.stem not in LECTURERS
     ]
     names = {
-        path: "index" if path.stem == "README" else path.stem for path in (*paths, *texts)
+        path: "index" if path.stem == "README" else path.stem
+        for path in (*paths, *texts)
     }
     exporter = PageExporter()
     with stage_folder(target, overwrite=True) as folder:

@@ -112,7 +112,9 @@ def random_pose(
         ray = camera.unproject(rng.uniform(0.2 * size, 0.8 * size))
         lean = np.radians(tilt) * np.sqrt(rng.random())
         about, spin = rng.uniform(0, 2 * np.pi, 2)
-        leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
+        leaning = Rotation.from_rotvec(
+            lean * np.array([np.cos(about), np.sin(about), 0.0])
+        )
         rotation = (leaning * Rotation.from_rotvec([0, 0, spin])).as_matrix()
         distance = np.exp(rng.uniform(np.log(near), np.log(far)))
         pose = Pose(rotation, ray * distance - rotation @ target.points.mean(axis=0))

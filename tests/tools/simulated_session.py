@@ -53,7 +53,9 @@ def simulated(name="vicalib_small", **light):
         error = NOISE * rng.standard_normal((len(inside), 2))
         error[rng.random(len(inside)) < 0.03] *= 30
         detections[name] = Detection(inside, pixels[inside] + error)
-    views = [view for name in names for view in views_of(name, detections[name], target)]
+    views = [
+        view for name in names for view in views_of(name, detections[name], target)
+    ]
     geometry = calibrate_camera(
         views,
         target,

@@ -40,7 +40,10 @@ def positions(control):
         every = [(f"{value:.6g}", type(control.value)(value)) for value in values]
         own = int(np.argmin(np.abs(np.array(values) - control.value)))
     kept = sorted(
-        {own, *np.linspace(0, len(every) - 1, min(MOST, len(every))).astype(int).tolist()}
+        {
+            own,
+            *np.linspace(0, len(every) - 1, min(MOST, len(every))).astype(int).tolist(),
+        }
     )
     return [every[i] for i in kept], kept.index(own)
 

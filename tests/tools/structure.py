@@ -162,7 +162,9 @@ def main(root: Path = ROOT) -> None:
     print(
         " tokens  lines  a line packed constants; packed: tuples assigned to tuples, per 1000 lines"
     )
-    rooms = sorted(path for path in package.iterdir() if (path / "__init__.py").is_file())
+    rooms = sorted(
+        path for path in package.iterdir() if (path / "__init__.py").is_file()
+    )
     for folder in (package, *rooms, root / "tests"):
         print(f"{measure(folder)}  {folder.relative_to(root)}")
 

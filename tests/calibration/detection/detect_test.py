@@ -234,7 +234,9 @@ def test_a_highlight_across_the_sheet_and_overexposed_or_dark_pictures():
     pose = posed(DOTS, 45)
     true = truth(DOTS, [pose])
     glare = np.exp(-(((np.arange(640) - 330) / 30) ** 4)) * 600
-    found = detect(np.clip(picture(DOTS, [pose]) + glare, 0, 255).astype(np.uint8), DOTS)
+    found = detect(
+        np.clip(picture(DOTS, [pose]) + glare, 0, 255).astype(np.uint8), DOTS
+    )
     assert errors(found, true).max() < 1
     assert (found.pixels[:, 0] < 290).sum() > 30
     assert (found.pixels[:, 0] > 370).sum() > 30

@@ -101,7 +101,14 @@ def test_other_lenses_need_no_guess_either(camera, near):
 
 def test_clean_corners_give_what_opencv_gives():
     views, _ = make_views(
-        PAPER, CORNERS, 12, np.random.default_rng(3), noise=0.1, wrong=0, near=35, tilt=45
+        PAPER,
+        CORNERS,
+        12,
+        np.random.default_rng(3),
+        noise=0.1,
+        wrong=0,
+        near=35,
+        tilt=45,
     )
     seen = (
         [CORNERS.points[view.ids][None] for view in views],
@@ -113,7 +120,9 @@ def test_clean_corners_give_what_opencv_gives():
         *seen, SIZE, np.eye(3), np.zeros((4, 1)), **how
     )
     found = calibrate_camera(views, CORNERS, *SIZE)
-    theirs = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k.ravel()])
+    theirs = np.array(
+        [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k.ravel()]
+    )
     errors = np.array(list(found.standard_errors.values()))
     # They differ by the handful of points beyond 3.5 σ.
     assert np.all(np.abs(camera_vector(found.camera) - theirs) < 0.7 * errors)
@@ -228,7 +237,9 @@ def test_the_linear_pose_is_exact_for_exact_rays_in_any_direction(rng):
         [2.5, 1, 0, 10, -20, -60],
     ):
         true = pose_of(vector)
-        if true.rotation[:, 2] @ true.translation < 0:  # go to the other side of the paper
+        if (
+            true.rotation[:, 2] @ true.translation < 0
+        ):  # go to the other side of the paper
             true = Pose(true.rotation, -true.translation)
         rays = true.transform(CORNERS.points)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -258,7 +269,9 @@ def test_a_detection_is_split_by_panel_and_panels_are_views_of_their_own(rng):
 
 def test_the_real_vicalib_frame(data):
     target = el.TARGETS["vicalib_big"]
-    dots = np.loadtxt(data / "vicalib_frame/dots_detected.csv", delimiter=",", skiprows=1)
+    dots = np.loadtxt(
+        data / "vicalib_frame/dots_detected.csv", delimiter=",", skiprows=1
+    )
     column, row, *pixel = dots.T[:4]
     view = View("real", 0, (19 * row + column).astype(int), np.column_stack(pixel))
     refined = calibrate_camera([view], target, *SIZE, start=PAPER)

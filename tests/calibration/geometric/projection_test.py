@@ -19,7 +19,9 @@ POSES = {
     "to the side": pose_of([0.1, -1.2, 0.1, 30, -20, -5]),
 }
 CASES = {
-    f"paper {name}": (PAPER, pose) for name, pose in POSES.items() if name != "to the side"
+    f"paper {name}": (PAPER, pose)
+    for name, pose in POSES.items()
+    if name != "to the side"
 }
 CASES |= {f"wide {name}": (WIDE, pose) for name, pose in POSES.items()}
 

@@ -141,7 +141,9 @@ def test_errors_of_the_poses_count_in_the_standard_errors():
         )
         wrong = moved_planes(samples, 0.004, np.random.default_rng(seed))
         blind = replace(wrong, slack=np.zeros((0, 0)))
-        fits = [calibrate_light(known, gamma="free", nodes=8) for known in (wrong, blind)]
+        fits = [
+            calibrate_light(known, gamma="free", nodes=8) for known in (wrong, blind)
+        ]
         draws.append([pulls_of(fit)[:2] for fit in fits])
     honest, proud = np.sqrt(np.mean(np.square(draws), axis=0))
     assert np.all((honest > 0.5) & (honest < 1.5)), honest  # 12 draws: ± 20 %
@@ -162,7 +164,9 @@ def test_saturation_is_told_by_the_predicted_level():
     errors = []
     levels = (24 / 255, 225 / 255)
     for seed in range(4):
-        samples, _ = video("vicalib_folded", fold=0.7, outliers=0.0, noise=6.0, seed=seed)
+        samples, _ = video(
+            "vicalib_folded", fold=0.7, outliers=0.0, noise=6.0, seed=seed
+        )
         measured = samples[(samples.level > levels[0]) & (samples.level < levels[1])]
         ways = (samples, levels), (measured, (1e-3, 2.0)), (samples, (1e-3, 2.0))
         errors.append(
@@ -229,7 +233,9 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
     fit = calibrate_light(samples, gamma="free", gain="locked")
     assert abs(fit.photometry.gamma - 2.2) < 0.01
     assert abs(fit.k - 2.5) < 0.02
-    np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
+    np.testing.assert_array_equal(
+        fit.gains, np.full(len(fit.frames), fit.photometry.gain)
+    )
     expected = GREY_LEVELS * samples.level - predicted(fit, samples)
     np.testing.assert_allclose(expected, fit.residuals, atol=1e-9)
     assert "One gain was fitted for all frames." in fit.verdict
@@ -256,7 +262,9 @@ def test_held_out_frames_are_predicted(flat_fit):
     assert abs(score.sigma - 3.01) < 0.1
     assert np.all(np.abs(score.error[1:6]) < 0.01)
     # A wrong fall-off shows: k is 0.2 too large, so μ′ is cos^-0.2 α too small.
-    wrong = replace(flat_fit, photometry=replace(flat_fit.photometry, k=flat_fit.k + 0.2))
+    wrong = replace(
+        flat_fit, photometry=replace(flat_fit.photometry, k=flat_fit.k + 0.2)
+    )
     error = wrong.score_held_out(other).error
     step = np.log1p(error[5]) - np.log1p(error[0])
     assert 0.04 < step < -0.2 * np.log(np.cos(np.deg2rad(60)))

@@ -100,7 +100,9 @@ def test_a_prior_on_gamma_joins_what_the_samples_know():
     free = calibrate_light(samples, gamma="free")
     own = free.standard_errors["gamma"]
     fit = calibrate_light(samples, gamma=(2.2, own))
-    np.testing.assert_allclose(fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03)
+    np.testing.assert_allclose(
+        fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03
+    )
     np.testing.assert_allclose(
         fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own
     )
@@ -112,7 +114,10 @@ def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_
     refused("k", video(tilt=np.deg2rad(1)))
     fit = calibrate_light(samples, brdf="lambertian")
     assert any("taken to be matt" in sentence for sentence in fit.verdict)
-    assert calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
+    assert (
+        calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"]
+        < 0.04
+    )
     fit = calibrate_light(video(distance=(50.0, 50.0)))
     assert abs(fit.photometry.k - 2.5) < 4 * fit.standard_errors["k"] < 0.03
 
@@ -120,7 +125,9 @@ def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_
 def test_a_single_frame_and_too_few_samples_are_refused_by_name():
     samples = video()
     refused("k", samples[samples.frame == 10], "single frame")
-    refused("k", video(count=3, per_frame=12, seed=1), "36 samples of 3 frames", nodes=4)
+    refused(
+        "k", video(count=3, per_frame=12, seed=1), "36 samples of 3 frames", nodes=4
+    )
 
 
 def test_one_incidence_angle_does_not_give_a_brdf(rng):
@@ -134,7 +141,9 @@ def test_one_incidence_angle_does_not_give_a_brdf(rng):
 
 
 def test_unknowns_at_their_bounds_are_refused():
-    samples = video("vicalib_folded", fold=0.6, outliers=0.0, light=replace(TRUTH, k=0.5))
+    samples = video(
+        "vicalib_folded", fold=0.6, outliers=0.0, light=replace(TRUTH, k=0.5)
+    )
     brighter = replace(samples, level=samples.level * samples.cos_alpha ** (-0.8 / 2.2))
     refused("k", brighter, "below 0")
     steep = video("vicalib_folded", fold=0.6, light=replace(TRUTH, gamma=6.0))
@@ -215,7 +224,8 @@ def test_some_light_of_the_room_is_named():
     fit = calibrate_light(shine(video(count=40), lamp))
     assert any("another light" in sentence for sentence in fit.verdict)
     assert not any(
-        "another light" in sentence for sentence in calibrate_light(video(count=40)).verdict
+        "another light" in sentence
+        for sentence in calibrate_light(video(count=40)).verdict
     )
 
 

@@ -24,16 +24,21 @@ def test_a_clean_frame_gives_the_models_levels(name):
     movement = Movement(0.5 if target.fold else 0.0, distance=(25.0, 60.0), tilt=0.8)
     for number, poses in enumerate(trajectory(target, CAMERA, 6, movement)):
         frame = render_sheet(target, poses, CAMERA, PAPER, Sensor(noise=0.0, bits=16))
-        samples = sample_sheet(frame.image, target, poses, CAMERA, frame=number, most=500)
+        samples = sample_sheet(
+            frame.image, target, poses, CAMERA, frame=number, most=500
+        )
         known = replace(PAPER, gain=frame.gain)
         linear = known.intensity(samples.points, samples.normals) ** 2.2
         model = (linear * np.where(samples.material == 1, 0.5, 1.0)) ** (1 / 2.2)
         fair = (model < 0.92) & (samples.cos_theta > 0.15)
         fair_ones += fair.sum()
-        np.testing.assert_allclose(255 * samples.level[fair], 255 * model[fair], atol=0.3)
+        np.testing.assert_allclose(
+            255 * samples.level[fair], 255 * model[fair], atol=0.3
+        )
         assert np.all(samples.frame == number)
         panels = [
-            np.all(np.abs(samples.normals - pose.normal) < 1e-12, axis=1) for pose in poses
+            np.all(np.abs(samples.normals - pose.normal) < 1e-12, axis=1)
+            for pose in poses
         ]
         assert np.all(np.sum(panels, axis=0) == 1)
         for pose, here in zip(poses, panels, strict=True):
@@ -48,9 +53,9 @@ def test_a_clean_frame_gives_the_models_levels(name):
 
 def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_folded"]
-    poses = trajectory(target, CAMERA, 1, Movement(0.4, (40.0, 40.0), tilt=0.0, reach=0.0))[
-        0
-    ]
+    poses = trajectory(
+        target, CAMERA, 1, Movement(0.4, (40.0, 40.0), tilt=0.0, reach=0.0)
+    )[0]
     image = render_sheet(target, poses, CAMERA, PAPER, Sensor(noise=0.0)).image
     whole = sample_sheet(image, target, poses, CAMERA, most=999)
     right = sample_sheet(image, target, [None, poses[1]], CAMERA, most=999)

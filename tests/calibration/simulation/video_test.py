@@ -54,11 +54,14 @@ def brute(
         xy = (points - pose.translation) @ pose.rotation[:, :2]
         value = reflectance(target, xy)
         good = (
-            np.isfinite(value) & (target.panel_of(xy) == number) & (rays @ pose.normal < 0)
+            np.isfinite(value)
+            & (target.panel_of(xy) == number)
+            & (rays @ pose.normal < 0)
         )
         normals = np.broadcast_to(pose.normal, points[good].shape)
         light[good] = (
-            value[good] * photometry.intensity(points[good], normals) ** photometry.gamma
+            value[good]
+            * photometry.intensity(points[good], normals) ** photometry.gamma
         )
     h, w = light.shape
     return light.reshape(h // sub, sub, w // sub, sub).mean(axis=(1, 3))
@@ -123,7 +126,9 @@ def test_noise_rounding_and_spots_are_as_asked():
 def test_panels_share_the_fold_and_turn_away(fold):
     ridge = np.array([[FOLDED.fold_x, y, 0.0] for y in (0.0, 38.0)])
     for left, right in trajectory(FOLDED, CAMERA, 30, Movement(fold)):
-        np.testing.assert_allclose(left.transform(ridge), right.transform(ridge), atol=1e-9)
+        np.testing.assert_allclose(
+            left.transform(ridge), right.transform(ridge), atol=1e-9
+        )
         assert left.normal @ right.normal == pytest.approx(np.cos(fold), abs=1e-12)
         # Convex: each panel lies behind the plane of the other, seen from where the sheet is read.
         tip = right.transform([[76.0, 19.0, 0.0]])

@@ -79,7 +79,9 @@ def test_the_camera(write):
     assert endomapper.read_vicalib(write("<width>", '<width unit="px">')[0]) == camera
     theta = 0.7
     k = (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
-    radius = theta + sum(c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True))
+    radius = theta + sum(
+        c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True)
+    )
     pixel = camera.project([0.0, np.sin(theta), np.cos(theta)])  # down in the picture
     assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
 

@@ -10,7 +10,9 @@ from endolab import datasets
 from endolab.io.datasets import folders
 from endolab.metrics.depth_errors import compare
 
-UCL = el.Pinhole(256, 256, 128.0, 128.0, 127.5, 127.5)  # 90° wide, for the sake of a number
+UCL = el.Pinhole(
+    256, 256, 128.0, 128.0, 127.5, 127.5
+)  # 90° wide, for the sake of a number
 SERIES = "T1_L2_1_resized"
 
 
@@ -58,7 +60,9 @@ def write_ucl2019(folder):
 LOAD = {
     "c3vd": lambda folder, index=42: datasets.read_c3vd(folder, index),
     "simcol3d": lambda folder, index=7: datasets.read_simcol3d(folder, index),
-    "ucl2019": lambda folder, index=12: datasets.read_ucl2019(folder, SERIES, index, UCL),
+    "ucl2019": lambda folder, index=12: datasets.read_ucl2019(
+        folder, SERIES, index, UCL
+    ),
 }
 WRITE = {"c3vd": write_c3vd, "simcol3d": write_simcol3d, "ucl2019": write_ucl2019}
 COLOUR = {"c3vd": "0042_color.png", "simcol3d": "FrameBuffer_0007.png"}
@@ -189,7 +193,11 @@ LAID = {  # where three frames of a sequence lie: colour, depth, the camera
     "C3VDv2": ("rgb/{0:04d}.png", "depth/{0:04d}_depth.tiff", "c3vd_v2"),
     "EndoGSLAM": ("color/{0:04d}_color.png", "depth/{0:04d}_depth.tiff", "c3vd"),
     "EndoGSLAM, short": ("color/{0}_color.png", "depth/{0:04d}_depth.tiff", "c3vd"),
-    "EndoGSLAM, raw": ("color_raw/{0}_color.png", "depth_raw/{0:04d}_depth.tiff", "c3vd"),
+    "EndoGSLAM, raw": (
+        "color_raw/{0}_color.png",
+        "depth_raw/{0:04d}_depth.tiff",
+        "c3vd",
+    ),
 }
 
 
@@ -199,12 +207,16 @@ def write_sequence(folder, kind, numbers=(10, 2, 9)):
     for number in numbers:
         z = round((10 + number) * 655.35)
         write(
-            folder, colours.format(number), np.full((108, 135, 3), (0, 0, number), np.uint8)
+            folder,
+            colours.format(number),
+            np.full((108, 135, 3), (0, 0, number), np.uint8),
         )
         write(folder, depths.format(number), np.full((108, 135), z, np.uint16))
     write(folder, "normals/0002_normals.tiff", np.zeros((2, 2), np.uint8))
     (folder / "pose.txt").touch()
-    if kind == "EndoGSLAM, raw":  # beside them what it makes: without distortion, of 8 bits
+    if (
+        kind == "EndoGSLAM, raw"
+    ):  # beside them what it makes: without distortion, of 8 bits
         for name in ("color/2_color.png", "depth/0002_depth.tiff"):
             write(folder, name, np.full((108, 135), 50, np.uint8))
 

@@ -21,14 +21,17 @@ def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
     mask = sample.frame.mask
     assert sample.calibration.photometry.gain > 0
     rays = sample.calibration.camera.field.rays
-    assert_allclose(sample.distance[mask], sample.scene.distance(rays)[mask], atol=0.002)
+    assert_allclose(
+        sample.distance[mask], sample.scene.distance(rays)[mask], atol=0.002
+    )
     facing = np.einsum("ij,ij->i", sample.normals[mask], rays[mask])
     assert np.allclose(np.linalg.norm(sample.normals[mask], axis=-1), 1)
     assert np.mean(facing < 0) > 0.999
     linear = sample.direct + sample.indirect + sample.mirrored[..., None]
     if "fog" in options:
         linear += (
-            VEIL * (1 - np.exp(-options["fog"] * np.nan_to_num(sample.distance)))[..., None]
+            VEIL
+            * (1 - np.exp(-options["fog"] * np.nan_to_num(sample.distance)))[..., None]
         )
     error = 255 * (np.clip(linear, 0, 1) ** (1 / gamma) - sample.frame.image)[mask]
     clipped = (sample.frame.image[mask] == 1) | (sample.frame.image[mask] == 0)

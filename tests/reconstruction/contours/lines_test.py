@@ -30,7 +30,9 @@ def seen(scene, width=320, **options):
 
 def within(lines, others, pixels):
     """Share of the pixels of one drawing that have one of the other's nearby."""
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * pixels + 1, 2 * pixels + 1))
+    disc = cv2.getStructuringElement(
+        cv2.MORPH_ELLIPSE, (2 * pixels + 1, 2 * pixels + 1)
+    )
     return float(
         (lines & (cv2.dilate(others.astype(np.uint8), disc) > 0)).sum() / lines.sum()
     )
@@ -52,7 +54,9 @@ def test_folds_are_found_where_the_distance_jumps(width):
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[1]
-    assert not (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any()
+    assert not (
+        find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]
+    ).any()
 
 
 def test_a_tube_is_not_cut_along_its_wall():
@@ -75,7 +79,9 @@ def test_a_step_is_one_closed_line_one_step_thin():
     cuts = steepness > CHOICE.min_steepness[0]
     apart = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
-    assert (cuts & ~apart).sum() + (apart & ~cuts).sum() < 0.1 * apart.sum()  # at corners
+    assert (cuts & ~apart).sum() + (
+        apart & ~cuts
+    ).sum() < 0.1 * apart.sum()  # at corners
     # Grown to a grid of twice the size, with a wall at each cut: the disc is closed off from all else.
     fine = np.ones((240, 320), bool)
     fine[1::2, 1::2] = False

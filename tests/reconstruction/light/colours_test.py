@@ -51,7 +51,8 @@ def pictures(known, light, indirect_ratio, texture=0.0):
     stored = stored * np.exp(mottle * [0.2, 1.0, 1.0])
     stored = (stored / stored.max()) ** (1 / gamma)
     return [
-        replace(one, image=stored[..., i], evidence=None) for i, one in enumerate(problems)
+        replace(one, image=stored[..., i], evidence=None)
+        for i, one in enumerate(problems)
     ]
 
 
@@ -77,14 +78,18 @@ def test_factor_and_lamp_are_found(known, lamp):
 
 @pytest.mark.parametrize("given", [ALBEDO, 0.3, None])
 def test_no_bounces_are_found_where_there_are_none(known, given):
-    found = fit_light(shown(known, light_of(ALBEDO, 0.0, 1.0, 0.0)), AlbedoPrior.of(given))
+    found = fit_light(
+        shown(known, light_of(ALBEDO, 0.0, 1.0, 0.0)), AlbedoPrior.of(given)
+    )
     assert found.factor < 0.03
     assert found.outcome is LightOutcome.NONE_BOUNCED
 
 
 def test_a_rough_film_is_found_and_none_where_there_is_none(known):
     dry, wet = (
-        fit_light(shown(known, light_of(ALBEDO, 1.0, 1.0, film)), AlbedoPrior.of(ALBEDO))
+        fit_light(
+            shown(known, light_of(ALBEDO, 1.0, 1.0, film)), AlbedoPrior.of(ALBEDO)
+        )
         for film in (0.0, 1.0)
     )
     assert dry.film < 0.1
@@ -141,7 +146,8 @@ def test_derivatives_are_those_of_differences(known, x, albedo):
     patches = shown(known, light_of(ALBEDO, 1.1, 0.6, 0.2), texture=0.3)
     patches = replace(
         patches,
-        direct=patches.direct * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3),
+        direct=patches.direct
+        * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3),
     )
     apart = ColourResiduals(patches, AlbedoPrior.of(0.3), 0.4)
     x = np.array([*x, *np.log(albedo)])
@@ -151,4 +157,6 @@ def test_derivatives_are_those_of_differences(known, x, albedo):
             difference = (apart(x)[0] - apart(x - step)[0]) / 1e-6
         else:
             difference = (apart(x + step)[0] - apart(x - step)[0]) / 2e-6
-        np.testing.assert_allclose(column, difference, atol=2e-5 * np.abs(difference).max())
+        np.testing.assert_allclose(
+            column, difference, atol=2e-5 * np.abs(difference).max()
+        )

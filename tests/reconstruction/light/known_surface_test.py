@@ -12,7 +12,9 @@ from endolab.io.datasets import load_calibration
 def test_path_traced_frames_tell_their_light(name):
     """Measured, true 2.5, 2.2 and (.75, .38, .30): k 2.37, 2.33, 2.47, γ 2.35, 2.28, 2.16."""
     sample = el.load_traced(name)
-    found = el.measure_light([sample.frame], sample.calibration.camera, [sample.distance])
+    found = el.measure_light(
+        [sample.frame], sample.calibration.camera, [sample.distance]
+    )
     light = found.photometry
     error = found.standard_errors
     assert light.k == pytest.approx(2.5, abs=min(2 * error["k"], 0.3))

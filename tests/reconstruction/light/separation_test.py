@@ -128,7 +128,9 @@ def test_what_is_asked_again_is_answered_again(dry, contours):
 
 
 def test_merging_undoes_what_bounced(dry):
-    three = [channel.problem for channel in colours(dry.frame, dry.calibration, smooth=0.0)]
+    three = [
+        channel.problem for channel in colours(dry.frame, dry.calibration, smooth=0.0)
+    ]
     shape = three[1].mask.shape
     direct = np.random.default_rng(0).uniform(0.1, 0.4, shape)
     lit = [
@@ -162,7 +164,10 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     image = dry.frame.image.copy()
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
     result = solved(
-        el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False
+        el.Frame(image, dry.frame.mask, "odd"),
+        dry.calibration,
+        width=160,
+        contours=False,
     )
     assert (
         "The colours do not tell how much there is (the channels disagree on the direct light)"
@@ -175,7 +180,9 @@ def test_colours_of_one_ratio_tell_nothing(dry):
     """A white wall: noise differs, albedos do not."""
     rng = np.random.default_rng(3)
     white = np.clip(
-        dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1
+        dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape),
+        0,
+        1,
     )
     plain = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(el.Frame(white, dry.frame.mask, "w"), plain, width=160, smooth=0.0)

@@ -86,7 +86,9 @@ def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
 
 
 def test_frames_without_colours_are_left_out_and_named(tube):
-    white = replace(tube, image=np.repeat(tube.image[..., 1:2], 3, axis=2), name="white")
+    white = replace(
+        tube, image=np.repeat(tube.image[..., 1:2], 3, axis=2), name="white"
+    )
     for frame, reason in ((grey(tube), "is grey"), (white, "are one")):
         with pytest.raises(ValueError, match=f"{frame.name}.* {reason}"):
             estimate_light([frame], FISHEYE)

@@ -55,7 +55,9 @@ def test_the_exchange_is_that_of_its_plain_twin(rng):
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
     area = area * rng.uniform(0.5, 2, len(area))
     assert_allclose(
-        _exchange(x, turned, area, *open_cells(120)), plainly(x, turned, area), atol=1e-15
+        _exchange(x, turned, area, *open_cells(120)),
+        plainly(x, turned, area),
+        atol=1e-15,
     )
 
 
@@ -64,7 +66,9 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     x, n, area = ball()
     exchange = _exchange(x, n, area, *open_cells(len(x)))
     # In a ball F_ij is A_j over the whole area, whatever i and j.
-    assert_allclose(exchange.sum(axis=1), 1.0, atol=0.012)  # 1 % is lost between neighbours
+    assert_allclose(
+        exchange.sum(axis=1), 1.0, atol=0.012
+    )  # 1 % is lost between neighbours
     lit = np.where(x[:, 2] > 10.0, 1.0, 0.0)
     one = np.ones((1, len(x)))
     walls = Walls(x, n, area, lit, exchange, one > 0, one, one, one, 0.0)
@@ -76,7 +80,9 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
 
 def test_light_is_exchanged_both_ways_and_none_is_made(walls):
     assert walls.exchange.sum(axis=1).max() <= 1 + 1e-12
-    raw = _exchange(walls.points, walls.normals, walls.area, *open_cells(len(walls.points)))
+    raw = _exchange(
+        walls.points, walls.normals, walls.area, *open_cells(len(walls.points))
+    )
     given = walls.area[:, None] * raw
     assert_allclose(given, given.T, rtol=1e-9)
     for albedo in (0.3, 0.75):
@@ -123,11 +129,15 @@ def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
     upright = replace(camera, width=120, height=160, cx=camera.cy, cy=camera.cx)
     field_there = upright.field if turn is np.transpose else field
     before = Walls.of(v, np.isfinite(v), field, 2.5).indirect_ratio(0.6)
-    after = Walls.of(turn(v), np.isfinite(turn(v)), field_there, 2.5).indirect_ratio(0.6)
+    after = Walls.of(turn(v), np.isfinite(turn(v)), field_there, 2.5).indirect_ratio(
+        0.6
+    )
     assert_allclose(after, turn(before), rtol=5e-3)
 
 
-def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon, walls):
+def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(
+    colon, walls
+):
     v, field = colon
     mask = np.isfinite(v)
     larger = Walls.of(v + np.log(7.0), mask, field, 2.5)

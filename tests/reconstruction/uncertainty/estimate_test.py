@@ -10,7 +10,11 @@ from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
 from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
 from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field
-from endolab.reconstruction.uncertainty.estimate import SAMPLING, re_solve, uncertainty_of
+from endolab.reconstruction.uncertainty.estimate import (
+    SAMPLING,
+    re_solve,
+    uncertainty_of,
+)
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import NOMINAL_SIGMA, PriorSigma
 from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
@@ -20,7 +24,9 @@ from endolab.solvers.provenance import LightOutcome, LightReport, Provenance, Sc
 from endolab.solvers.result import Iterate, run
 from tests.tools.problems import finish, problem_of
 
-CERTAIN = PriorSigma(**{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"})
+CERTAIN = PriorSigma(
+    **{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"}
+)
 
 
 def solved(problem):
@@ -58,22 +64,32 @@ def test_noise_alone_is_what_solving_again_with_other_noise_finds():
         return replace(clean, image=np.where(clean.mask, image, 0.0))
 
     first = run(gauss_newton(noisy(), tolerance=1e-6, max_iterations=100))
-    how = {"start": first.iterate.log_distance, "tolerance": 1e-6, "max_iterations": 100}
+    how = {
+        "start": first.iterate.log_distance,
+        "tolerance": 1e-6,
+        "max_iterations": 100,
+    }
     maps = [
         run(gauss_newton(noisy(), **how)).iterate.log_distance[clean.mask]
         for _ in range(24)
     ]
     found = np.sqrt(np.mean(np.var(maps, axis=0, ddof=1)))
     uncertainty = uncertainty_of(first, prior_sigma=CERTAIN)
-    noise = np.hypot(uncertainty.causes["noise"][clean.mask], uncertainty.scales["noise"])
+    noise = np.hypot(
+        uncertainty.causes["noise"][clean.mask], uncertainty.scales["noise"]
+    )
     assert np.sqrt(np.mean(noise**2)) == pytest.approx(found, rel=0.2)
 
 
 def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
     """A wall whose albedo varies by 10 %: the answer to the very field, and how strong it is found to be."""
     clean, seen = problem_of("curved", 80)
-    field = correlated_field(np.random.default_rng(0), clean.mask.shape, CAUSES.length / 4)
-    image = np.clip(clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999)
+    field = correlated_field(
+        np.random.default_rng(0), clean.mask.shape, CAUSES.length / 4
+    )
+    image = np.clip(
+        clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999
+    )
     result = solved(replace(clean, image=np.where(clean.mask, image, 0.0)))
     mask = result.mask
     surface = Linearised.at(
@@ -97,15 +113,20 @@ def test_the_unit_does_not_matter(curved):
     prior_sigma = replace(PriorSigma(), lamp=0.0)
     one = uncertainty_of(result, prior_sigma=prior_sigma)
     other = uncertainty_of(
-        Iterate.of(far, result.iterate.log_distance + np.log(3)), prior_sigma=prior_sigma
+        Iterate.of(far, result.iterate.log_distance + np.log(3)),
+        prior_sigma=prior_sigma,
     )
-    assert other.sigma[result.mask] == pytest.approx(3 * one.sigma[result.mask], rel=1e-3)
+    assert other.sigma[result.mask] == pytest.approx(
+        3 * one.sigma[result.mask], rel=1e-3
+    )
     assert other.sigma_scale == pytest.approx(one.sigma_scale, rel=1e-3)
 
 
 def test_gain_and_albedo_move_all_pixels_alike(curved):
     _, _, result, _ = curved
-    uncertainty = uncertainty_of(result, prior_sigma=replace(CERTAIN, gain=0.3, albedo=0.4))
+    uncertainty = uncertainty_of(
+        result, prior_sigma=replace(CERTAIN, gain=0.3, albedo=0.4)
+    )
     assert uncertainty.scales["gain"] == pytest.approx(0.15)
     assert np.nanmax(uncertainty.causes["albedo"]) == 0
     assert relative(uncertainty, result).min() >= 0.25  # 0.15 and 0.2 in squares
@@ -115,7 +136,10 @@ def test_gain_and_albedo_move_all_pixels_alike(curved):
 def test_a_known_length_takes_the_scale_away(curved):
     problem, _, result, _ = curved
     prior_sigma = replace(CERTAIN, gain=0.3, k=0.2)
-    for scale in (Scale("median distance", 40.0), Scale("known distance", (40.0, 30, 20))):
+    for scale in (
+        Scale("median distance", 40.0),
+        Scale("known distance", (40.0, 30, 20)),
+    ):
         known = replace(result.iterate, provenance=Provenance(scale=scale))
         uncertainty = uncertainty_of(known, prior_sigma=prior_sigma)
         assert uncertainty.scales["gain"] < 1e-12
@@ -164,7 +188,9 @@ def test_another_choice_moves_a_surface_as_a_whole_run_does(choice):
     """Four steps of the solver, against those to the end."""
 
     def settle(problem, start=None):
-        *_, last = gauss_newton(problem, start=start, tolerance=1e-4, max_iterations=100)
+        *_, last = gauss_newton(
+            problem, start=start, tolerance=1e-4, max_iterations=100
+        )
         return np.where(problem.mask, last.log_distance, 0.0)
 
     problem, _ = problem_of("colon", 100)
@@ -189,9 +215,12 @@ def test_light_that_bounced_and_was_left_in_counts_whole(curved):
     ).causes["bounced light"]
     assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
     asked = replace(
-        result.iterate, provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED))
+        result.iterate,
+        provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED)),
     )
-    assert "bounced light" not in uncertainty_of(asked, draws=SAMPLING.least_draws).causes
+    assert (
+        "bounced light" not in uncertainty_of(asked, draws=SAMPLING.least_draws).causes
+    )
 
 
 def test_what_a_picture_does_not_say_is_the_priors():
@@ -275,7 +304,9 @@ def test_doubts_are_the_standard_errors_of_the_calibration(photometry, k, gamma)
 
 def test_what_cannot_be_asked_is_refused(curved):
     _, _, result, _ = curved
-    marched = replace(result.iterate, provenance=Provenance({"solver": "fast_marching"}))
+    marched = replace(
+        result.iterate, provenance=Provenance({"solver": "fast_marching"})
+    )
     for given, options, named in (
         (marched, {}, "'fast_marching' minimises no energy"),
         (3, {}, "result must be"),

@@ -59,5 +59,7 @@ def test_probing_finds_the_same_inverse(tiny):
 def test_light_that_is_brighter_everywhere_moves_all_pixels_alike(tiny):
     surface, _ = tiny
     mask = surface.problem.mask
-    assert surface.to_light(np.full(mask.shape, 0.2))[mask] == pytest.approx(-0.1, abs=1e-9)
+    assert surface.to_light(np.full(mask.shape, 0.2))[mask] == pytest.approx(
+        -0.1, abs=1e-9
+    )
     assert inner(surface.coefficients.active).sum() == mask.sum()

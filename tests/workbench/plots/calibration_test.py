@@ -30,7 +30,9 @@ def frames():
     return dict(simulated()[1])
 
 
-def test_a_detection_is_joined_along_rows_and_a_wrong_id_leaves_its_row(session, frames):
+def test_a_detection_is_joined_along_rows_and_a_wrong_id_leaves_its_row(
+    session, frames
+):
     detection = session.detections["frame_0"]
     ids = detection.ids.copy()
     ids[[10, 60]] = ids[[60, 10]]
@@ -79,7 +81,9 @@ def test_the_field_has_circles_of_equal_angle(session):
         assert np.rad2deg(np.arccos(rays[:, 2])) == pytest.approx(angle, abs=1e-6)
 
 
-def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(session, frames):
+def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(
+    session, frames
+):
     worst = plots.worst_frames(session)
     errors = sorted(session.errors.values(), reverse=True)
     assert [session.errors[name] for name in worst] == errors[:4]

@@ -94,7 +94,10 @@ def test_a_section_lies_on_the_surface(rendered):
     assert np.array_equal(z, points[:, 40, 2], equal_nan=True)
     assert np.array_equal(y, points[:, 40, 1], equal_nan=True)
     assert ax.yaxis_inverted()
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["truth", "mine"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+        "truth",
+        "mine",
+    ]
 
 
 def test_a_start_with_spikes_does_not_widen_a_section(rendered):
@@ -219,7 +222,10 @@ def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
 def test_figures_are_opaque_white_on_a_dark_page(start, rendered, theirs):
     """A picture file shown on a dark page, whatever style the user has chosen."""
     with plt.style.context(theirs):
-        for ax in [*one_of_each(start, rendered), plots.overview(result_of(start)).axes[0]]:
+        for ax in [
+            *one_of_each(start, rendered),
+            plots.overview(result_of(start)).axes[0],
+        ]:
             canvas = FigureCanvasAgg(ax.figure)
             canvas.draw()
             page = np.asarray(canvas.buffer_rgba()) / 255.0
@@ -242,7 +248,9 @@ def test_common_limits_are_those_of_all(rng):
     maps = [rng.uniform(20, 40, (30, 40)), rng.uniform(60, 90, (30, 40))]
     maps[0][0] = np.nan
     everything = np.concatenate([m[np.isfinite(m)] for m in maps])
-    assert plots.common_limits(maps) == pytest.approx(np.percentile(everything, [1, 99]))
+    assert plots.common_limits(maps) == pytest.approx(
+        np.percentile(everything, [1, 99])
+    )
     expected = np.percentile(np.abs(everything - 50), 98)
     assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(expected)
     assert plots.common_limits([]) == (0, 1)

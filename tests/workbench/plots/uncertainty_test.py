@@ -33,7 +33,9 @@ def test_the_map_of_rays_shows_their_values_on_the_whole_picture():
     geometry = simulated()[0].geometry
     ax = show_ray_uncertainty(geometry)
     farthest_angle = geometry.max_angle_seen
-    known = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=farthest_angle)
+    known = ray_uncertainty(
+        geometry.camera, geometry.covariance, max_angle=farthest_angle
+    )
     (shown,) = ax.images
     values = shown.get_array().filled(np.nan)
     assert np.array_equal(values, known.mrad_shape, equal_nan=True)
@@ -47,7 +49,9 @@ def test_the_map_of_the_light_shows_its_values_and_nothing_known_has_a_scale_too
     light = session.light
     ax = show_fall_off_uncertainty(light, session.camera)
     expected = fall_off_uncertainty(light, session.camera)
-    assert np.array_equal(ax.images[0].get_array().filled(np.nan), expected, equal_nan=True)
+    assert np.array_equal(
+        ax.images[0].get_array().filled(np.nan), expected, equal_nan=True
+    )
     assert 0 < ax.images[0].get_clim()[1] < np.nanmax(expected)
     sure = replace(light, covariance=0 * light.covariance)
     ax = show_fall_off_uncertainty(sure, session.camera)

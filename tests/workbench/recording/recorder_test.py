@@ -159,7 +159,9 @@ def test_stages_follow_each_other_on_one_timeline(trusted, in_stages):
     assert run.pictured == (0, 3, 4, 7, *range(8, 13))
     for k in run.pictured:
         assert_same_depth(run, k, in_stages[k])
-        assert np.array_equal(np.isfinite(run.normals(k)).all(axis=-1), in_stages[k].mask)
+        assert np.array_equal(
+            np.isfinite(run.normals(k)).all(axis=-1), in_stages[k].mask
+        )
 
 
 def test_runs_are_read_each_by_its_name(trusted, in_stages):
@@ -180,7 +182,9 @@ def test_uncertainty_is_of_what_was_recorded(trusted, in_stages, tmp_path):
     assert np.array_equal(source, uncertainty.dominant_source.ravel())
     with el.record(tmp_path / "run.rrd") as recorder:
         recorder(in_stages[0])
-        with pytest.raises(ValueError, match=r"shape \(60, 80\), .* recorded \(30, 40\)"):
+        with pytest.raises(
+            ValueError, match=r"shape \(60, 80\), .* recorded \(30, 40\)"
+        ):
             recorder.add_uncertainty(uncertainty, in_stages[-1])
     with pytest.raises(ValueError, match="closed"):
         recorder(in_stages[0])
@@ -257,7 +261,8 @@ def test_wrong_arguments_are_named(how, named):
 
 # Damaged files ------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    "content", [b"", b"hello, world\n" * 99, b"RRF2", b"RRF2\x00\x63\x00\x00" + bytes(99)]
+    "content",
+    [b"", b"hello, world\n" * 99, b"RRF2", b"RRF2\x00\x63\x00\x00" + bytes(99)],
 )
 def test_what_is_no_recording_is_named(content, tmp_path):
     (tmp_path / "run.rrd").write_bytes(content)

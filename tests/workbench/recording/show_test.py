@@ -54,7 +54,9 @@ def test_without_a_front_end_there_is_a_sentence_and_a_picture(
     figure.canvas.draw()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="elsewhere there is always a screen"
+)
 def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(
     path, nobody, capsys, monkeypatch
 ):

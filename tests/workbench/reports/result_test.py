@@ -86,7 +86,9 @@ def test_the_cloud_opens_in_open3d(tmp_path, result, open3d):
     el.save_result(result, tmp_path)
     cloud = open3d.io.read_point_cloud(str(tmp_path / "cloud.ply"))
     inside = result.mask
-    np.testing.assert_allclose(cloud.points, result.points[inside], rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(
+        cloud.points, result.points[inside], rtol=1e-6, atol=1e-5
+    )
     np.testing.assert_allclose(cloud.normals, result.normals[inside], atol=1e-6)
     colours = result.problem.picture[inside]
     np.testing.assert_allclose(cloud.colors, colours, atol=0.51 / 255)

@@ -73,7 +73,9 @@ def test_printed_discs_are_where_the_target_says(name):
         assert np.sqrt(dark.sum() / np.pi) / per_mm == pytest.approx(radius, abs=0.02)
 
 
-@pytest.mark.parametrize("target", [TARGETS["vicalib_grey"], TARGETS["charuco"], *OTHERS])
+@pytest.mark.parametrize(
+    "target", [TARGETS["vicalib_grey"], TARGETS["charuco"], *OTHERS]
+)
 def test_the_page_shows_the_reflectance(target, rng):
     image, pixel = picture(target)
     left, top, width, height = target.sheet

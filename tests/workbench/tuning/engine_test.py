@@ -103,7 +103,9 @@ def test_of_many_wishes_the_last_is_answered_and_no_other_to_its_end(start):
 def test_a_stale_solve_is_stopped_within_a_step_or_two(start, until):
     tuner, answers, _ = start()
     tuner.ask(replace(SMALL, solver="primal_dual", max_iterations=10**6, lam=1e-3))
-    until(lambda: any(one.stage != Stage.FIRST for one in answers))  # what it has so far
+    until(
+        lambda: any(one.stage != Stage.FIRST for one in answers)
+    )  # what it has so far
     started = time.monotonic()
     tuner.ask(replace(SMALL, solver="facing"))
     assert tuner.wait(60).settings.solver == "facing"
@@ -141,7 +143,9 @@ def test_trust_is_found_when_it_is_asked_for_and_a_wish_stops_the_search(start):
     tuner.wait(60)
     assert answers[-1] is final
     found = final.uncertainty
-    expected = el.uncertainty_of(final.result, final.subject.calibration, draws=found.draws)
+    expected = el.uncertainty_of(
+        final.result, final.subject.calibration, draws=found.draws
+    )
     assert np.array_equal(found.sigma, expected.sigma, equal_nan=True)
     final.uncertainty = None
     tuner.find_uncertainty(final)
@@ -179,7 +183,9 @@ def test_what_is_compared_is_cut_as_the_answer_is(start, until):
     tuner, _, _ = start()
     cut = tuner.solve_cold(Knobs(scene="colon", width=160, contours=True))
     assert cut.cut_count > 0
-    several = {lam: replace(cut.settings, lam=lam, contours=None) for lam in (0.1, 10.0)}
+    several = {
+        lam: replace(cut.settings, lam=lam, contours=None) for lam in (0.1, 10.0)
+    }
     found = {}
     tuner.compare(cut, several, found.__setitem__)
     until(lambda: len(found) == 2)

@@ -100,7 +100,9 @@ def test_two_and_several_share_one_scale(answer, smoother):
     a, b = (board.places[number].panel for number in (0, 1))
     assert (a.limits, a.title[0], b.title[0]) == (b.limits, "A", "B")
     ratio = ratio_of(answer, smoother)
-    expected = 100 * (smoother.result.distance[60, 80] / answer.result.distance[60, 80] - 1)
+    expected = 100 * (
+        smoother.result.distance[60, 80] / answer.result.distance[60, 80] - 1
+    )
     assert float(ratio.says(60, 80).split()[0]) == pytest.approx(expected, abs=0.06)
     columns = {"λ 1": answer, "λ 10": None, "λ 100": smoother}
     several = draw_columns(columns, answer, View())

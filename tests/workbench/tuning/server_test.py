@@ -93,7 +93,9 @@ async def heard(channel):
     """The next message, and its buffers."""
     message = json.loads(await asyncio.wait_for(channel.read_message(), 10))
     buffers = message.get("buffer_paths", [])
-    return message, [await asyncio.wait_for(channel.read_message(), 10) for _ in buffers]
+    return message, [
+        await asyncio.wait_for(channel.read_message(), 10) for _ in buffers
+    ]
 
 
 def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve):
@@ -123,7 +125,9 @@ def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve
         ("https://lab:443", "https://lab"),
     ],
 )
-def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origin, named):
+def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(
+    serve, origin, named
+):
     page, *_ = serve(Slider, origin=origin)
     _, headers, _ = get(page.link)
 
@@ -149,7 +153,9 @@ def test_an_origin_that_is_none_is_one_sentence(origin):
         Page(Slider, "", origin=origin)
 
 
-def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve, capfd):
+def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(
+    serve, capfd
+):
     seen = []
 
     def make():
@@ -170,7 +176,10 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
         for channel in (one, other):  # all, once more
             await heard(channel)
             await heard(channel)
-        change = {"id": outer["id"], "data": {"method": "update", "state": {"value": 5}}}
+        change = {
+            "id": outer["id"],
+            "data": {"method": "update", "state": {"value": 5}},
+        }
         await one.write_message(json.dumps(change))
         assert (await heard(one))[0] == {"id": outer["id"], "done": True}
         assert (await heard(other))[0]["state"] == {"value": 5}

@@ -69,7 +69,9 @@ def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view, scale):
     left = columns < view.columns // 2
     assert np.all(left.all(axis=1) | ~left.any(axis=1))
     assert {*range(view.columns)} == {*columns.ravel().tolist()}
-    assert not np.any(mask[:: -(-width // 320), :: -(-width // 320)][rows, columns] == 0)
+    assert not np.any(
+        mask[:: -(-width // 320), :: -(-width // 320)][rows, columns] == 0
+    )
 
 
 def test_only_what_has_changed_is_sent_and_the_pose_never(view):
@@ -150,7 +152,9 @@ def test_a_result_is_shown_in_its_frame_and_has_a_still_where_nobody_looks(
     result = el.reconstruct(frame, calibration, solver="fast_marching")
     view = el.show_surface(result)
     far = np.frombuffer(view.far, np.float32).reshape(result.mask.shape)
-    np.testing.assert_allclose(far[result.mask], result.distance[result.mask], rtol=1e-6)
+    np.testing.assert_allclose(
+        far[result.mask], result.distance[result.mask], rtol=1e-6
+    )
     monkeypatch.setattr(viewer, "front_end", lambda: False)
     shown = view._repr_mimebundle_()[0]
     assert "application/vnd.jupyter.widget-view+json" in shown

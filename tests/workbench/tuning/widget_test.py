@@ -205,11 +205,18 @@ def test_a_page_is_filled_and_gets_its_picture_whenever_it_asks(make):
         assert 0 <= tall * ratio - height < 2
 
 
-def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(make, seen, until):
+def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(
+    make, seen, until
+):
     frame, calibration, _ = seen
     box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
     settings = box.answer.settings
-    wrong = {"max_iterations": 3.5, "albedo": [1, 2], "smooth": "much", "channel": "red"}
+    wrong = {
+        "max_iterations": 3.5,
+        "albedo": [1, 2],
+        "smooth": "much",
+        "channel": "red",
+    }
     for name, value in wrong.items():
         before = box.knobs[name]
         box.knobs = box.knobs | {name: value}
@@ -263,7 +270,9 @@ def test_what_does_not_go_together_is_one_sentence(name, wrong, seen):
 
 def test_three_hundred_things_done_at_random_leave_one_answer(make, rng):
     box = make(width=64)
-    lists = [spec for spec in box.specs if "options" in spec and spec["name"] != "width"]
+    lists = [
+        spec for spec in box.specs if "options" in spec and spec["name"] != "width"
+    ]
     ranges = [spec for spec in box.specs if "range" in spec]
     actions = [
         box.blink,
@@ -280,7 +289,9 @@ def test_three_hundred_things_done_at_random_leave_one_answer(make, rng):
         if kind == 0:
             spec = ranges[rng.integers(len(ranges))]
             value = rng.uniform(*spec["range"][:2])
-            box.knobs = box.knobs | {spec["name"]: 10**value if "log" in spec else value}
+            box.knobs = box.knobs | {
+                spec["name"]: 10**value if "log" in spec else value
+            }
         elif kind == 1:
             spec = lists[rng.integers(len(lists))]
             value = spec["options"][rng.integers(len(spec["options"]))]
