@@ -313,7 +313,7 @@ class Tuner:
             with self._following:
                 last = self._last
                 followed = self._followed
-                is_due = number == self._asked and self._remembered(settings) is None
+                is_due = number == self._asked and self._recall(settings) is None
                 if is_due and last and followed and self._follows(settings, last):
                     iterate = followed.follow(_with_energy(last, settings))
                     iterate = replace(iterate, provenance=last.result.provenance)
@@ -328,7 +328,7 @@ class Tuner:
         except Exception as error:  # the second thread says it
             seen.set_exception(error)
 
-    def _remembered(self, settings: Knobs) -> Answer | None:
+    def _recall(self, settings: Knobs) -> Answer | None:
         """Return the final answer of these settings, if it is remembered."""
         for known in self._answers:
             if known.settings == settings and known.subject is self.source.subject(
@@ -356,7 +356,7 @@ class Tuner:
         kept = None
         try:
             look = seen.result()
-            known = self._remembered(settings)
+            known = self._recall(settings)
             if known is not None:
                 self._finish(replace(known), is_stale)
                 return
