@@ -368,25 +368,21 @@ def save(path, kind, below, alpha):
 
 
 KINDS = [
-    *(
-        "rgba8",
-        "rgba16",
-        "la8",
-        "la16",
-        "grey key 8",
-        "grey key 16",
-        "rgb key 8",
-        "rgb key 16",
-        "palette",
-    ),
-    *(
-        "plain bmp",
-        "bmp",
-        "grey tiff",
-        "tiff unassalpha",
-        "tiff assocalpha",
-        "tiff 16 unassalpha",
-    ),
+    "rgba8",
+    "rgba16",
+    "la8",
+    "la16",
+    "grey key 8",
+    "grey key 16",
+    "rgb key 8",
+    "rgb key 16",
+    "palette",
+    "plain bmp",
+    "bmp",
+    "grey tiff",
+    "tiff unassalpha",
+    "tiff assocalpha",
+    "tiff 16 unassalpha",
 ]
 
 
