@@ -8,7 +8,8 @@ While the hand moves, answers follow from the last one. Two threads find them, e
     in idle time      final    all anew, light and contours too                               second thread
 
 A change of the energy alone (λ, ε, ξ, the regulariser) leaves the picture's light and its contours as they
-are, which is what makes a look quick. After any other change there is a first look at half the size instead.
+are, which is what makes a look quick. After any other change there is a first look instead: one channel at
+half the size, without contours.
 The final answer is what `reconstruct` makes of the whole frame from a cold start, so that it depends on
 nothing that was tried before and the lines of `Knobs.code` give it again, bit for bit; an energy with more
 than one minimum can make the two differ, and the answer holds both. While a long solve goes on, what it has
@@ -70,7 +71,7 @@ class Stage(StrEnum):
     """How far an answer has come."""
 
     LOOK = "look"  # on few pixels, from the last answer
-    FIRST = "first look"  # on few pixels, from nothing
+    FIRST = "first look"  # on few pixels of one channel, from nothing
     KEPT = "light and contours kept"
     SOFAR = "so far"  # what a long solve has
     FINAL = "final"
@@ -409,10 +410,13 @@ class Tuner:
         return result
 
     def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
-        """Tell what is found at half the size, if there is a point in that."""
+        """Tell what one channel says at half the size without contours, if there is a point in that."""
         if settings.width < PACE.least_width:
             return
         options: dict[str, Any] = {"width": min(settings.width, subject.frame.width) // 2}
+        options["contours"] = False
+        if settings.uses_colours and subject.frame.image.ndim == 3:
+            options["channel"] = "green"
         if settings.solver in FIRST_STEPS:
             options["max_iterations"] = FIRST_STEPS[settings.solver]
         first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
