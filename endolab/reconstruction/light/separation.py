@@ -332,7 +332,7 @@ def separate_from(
     surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     surface = yield from solve_direct(
-        colours, ratio, light, surface, 1, SEPARATION_ROUNDS.uncut[0]
+        colours, ratio, light, surface, 1, SEPARATION_ROUNDS.uncut[-1]
     )
     report = ContourReport(outcome, min_steepness=min_steepness, searched=searched)
     return Separation(ratio, light, surface, report)
