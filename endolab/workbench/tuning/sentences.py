@@ -31,7 +31,9 @@ def summary(answer: Answer) -> str:
     parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
     if answer.cut_count:
         parts.append(f"{answer.cut_count:,} px cut")
-    parts += [ended, f"{answer.seconds:.1f} s"]
+    parts.append(ended)
+    if answer.stage != Stage.LOOK:
+        parts.append(f"{answer.seconds:.1f} s")
     if answer.median_error is not None:
         parts.append(f"median error {answer.median_error:.2f} %")
     return " · ".join(parts)
