@@ -182,6 +182,8 @@ class Tuner:
         self._looks = ThreadPoolExecutor(1, "endolab tuner looks")
         self._pool = ThreadPoolExecutor(1, "endolab tuner")
         self._asked = 0  # number of the last job; those before are stale
+        self._wished = 0  # number of the last wish, ...
+        self._answered = 0  # ... and of the last one that was answered or refused
         self._job: Future[None] | None = None
         self._answers: list[Answer] = []  # final ones, the last one at the end
         self._following = threading.Lock()  # of the two below, which both threads change
@@ -207,6 +209,7 @@ class Tuner:
             try:
                 job(is_stale)
             except Exception as error:  # whatever it is, the next wish may do better
+                self._answered = number
                 if name or not is_stale():
                     sentence = sentence_of(error)
                     self.refuse(f"{name}: {sentence}" if name else sentence)
@@ -217,8 +220,14 @@ class Tuner:
     def ask(self, settings: Knobs) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
         seen: Future[Answer | None] = Future()
-        self.do(lambda is_stale: self._answer(settings, seen, is_stale))
-        self._looks.submit(self._look, settings, seen, self._asked)
+        self._wished = number = self._asked + 1
+        self.do(lambda is_stale: self._answer(settings, seen, number, is_stale))
+        self._looks.submit(self._look, settings, seen, number)
+
+    @property
+    def waits(self) -> bool:
+        """Whether the last wish is still to be answered: any other job would drop it."""
+        return self._answered < self._wished
 
     def compare(
         self,
@@ -350,7 +359,11 @@ class Tuner:
     # In the second thread ----------------------------------------------------------------
 
     def _answer(
-        self, settings: Knobs, seen: Future[Answer | None], is_stale: IsStale
+        self,
+        settings: Knobs,
+        seen: Future[Answer | None],
+        number: int,
+        is_stale: IsStale,
     ) -> None:
         """Answer a wish: what follows from the last answer, or a first look; then the final answer."""
         subject = self.source.subject(settings)
@@ -359,7 +372,7 @@ class Tuner:
             look = seen.result()
             known = self._recall(settings)
             if known is not None:
-                self._finish(replace(known), is_stale)
+                self._finish(replace(known), number, is_stale)
                 return
             if look is None:
                 self._first_look(subject, settings, is_stale)
@@ -378,12 +391,13 @@ class Tuner:
         if is_stale():
             return
         answer.followed = kept
-        self._finish(answer, is_stale)
+        self._finish(answer, number, is_stale)
 
-    def _finish(self, answer: Answer, is_stale: IsStale) -> None:
+    def _finish(self, answer: Answer, number: int, is_stale: IsStale) -> None:
         """Tell a final answer, remember it as the last one, and have looks follow from it."""
         others = [known for known in self._answers if known.settings != answer.settings]
         self._answers = [*others[-PACE.remembered :], answer]
+        self._answered = number
         self.tell(answer)
         followed = None
         if answer.settings.solver in FIRST_STEPS:

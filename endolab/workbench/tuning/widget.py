@@ -328,7 +328,7 @@ class TunerBox(anywidget.AnyWidget):
 
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
-        answer = self._final()
+        answer = self._final_alone()
         if answer.uncertainty is None:
             self.engine.find_uncertainty(answer)
             self._tell("finding σ ...")
@@ -338,14 +338,20 @@ class TunerBox(anywidget.AnyWidget):
             raise ValueError("the last answer is still to come")
         return self.answer
 
+    def _final_alone(self) -> Answer:
+        """Return the final answer, for a job that would drop a wish: there must be none."""
+        if self.engine.waits:
+            raise ValueError("the last answer is still to come")
+        return self._final()
+
     # What is compared --------------------------------------------------------------------
 
     def compare(self, what: str) -> None:
         """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
+        now = self._final_alone() if what else None
         self.columns = {}
         self.compared = what
-        if what:
-            now = self._final()
+        if now is not None:
             several = {
                 label: replace(now.settings, **{what: value})
                 for label, value in _compared_values(now.settings, what).items()
@@ -552,7 +558,7 @@ class TunerBox(anywidget.AnyWidget):
         if not name.strip():
             raise ValueError("name a folder to export into")
         folder = Path(name.strip()).expanduser()
-        self._final()
+        self._final_alone()
         self._tell(f"exporting into {folder} ...")
 
         def job(is_stale: object) -> None:
