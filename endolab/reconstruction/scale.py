@@ -22,7 +22,7 @@ KnownDistance = tuple[float, float, float]  # mm, column, row
 KnownDiameter = tuple[float, Pixel, Pixel]  # mm, two of (column, row)
 
 # How each length is written, and the shapes of its parts.
-FORMS: dict[str, tuple[str, list[tuple[int, ...]]]] = {
+LENGTH_FORMS: dict[str, tuple[str, list[tuple[int, ...]]]] = {
     "median_distance": ("mm", [()]),
     "known_distance": ("(mm, column, row)", [(), (), ()]),
     "known_diameter": ("(mm, (column, row), (column, row))", [(), (2,), (2,)]),
@@ -120,7 +120,7 @@ def check_scale(**lengths: Any) -> None:
     if len(given) > 1:
         raise ValueError(f"{' and '.join(given)} exclude each other; give one")
     for name, value in given.items():
-        form, shapes = FORMS[name]
+        form, shapes = LENGTH_FORMS[name]
         try:
             parts = [
                 real_array(name, part) for part in ([value] if len(shapes) == 1 else value)

@@ -12,8 +12,6 @@ from typing import Any
 
 from endolab.numerics.arrays import FloatArray
 
-SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
-
 
 @dataclass(frozen=True)
 class PreparationReport:
@@ -125,7 +123,7 @@ class Provenance:
         """The channel that was solved: "separated" if it is made of all three colours."""
         of_three = (LightOutcome.REMOVED, LightOutcome.COMPUTED, LightOutcome.NONE_BOUNCED)
         if self.light is not None and self.light.outcome in of_three:
-            return SEPARATED
+            return "separated"  # made of all three, indirect light removed
         return None if self.preparation is None else self.preparation.channel
 
     @property

@@ -28,7 +28,7 @@ class SamplingRules:
     most_of_a_frame: int = 200
 
 
-SAMPLING = SamplingRules()
+RULES = SamplingRules()
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def sample_places(
     paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
     white = target.white_places() if white is None else white
-    greys = target.ink.greys * [1, 1, SAMPLING.grey_clearance, 1]
+    greys = target.ink.greys * [1, 1, RULES.grey_clearance, 1]
     ratios = np.unique(-greys[:, 3])
     material = np.concatenate(
         [np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])]
@@ -123,7 +123,7 @@ def _on_panel(
     half = side // 2
     with np.errstate(invalid="ignore"):
         inside = np.all((nearest >= half) & (nearest < np.array(size) - half), axis=1)
-        good = np.flatnonzero(inside & (short >= SAMPLING.rim + np.sqrt(2) * side / 2))
+        good = np.flatnonzero(inside & (short >= RULES.rim + np.sqrt(2) * side / 2))
     rays = camera.unproject(nearest[good])
     facing = rays @ pose.normal
     points = rays * ((pose.translation @ pose.normal) / facing)[:, None]
@@ -139,7 +139,7 @@ def sample_sheet(
     *,
     frame: int = 0,
     gamma: float = 2.2,
-    most: int = SAMPLING.most_of_a_frame,
+    most: int = RULES.most_of_a_frame,
     places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
@@ -151,7 +151,7 @@ def sample_sheet(
     """
     spots, material = sample_places(target, places)
     height, width = image.shape
-    side = 3 if width >= SAMPLING.large_picture else 1
+    side = 3 if width >= RULES.large_picture else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
     panel = target.panel_of(spots)
     parts = []

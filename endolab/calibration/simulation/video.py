@@ -44,20 +44,8 @@ def simulate_video(
     seed: int = 0,
 ) -> Iterator[SheetFrame]:
     """Simulate a calibration video; each frame has a gain of its own, whatever the photometry's."""
-    poses = trajectory(
-        target,
-        camera,
-        count,
-        movement,
-        seed=seed,
-    )
-    gains = automatic_gain(
-        target,
-        poses,
-        camera,
-        photometry,
-        locked=sensor.locked,
-    )
+    poses = trajectory(target, camera, count, movement, seed=seed)
+    gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
     for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
         light = replace(photometry, gain=float(gain))
         each = seed * 100_003 + number
@@ -80,20 +68,8 @@ def simulate_samples(
     At most `per_frame` of a frame, at random among the bare places in view. The sensor's `outliers` is the
     share of the samples whose level is anything between 0 and 1; it blurs nothing.
     """
-    poses = trajectory(
-        target,
-        camera,
-        count,
-        movement,
-        seed=seed,
-    )
-    gains = automatic_gain(
-        target,
-        poses,
-        camera,
-        photometry,
-        locked=sensor.locked,
-    )
+    poses = trajectory(target, camera, count, movement, seed=seed)
+    gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
     rng = np.random.default_rng([seed, 2])
     places, material = sample_places(target)
     points, normals = on_sheet(target, poses, places)
