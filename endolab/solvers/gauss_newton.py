@@ -73,9 +73,11 @@ class Descent:
     # than this many times the energy after one step.
     start_halvings: int = 2
     start_excess: float = 1.2
-    # Of a look: how near its first surface comes to where it ends, and conjugate gradients' steps afterwards.
+    # Of a look: how near its first surface comes to where it ends; its steps afterwards, and those of
+    # conjugate gradients in each.
     look_tolerance: float = 1e-2
-    look_inner_steps: int = 4
+    look_steps: int = 2
+    look_inner_steps: int = 2
     # Share by which energies of one map differ, once distances were in another unit.
     same_energy: float = 1e-9
 
@@ -410,12 +412,14 @@ class Look:
         self._coarse = grids[-1]
 
     def follow(self, problem: Problem) -> Iterate:
-        """Take a step to the surface of the same picture with another energy, and return it at full size."""
+        """Step towards the surface of the same picture with another energy, and return it at full size."""
         names = ("xi", "regulariser", "epsilon", "threshold")
         if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
             self._set_grids(problem)
             self._state = _State.at(self._coarse, self._state.v, problem.lam)
-        state = self._state.at_weight(problem.lam).take_step(DESCENT.look_inner_steps)
+        state = self._state.at_weight(problem.lam)
+        for _ in range(DESCENT.look_steps):
+            state = state.take_step(DESCENT.look_inner_steps)
         self._state = state
         change = state.v - self._start
         if self._coarse is not self._fine:

@@ -1,8 +1,8 @@
 """Solving the normal equations M x = b of a Gauss-Newton step in a time proportional to the pixels.
 
-Conjugate gradients solve them, preconditioned by one V-cycle. Coarse levels are the same equations written
-down on half the rows and columns, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
-tutorial", 2000, chapters 3 and 10); P is that of `interpolation`:
+Conjugate gradients solve them, preconditioned by one V-cycle. A coarse level has half the rows and columns
+and the matrix Pᵀ M P (Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10; see
+`galerkin`); P is that of `interpolation`:
 
     all pixels     smooth                  smooth
     a quarter        Pᵀr ↘ smooth    smooth ↗ x + P x
@@ -28,6 +28,7 @@ import numpy as np
 from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import on_cores, rows_within
+from endolab.solvers.galerkin import coarsen
 from endolab.solvers.normal_equations import (
     CENTRE,
     EE,
@@ -55,7 +56,7 @@ class Cycle:
     coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
     # Share of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
     ridge: float = 1e-4
-    degree: int = 4  # smoothing steps before and after a coarser grid
+    degree: int = 2  # smoothing steps before and after a coarser grid
     residual_memory: int = 8_000_000  # numbers that earlier residuals may take
 
 
@@ -268,14 +269,12 @@ class _Level:
     steps: FloatArray  # (`Cycle.degree` + 1, ...), of smoothing
 
     @classmethod
-    def on(cls, structure: Structure) -> _Level:
-        """Make room."""
+    def on(cls, structure: Structure, entries: int) -> _Level:
+        """Make room for so many numbers of a pixel."""
         shape = structure.active.shape
         inverse, x, b, r = np.zeros((4, *shape))
         steps = np.zeros((CYCLE.degree + 1, *shape))
-        return cls(
-            structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps
-        )
+        return cls(structure, np.empty((entries, *shape)), inverse, x, b, r, steps)
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
@@ -308,25 +307,26 @@ class Multigrid:
             np.empty((3, *coefficients.active.shape)) if old is None else old.room
         )
         self.levels: list[_Level] = (
-            [_Level.on(coefficients.structure)] if old is None else old.levels
+            [_Level.on(coefficients.structure, coefficients.structure.entries)]
+            if old is None
+            else old.levels
         )
-        # Maps of `Coefficients`.
-        self.coarse: list[FloatArray] = [] if old is None else old.coarse
+        coefficients.matrix(damping, self.levels[0].matrix)
         depth = 0
-        while True:
+        while self.levels[depth].structure.pixels > CYCLE.coarsest:
             level = self.levels[depth]
-            coefficients.matrix(damping, level.matrix)
-            if coefficients.structure.pixels <= CYCLE.coarsest:
-                self.solution = _invert(level.matrix, coefficients.active)
-                break
-            _invert_sums(level.inverse, level.matrix, coefficients.active)
-            if depth == len(self.coarse):
-                below = coefficients.structure.coarser
-                self.levels.append(_Level.on(below))
-                parts = np.zeros((len(coefficients.parts), *below.active.shape))
-                self.coarse.append(parts)
-            coefficients = coefficients.coarser(self.coarse[depth])
+            _invert_sums(level.inverse, level.matrix, level.structure.active)
             depth = depth + 1
+            if depth == len(self.levels):
+                self.levels.append(_Level.on(level.structure.coarser, len(OFFSETS)))
+            coarsen(
+                level.matrix,
+                level.structure.way,
+                level.structure.rows,
+                self.levels[depth].matrix,
+            )
+        level = self.levels[depth]
+        self.solution = _invert(level.matrix, level.structure.active)
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""

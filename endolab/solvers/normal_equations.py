@@ -32,11 +32,9 @@ from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import (
     PAD,
     active_blocks,
-    block_sums,
     clear_row,
     inner,
     kernel,
-    lead,
 )
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.curvature_kernels import (
@@ -49,6 +47,7 @@ from endolab.solvers.curvature_kernels import (
     steps,
 )
 from endolab.solvers.cuts import coarser_links, held_pixels, largest_fragments
+from endolab.solvers.galerkin import Rows
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.problem import CURVATURE, FIRST
 
@@ -288,62 +287,6 @@ def _assemble(
                 _add_products(t, qt, products, i, m)
 
 
-@kernel
-def _halve_row(
-    above: FloatArray,
-    below: FloatArray,
-    kept: ByteArray,
-    kept_below: ByteArray,
-    out: FloatArray,
-) -> None:
-    """Sums over a row of 2×2 blocks, of the pixels that are kept; maps begin where the first block does."""
-    upper = np.empty(2 * out.size)
-    lower = np.empty(2 * out.size)
-    for j in range(upper.size):
-        upper[j] = kept[j] * above[j]
-        lower[j] = kept_below[j] * below[j]
-    for j in range(out.size):
-        out[j] = (upper[2 * j] + lower[2 * j + 1]) + (upper[2 * j + 1] + lower[2 * j])
-
-
-@on_cores(cost=25)
-def _coarsen(
-    rows: Span, out: FloatArray, parts: FloatArray, kept: ByteArray, kind: int
-) -> None:
-    """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
-    first, last = rows_within(rows, PAD, out.shape[1] - PAD)
-    count = out.shape[2] - 2 * PAD
-    kept_sum = np.empty(count)
-    known = np.empty(count)
-    flags = np.empty((4, parts.shape[2]))
-    down = lead(parts[0], out[0], 0)
-    at = PAD - lead(parts[0], out[0], 1)
-    for ci in range(first, last):
-        i = 2 * ci - PAD - down
-        for below in range(2):
-            for j in range(parts.shape[2]):
-                flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
-                flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
-        here = kept[i, at:]
-        beneath = kept[i + 1, at:]
-        _halve_row(flags[0, at:], flags[1, at:], here, beneath, kept_sum)
-        _halve_row(flags[2, at:], flags[3, at:], here, beneath, known)
-        for k in range(len(parts)):
-            row = out[k, ci, PAD:-PAD]
-            _halve_row(parts[k, i, at:], parts[k, i + 1, at:], here, beneath, row)
-            if k <= BY_W:  # of the pixels that data speak for
-                halves = 1.0 if k == BY_V else 0.5
-                for j in range(count):
-                    row[j] *= halves / max(kept_sum[j], 1.0)
-            elif k == SLOPE:
-                for j in range(count):
-                    row[j] /= max(known[j], 1.0)
-            elif k != WEIGHT:
-                share = 1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4
-                for j in range(count):
-                    row[j] *= share
-
-
 @dataclass(frozen=True)
 class Structure:
     """What of normal equations depends on mask and cuts alone, here and on coarser grids; padded arrays."""
@@ -381,23 +324,17 @@ class Structure:
         active = active_blocks(self.main)
         if link is not uncut_links:
             active = active & held_pixels(link, self.kind != FIRST)
-        rays = self.rays
-        if rays.size:
-            # Blocks of pixels that are given have rays, too: their neighbours' second differences need them.
-            inside = block_sums(self.main)
-            known = block_sums(rays.any(axis=0).astype(np.int8))
-            count = np.maximum(np.where(inside > 0, inside, known), 1)
-            sums = (
-                np.where(inside > 0, block_sums(ray * self.main), block_sums(ray))
-                for ray in rays
-            )
-            rays = np.stack([ray / count for ray in sums])
-        return Structure(active, link, uncut_links, rays, self.kind)
+        return Structure(active, link, uncut_links, self.rays, self.kind)
 
     @cached_property
     def way(self) -> Interpolation:
         """Linear interpolation from the coarser grid."""
         return Interpolation.between(self.coarser, self)
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Its rows beside cuts and rims."""
+        return Rows.of(self.way, self.coarser.active.shape[1])
 
 
 def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:
@@ -447,9 +384,3 @@ class Coefficients:
         m = np.empty((on.entries, *self.active.shape)) if out is None else out
         _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
         return m
-
-    def coarser(self, parts: FloatArray) -> Coefficients:
-        """The same on half the pixels, its maps written to `parts`."""
-        below = self.structure.coarser
-        _coarsen(parts, self.parts, self.structure.main, self.structure.kind)
-        return Coefficients(parts, below)

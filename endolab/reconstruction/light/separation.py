@@ -82,8 +82,8 @@ class Rounds:
     Chosen on rendered and path-traced frames: more steps bring nothing, fewer cost a point on wet walls.
     """
 
-    uncut: tuple[int, ...] = (8, 4, 3)
-    cut: int = 3  # of each trial
+    uncut: tuple[int, ...] = (6, 3, 3)
+    cut: int = 2  # of each trial
     # Of the last round, whose ι is refined per pixel. Earlier that would fit every trial to the colours, so
     # that they could tell the trials apart no more.
     refined: int = 2
