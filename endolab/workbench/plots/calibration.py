@@ -235,9 +235,8 @@ def show_frame_errors(
     top = CROWDING.worst_shown * float(np.median(values))
     if 0 < top < values.max(initial=0):
         ax.set_ylim(0, top)
-        for place in np.flatnonzero(values > top):
-            ax.text(place, top, f"{values[place]:.3g} ", ha="right", va="top")
-    ax.set_xlim(-0.6, len(names) - 0.4)
+        for high in np.flatnonzero(values > top).tolist():
+            ax.text(high, top, f"{values[high]:.3g} ", ha="right", va="top")
     return ax
 
 
