@@ -88,8 +88,8 @@ def test_it_says_how_much_the_energy_still_falls(wet):
         "contours": False,
     }
     frame = wet.frame
-    for steps, said in ((30, True), (3000, False)):
+    for steps, falls in ((30, True), (3000, False)):
         warnings = doubts_of(
             frame.image, wet.calibration, frame.mask, max_iterations=steps, **options
         )
-        assert ("energy still fell by" in " ".join(warnings)) == said
+        assert ("energy still fell by" in " ".join(warnings)) == falls
