@@ -75,8 +75,14 @@ def open_lab(
     free = free_port(port)
     with tempfile.TemporaryDirectory(prefix="endolab-lab-") as scratch:
         set_up(scratch)
-        for variable, part in (("JUPYTER_CONFIG_PATH", "etc"), ("JUPYTER_PATH", "share")):
-            folders = [os.path.join(scratch, part, "jupyter"), os.environ.get(variable)]
+        own = {
+            "JUPYTER_CONFIG_PATH": os.path.join(scratch, "etc", "jupyter"),
+            "JUPYTER_PATH": os.path.join(scratch, "share", "jupyter"),
+            # Where a notebook that was copied alone finds `checks`.
+            "PYTHONPATH": str(OWN_NOTEBOOKS),
+        }
+        for variable, place in own.items():
+            folders = [place, os.environ.get(variable)]
             os.environ[variable] = os.pathsep.join(filter(None, folders))
         # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
         os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")

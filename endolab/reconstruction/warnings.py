@@ -8,6 +8,7 @@ import numpy as np
 from endolab.frames.frame import noise_level
 from endolab.frames.surround import unclear_surround
 from endolab.solvers.energy import contradicts, model_image
+from endolab.solvers.primal_dual import LARGEST_FALL
 from endolab.solvers.result import Result
 
 
@@ -46,6 +47,12 @@ def _warnings(result: Result) -> Iterator[str]:
         yield (
             f"The median distance is {median:.3g} mm, where endoscopes see {PLAUSIBLE.distances[0]:g} to "
             f"{PLAUSIBLE.distances[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
+        )
+    fall = result.history[-1].get("fall", 0.0)
+    if fall > LARGEST_FALL:
+        yield (
+            f"The energy still fell by {100 * fall:.2g} % in ten steps when the solver stopped: with more "
+            "iterations the surface may change."
         )
     left = model_image(problem, result.iterate.log_distance) - problem.image
     compared = mask & contradicts(problem, left)

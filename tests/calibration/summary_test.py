@@ -11,6 +11,7 @@ from endolab.calibration.summary import (
     evidence,
     light_errors,
     plus_minus,
+    verdict,
 )
 from endolab.io.atomic import as_json
 from tests.tools.simulated_session import COUNT, simulated
@@ -81,6 +82,17 @@ def test_the_account_says_it_all(session):
     lost = replace(session.geometry, covariance=np.diag([np.inf] + 7 * [1e-4]))
     lines = account(replace(session, geometry=lost))
     assert any("a ray: not told by these frames" in line for line in lines)
+
+
+def test_the_verdict_is_one_sentence_that_says_what_can_be_used(session):
+    k = plus_minus(session.light.k, session.light.standard_errors["k"])
+    assert f"k = {k}" in verdict(session)
+    assert verdict(replace(session, light=None)).startswith("Use the camera alone")
+    inliers = [
+        good & (np.arange(len(good)) % 2 == 0) for good in session.geometry.inliers
+    ]
+    wrong = replace(session, geometry=replace(session.geometry, inliers=inliers))
+    assert verdict(wrong).startswith("Do not use it")
 
 
 def test_patches_have_rows():

@@ -141,3 +141,19 @@ def test_bad_input_is_answered_in_a_line(tmp_path, capsys, monkeypatch):
             )
             error = capsys.readouterr().err
             assert (named in error, error.count("\n")) == (True, 1)
+
+
+def test_a_notebook_that_was_copied_alone_finds_its_checks(tmp_path, monkeypatch):
+    from jupyter_core.application import NoStart
+    from jupyterlab.labapp import LabApp
+
+    def leave(*_):
+        raise NoStart
+
+    for name in ("JUPYTER_CONFIG_PATH", "JUPYTER_PATH"):
+        monkeypatch.setenv(name, "")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr(LabApp, "initialize_server", leave)
+    lab.open_lab(tmp_path)
+    command = [sys.executable, "-c", "from checks import quickstart"]
+    subprocess.run(command, cwd=tmp_path, check=True)

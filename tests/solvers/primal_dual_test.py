@@ -144,6 +144,23 @@ def test_simple_surfaces_are_found_from_the_papers_start(scene, mm):
     assert errors.mean_degrees < 5
 
 
+@pytest.mark.parametrize("every", [1, 10, 25])
+def test_it_has_not_converged_while_the_energy_falls(every):
+    # Where v first moves by less than the tolerance, ten steps still take 11 % off.
+    problem, _ = problem_of(
+        "plane", xi="1/z", regulariser="second", lam=0.01, epsilon=3e-4
+    )
+    result = el.run(primal_dual(problem, every=every))
+    assert result.status is el.Status.CONVERGED
+    before, after = energies(result)[-2:]
+    assert (1 - after / before) * 10 / every < 1e-3
+    early = el.run(primal_dual(problem, every=10, max_iterations=140))
+    assert early.status is el.Status.MAX_ITERATIONS
+    before, after = energies(early)[-2:]
+    assert early.history[-1]["fall"] == pytest.approx(1 - after / before)
+    assert early.history[-1]["fall"] > 0.1
+
+
 @papers_variant
 def test_no_combination_diverges_on_the_tube(xi, regulariser):
     problem, _ = problem_of(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import Self
 
 import cv2
@@ -13,6 +14,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.checks import readonly_copy
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,12 @@ NO_SAMPLES = Samples(
 )
 
 
+@lru_cache(maxsize=8)
+def _white_places(target: Target) -> FloatArray:
+    """White places of a sheet, which take as long to find as a small fit."""
+    return readonly_copy(target.white_places())
+
+
 def sample_places(
     target: Target, white: FloatArray | None = None
 ) -> tuple[FloatArray, IntArray]:
@@ -94,7 +102,7 @@ def sample_places(
     Returns (n, 4): x, y and the radius of one reflectance around, mm, and the reflectance relative to the
     paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
-    white = target.white_places() if white is None else white
+    white = _white_places(target) if white is None else white
     greys = target.ink.greys * [1, 1, RULES.grey_clearance, 1]
     ratios = np.unique(-greys[:, 3])
     material = np.concatenate(

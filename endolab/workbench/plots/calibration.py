@@ -26,6 +26,7 @@ from endolab.workbench.plots.style import (
     HOUSE,
     decorate,
     house,
+    legend_below,
     page,
     pixel_axes,
 )
@@ -38,6 +39,9 @@ class Crowding:
 
     most_arrows: int = 800
     longest_arrow: float = 4.0  # standard deviations
+    between_rings: float = 0.035  # of the picture's width, between the numbers of two
+    between_names: float = 0.02  # of the axis, between the names of two frames
+    worst_shown: float = 4.0  # times the median error, where bars of frames end
     few_frames: int = 40  # whose names fit below their bars
 
 
@@ -102,7 +106,7 @@ def show_detection(
     if len(ids):
         circle: Any = {"ms": 13, "mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
         ax.plot(*pixels[0], "o", label=f"id {ids[0]}", **circle)
-        ax.legend(frameon=True)
+        legend_below(ax)
     return ax
 
 
@@ -134,7 +138,7 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
         drawn = drawn[: CROWDING.most_arrows]
         look = {"color": colour, "label": count_of(int(which.sum()), what), "zorder": order}
         _arrows(ax, pixels[drawn], residuals[drawn], magnify, most, **look)
-    ax.legend(loc="upper right", ncols=2, frameon=True)
+    legend_below(ax)
     return ax
 
 
@@ -160,14 +164,20 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     ax.plot(*pixels[inliers].T, ".", color=HOUSE.blue, ms=3, alpha=0.5, mew=0)
     box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
     words: Any = {"ha": "center", "va": "center", "size": "small", "bbox": box}
+    last = (-np.inf, 0.0)
+    least = CROWDING.between_rings * camera.width
     for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
         around = ring(camera, np.deg2rad(angle))
         ax.plot(*around.T, color="0.35", lw=0.8)
+        # To the lower right, unless that lies outside or on another number.
         u, v = around[30]
-        ax.text(u, v, f"{angle}°", clip_on=True, **words)
+        inside = u < 0.97 * camera.width and v < 0.97 * camera.height
+        if inside and np.hypot(u - last[0], v - last[1]) > least:
+            ax.text(u, v, f"{angle}°", clip_on=True, **words)
+            last = (u, v)
     farthest = ring(camera, geometry.max_angle_seen).T
     ax.plot(*farthest, "--", color=HOUSE.vermilion, lw=2.2, label="farthest feature")
-    ax.legend(loc="upper right", frameon=True)
+    legend_below(ax)
     return ax
 
 
@@ -216,9 +226,17 @@ def show_frame_errors(
     colours = [HOUSE.vermilion if name in marked else HOUSE.sky for name in names]
     ax.bar(range(len(names)), values, color=colours)
     labelled = names if len(names) <= CROWDING.few_frames else list(marked)
-    places = [names.index(name) for name in labelled]
-    ax.set_xticks(places, labelled, rotation=90)
-    ax.set_xlim(-0.6, len(names) - 0.4)
+    places: list[int] = []
+    for place in map(names.index, labelled):
+        if all(abs(place - at) >= CROWDING.between_names * len(names) for at in places):
+            places.append(place)
+    ax.set_xticks(places, [names[place] for place in places], rotation=90)
+    # One frame that is far off must not make the others small: its bar ends at the top, with its number.
+    top = CROWDING.worst_shown * float(np.median(values))
+    if 0 < top < values.max(initial=0):
+        ax.set_ylim(0, top)
+        for high in np.flatnonzero(values > top).tolist():
+            ax.text(high, top, f"{values[high]:.3g} ", ha="right", va="top")
     return ax
 
 
@@ -251,7 +269,7 @@ def show_features(
     left, top = low - room
     right, bottom = high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
-    ax.legend(loc="upper right", frameon=True)
+    legend_below(ax)
     return ax
 
 

@@ -18,7 +18,7 @@ from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots.maps import show_picture
-from endolab.workbench.plots.style import HOUSE, decorate, house
+from endolab.workbench.plots.style import HOUSE, decorate, house, legend_below
 
 
 def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
@@ -81,7 +81,7 @@ def show_sampling(
         if which.any():
             ax.plot(*pixels[which].T, "o", ms=5, mfc=fill, mec=edge, mew=0.8, label=label)
     if len(samples):
-        ax.legend(frameon=True)
+        legend_below(ax)
     return ax
 
 
@@ -119,6 +119,16 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def _second_scale(ax: Axes, label: str) -> Axes:
+    """Give axes a scale on the right; what belongs to the left one is red, to the right one blue."""
+    twin = ax.twinx()
+    twin.set_ylabel(label)
+    for axes, colour in ((ax, HOUSE.vermilion), (twin, HOUSE.blue)):
+        axes.yaxis.label.set_color(colour)
+        axes.tick_params(axis="y", colors=colour)
+    return twin
+
+
 @house()
 def show_gains(
     light: PhotometricFit,
@@ -147,11 +157,7 @@ def show_gains(
     handles = ax.plot(frames, gains, color=HOUSE.vermilion, marker=".", label=label)
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
     if distance is not None:
-        twin = ax.twinx()
-        twin.set_ylabel("mean distance of the sheet [mm]")
-        for axes, colour in ((ax, HOUSE.vermilion), (twin, HOUSE.blue)):
-            axes.yaxis.label.set_color(colour)
-            axes.tick_params(axis="y", colors=colour)
+        twin = _second_scale(ax, "mean distance of the sheet [mm]")
         look: Any = {"color": HOUSE.blue, "lw": 1.5, "ls": "--", "label": "distance"}
         handles += twin.plot(frames, distance, **look)
         twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
@@ -175,7 +181,7 @@ def show_brdf(
     samples : Samples, optional
         Those of the fit; how many lie at each angle is then drawn below.
     """
-    ax = decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
+    ax = decorate(ax, title, "incidence θ [°]", "$f_r$ relative to the pinned node")
     theta, relative, errors = brdf_of(light)
     degrees = np.rad2deg(theta)
     _shade_unseen(ax, degrees[0], degrees[-1])
@@ -230,12 +236,14 @@ def show_ridge(
     title: str = "What the samples know of γ",
 ) -> Axes:
     """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
-    ax = decorate(ax, title, "γ", "σ of residuals, and k")
+    ax = decorate(ax, title, "γ", "σ of residuals [grey levels]")
+    twin = _second_scale(ax, "k that goes with it [1]")
     gammas = [fit.photometry.gamma for fit in fits]
     sigmas = [fit.sigma for fit in fits]
     ks = [fit.photometry.k for fit in fits]
-    ax.plot(gammas, sigmas, "o-", color=HOUSE.vermilion, label="residuals [grey levels]")
-    ax.plot(gammas, ks, "--", color=HOUSE.blue, label="k")
-    ax.set_ylim(0, 1.2 * max(*sigmas, *ks))
-    ax.legend(loc="lower right")
+    handles = ax.plot(gammas, sigmas, "o-", color=HOUSE.vermilion, label="residuals")
+    handles += twin.plot(gammas, ks, "--", color=HOUSE.blue, label="k")
+    ax.set_ylim(0, 1.2 * max(sigmas))
+    twin.set_ylim(0, 1.2 * max(ks))
+    ax.legend(handles=handles, loc="lower right")
     return ax

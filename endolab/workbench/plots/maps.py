@@ -203,19 +203,19 @@ def show_section(
         if label != "start" or len(distances) == 1:
             followed.append(points[np.isfinite(points).all(axis=1)])
     ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
-    # To its left, where no wall is in view.
+    # Below it: to its left the axis may have its numbers.
     ax.annotate(
         "camera",
         (0, 0),
-        xytext=(-8, 0),
+        xytext=(0, -8),
         textcoords="offset points",
-        ha="right",
-        va="center",
+        ha="center",
+        va="top",
     )
     shown = np.concatenate(followed)
     low = shown.min(axis=0)
     high = shown.max(axis=0)
-    # Room for the word to the camera's left, and above and below for the legend.
+    # Room for half of the word to the camera's left, and above and below for the legend.
     spare = np.array([[-0.25, -0.15], [0.0, 0.15]])
     ax.dataLim.set_points(np.stack([low, high]) + spare * (high - low))
     ax.autoscale_view()

@@ -1,7 +1,5 @@
 """The figure of a frame that was prepared: as it came, without μ′, what was masked, what is solved."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -11,7 +9,7 @@ from endolab.frames.prepare import Prepared
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.maps import show_picture
 from endolab.workbench.plots.scales import in_colour
-from endolab.workbench.plots.style import HOUSE, page
+from endolab.workbench.plots.style import HOUSE, legend_below, page
 
 MASK_COLOURS = {
     "outside": HOUSE.left_out,
@@ -35,17 +33,15 @@ def prepare_figure(prepared: Prepared) -> Figure:
         ready = f"undistorted, {ready}"
     inside = prepared.frame.mask[..., None]
     masked, patches = mask_overlay(prepared)
-    with page(16, 3.7 * tall + 1.9) as figure:
-        original, canonical, masks, used = figure.subplots(1, 4)
+    with page(16, 14 * tall + 2.4) as figure:
+        ((original, canonical), (masks, used)) = figure.subplots(2, 2)
         show_picture(_rgb(image), original, "Original")
         show_picture(_rgb(prepared.canonical), canonical, "Canonical")
         show_picture(masked, masks, "Masks")
         solved = np.where(inside, _rgb(prepared.frame.image), HOUSE.left_out)
         show_picture(solved, used, ready.capitalize())
         if patches:
-            # Below the picture, so that nothing of it is hidden.
-            place: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.24)}
-            masks.legend(handles=patches, ncols=2, fontsize="small", **place)
+            legend_below(masks, handles=patches)
     return figure
 
 
@@ -58,7 +54,9 @@ def mask_overlay(prepared: Prepared) -> tuple[FloatArray, list[Patch]]:
         if part.any():
             below = np.clip(picture[part], 0, 1)
             picture[part] = 0.25 * below + 0.75 * np.array(colour)
-            label = f"{name}, {100 * part.mean():.2g} %"
+            # Of the picture, or of what the endoscope shows, as the notes have it.
+            whole = 1 if name == "outside" else prepared.field_of_view.mean()
+            label = f"{name}, {100 * part.mean() / whole:.2g} %"
             patches.append(Patch(color=colour, label=label))
     return picture, patches
 

@@ -186,6 +186,12 @@ def colour_bar(
     return bar
 
 
+def legend_below(ax: Axes, **what: Any) -> None:
+    """Put the legend below the axes and their label, where it hides nothing of a picture."""
+    place: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "borderaxespad": 3.6}
+    ax.legend(ncols=3, **place, **what)
+
+
 def scale_bar(ax: Axes, width: float, unit: str) -> None:
     """Draw a bar of a round length, about a quarter of the width, in the lower left corner."""
     length = round_length(width / 4)

@@ -21,7 +21,13 @@ from endolab.calibration.uncertainty import (
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import common_limit
-from endolab.workbench.plots.style import HOUSE, house, page, show_values
+from endolab.workbench.plots.style import (
+    HOUSE,
+    house,
+    legend_below,
+    page,
+    show_values,
+)
 
 
 def ring(camera: Camera, angle: float) -> FloatArray:
@@ -57,7 +63,7 @@ def _show(
     (line,) = ax.plot(*rim, color=HOUSE.vermilion, lw=2.2, ls="--", label=name)
     line.set_clip_path(ax.patch)
     ax.set(xlim=extent[:2], ylim=extent[2:])
-    ax.legend(loc="upper right", frameon=True)
+    legend_below(ax)
     return ax
 
 

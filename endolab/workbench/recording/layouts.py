@@ -141,7 +141,8 @@ def comparison(runs: Sequence[Shown]) -> Layout:
     for shown in runs:
         below = rrb.Tabs(_residual(shown), *_uncertainty(shown))
         columns.append(rrb.Vertical(_depth(shown), below, _surface(shown)))
-    energy = _energy([shown.at("log10/energy") for shown in runs])
+    curves = ("log10/energy", "log10/begins/**")
+    energy = _energy([shown.at(name) for shown in runs for name in curves])
     return _open_at(
         ITERATIONS, rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
     )

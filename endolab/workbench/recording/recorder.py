@@ -145,7 +145,7 @@ class Recorder:
     When a stage of the run begins: ``stage`` (its name), ``input``, ``mask``, ``prepared`` (highlights,
     saturated pixels and contours), ``settings``, ``world/camera``, ``world/truth``. Per iterate: ``depth``
     (distance), ``normals`` ((n + 1)/2), ``residual`` (model - image), ``world/cloud``, ``plots/<name>``,
-    and ``log10/<name>`` of energy, terms and change. Scalars are
+    ``log10/<name>`` of energy, terms and change, and ``log10/begins/<stage>`` where one begins. Scalars are
     logged for every iterate, pictures for the first 20 of the solution, its last, and between them each
     time k has grown by half; of the stages before it only for the first and the last, as there may be a
     dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what was done about
@@ -268,6 +268,7 @@ class Recorder:
             self._log("residual", shades, static=True)
         self._at(iterate)
         self._log("stage", rr.TextLog(_stage_text(iterate)))
+        self._mark_stage(iterate)
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
             self._log("input", rr.Image(picture[painter.thin]))
@@ -283,6 +284,16 @@ class Recorder:
             self._log_truth(iterate, self.truth)
         self._reach_surface(iterate)
         self._arrange()
+
+    def _mark_stage(self, iterate: Iterate) -> None:
+        """Put a mark with the stage's name on the curve of the energy, where the stage begins."""
+        if iterate.energy <= 0:
+            return
+        entity = f"log10/begins/{iterate.stage.replace(' ', '_')}"
+        name = f"{self._run} {iterate.stage} begins".strip()
+        look = rr.SeriesPoints(names=name, markers="diamond", marker_sizes=6)
+        self._log(entity, look, static=True)
+        self._sink.log_scalar(f"{self._run}/{entity}", np.log10(iterate.energy))
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
         """Log the true surface, in the unit of an iterate; not on the smaller grid of a stage before."""
@@ -349,21 +360,36 @@ def _stage_text(iterate: Iterate) -> str:
     return f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
 
 
+def _four_digits(value: object) -> str:
+    """Write a setting, its numbers with four digits."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_four_digits, value))
+    return str(value)
+
+
 def _settings(iterate: Iterate) -> str:
     """What is solved and how, as Markdown."""
     problem = iterate.problem
     camera = problem.camera
     photometry = problem.photometry
-    light = f"k = {photometry.k:.6g}, γ = {photometry.gamma:.6g}"
+    light = f"k = {photometry.k:.4g}, γ = {photometry.gamma:.4g}"
+    gain = "unknown" if photometry.gain is None else f"{photometry.gain:.4g}"
     rows = {
         "distances": "mm" if problem.metric else "**relative units**",
         "picture": f"{camera.width} x {camera.height} px",
         "camera": camera.model.replace("_", "-"),
-        "light": f"{light}, gain = {photometry.gain or 'unknown'}",
+        "light": f"{light}, gain = {gain}",
         **iterate.provenance.settings,
+        "regulariser": f"{problem.regulariser} of {problem.xi}",
+        "λ": problem.lam,
+        "ε": problem.epsilon,
     }
+    for name in ("lam", "epsilon", "xi"):
+        rows.pop(name, None)
     table = "## Settings\n\n| | |\n|---|---|\n"
     for name, value in rows.items():
-        cell = str(value).replace("|", "\\|")
+        cell = _four_digits(value).replace("|", "\\|")
         table += f"| {name} | {cell} |\n"
     return table

@@ -95,7 +95,7 @@ def picture_of(recording: Recording) -> Figure:
 
     runs = recording.runs
     limits = plots.common_limits([run.depth() for run in runs.values()])
-    with plots.style.page(13, 3.6 * len(runs)) as figure:
+    with plots.style.page(16, 4.6 * len(runs)) as figure:
         rows = figure.subplots(len(runs), 3, squeeze=False)
         for (depth, facing, energy), (name, run) in zip(rows, runs.items(), strict=True):
             words = name.replace("_", " ") or "Distance"

@@ -94,6 +94,15 @@ def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(
     assert np.array_equal(found.get_xydata(), session.detections[worst[0]].pixels)
 
 
+def test_names_of_frames_do_not_overlap_and_one_wild_frame_leaves_the_others_in_sight():
+    errors = {f"frame_{number:03d}.png": 0.05 for number in range(300)}
+    errors |= {"frame_100.png": 16.0, "frame_101.png": 0.1}
+    ax = plots.show_frame_errors(errors, ["frame_100.png", "frame_101.png"])
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["frame_100.png"]
+    assert ax.get_ylim()[1] < 1
+    assert any("16" in text.get_text() for text in ax.texts)
+
+
 def test_gains_stand_beside_the_distance_and_what_is_unknown_is_left_out(session):
     distance = summary.mean_distances(session.samples, session.light.frames)
     unknown = np.where(np.arange(20) == 5, np.inf, session.light.gain_errors)

@@ -85,7 +85,10 @@ def test_the_viewer_sees_the_same(solved):
     """Cloud, residual and the limits of colours, as they lie in the file."""
     steps, recording = solved
     file = Recorded(recording.path)
-    assert "| solver | by hand |" in file.text("/settings", "text", 0)
+    settings = file.text("/settings", "text", 0)
+    gain = f"gain = {steps[0].problem.photometry.gain:.4g} |"
+    for row in ("| solver | by hand |", "| λ | 1 |", "| ε | 0.001 |", gain):
+        assert row in settings
     last = steps[-1]
     positions = file.at("/world/cloud", "positions", 3).reshape(-1, 3)
     assert np.allclose(positions, last.points[last.mask], rtol=1e-6)
@@ -98,6 +101,22 @@ def test_the_viewer_sees_the_same(solved):
     assert np.array_equal(places > 0, last.mask)
     shown = np.array(names)[places[last.mask] - 1]
     assert np.allclose(shown, np.clip(error[last.mask], -10, 10), atol=0.25)
+
+
+def test_the_curve_of_the_energy_says_where_each_stage_begins(tmp_path):
+    steps, _ = towards(PAPER.resize(32, 24), 5)
+    named = [
+        replace(step, stage="contours" if step.k < 2 else "solution") for step in steps
+    ]
+    named[2:] = [replace(step, k=step.k - 2) for step in named[2:]]
+    el.run(iter_of(named), observers=[el.record(tmp_path / "run.rrd")])
+    file = Recorded(tmp_path / "run.rrd")
+    for stage, place in (("contours", 0), ("solution", 2)):
+        entity = f"/log10/begins/{stage}"
+        assert file.text(entity, "names").startswith(stage)
+        marks = file.numbers(entity, "scalars")
+        assert list(marks) == [place]
+        assert marks[place] == pytest.approx(np.log10(named[place].energy))
 
 
 def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 
 import endolab as el
-from endolab.calibration.summary import account, plus_minus
+from endolab.calibration.summary import account, plus_minus, verdict
 from endolab.io.descriptions import make_calibration, read_camera
 from endolab.workbench.reports.calibration_page import write_report
 from tests.tools.simulated_session import LOST, refused, simulated
@@ -66,7 +66,14 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
     assert page.pictures == ["camera.png", "light.png", "uncertainty.png", "frames.png"]
     assert all((tmp_path / name).is_file() for name in page.pictures)
     k = plus_minus(session.light.k, session.light.standard_errors["k"])
-    for part in (*session.light.verdict, "frame_9", "too few points", "1 (pinned)", k):
+    for part in (
+        verdict(session),
+        *session.light.verdict,
+        "frame_9",
+        "too few points",
+        "1 (pinned)",
+        k,
+    ):
         assert part in page.text
     facts = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert facts["account"] == account(session)
