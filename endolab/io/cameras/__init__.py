@@ -1,0 +1,1 @@
+"""Calibration files of other programs: their cameras in, and endolab's out."""
