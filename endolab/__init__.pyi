@@ -19,6 +19,7 @@ from .io.video import open_frames as open_frames
 from .io.video import open_stream as open_stream
 from .model.brdf import Lambertian as Lambertian
 from .model.brdf import TabulatedBRDF as TabulatedBRDF
+from .model.cameras import BrownConrady as BrownConrady
 from .model.cameras import KannalaBrandt as KannalaBrandt
 from .model.cameras import Pinhole as Pinhole
 from .model.cameras import Scaramuzza as Scaramuzza

@@ -1,21 +1,23 @@
 """Cameras: points to pixels, pixels to unit rays, and the ray field that the solvers use.
 
-All three models map the angle ϑ off the axis to a radius h in the image and are straight
-lines otherwise, so one class does the work and a model supplies h(ϑ) and ϑ(h).
+All models map the angle ϑ off the axis to a radius h on a plane and that plane to the picture, so
+one class does the work: a model supplies h(ϑ), ϑ(h), and the map of the plane if it is not affine.
 
 Frame: x right, y down, z forward. Pixel coordinates are (column, row), the origin at the
 centre of the top-left pixel.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from endolab.model.ranges import check_range, in_range
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, ComplexArray, FloatArray
 from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
 from endolab.numerics.side_by_side import by_rows
@@ -49,9 +51,9 @@ class RayField:
 
 @dataclass(frozen=True)
 class Camera:
-    """A central camera that is symmetric about its axis up to an affine map of the image.
+    """A central camera that is symmetric about its axis up to a smooth map of the image.
 
-    Use a model: `KannalaBrandt`, `Pinhole` or `Scaramuzza`.
+    Use a model: `KannalaBrandt`, `Pinhole`, `BrownConrady` or `Scaramuzza`.
     """
 
     width: int
@@ -87,6 +89,15 @@ class Camera:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
         raise NotImplementedError
 
+    def _to_pixels(self, plane: FloatArray) -> FloatArray:
+        """Bring points of the model's plane (..., 2) within its range to the picture, px."""
+        return plane @ self._affine.T + self._centre
+
+    def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bring pixels (..., 2) to the model's plane, nan if it has none; the derivative, (..., 2, 2)."""
+        to_plane = np.asarray(np.linalg.inv(self._affine), dtype=np.float64)
+        return (pixels - self._centre) @ to_plane.T, to_plane
+
     def __post_init__(self) -> None:
         for name in ("width", "height"):
             value = number(name, getattr(self, name))
@@ -113,7 +124,7 @@ class Camera:
         # h/side → 0·(anything) on the axis, where x and y vanish too.
         ratio = radius / np.where(side > 0, side, 1.0)
         plane = np.stack([x * ratio, y * ratio], axis=-1)
-        return np.where(inside[..., None], plane @ self._affine.T + self._centre, np.nan)
+        return np.where(inside[..., None], self._to_pixels(plane), np.nan)
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Unit rays (..., 3) in the camera frame through columns and rows (..., 2), px; nan where none is."""
@@ -121,8 +132,7 @@ class Camera:
 
     def _rays_at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the unit rays (…, 3) and their derivatives by the pixel (…, 3, 2)."""
-        to_plane = np.linalg.inv(self._affine)
-        plane = (pixels - self._centre) @ to_plane.T
+        plane, to_plane = self._to_plane(pixels)
         radius = np.hypot(plane[..., 0], plane[..., 1])
         inside = radius <= self._max_radius
         theta, turn = self._angle(np.where(inside, radius, 0.0))
@@ -263,6 +273,121 @@ class Pinhole(_FocalCamera):
 
     def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.arctan(radius), 1 / (1 + radius * radius)
+
+
+def distort(
+    z: ArrayLike, k: Sequence[float]
+) -> tuple[ComplexArray, FloatArray, ComplexArray]:
+    """Distort points x + iy of a pinhole's plane as Brown, Conrady and OpenCV do.
+
+    Returns where they come to, w, and the parts of the derivative dw = a dz + b dz̄. a is real, so that its
+    matrix is symmetric, with eigenvalues a ± |b|.
+    """
+    z = np.asarray(z, dtype=np.complex128)
+    k1, k2, p1, p2, k3, k4, k5, k6 = k
+    p = p2 + 1j * p1
+    s = z.real**2 + z.imag**2
+    below = 1 + s * (k4 + s * (k5 + s * k6))
+    ratio = (1 + s * (k1 + s * (k2 + s * k3))) / below
+    slope = k1 + s * (2 * k2 + s * 3 * k3) - ratio * (k4 + s * (2 * k5 + s * 3 * k6))
+    slope /= below
+    shift = 2 * (p.conjugate() * z).real
+    w = z * (ratio + shift) + p * s
+    return w, ratio + s * slope + 2 * shift, z * (z * slope + 2 * p)
+
+
+@dataclass(frozen=True)
+class BrownConrady(Pinhole):
+    """Pinhole camera whose picture is distorted: OpenCV's usual model, by Brown and Conrady.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture, px.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point, px.
+    k : 4, 5 or 8 floats
+        k1, k2, p1, p2, k3, k4, k5, k6, as OpenCV orders them; those left out are 0.
+
+    Notes
+    -----
+    The model is used as far as it is one to one whatever the direction, at most to 89°: beyond that a pixel
+    has no ray and a point no pixel. With h = r (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+    it ends where dh/dr falls to 6 r |(p1, p2)|, or at a pole.
+
+    References
+    ----------
+    .. [1] Brown, "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> camera = el.BrownConrady(320, 240, 160, 160, 159.5, 119.5, (-0.2, 0.05, 0, 0))
+    >>> camera.project([10.0, 0.0, 20.0])  # a point, mm, to a pixel
+    array([235.75, 119.5 ])
+    """
+
+    k: tuple[float, ...] = (0.0,) * 8
+
+    model: ClassVar[str] = "brown_conrady"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        k = tuple(real_array("k", self.k).ravel().tolist())
+        if len(k) not in (4, 5, 8):
+            raise ValueError(f"k must hold 4, 5 or 8 coefficients, got {list(k)}")
+        check_range("distortion", k)
+        object.__setattr__(self, "k", k + (0.0,) * (8 - len(k)))
+
+    @property
+    def max_angle(self) -> float:  # noqa: D102
+        return float(np.arctan(self._max_radius))
+
+    @cached_property
+    def _max_radius(self) -> float:
+        # Eigenvalues of the derivative are dh/dr and h/r but for p1 and p2, which take off 6 r |p| at most,
+        # along the radius. While all are positive in a disc, no two of its points meet.
+        k1, k2, p1, p2, k3, k4, k5, k6 = self.k
+        r = Polynomial([0.0, 1.0])
+        above = Polynomial([0.0, 1.0, 0.0, k1, 0.0, k2, 0.0, k3])
+        below = Polynomial([1.0, 0.0, k4, 0.0, k5, 0.0, k6])
+        slope = above.deriv() * below - above * below.deriv()
+        slope -= 6 * np.hypot(p1, p2) * r * below * below
+        # Not quite to the end, where there is no slope, or no end.
+        return (1 - 1e-9) * min(
+            smallest_positive_root(end.coef, 100.0) for end in (slope, below)
+        )
+
+    def _to_pixels(self, plane: FloatArray) -> FloatArray:
+        w = distort(plane[..., 0] + 1j * plane[..., 1], self.k)[0]
+        return super()._to_pixels(np.stack([w.real, w.imag], axis=-1))
+
+    def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        w, to_plane = super()._to_plane(pixels)
+        z, a, b = self._undistort(w[..., 0] + 1j * w[..., 1])
+        inverse = np.stack([a - b.real, -b.imag, -b.imag, a + b.real], axis=-1)
+        inverse /= (a * a - np.abs(b) ** 2)[..., None]
+        plane = np.stack([z.real, z.imag], axis=-1)
+        return plane, inverse.reshape(*z.shape, 2, 2) @ to_plane
+
+    def _undistort(self, w: ComplexArray) -> tuple[ComplexArray, FloatArray, ComplexArray]:
+        """Invert `distort`, by Newton's steps from a table of h: z, nan if there is none, a and b."""
+        end = self._max_radius
+        k1, k2, p1, p2, *others = self.k
+        table = np.linspace(0.0, end, 4096)
+        h = distort(table, (k1, k2, 0.0, 0.0, *others))[0].real
+        radius = np.abs(w)
+        reach = h[-1] + 3 * np.hypot(p1, p2) * end**2  # beyond it there is nothing to try
+        w = np.where(radius <= reach, w, np.nan)
+        z = w * np.interp(radius, h, table) / np.where(radius > 0, radius, 1.0)
+        for _ in range(20):  # three are enough but at the very end
+            there, a, b = distort(z, self.k)
+            miss = w - there
+            if not np.any(np.abs(miss) > 1e-14 * (1 + radius)):
+                break
+            z = z + (a * miss - b * miss.conjugate()) / (a * a - np.abs(b) ** 2)
+            z *= end / np.maximum(np.abs(z), end)
+        return np.where(np.abs(miss) < 1e-9 * (1 + radius), z, np.nan), a, b
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,18 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
-from endolab.model.cameras import Camera, KannalaBrandt, Pinhole, Scaramuzza
+from endolab.model.cameras import BrownConrady, Camera, KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.model.schema import Section, quote
 
 _CAMERAS: dict[
-    str, tuple[type[Camera], dict[str, int]]
-] = {  # with the numbers they need; lists by their length
+    str, tuple[type[Camera], dict[str, int | None]]
+] = {  # with the numbers they need; lists by their length, None of any
+    "brown_conrady": (
+        BrownConrady,
+        {"fx": 0, "fy": 0, "cx": 0, "cy": 0, "k": None},
+    ),
     "kannala_brandt": (KannalaBrandt, {"fx": 0, "fy": 0, "cx": 0, "cy": 0, "k": 4}),
     "pinhole": (Pinhole, {"fx": 0, "fy": 0, "cx": 0, "cy": 0}),
     "scaramuzza": (Scaramuzza, {"cx": 0, "cy": 0, "a": 5, "c": 0, "d": 0, "e": 0}),
@@ -24,7 +28,7 @@ def _camera(section: Section) -> Camera:
         key: section.integer(key, low=1) for key in ("width", "height")
     }
     for key, count in lengths.items():
-        values[key] = section.numbers(key, count) if count else section.number(key)
+        values[key] = section.number(key) if count == 0 else section.numbers(key, count)
     if make is Scaramuzza:
         values["row_scale"] = section.number("row_scale", 1.0)
     camera: Camera = section.build(make, **values)

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab.io.datasets import load_calibration
-from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
+from endolab.model.cameras import BrownConrady, KannalaBrandt, Pinhole, Scaramuzza
 
 ENDOSCOPE = load_calibration("paper").camera
 WIDE = KannalaBrandt(400, 400, 100.0, 100.0, 199.5, 199.5, (0.01, 0.0, 0.0, 0.0))
@@ -20,7 +20,19 @@ PINHOLE = Pinhole(320, 240, 200.0, 210.0, 159.5, 119.5)
 C3VD = load_calibration("c3vd").camera
 K = (-0.188672, -0.00392734, 0.0305248, -0.0127569)
 C3VD_KB = KannalaBrandt(1350, 1080, 767.386, 767.506, 679.054, 543.647, K)
-CAMERAS = {"endoscope": ENDOSCOPE, "wide": WIDE, "pinhole": PINHOLE, "scaramuzza": C3VD}
+BROWN = BrownConrady(
+    640, 480, 420.0, 425.0, 310.0, 245.0, (-0.33, 0.12, 1e-3, -8e-4, -0.01)
+)
+RATIONAL_K = (0.9, 0.3, 1e-3, -5e-4, 0.02, 1.25, 0.5, 0.08)
+RATIONAL = BrownConrady(1350, 1080, 600.0, 610.0, 670.0, 545.0, RATIONAL_K)
+CAMERAS = {
+    "endoscope": ENDOSCOPE,
+    "wide": WIDE,
+    "pinhole": PINHOLE,
+    "scaramuzza": C3VD,
+    "brown": BROWN,
+    "rational": RATIONAL,
+}
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 
 
@@ -60,6 +72,52 @@ def test_kannala_brandt_projects_as_opencv_does(rng, camera):
         points[None], *here, matrix(camera), np.array(camera.k)
     )
     assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [BROWN, RATIONAL], ids=["brown", "rational"])
+def test_brown_conrady_is_opencvs_usual_model(rng, camera):
+    pixel = rng.uniform([0, 0], [camera.width, camera.height], (500, 2))
+    ray = camera.unproject(pixel)
+    seen = np.isfinite(ray[:, 0])
+    assert seen.mean() > 0.98
+    lens = matrix(camera), np.array(camera.k)
+    expected, _ = cv2.projectPoints(7 * ray[seen], np.zeros(3), np.zeros(3), *lens)
+    assert_allclose(expected[:, 0], pixel[seen], rtol=0, atol=1e-9)
+    # OpenCV's iteration is slow where the picture is pressed together.
+    calm = seen & (ray[:, 2] > np.cos(np.deg2rad(40)))
+    assert calm.mean() > 0.4
+    until = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 500, 1e-15
+    undone = cv2.undistortPoints(pixel[calm, None], *lens, criteria=until)
+    assert_allclose(ray[calm, :2] / ray[calm, 2:], undone[:, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
+@pytest.mark.parametrize("p2", [0.0, 5e-3, -5e-3])
+def test_brown_conrady_ends_where_it_stops_growing(p2, side):
+    """Against a fine table along the middle row; p2 ends it sooner on one side, and that side counts."""
+    camera = replace(BROWN, k=(-0.33, 0.02, 0.0, p2))
+    x = side * np.linspace(0, 1.5, 150001)
+    distorted = x * (1 - 0.33 * x**2 + 0.02 * x**4) + 3 * p2 * x**2
+    last = np.argmax(side * distorted)
+    end = np.tan(camera.max_angle)
+    sooner = side * p2 <= 0
+    assert (
+        np.abs(x[last]) == pytest.approx(end, abs=2e-5)
+        if sooner
+        else end < np.abs(x[last])
+    )
+    pixel = camera.cx + camera.fx * distorted[last]
+    assert np.isnan(camera.unproject([pixel + side * 0.01, camera.cy])).all()
+    if sooner:
+        assert np.isfinite(camera.unproject([pixel - side * 0.01, camera.cy])).all()
+    assert np.isfinite(camera.project([0.9999 * end, 0, 1])).all()
+    assert np.isnan(camera.project([[1.0001 * end, 0, 1], [0, 0, -1], [0, 0, 0]])).all()
+
+
+def test_brown_conrady_ends_before_a_pole():
+    camera = BrownConrady(640, 480, 420, 420, 319.5, 239.5, (0, 0, 0, 0, 0, -0.5, 0, 0))
+    assert np.tan(camera.max_angle) == pytest.approx(np.sqrt(2), rel=1e-6)
+    assert np.isfinite(camera.field.rays).all()
 
 
 def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
@@ -201,6 +259,7 @@ def test_resize_keeps_the_outer_edges(rng, camera):
 
 pinhole = partial(Pinhole, width=32, height=24, fx=20, fy=20, cx=15, cy=11)
 fisheye = partial(KannalaBrandt, 32, 24, 20, 20, 15, 11)
+brown = partial(BrownConrady, 32, 24, 20, 20, 15, 11)
 scaramuzza = partial(Scaramuzza, width=32, height=24, cx=15, cy=11, a=(20, 0, 0, 0, 0))
 
 
@@ -211,6 +270,8 @@ scaramuzza = partial(Scaramuzza, width=32, height=24, cx=15, cy=11, a=(20, 0, 0,
         *((pinhole, "fx", value, "fx") for value in (0, 1e-320)),
         (pinhole, "cx", np.inf, "cx"),
         (fisheye, "k", (1, 2, 3), "k"),
+        *((brown, "k", (0.1,) * count, "4, 5 or 8") for count in (3, 12)),
+        (brown, "k", (0, 0, 0, np.inf), "distortion"),
         *((fisheye, "k", (value, 0, 0, 0), "distortion") for value in (np.nan, 1e300)),
         *((scaramuzza, "a", a, "a must") for a in ((1, 0, 0), (20, 0, np.nan, 0, 0))),
         (scaramuzza, "a", (-20, 0, 0, 0, 0), r"a\[0\]"),

@@ -7,11 +7,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from endolab.io.datasets import load_calibration
 from endolab.metrics import angle_between
 from endolab.model import surface
-from endolab.model.cameras import KannalaBrandt, Pinhole
+from endolab.model.cameras import BrownConrady, KannalaBrandt, Pinhole
 from endolab.synthetic.scenes import SCENES, Tube
 
 CAMERAS = {
     "pinhole": Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5),
+    "brown_conrady": BrownConrady(
+        160, 120, 110.0, 110.0, 79.5, 59.5, (-0.33, 0.1, 2e-3, 0.0)
+    ),
     "kannala_brandt": load_calibration("paper", 240).camera,
     "scaramuzza": load_calibration("c3vd", 225).camera,
     "beyond 90°": KannalaBrandt(
