@@ -12,7 +12,7 @@ from endolab.calibration.detection.detect import Detection, detect
 from endolab.calibration.detection.dots import no_features
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import predict_view
+from endolab.calibration.geometric.projection import Lens, predict_view
 from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.photometric.fit import calibrate_light, check_options
@@ -20,7 +20,6 @@ from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Target
 from endolab.frames.frame import check_size
-from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
@@ -52,7 +51,7 @@ class Session:
     target: Target
     detections: dict[str, Detection]  # by the name of the frame, in order
     geometry: GeometricFit | None  # None if the camera was given
-    camera: KannalaBrandt
+    camera: Lens
     # Of each panel, for the frames where the target was located.
     poses: dict[str, Panels]
     samples: Samples  # of all located frames
@@ -104,7 +103,7 @@ def detect_all(
     target: Target,
     *,
     progress: Progress = silent,
-    camera: KannalaBrandt | None = None,
+    camera: Lens | None = None,
     leave_out: Collection[str] = (),
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
@@ -159,7 +158,7 @@ def choose_views(
 def locate(
     detections: Mapping[str, Detection],
     target: Target,
-    camera: KannalaBrandt,
+    camera: Lens,
     progress: Progress = silent,
 ) -> tuple[dict[str, Panels], dict[str, float], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
@@ -193,7 +192,7 @@ def sample_all(
     frames: Named,
     target: Target,
     poses: Mapping[str, Sequence[Pose | None]],
-    camera: KannalaBrandt,
+    camera: Lens,
     *,
     channel: str = "grey",
     gamma: float = 2.2,
@@ -248,9 +247,10 @@ def calibrate(
     frames: Named,
     target: Target,
     *,
-    camera: KannalaBrandt | None = None,
+    camera: Lens | None = None,
     detections: Mapping[str, Detection] | None = None,
     size: tuple[int, int] | None = None,
+    lens: str = "auto",
     every: int = SESSION.every,
     channel: str = "grey",
     leave_out: Collection[str] = (),
@@ -266,10 +266,12 @@ def calibrate(
         Names and stored values, (H, W) or (H, W, 3), in the order of time; None for one that
         cannot be read. Iterated over twice: to find the target, then for its brightness.
     target : Target
-    camera : KannalaBrandt, optional
+    camera : KannalaBrandt or BrownConrady, optional
         If known; then only the light is calibrated.
     detections : mapping of str to Detection, optional
         What `detect_all` found, with `size`, the frames' width and height, px.
+    lens : {"auto", "fisheye", "brown"}
+        The kind of camera; by default what predicts frames best that were held out.
     every : int
         One frame in so many goes into the geometry; fewer are left out of a short video.
     channel : {"grey", "red", "green", "blue"}
@@ -314,7 +316,7 @@ def calibrate(
     if camera is None:
         chosen = choose_views(kept, every)
         views = [view for name in chosen for view in views_of(name, kept[name], target)]
-        geometry = calibrate_camera(views, target, *size)
+        geometry = calibrate_camera(views, target, *size, lens=lens)
         camera = geometry.camera
     else:
         check_size(

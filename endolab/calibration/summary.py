@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.geometric.fit import GeometricFit
-from endolab.calibration.geometric.projection import CAMERA_NAMES, camera_vector
+from endolab.calibration.geometric.projection import camera_names, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
@@ -61,6 +61,7 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
         "points": int(good.sum()),
         "outliers": int(np.sum(~good)),
         "max_angle_deg": np.rad2deg(seen),
+        "held_out_px": geometry.held_out,
         "status": geometry.status.value,
     }
 
@@ -175,8 +176,10 @@ def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
     if session.geometry is None:
         return []
     errors = session.geometry.standard_errors
-    values = zip(CAMERA_NAMES, camera_vector(session.camera).tolist(), strict=True)
-    return [(n, value, errors[n], "" if n[0] == "k" else "px") for n, value in values]
+    values = zip(
+        camera_names(session.camera), camera_vector(session.camera).tolist(), strict=True
+    )
+    return [(n, value, errors[n], "" if n[0] in "kp" else "px") for n, value in values]
 
 
 def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
@@ -243,6 +246,12 @@ def _camera_lines(session: Session) -> list[str]:
         f"seen to {seen:.0f}° off the axis",
         _accuracy_line("a ray", facts["rays_mrad"], "mrad", seen),
     ]
+    if geometry.held_out:
+        tried = (f"{name} {error:.3f} px" for name, error in geometry.held_out.items())
+        lines.insert(
+            0,
+            f"lens: {session.camera.model}, by the error of views held out: {', '.join(tried)}",
+        )
     if facts["rays_mrad"]:
         lines[-1] += (
             f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"

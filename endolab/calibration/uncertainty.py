@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.calibration.geometric.projection import camera_vector, project
+from endolab.calibration.geometric.projection import Lens, camera_vector, project
 from endolab.calibration.photometric.result import PhotometricFit
-from endolab.model.cameras import Camera, KannalaBrandt
+from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 
 
@@ -52,7 +52,7 @@ def values_within(values: FloatArray, camera: Camera, angle: float) -> FloatArra
 
 
 def ray_uncertainty(
-    camera: KannalaBrandt,
+    camera: Lens,
     covariance: FloatArray,
     pixels: FloatArray | None = None,
     max_angle: float = np.pi,
@@ -61,9 +61,9 @@ def ray_uncertainty(
 
     Parameters
     ----------
-    camera : KannalaBrandt
-    covariance : (8, 8) float array
-        As in `GeometricFit`: of fx, fy, cx, cy (px) and k1 to k4; inf on the diagonal of what is not told.
+    camera : KannalaBrandt or BrownConrady
+    covariance : (8, 8) or (12, 12) float array
+        As in `GeometricFit`: of fx, fy, cx, cy (px) and k; inf on the diagonal of what is not told.
     pixels : (h, w, 2) float array, optional
         Where, column and row, px, all over the picture; `places` by default.
     max_angle : float
@@ -85,7 +85,9 @@ def ray_uncertainty(
     inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)
     design = by_turn[inside].reshape(-1, 3)
-    turn = np.linalg.pinv(design.T @ design) @ (design.T @ by_camera[inside].reshape(-1, 8))
+    turn = np.linalg.pinv(design.T @ design) @ (
+        design.T @ by_camera[inside].reshape(-1, len(covariance))
+    )
     # A pixel moves by no change of a ray's length, so that the least change that undoes it is a turn.
     back = -np.linalg.pinv(by_ray)
 

@@ -117,14 +117,15 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.calibration.summary import account
     from endolab.io.descriptions import read_camera, read_target
     from endolab.io.video import open_frames
-    from endolab.model.cameras import KannalaBrandt
+    from endolab.model.cameras import BrownConrady, KannalaBrandt
 
     frames = open_frames(*arguments.source)
     target = read_target(arguments.target)
     camera = None if arguments.camera is None else read_camera(arguments.camera)
-    if not isinstance(camera, KannalaBrandt | None):
+    if not isinstance(camera, KannalaBrandt | BrownConrady | None):
         raise ValueError(
-            f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}"
+            f"{arguments.camera}: camera.model: expected kannala_brandt or brown_conrady, "
+            f"found {camera.model}"
         )
     # Checked before a long search for the target.
     patches = len(set(target.ink.greys[:, 3]))
@@ -134,6 +135,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             f"the target has {patches} kinds of grey patches, but --reflectance says {len(given)}"
         )
     names = (
+        "lens",
         "every",
         "channel",
         "leave_out",
@@ -301,6 +303,8 @@ def add_calibration_commands(commands: Any) -> None:
     option("--target", required=True, help="its name, as for target, or TARGET.json")
     text = "calibrate the light only, with the camera of this file"
     option("--camera", metavar="CAL.json", help=text)
+    text = "auto (default: what predicts frames held out best), fisheye or brown"
+    option("--lens", choices=("auto", "fisheye", "brown"), default="auto", help=text)
     text = "one frame of a video in N goes into the geometry (default 20)"
     option("--every", type=count, default=20, metavar="N", help=text)
     text = "frames, by their names in the report, that the calibration is to do without"

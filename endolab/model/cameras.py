@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from endolab.model.ranges import check_range, in_range
-from endolab.numerics.arrays import BoolArray, ComplexArray, FloatArray
+from endolab.numerics.arrays import BoolArray, ComplexArray, FloatArray, nan_if_undefined
 from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
 from endolab.numerics.side_by_side import by_rows
@@ -276,7 +276,7 @@ class Pinhole(_FocalCamera):
 
 
 def distort(
-    z: ArrayLike, k: Sequence[float]
+    z: ArrayLike, k: Sequence[float] | FloatArray
 ) -> tuple[ComplexArray, FloatArray, ComplexArray]:
     """Distort points x + iy of a pinhole's plane as Brown, Conrady and OpenCV do.
 
@@ -379,13 +379,15 @@ class BrownConrady(Pinhole):
         radius = np.abs(w)
         reach = h[-1] + 3 * np.hypot(p1, p2) * end**2  # beyond it there is nothing to try
         w = np.where(radius <= reach, w, np.nan)
-        z = w * np.interp(radius, h, table) / np.where(radius > 0, radius, 1.0)
+        z = w * (np.interp(radius, h, table) / np.where(radius > 0, radius, 1.0))
         for _ in range(20):  # three are enough but at the very end
             there, a, b = distort(z, self.k)
             miss = w - there
             if not np.any(np.abs(miss) > 1e-14 * (1 + radius)):
                 break
-            z = z + (a * miss - b * miss.conjugate()) / (a * a - np.abs(b) ** 2)
+            with nan_if_undefined():
+                inverse = 1 / (a * a - np.abs(b) ** 2)
+                z = z + inverse * (a * miss - b * miss.conjugate())
             z *= end / np.maximum(np.abs(z), end)
         return np.where(np.abs(miss) < 1e-9 * (1 + radius), z, np.nan), a, b
 

@@ -7,7 +7,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid
 from endolab.io.datasets import load_calibration
-from endolab.model.cameras import KannalaBrandt
+from endolab.model.cameras import BrownConrady, KannalaBrandt
 
 PAPER = load_calibration("paper").camera
 # 190° and more.
@@ -19,6 +19,9 @@ WIDE = KannalaBrandt(
     645.0,
     505.0,
     (-0.02, 0.004, -0.002, 0.0003),
+)
+BROWN = BrownConrady(
+    1920, 1080, 1400.0, 1405.0, 950.0, 530.0, (-0.32, 0.14, 1.5e-3, -1e-3, -0.03)
 )
 OTHER_TARGETS = [  # than those with a name
     DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),

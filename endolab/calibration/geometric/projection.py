@@ -1,12 +1,13 @@
-"""Where a Kannala-Brandt camera sees the features of a flat target, and how that changes.
+"""Where a camera sees the features of a flat target, and how that changes.
 
 What is measured of a printed dot is the centroid of its image, which is not the image of its
 centre. By Green's theorem it is a ratio of integrals along the rim of the image, which the
 trapezoidal rule takes from eight points of the rim with spectral accuracy: the error is of sixth
 order in the radius. The derivatives follow from those of the eight points.
 
-The camera is a vector here, in the order of `CAMERA_NAMES`; its polynomial is used as it stands, also
-where it no longer grows, because a solver may pass there.
+The camera is a vector here, in the order of `camera_names`: of 8 numbers for `KannalaBrandt`, of 12 for
+`BrownConrady`. Its polynomial is used as it stands, also where it no longer grows, because a solver may
+pass there.
 """
 
 from dataclasses import dataclass
@@ -14,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from endolab.calibration.geometric.pose import Pose
-from endolab.model.cameras import KannalaBrandt
+from endolab.model.cameras import BrownConrady, KannalaBrandt, distort
 from endolab.numerics.arrays import FloatArray
 
+Lens = KannalaBrandt | BrownConrady
 CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+BROWN_NAMES = (*CAMERA_NAMES[:6], "p1", "p2", "k3", "k4", "k5", "k6")
 RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)  # of points on the rim of a disc
 
 
@@ -33,15 +36,22 @@ def _rim_derivative() -> FloatArray:
 RIM_DERIVATIVE = _rim_derivative()
 
 
-def camera_vector(camera: KannalaBrandt) -> FloatArray:
-    """Return a camera's fx, fy, cx, cy (px) and k1 to k4, (8,)."""
+def camera_names(camera: Lens) -> tuple[str, ...]:
+    """Name the numbers of a camera's vector."""
+    return BROWN_NAMES if isinstance(camera, BrownConrady) else CAMERA_NAMES
+
+
+def camera_vector(camera: Lens) -> FloatArray:
+    """Return a camera's fx, fy, cx, cy (px) and k, (8,) or (12,)."""
     return np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.k])
 
 
-def camera_of(vector: FloatArray, width: int, height: int) -> KannalaBrandt:
-    """Return the camera of a vector (8,) for pictures of a size, px."""
-    fx, fy, cx, cy, k1, k2, k3, k4 = vector.tolist()
-    return KannalaBrandt(width, height, fx, fy, cx, cy, (k1, k2, k3, k4))
+def camera_of(vector: FloatArray, width: int, height: int) -> Lens:
+    """Return the camera of a vector (8,) or (12,) for pictures of a size, px."""
+    fx, fy, cx, cy, *k = vector.tolist()
+    if len(k) == 4:
+        return KannalaBrandt(width, height, fx, fy, cx, cy, tuple(k))
+    return BrownConrady(width, height, fx, fy, cx, cy, tuple(k))
 
 
 @dataclass(frozen=True)
@@ -49,7 +59,7 @@ class Projection:
     """Features as a camera sees them."""
 
     pixels: FloatArray  # (n, 2), column and row, px
-    by_camera: FloatArray  # (n, 2, 8), derivatives by the camera's vector
+    by_camera: FloatArray  # (n, 2, p), derivatives by the camera's vector
     by_pose: (
         FloatArray  # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ
     )
@@ -61,8 +71,10 @@ def _to_plane(
     """Project points (3, vertices, n) on the camera's plane, before focal length and centre.
 
     Returns x, y there, (2, vertices, n), and their derivatives by the points, (2, 3, vertices, n), and by
-    k, (2, 4, vertices, n).
+    k, (2, 4 or 8, vertices, n).
     """
+    if len(k) == 8:
+        return _to_distorted_plane(points, k)
     xy = points[:2]
     z = points[2]
     side = np.hypot(points[0], points[1])
@@ -89,6 +101,31 @@ def _to_plane(
         power = power * t
         by_k[:, number] = power
     return xy * ratio, by_point, by_k
+
+
+def _to_distorted_plane(
+    points: FloatArray, k: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Do the same for Brown and Conrady's distortion."""
+    z = np.where(points[2] == 0, np.finfo(float).eps, points[2])
+    x, y = xy = points[:2] / z
+    at = x + 1j * y
+    w, a, b = distort(at, k)
+    by_point = np.empty((2, 3, *z.shape))
+    by_point[0, 0] = (a + b.real) / z
+    by_point[0, 1] = by_point[1, 0] = b.imag / z
+    by_point[1, 1] = (a - b.real) / z
+    by_point[:, 2] = -by_point[:, 0] * xy[0] - by_point[:, 1] * xy[1]
+    s = x * x + y * y
+    k4, k5, k6 = k[5:]
+    denominator = 1 + s * (k4 + s * (k5 + s * k6))
+    above = at / denominator
+    below = -above * (1 + s * (k[0] + s * (k[1] + s * k[4]))) / denominator
+    by_p1 = 2 * y * at + 1j * s
+    by_p2 = 2 * x * at + s
+    powers = [above * s, above * s**2, by_p1, by_p2, above * s**3]
+    by_k = np.stack([*powers, below * s, below * s**2, below * s**3])
+    return np.stack([w.real, w.imag]), by_point, np.stack([by_k.real, by_k.imag])
 
 
 def _centroid(plane: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -132,7 +169,7 @@ def project(
 ) -> Projection:
     """Predict where features are measured, with derivatives.
 
-    `vector` is the camera's, (8,); `rotation` (n, 3, 3) and `translation` (n, 3), mm, bring each feature
+    `vector` is the camera's; `rotation` (n, 3, 3) and `translation` (n, 3), mm, bring each feature
     from the target's frame to the camera's; `points` (n, 3) lie in the target's plane z = 0, mm; `radii`
     (n,), mm, are of their discs, all 0 for corners.
     """
@@ -142,7 +179,7 @@ def project(
     focal = vector[:2]
     by_point = (weights[:, :, None] * by_point).sum(axis=1)
     by_k = (weights[:, :, None] * by_k).sum(axis=1)
-    by_camera = np.zeros((len(points), 2, 8))
+    by_camera = np.zeros((len(points), 2, len(vector)))
     by_camera[:, 0, 0], by_camera[:, 1, 1] = centroid
     by_camera[:, 0, 2] = by_camera[:, 1, 3] = 1.0
     by_camera[:, :, 4:] = by_k.sum(axis=2).T.swapaxes(1, 2) * focal[:, None]
@@ -154,7 +191,7 @@ def project(
 
 
 def predict_view(
-    camera: KannalaBrandt, pose: Pose, points: FloatArray, radii: FloatArray
+    camera: Lens, pose: Pose, points: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Predict where the features of one panel are measured, (n, 2), px; nan beyond the camera's range.
 

@@ -12,17 +12,18 @@ from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.planar_pose import PLANE, pose_from_rays
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
+    Lens,
     camera_of,
     camera_vector,
     project,
 )
 from endolab.calibration.least_squares import Linearised, fit
 from endolab.calibration.targets import Target
-from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
+USUAL_BROWN = np.array([1.0, 1.0, 0.02, 0.02, 1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
 
 @dataclass(frozen=True)
 class Geometry:
-    """The unknowns: a camera's vector (8,) and the poses of all views."""
+    """The unknowns: a camera's vector and the poses of all views."""
 
     vector: FloatArray
     rotation: FloatArray  # (views, 3, 3)
@@ -109,7 +110,7 @@ class Geometry:
 class Reprojection:
     """The residuals of views as a `Model`.
 
-    The camera moves along the columns of `basis`, (8, p), from where it is.
+    The camera moves along the columns of `basis`, (8 or 12, p), from where it is.
     """
 
     def __init__(
@@ -140,8 +141,9 @@ class Reprojection:
         )
         residual = self.pixels - projection.pixels
         by_common = -projection.by_camera @ self.basis
-        prior = (unknowns.vector[4:] - self.usual) / USUAL_K
-        by_prior = self.basis[4:] / USUAL_K[:, None]
+        spread = USUAL_K if len(self.usual) == 4 else USUAL_BROWN
+        prior = (unknowns.vector[4:] - self.usual) / spread
+        by_prior = self.basis[4:] / spread[:, None]
         return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
 
     def take_step(  # noqa: D102
@@ -171,7 +173,7 @@ class Reprojection:
         return (self.angles(unknowns) < largest) & unknowns.facing[self.group]
 
 
-def linear_pose(view: View, target: Target, camera: KannalaBrandt) -> Pose:
+def linear_pose(view: View, target: Target, camera: Lens) -> Pose:
     """Find where a panel stands from its rays alone; ValueError if nowhere. A start for `find_pose`."""
     rays = camera.unproject(view.pixels)
     seen = np.isfinite(rays[:, 0])
@@ -179,7 +181,7 @@ def linear_pose(view: View, target: Target, camera: KannalaBrandt) -> Pose:
 
 
 def find_pose(
-    view: View, target: Target, camera: KannalaBrandt
+    view: View, target: Target, camera: Lens
 ) -> tuple[Pose, BoolArray, FloatArray]:
     """Find where a panel stands, and which of its points say so; up to a third of them may be wrong.
 
@@ -188,7 +190,9 @@ def find_pose(
     be seen from behind.
     """
     pose = linear_pose(view, target, camera)
-    model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))
+    model = Reprojection(
+        [view], target, np.zeros((4 + len(camera.k), 0)), np.array(camera.k)
+    )
     fitted = fit(
         model, Geometry.of(camera_vector(camera), [pose]), smallest=POINT_ERRORS.finest
     )

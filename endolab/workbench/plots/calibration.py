@@ -17,7 +17,7 @@ from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.session import Session
 from endolab.calibration.summary import count_of, light_errors, mean_distances
 from endolab.calibration.targets import Target
-from endolab.model.cameras import KannalaBrandt
+from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots import light as plots_of_light
 from endolab.workbench.plots.maps import show_picture
@@ -48,7 +48,7 @@ class Crowding:
 CROWDING = Crowding()
 
 
-def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
+def _picture_axes(ax: Axes | None, title: str, camera: Camera) -> Axes:
     """Axes of a picture that is not shown, pixels as in an array."""
     ax = pixel_axes(ax, title)
     ax.set_facecolor(HOUSE.paper)

@@ -12,6 +12,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import camera_vector
 from endolab.calibration.geometric.reprojection import View, find_pose, views_of
 from tests.tools.sheet_views import (
+    BROWN,
     PAPER,
     WIDE,
     make_views,
@@ -97,6 +98,28 @@ def test_other_lenses_need_no_guess_either(camera, near):
     # In a narrow field a shift of the centre and a turn of all poses are nearly the same.
     limit = 0.8 if near == 80 else 0.2
     assert map_error(found.camera, camera, 0.8 * seen).max() < limit
+
+
+def test_a_brown_conrady_lens_is_told_from_a_fisheye_and_found():
+    size = BROWN.width, BROWN.height
+    random = np.random.default_rng(4)
+    views, _ = make_views(BROWN, CORNERS, 12, random, near=50, far=120)
+    found = calibrate_camera(views, CORNERS, *size, lens="auto")
+    assert found.status is el.Status.CONVERGED
+    assert found.held_out["brown"] < 0.9 * found.held_out["fisheye"]
+    assert found.held_out["brown"] == pytest.approx(np.sqrt(2) * 0.08, rel=0.15)
+    off = camera_vector(found.camera) - camera_vector(BROWN)
+    errors = np.array(list(found.standard_errors.values()))
+    assert np.all(np.abs(off[:9]) < 4.5 * errors[:9])
+    assert np.all(errors[9:] == 0)  # k4 to k6 are 0, as given
+    assert map_error(found.camera, BROWN, 0.9 * found.max_angle_seen).max() < 0.5
+
+
+def test_the_papers_fisheye_is_told_from_a_brown_conrady_lens(twenty):
+    found = calibrate_camera(twenty[0], SHEET, *SIZE, lens="auto")
+    assert isinstance(found.camera, el.KannalaBrandt)
+    with pytest.raises(ValueError, match="lens"):
+        calibrate_camera(twenty[0], SHEET, *SIZE, lens="pinhole")
 
 
 def test_clean_corners_give_what_opencv_gives():

@@ -9,7 +9,7 @@ from endolab.calibration.geometric.projection import (
     project,
 )
 from endolab.calibration.targets import TARGETS
-from tests.tools.sheet_views import PAPER, WIDE, exact_centroids, pose_of
+from tests.tools.sheet_views import BROWN, PAPER, WIDE, exact_centroids, pose_of
 
 SHEET = TARGETS["vicalib_small"]
 POSES = {
@@ -23,6 +23,7 @@ CASES = {
     for name, pose in POSES.items()
     if name != "to the side"
 }
+CASES |= {f"brown {name}": (BROWN, POSES[name]) for name in ("near", "frontal")}
 CASES |= {f"wide {name}": (WIDE, pose) for name, pose in POSES.items()}
 
 
@@ -38,8 +39,8 @@ def check_derivatives(camera, pose, points, radii, atol=0.0):
     """Hold derivatives against finite differences."""
     exact = see(camera, pose, points, radii)
     vector = camera_vector(camera)
-    for j in range(8):
-        step = (1e-3 if j < 4 else 1e-5) * np.eye(8)[j]
+    for j in range(len(vector)):
+        step = (1e-3 if j < 4 else 1e-5) * np.eye(len(vector))[j]
         ahead = see(vector + step, pose, points, radii).pixels
         slope = (ahead - see(vector - step, pose, points, radii).pixels) / (2 * step[j])
         limit = 1e-6 * np.abs(slope).max() + atol
