@@ -115,7 +115,8 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.batch.calibrate import calibrate_to_files, report_folder
     from endolab.calibration.summary import account
-    from endolab.io.descriptions import read_camera, read_target
+    from endolab.io.cameras.formats import read_camera
+    from endolab.io.descriptions import read_target
     from endolab.io.video import open_frames
     from endolab.model.cameras import BrownConrady, KannalaBrandt
 
@@ -170,8 +171,9 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from endolab.io.atomic import stage_file
+    from endolab.io.cameras.formats import read_camera
     from endolab.io.datasets.known_endoscopes import CALIBRATIONS, load_calibration
-    from endolab.io.descriptions import read_camera, write_calibration
+    from endolab.io.descriptions import write_calibration
     from endolab.io.video import open_frames
     from endolab.model.endoscope import Calibration
     from endolab.numerics.iteration import Status
@@ -210,38 +212,53 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     print(f"written to {arguments.out}; the gain is unknown, so distances are relative")
 
 
+def _size(text: str) -> tuple[int, int]:
+    """Read ``1440x1080``."""
+    columns, _, rows = text.partition("x")
+    return count(columns), count(rows)
+
+
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import stage_file
-    from endolab.io.datasets.endomapper import (
-        find_calibrations,
-        read_endomapper,
-        read_vicalib,
-    )
-    from endolab.io.descriptions import write_calibration, write_camera
+    from endolab.io.cameras.formats import split_choice
+    from endolab.io.cameras.writers import write_camera_for
+    from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
+    from endolab.io.datasets.known_endoscopes import load_calibration
+    from endolab.io.descriptions import write_calibration
 
-    geometry = arguments.geometry
+    source = arguments.source
     photometry = arguments.photometry
     out = Path(arguments.out)
-    if out.suffix != ".json":
+    program = arguments.to
+    if program == "endolab" and out.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {out.name}")
-    if Path(geometry).is_dir():
+    if Path(source).is_dir():
         if photometry is not None:
             raise ValueError(
-                f"{geometry} is a folder, where both files are looked for; name no other"
+                f"{source} is a folder, where both files are looked for; name no other"
             )
-        geometry, photometry = find_calibrations(geometry)
-    inputs = [geometry, photometry]
-    output = stage_file(out, overwrite=arguments.overwrite, inputs=inputs)
-    if photometry is None:
-        with output as temporary:
-            write_camera(read_vicalib(geometry), temporary)
-        print(
-            f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light"
-        )
-        return
-    with output as temporary:
-        calibration = read_endomapper(geometry, photometry)
-        write_calibration(calibration, temporary)
+        source, photometry = find_calibrations(source)
+    inputs = [split_choice(source)[0], photometry]
+    with stage_file(out, overwrite=arguments.overwrite, inputs=inputs) as temporary:
+        if photometry is None:
+            calibration = load_calibration(source, size=arguments.size)
+        else:
+            calibration = read_endomapper(source, photometry)
+        if program == "endolab":
+            write_calibration(calibration, temporary)
+        else:
+            write_camera_for(program, calibration.camera, temporary)
+    if program != "endolab":
+        print(f"written to {out}: the camera alone, for {program}'s files hold no light")
+    elif photometry is None:
+        print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")
+    else:
+        _print_light(calibration)
+        print(f"written to {out}; the gain is unknown, so distances are relative")
+
+
+def _print_light(calibration: Any) -> None:
+    """Say how well EndoMapper's light could be expressed."""
     light = calibration.photometry
     fits = calibration.evidence["converted"]["lights"]
     worst = max(fit["worst_distance_percent"] for fit in fits)
@@ -250,7 +267,6 @@ def _convert(arguments: argparse.Namespace) -> None:
     print(
         f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance"
     )
-    print(f"written to {out}; the gain is unknown, so distances are relative")
 
 
 def add_sheet_options(add: argparse.ArgumentParser) -> None:
@@ -353,14 +369,20 @@ def add_calibration_commands(commands: Any) -> None:
         commands,
         "convert",
         _convert,
-        "EndoMapper's calibration XML in, endoscope.json out",
+        "another program's calibration in, endoscope.json out, or the other way round",
+        "endolab convert camchain.yaml#cam1 --out endoscope.json",
+        "endolab convert opencv.xml --size 1440x1080 --out endoscope.json",
+        "endolab convert endoscope.json --to colmap --out cameras.txt",
         "endolab convert Endoscope_01 --out endoscope.json",
-        "endolab convert geometry.xml photometry.xml --out endoscope.json",
     )
     option = command.add_argument
-    text = "of Vicalib; or a folder Endoscope_XX with both files"
-    option("geometry", metavar="GEOMETRY.xml", help=text)
-    text = "without it, the camera alone is written"
+    text = "a calibration of any kind; or EndoMapper's folder Endoscope_XX"
+    option("source", metavar="IN", help=text)
+    text = "of EndoMapper, the light"
     option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=text)
-    option("--out", required=True, metavar="CAL.json")
+    choices = ("endolab", "opencv", "kalibr", "colmap", "ros")
+    option("--to", choices=choices, default="endolab", help="whose file is written")
+    text = "of the pictures, px, if the file does not say"
+    option("--size", type=_size, metavar="COLUMNSxROWS", help=text)
+    option("--out", required=True, metavar="FILE")
     add_overwrite(option)

@@ -136,7 +136,7 @@ def add_solving_options(
         "--calibration",
         required=True,
         metavar="CAL",
-        help="endoscope.json, or a known endoscope's name",
+        help="endoscope.json, a known endoscope's name, or another program's file",
     )
     for group in ("", SURFACE, FRAME_AND_LIGHT, SCALE):
         add = parser.add_argument_group(group).add_argument if group else most_used
@@ -180,6 +180,27 @@ def _add_light_options(add: Callable[..., Any], swept: bool) -> None:
     add("--albedo", type=albedo, metavar="A", help=text)
 
 
+def load_endoscope(arguments: argparse.Namespace) -> Any:
+    """Load what --calibration names; pictures are as large as the first frame, if it does not say."""
+    from endolab.io.cameras.readers import MissingSize
+    from endolab.io.datasets.known_endoscopes import load_calibration
+    from endolab.io.video import is_stream, open_frames
+
+    try:
+        return load_calibration(arguments.calibration)
+    except MissingSize:
+        source = getattr(arguments, "frame", None) or arguments.frames
+        sources = [source] if isinstance(source, str) else source
+        if is_stream(sources[0]):
+            raise
+        frames = open_frames(*sources)
+        ((_, image),) = frames.read(frames.names[:1])
+        if image is None:
+            raise
+        rows, columns = image.shape[:2]
+        return load_calibration(arguments.calibration, size=(columns, rows))
+
+
 # What they stand for --------------------------------------------------------------------
 def read_solving_options(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return what the settings file and the options stand for.
@@ -187,10 +208,9 @@ def read_solving_options(arguments: argparse.Namespace) -> tuple[Any, dict[str, 
     It is the calibration, with the light and the wall that they believe in, and keywords of
     `endolab.reconstruct`.
     """
-    from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.settings import SolvingSettings, read_settings
 
-    calibration = load_calibration(arguments.calibration)
+    calibration = load_endoscope(arguments)
     path = getattr(arguments, "settings", None)
     kept = SolvingSettings() if path is None else read_settings(path)
     light = dict(kept.photometry)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from endolab._extras import need
-from endolab.cli.options import add_command, integer, wide
+from endolab.cli.options import add_command, integer, load_endoscope, wide
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -23,14 +23,13 @@ if TYPE_CHECKING:
 def _tune(arguments: argparse.Namespace) -> None:
     need("ipywidgets", "anywidget", "tornado")
     from endolab.cli.lab import free_port
-    from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.images import read_frame
 
     port = free_port(arguments.port)
 
     from endolab.workbench.tuning.server import Page
 
-    calibration = load_calibration(arguments.calibration)
+    calibration = load_endoscope(arguments)
     pictures = find_pictures(arguments.frame)
     first = read_frame(pictures[0], calibration)
     truth = None

@@ -62,7 +62,9 @@ def _kind_of(text: str) -> tuple[str, Callable[[str], Any]]:
         return "JSON", lambda text: json.loads(text.removeprefix("\ufeff"))
     rows = [line.split() for line in text.splitlines() if not re.match(r"\s*(#|$)", line)]
     if rows and all(len(row) > 1 and re.fullmatch(r"[-+.\d]\S*", row[0]) for row in rows):
-        return "table", lambda _: {ROWS: [[_as_number(word) for word in row] for row in rows]}
+        return "table", lambda _: {
+            ROWS: [[_as_number(word) for word in row] for row in rows]
+        }
     return "YAML", _read_yaml
 
 

@@ -17,92 +17,21 @@ from the centre of the top-left pixel, which is wrong by half a pixel (0.04°) a
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
-from endolab.io.atomic import PathLike, read_bytes
-from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.io.atomic import PathLike
+from endolab.io.cameras.documents import read_document
+from endolab.io.cameras.formats import read_camera
+from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.model.schema import Section, shorten
+from endolab.model.schema import Section
 
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
-
-# With their number of parameters.
-_CAMERA_TYPES = {
-    "calibu_fu_fv_u0_v0_kb4": 8,
-    "calibu_fu_fv_u0_v0": 4,
-}
-
-
-# Reading XML --------------------------------------------------------------------------------
-def _read_rig(path: PathLike) -> Section:
-    """Read an XML file of at most 1 MB whose outermost element is `rig`.
-
-    A `<!DOCTYPE>` or `<!ENTITY>` is refused: it can blow up in memory or open other files.
-    """
-    source = Path(path)
-    content = read_bytes(source, "calibration XML", 1_000_000)  # real ones have 1 kB
-    try:
-        text = content.decode("utf-8-sig")
-        if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-            raise ValueError("a document type or entities are not read")
-        top = ElementTree.fromstring(text)
-        values = _values(top)
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise ValueError(f"{source}: not valid XML: {error}") from error
-    if top.tag != "rig":
-        raise ValueError(f"{source}: expected <rig>, found <{shorten(top.tag)}>")
-    return Section(values, "rig", str(source))
-
-
-def _values(element: ElementTree.Element) -> Any:
-    """Return an element as JSON would hold it.
-
-    That is its type and its children, of which several of one name are a list, or numbers: of
-    `[ a; b; … ]`, or one.
-    """
-    if len(element):
-        values: dict[str, Any] = {"type": element.get("type")}
-        for name in dict.fromkeys(child.tag for child in element):
-            found = [_values(child) for child in element.findall(name)]
-            values[name] = found[0] if len(found) == 1 else found
-        return values
-    text = (element.text or "").strip()
-    parts = re.split("[;,]", text.removeprefix("[").removesuffix("]"))
-    try:
-        numbers = [float(part) for part in parts]
-    except ValueError:
-        return text
-    return numbers[0] if len(numbers) == 1 else numbers
-
-
-# The camera ---------------------------------------------------------------------------------
-def read_vicalib(path: PathLike) -> Camera:
-    """Read the camera that Vicalib wrote; errors name the file and the element.
-
-    `<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4">` has `width`, `height` and `params`
-    [ fu; fv; u0; v0; k0; k1; k2; k3 ], px and none: r = ϑ + k0 ϑ³ + k1 ϑ⁵ + k2 ϑ⁷ + k3 ϑ⁹, so k0 to
-    k3 are k1 to k4 here. The type `calibu_fu_fv_u0_v0`, a pinhole, is read too. The axes `right`,
-    `down` and `forward` and the `pose` concern a rig's world frame, and are not needed.
-    """
-    model = _read_rig(path).section("camera").section("camera_model")
-    count = _CAMERA_TYPES[model.choice("type", tuple(_CAMERA_TYPES))]
-    width = model.integer("width")
-    height = model.integer("height")
-    fu, fv, u0, v0, *distortion = model.numbers("params", count)
-    try:
-        if distortion:
-            k = tuple(distortion)
-            return KannalaBrandt(width, height, fu, fv, u0, v0, k)  # type: ignore[arg-type]
-        return Pinhole(width, height, fu, fv, u0, v0)
-    except ValueError as error:
-        raise model.error("", str(error)) from error
 
 
 # The light ----------------------------------------------------------------------------------
@@ -174,7 +103,7 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     is a white Lambertian one. The evidence says what each light was, and how far the cosine power is
     from it at worst: the relative error of a distance, %.
     """
-    top = _read_rig(path)
+    top = Section(read_document(path), "", str(path)).section("rig")
     model = top.section("camera").section("camera_model")
     model.choice("type", ("gamma",))
     gamma = model.number("gamma")
@@ -204,11 +133,11 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
 
 # Both ---------------------------------------------------------------------------------------
 def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
-    """Join the two calibrations of an endoscope, see `read_vicalib` and `read_photometry`.
+    """Join the two calibrations of an endoscope, see `read_camera` and `read_photometry`.
 
     The evidence names the two files and says how well the light could be expressed.
     """
-    camera = read_vicalib(geometry)
+    camera = read_camera(geometry)
     light, evidence = read_photometry(photometry, camera)
     names = {"geometry": Path(geometry).name, "photometry": Path(photometry).name}
     return Calibration(camera, light, {"converted": names | evidence})

@@ -4,7 +4,8 @@ import os
 from pathlib import Path
 
 from endolab.io.atomic import PathLike
-from endolab.io.descriptions import read_calibration
+from endolab.io.cameras.formats import read_calibration, split_choice
+from endolab.io.cameras.readers import Size
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.endoscope import Calibration
@@ -103,15 +104,20 @@ CALIBRATIONS: dict[str, Calibration] = {
 }
 
 
-def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibration:
+def load_calibration(
+    name_or_path: PathLike, width: int | None = None, size: Size | None = None
+) -> Calibration:
     """Return an endoscope that endolab knows by name, or one that a file describes.
 
     Parameters
     ----------
     name_or_path : {"paper", "simple", "c3vd", "c3vd_v2", "simcol3d"} or path
-        The paper's endoscope, a 90° pinhole, those of three data sets; or an `endoscope.json`.
+        The paper's endoscope, a 90° pinhole, those of three data sets; or a file: `endoscope.json`, or
+        another program's calibration, ``FILE#NAME`` for one of several cameras.
     width : int, optional
         For pictures of this many columns and the same shape, px.
+    size : (columns, rows), optional
+        Of the pictures, px, if the file does not say.
 
     Returns
     -------
@@ -133,10 +139,10 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
     name = str(name_or_path)
     if name in CALIBRATIONS and not os.path.exists(name):
         calibration = CALIBRATIONS[name]
-    elif not os.path.exists(name) and Path(name).suffix.lower() != ".json":
-        raise unknown_name("calibration", name, CALIBRATIONS, "a JSON file")
+    elif not os.path.exists(split_choice(name)[0]) and not Path(name).suffix:
+        raise unknown_name("calibration", name, CALIBRATIONS, "a file")
     else:
-        calibration = read_calibration(name)
+        calibration = read_calibration(name, size)
     if width is None:
         return calibration
     height = (
