@@ -10,6 +10,7 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import endolab as el
 from endolab.calibration.targets import TARGETS
@@ -36,6 +37,45 @@ RIG = """<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4" version="8">
 <right> [ 1; 0; 0 ] </right> <down> [ 0; 1; 0 ] </down> <forward> [ 0; 0; 1 ] </forward>
 <params> [ 717.7; 718.0; 734.7; 552.1; -0.14; -0.0003; 0.0015; -0.0001 ] </params>
 </camera_model></camera></rig>"""
+
+
+CALIBRATIONS = {
+    "camchain.yaml": """cam0:
+  camera_model: pinhole
+  distortion_coeffs: [-0.05, 0.01, -0.002, 0.001]
+  distortion_model: equidistant
+  intrinsics: [300, 310.0, 160.0, 120.0]
+  resolution: [320, 240]
+""",
+    "cameras.txt": "1 OPENCV 320 240 300 310 160 120 -0.1 0.02 0.001 -0.002\n",
+    "calib_results.txt": """5 -206.5 0 2.2e-03 -4.8e-06 1.8e-08
+1 294.18
+241.8 394.55
+1.00033 0.000219 0.000257
+480 752
+""",
+    "a.cameramodel": """{ 'lensmodel': 'LENSMODEL_PINHOLE',
+ 'intrinsics': [ 1512.0, 1112, 500.0, 333.0,], 'imagersize': [ 1000, 700,], }""",
+    "matlab.json": """{"FocalLength": [300, 310], "PrincipalPoint": [161, 121],
+"ImageSize": [240, 320], "RadialDistortion": [-0.1, 0.02]}""",
+} | {f"opencv.{suffix}": None for suffix in ("yaml", "xml", "json")}
+CALIBRATIONS["matlab.mat"] = None
+
+
+def _write_calibrations():
+    """Those of other programs, some of which the programs' libraries write."""
+    for name, text in CALIBRATIONS.items():
+        if text:
+            Path(name).write_text(text)
+        elif name.startswith("opencv"):
+            storage = cv2.FileStorage(name, cv2.FileStorage_WRITE)
+            storage.write("image_width", 320)
+            storage.write("image_height", 240)
+            storage.write("camera_matrix", np.diag([300.0, 310.0, 1.0]) + 0.0)
+            storage.write("distortion_coefficients", np.array([-0.1, 0.02, 0, 0, 0.01]))
+            storage.release()
+    struct = json.loads(CALIBRATIONS["matlab.json"])
+    savemat("matlab.mat", {"s": struct}, do_compression=True)
 
 
 def run(words):
@@ -66,6 +106,7 @@ def given(tmp_path_factory):
             SolvingSettings({"lam": 1.0, "xi": "d"}, {"k": 2.0}), "settings.json"
         )
         Path("rig.xml").write_text(RIG)
+        _write_calibrations()
         shutil.copy(traced.FOLDER / "matt.npz", "traced.npz")
     return folder
 

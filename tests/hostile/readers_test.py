@@ -15,14 +15,13 @@ from hypothesis import strategies as st
 import endolab as el
 from endolab.batch.sweep import read_table
 from endolab.io.datasets import traced
-from endolab.io.datasets.endomapper import read_vicalib
 from endolab.io.datasets.folders import true_z
 from endolab.io.descriptions import read_target
 from endolab.io.images import read_image, read_mask
 from endolab.io.settings import read_settings
 from endolab.io.surfaces import read_depth
 from endolab.io.video import open_frames
-from tests.hostile.conftest import EXAMPLES, run, sentences
+from tests.hostile.conftest import CALIBRATIONS, EXAMPLES, run, sentences
 from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json
 
 MOST_MEMORY = 600  # MB that reading a small file may take
@@ -53,8 +52,9 @@ READERS = {
     "target.json": read_target,
     "settings.json": read_settings,
     "table.csv": read_table,
-    "rig.xml": read_vicalib,
+    "rig.xml": el.load_calibration,
 } | dict.fromkeys(PICTURES, read_image)
+READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
 INSIDE = {".npz": damaged_arrays, ".json": damaged_json}
 SLOW = {"run.rrd": 5}  # how many times fewer examples: it takes a process each
 

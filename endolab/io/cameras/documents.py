@@ -106,7 +106,8 @@ def _read_yaml(text: str) -> Any:
 
     number = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$")
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+0123456789"))
-    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", Loader.construct_yaml_map)
+    for tag in ("opencv-matrix", "opencv-nd-matrix"):
+        Loader.add_constructor(f"tag:yaml.org,2002:{tag}", Loader.construct_yaml_map)
     _check_length(text)
     text = re.sub(r"^\ufeff?%YAML[^\n]*", "", text)
     text = re.sub(r"b'[^']*'", "''", text)  # mrcal's inputs

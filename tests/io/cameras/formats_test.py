@@ -1,0 +1,358 @@
+"""Calibrations as their own programs write them: the same rays, or one sentence."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from numpy.testing import assert_allclose
+from scipy.io import savemat
+
+import endolab as el
+from endolab.cli.main import main
+from endolab.io.cameras.formats import read_camera
+
+POINTS = np.array([[0.3, -0.2, 1.0], [-0.25, 0.1, 1.0], [0.05, 0.3, 1.0]])
+K = np.array([[300.0, 0, 160], [0, 310.0, 120], [0, 0, 1]])
+BROWN = (-0.1, 0.02, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005)
+FISHEYE = (-0.05, 0.01, -0.002, 0.001)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(name, content):
+        path = tmp_path / name
+        text = content if isinstance(content, str) else json.dumps(content)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return file
+
+
+def by_opencv(k, fisheye=False):
+    """Where OpenCV has the points."""
+    project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+    zero = np.zeros(3)
+    pixels, _ = (
+        project(POINTS[None], zero, zero, K, np.array(k))
+        if fisheye
+        else project(POINTS, zero, zero, K, np.array(k))
+    )
+    return pixels.reshape(-1, 2)
+
+
+def as_stored(path, k, more):
+    storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
+    for key, value in more.items():
+        storage.write(key, value)
+    storage.write("camera_matrix", K)
+    storage.write("distortion_coefficients", np.array(k))
+    storage.release()
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "xml", "json"])
+@pytest.mark.parametrize("count", [4, 5, 8])
+def test_opencv_writes_it(tmp_path, suffix, count):
+    size = {"image_width": 320, "image_height": 240}
+    path = as_stored(tmp_path / f"a.{suffix}", BROWN[:count], size)
+    camera = read_camera(f"{path}#brown")
+    assert_allclose(camera.project(POINTS), by_opencv(BROWN[:count]), atol=1e-9)
+    path = as_stored(tmp_path / f"b.{suffix}", FISHEYE, size)
+    camera = read_camera(path)
+    assert_allclose(camera.project(POINTS), by_opencv(FISHEYE, True), atol=1e-9)
+    path = as_stored(tmp_path / f"c.{suffix}", BROWN[:4], size | {"fisheye_model": 0})
+    assert isinstance(read_camera(path), el.BrownConrady)
+
+
+def test_a_size_that_is_missing(tmp_path):
+    path = as_stored(tmp_path / "a.yaml", BROWN[:5], {})
+    with pytest.raises(ValueError, match=r"a\.yaml.*size"):
+        el.load_calibration(path)
+    assert el.load_calibration(path, size=(320, 240)).camera.height == 240
+    out = tmp_path / "frame"
+    assert main(f"simulate plane --width 320 --out {out}".split()) == 0
+    words = f"reconstruct {out}/frame.png --calibration {path} --solver facing"
+    assert main([*words.split(), "--out", str(tmp_path / "result")]) == 0
+
+
+ROS = {
+    "image_width": 320,
+    "image_height": 240,
+    "camera_name": "narrow",
+    "camera_matrix": {"rows": 3, "cols": 3, "data": K.ravel().tolist()},
+    "distortion_model": "plumb_bob",
+    "distortion_coefficients": {"rows": 1, "cols": 5, "data": BROWN[:5]},
+}
+
+
+@pytest.mark.parametrize(
+    ("model", "k"),
+    [
+        ("plumb_bob", BROWN[:5]),
+        ("rational_polynomial", BROWN),
+        ("equidistant", FISHEYE),
+    ],
+)
+def test_ros(write, model, k):
+    matrix = {"rows": 1, "cols": len(k), "data": list(k)}
+    content = ROS | {"distortion_model": model, "distortion_coefficients": matrix}
+    expected = by_opencv(k, model == "equidistant")
+    for text in (yaml.safe_dump(content), json.dumps(content)):
+        camera = read_camera(write("camera.yaml", text))
+        assert_allclose(camera.project(POINTS), expected, atol=1e-9)
+    echoed = {"height": 240, "width": 320, "distortion_model": model}
+    echoed |= {"D": list(k), "K": K.ravel().tolist()}
+    camera = read_camera(write("echo.yaml", yaml.safe_dump(echoed) + "---\n"))
+    assert_allclose(camera.project(POINTS), expected, atol=1e-9)
+    with pytest.raises(ValueError, match="binned"):
+        read_camera(write("half.yaml", yaml.safe_dump(echoed | {"binning_x": 2})))
+
+
+# As Kalibr's documentation has it (the file's layout), with two cameras.
+KALIBR = """cam0:
+  camera_model: pinhole
+  distortion_coeffs: [-0.05, 1e-2, -0.002, 0.001]
+  distortion_model: equidistant
+  intrinsics: [300, 310.0, 160.0, 120.0]
+  resolution: [320, 240]
+  rostopic: /cam0/image_raw
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, 0.1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.1, 0.02, 0.001, -0.002]
+  distortion_model: radtan
+  intrinsics: [300.0, 310.0, 160.0, 120.0]
+  resolution: [320, 240]
+"""
+
+
+def test_kalibr(write, caplog):
+    path = write("camchain.yaml", KALIBR)
+    first = el.load_calibration(path)
+    assert "cam0" in caplog.text
+    assert "cam1" in caplog.text
+    assert first.evidence["photometry"]["nominal"]
+    assert_allclose(first.camera.project(POINTS), by_opencv(FISHEYE, True), atol=1e-9)
+    second = el.load_calibration(f"{path}#cam1").camera
+    assert_allclose(second.project(POINTS), by_opencv(BROWN[:4]), atol=1e-9)
+    with pytest.raises(ValueError, match="cam1"):
+        el.load_calibration(f"{path}#cam2")
+    omni = write("omni.yaml", KALIBR.replace("pinhole", "omni", 1))
+    with pytest.raises(ValueError, match=r"omni\.yaml.*camera_model.*omni.*pinhole"):
+        el.load_calibration(omni)
+    assert el.load_calibration(f"{omni}#cam1").camera == second
+
+
+# Each with where COLMAP 4.2.1 (pycolmap) has the first point, from the first pixel's corner.
+COLMAP = {
+    "1 SIMPLE_PINHOLE 320 240 300 160 120": (250.0, 60.0),
+    "1 PINHOLE 320 240 300 310 160 120": (250.0, 58.0),
+    "1 SIMPLE_RADIAL 320 240 300 160 120 -0.1": (248.83, 60.78),
+    "1 RADIAL 320 240 300 160 120 -0.1 0.02": (248.86042, 60.75972),
+    "1 OPENCV 320 240 300 310 160 120 -0.1 0.02 0.001 -0.002": (
+        248.63842,
+        58.924544,
+    ),
+    "1 FULL_OPENCV 320 240 300 310 160 120 -0.1 0.02 0.001 -0.002 0.01 0.02 -0.01 0.005": (
+        248.423925280,
+        59.072307029,
+    ),
+    "1 SIMPLE_FISHEYE 320 240 200 160 120": (217.585690140, 81.609539907),
+    "1 FISHEYE 320 240 200 210 160 120": (217.585690140, 79.690016902),
+    "1 SIMPLE_RADIAL_FISHEYE 320 240 200 160 120 -0.05": (217.240900202, 81.839399866),
+    "1 RADIAL_FISHEYE 320 240 200 160 120 -0.05 0.01": (217.249157816, 81.833894789),
+    "1 OPENCV_FISHEYE 320 240 200 210 160 120 -0.05 0.01 -0.002 0.001": (
+        217.248971890,
+        79.925719677,
+    ),
+}
+
+
+@pytest.mark.parametrize("line", COLMAP)
+def test_colmap(write, line):
+    head = "# Camera list\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+    other = "7 PINHOLE 640 480 500 500 320 240\n"
+    path = write("cameras.txt", f"{head}{line}\n{other}")
+    expected = np.array(COLMAP[line]) - 0.5
+    assert_allclose(read_camera(path).project(POINTS[0]), expected, atol=1e-8)
+    assert read_camera(f"{path}#7") == el.Pinhole(640, 480, 500, 500, 319.5, 239.5)
+
+
+# The example of OCamCalib's users, and what its cam2world.c makes of a pixel (row, column).
+OCAM = """#polynomial coefficients for the DIRECT mapping function
+
+5 -2.065170e+02 0.000000e+00 2.207161e-03 -4.879622e-06 1.865656e-08
+
+#polynomial coefficients for the inverse mapping function
+
+3 294.182260 152.289570 -12.191217
+
+#center: "row" and "column", starting from 0 (C convention)
+
+241.800066 394.552874
+
+#affine parameters "c", "d", "e"
+
+1.000330 0.000219 0.000257
+
+#image size: "height" and "width"
+
+480 752
+"""
+
+
+def by_cam2world(row, column):
+    """A ray of OCamCalib's: down, right, backward."""
+    c, d, e = 1.000330, 0.000219, 0.000257
+    down, right = np.linalg.solve(
+        [[c, d], [e, 1]], [row - 241.800066, column - 394.552874]
+    )
+    r = np.hypot(down, right)
+    back = np.polyval([1.865656e-08, -4.879622e-06, 2.207161e-03, 0, -2.065170e02], r)
+    ray = np.array([right, down, -back])
+    return ray / np.linalg.norm(ray)
+
+
+def test_ocamcalib(write, tmp_path):
+    camera = read_camera(write("calib_results.txt", OCAM))
+    assert (camera.width, camera.height) == (752, 480)
+    model = {
+        "ss": [-206.5170, 0, 2.207161e-03, -4.879622e-06, 1.865656e-08],
+        "xc": 242.800066,
+        "yc": 395.552874,
+        "c": 1.000330,
+        "d": 0.000219,
+        "e": 0.000257,
+        "width": 752,
+        "height": 480,
+    }
+    savemat(tmp_path / "ocam.mat", {"ocam_model": model})
+    for row, column in ((100.0, 500.0), (400.0, 120.0), (242.0, 380.0)):
+        ray = by_cam2world(row, column)
+        for known in (camera, read_camera(tmp_path / "ocam.mat")):
+            assert_allclose(known.unproject((column, row)), ray, atol=1e-9)
+
+
+def test_c3vd(write):
+    known = el.load_calibration("c3vd").camera
+    flat = {f"a{power}": value for power, value in enumerate(known.a)}
+    flat |= {name: getattr(known, name) for name in ("cx", "cy", "c", "d", "e")}
+    size = {"width": known.width, "height": known.height}
+    assert read_camera(write("flat.json", size | flat)) == known
+    lines = "".join(f"{name}: {value!r}\n" for name, value in flat.items())
+    assert read_camera(write("flat.txt", lines), (1350, 1080)) == known
+    ours = el.load_calibration("c3vd").to_dict()
+    ours["camera"] = {"model": "scaramuzza"} | size | flat
+    assert el.load_calibration(write("ours.json", ours)) == el.load_calibration("c3vd")
+
+
+def test_matlab(write, tmp_path):
+    """Its first pixel's centre is (1, 1)."""
+    shifted = K + [[0, 0, 1], [0, 0, 1], [0, 0, 0]]
+    radial = [BROWN[0], BROWN[1], BROWN[4]]
+    common = {"RadialDistortion": radial, "TangentialDistortion": list(BROWN[2:4])}
+    structs = {
+        "old": common
+        | {"IntrinsicMatrix": shifted.T.tolist(), "ImageSize": [240, 320]},
+        "new": common | {"K": shifted.tolist(), "ImageSize": []},
+        "plain": common | {"FocalLength": [300, 310], "PrincipalPoint": [161, 121]},
+    }
+    for name, struct in structs.items():
+        savemat(tmp_path / f"{name}.mat", {"s": struct}, do_compression=True)
+        for path in (tmp_path / f"{name}.mat", write(f"{name}.json", struct)):
+            camera = read_camera(path, (320, 240))
+            assert_allclose(camera.project(POINTS), by_opencv(BROWN[:5]), atol=1e-9)
+    known = el.load_calibration("c3vd").camera
+    fisheye = {
+        "MappingCoefficients": [known.a[0], *known.a[2:]],
+        "ImageSize": [1080, 1350],
+        "DistortionCenter": [known.cx + 1, known.cy + 1],
+        "StretchMatrix": [[known.c, known.d], [known.e, 1.0]],
+    }
+    savemat(tmp_path / "fisheye.mat", {"p": {"Intrinsics": fisheye}})
+    for path in (tmp_path / "fisheye.mat", write("fisheye.json", fisheye)):
+        camera = read_camera(path)
+        pixel = (300.0, 800.0)
+        assert_allclose(camera.unproject(pixel), known.unproject(pixel), atol=1e-12)
+    newer = b"MATLAB 7.3 MAT-file, Platform: GLNXA64"
+    (tmp_path / "newer.mat").write_bytes(newer)
+    with pytest.raises(ValueError, match=r"newer\.mat.*7\.3"):
+        read_camera(tmp_path / "newer.mat")
+
+
+# Values of mrcal's own regression test of its projections.
+MRCAL = {
+    "PINHOLE": ((), (651.2, 555.4)),
+    "OPENCV4": ((-0.012, 0.035, -0.001, 0.002), (651.27371, 555.23042)),
+    "OPENCV5": ((-0.012, 0.035, -0.001, 0.002, 0.019), (651.2740691, 555.2309482)),
+    "OPENCV8": (
+        (-0.012, 0.035, -0.001, 0.002, 0.019, 0.014, -0.056, 0.050),
+        (651.1885442, 555.10514968),
+    ),
+}
+
+
+@pytest.mark.parametrize("model", MRCAL)
+def test_mrcal(write, model):
+    k, pixel = MRCAL[model]
+    text = f"""# generated by mrcal-calibrate-cameras
+    {{ 'lensmodel': 'LENSMODEL_{model}',
+       'intrinsics': [ {", ".join(map(str, (1512.0, 1112, 500.0, 333.0, *k)))},],
+       'extrinsics': [ 2e-2, -3e-1, -1e-2,  1., 2, -3., ],
+       'imagersize': [ 1000, 700,],
+       'optimization_inputs': b'P)h>@6a{{#,]0',
+    }}"""
+    camera = read_camera(write("a.cameramodel", text))
+    assert_allclose(camera.project((1.0, 2.0, 10.0)), pixel, atol=1e-6)
+    with pytest.raises(ValueError, match="lensmodel.*STEREOGRAPHIC"):
+        read_camera(write("b.cameramodel", text.replace(model, "STEREOGRAPHIC")))
+
+
+@pytest.mark.parametrize(
+    ("kind", "k", "order"),
+    [
+        ("", (), ()),
+        ("_k1_k2", BROWN[:2], (*BROWN[:2], 0.0, 0.0)),
+        ("_k1_k2_k3", BROWN[:3], (*BROWN[:2], 0.0, 0.0, BROWN[2])),
+        ("_rational6", BROWN[:6], (*BROWN[:2], 0.0, 0.0, *BROWN[2:6])),
+    ],
+)
+def test_vicalib(write, kind, k, order):
+    numbers = "; ".join(map(str, (300.0, 310.0, 160.0, 120.0, *k)))
+    camera = f"""<camera><camera_model type="calibu_fu_fv_u0_v0{kind}">
+    <width> 320 </width> <height> 240 </height> <params> [ {numbers} ] </params>
+    </camera_model></camera>"""
+    path = write("rig.xml", f"<rig>{camera}{camera.replace('310', '290')}</rig>")
+    expected = by_opencv(order or (0.0,) * 4)
+    assert_allclose(read_camera(path).project(POINTS), expected, atol=1e-9)
+    assert read_camera(f"{path}#camera1").fy == 290
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["just words", "a: 1\nb: [2, 3]\n", '{"a": 1}', "<a><b>1</b></a>", "1 2\n3 4\n"],
+)
+def test_an_unknown_file_is_told_what_can_be_read(write, content):
+    for name in ("x.txt", "x.yaml", "x.json"):
+        if name == "x.json" and not content.startswith("{"):
+            continue
+        with pytest.raises(
+            ValueError, match=r"x\.\w+: [^\n]*Kalibr[^\n]*COLMAP[^\n]*$"
+        ):
+            read_camera(write(name, content))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "a: &a [1, 2]\ncam0: *a\nb: *a\n",
+        "cam0: !!python/object/apply:os.system [echo]\n",
+        "cam0: {" + "a: {" * 5000,
+    ],
+)
+def test_yaml_that_does_more_than_hold_numbers_is_refused(write, content):
+    with pytest.raises(ValueError, match=r"^[^\n]*x\.yaml: not valid YAML[^\n]*$"):
+        read_camera(write("x.yaml", content))
