@@ -251,7 +251,7 @@ def test_c3vd(write):
 
 def test_matlab(write, tmp_path):
     """Its first pixel's centre is (1, 1)."""
-    shifted = K + [[0, 0, 1], [0, 0, 1], [0, 0, 0]]
+    shifted = np.add(K, [[0, 0, 1], [0, 0, 1], [0, 0, 0]])
     radial = [BROWN[0], BROWN[1], BROWN[4]]
     common = {"RadialDistortion": radial, "TangentialDistortion": list(BROWN[2:4])}
     structs = {
@@ -307,7 +307,7 @@ def test_mrcal(write, model):
     }}"""
     camera = read_camera(write("a.cameramodel", text))
     assert_allclose(camera.project((1.0, 2.0, 10.0)), pixel, atol=1e-6)
-    with pytest.raises(ValueError, match="lensmodel.*STEREOGRAPHIC"):
+    with pytest.raises(ValueError, match=r"lensmodel.*STEREOGRAPHIC"):
         read_camera(write("b.cameramodel", text.replace(model, "STEREOGRAPHIC")))
 
 
