@@ -305,7 +305,8 @@ def account(session: Session) -> list[str]:
         f"{len(session.dropped)} dropped"
     )
     dropped = [f"  {line}" for line in by_reason(session.dropped)]
-    return [first, *dropped, *_camera_lines(session), *_light_lines(session)]
+    sheet = f"the target: {describe_target(session.target)}"
+    return [sheet, first, *dropped, *_camera_lines(session), *_light_lines(session)]
 
 
 def light_errors(session: Session) -> dict[str, float]:

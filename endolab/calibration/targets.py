@@ -6,7 +6,7 @@ each with a pose of its own, and keeps the coordinates that it had before.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -31,6 +31,8 @@ class Ink:
     rectangles: FloatArray = field(default_factory=lambda: rows_of([], 4))
     # Centre x, y, radius, and reflectance relative to the white of the paper.
     greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
+    # The shapes are bare and the paper around them is black.
+    inverted: bool = False
 
 
 def rows_of(values: ArrayLike, columns: int) -> FloatArray:
@@ -86,7 +88,8 @@ def darkness(
         column = span(x - left, width, columns)
         covers = np.outer(cover(y - top, height, row), cover(x - left, width, column))
         dark[np.ix_(row, column)] += covers * (1 - black)
-    return dark
+    # Rounded, for shares of a cell that is bare do not add up to 1 exactly.
+    return np.round(1 - black - dark, 5) if ink.inverted else dark
 
 
 # Targets --------------------------------------------------------------------------------
@@ -106,6 +109,8 @@ class Target:
     margin: float = 10.0  # white paper around the features, mm
     # The sheet is folded between this many columns on the left and the rest.
     fold: int | None = None
+    # White on black paper, where others are black on white.
+    inverted: bool = False
 
     kind: ClassVar[str]
     least: ClassVar[int] = 2  # columns and rows
@@ -116,10 +121,14 @@ class Target:
             number(name, check_int(name, getattr(self, name), self.least), most=100)
         for name in ("spacing", "margin"):
             check_range(name, getattr(self, name), "length")
+        for part in fields(self):
+            value = getattr(self, part.name)
+            if part.type is bool and not isinstance(value, bool):
+                raise ValueError(f"{part.name} must be true or false, got {value!r}")
         if self.fold is None:
             return
         if self.found_whole:
-            raise ValueError("fold is of dots and ChArUco; other targets are found whole")
+            raise ValueError("fold is of dots and ChArUco, other targets are flat")
         check_int("fold", self.fold)
         right = self.panel_of(self.points[: self.columns])
         if min(np.sum(right == 0), np.sum(right)) < 2:
@@ -127,6 +136,11 @@ class Target:
                 f"fold must leave two columns of features on each side, got {self.fold} "
                 f"of {self.columns} columns"
             )
+
+    @property
+    def variants(self) -> tuple["Target", ...]:
+        """What the sheet may be instead, if it is not found as it is described."""
+        return (replace(self, inverted=not self.inverted),)
 
     @property
     def points(self) -> FloatArray:
@@ -232,6 +246,12 @@ class DotGrid(Target):
                 0.001,
                 0.999,
             )
+            if self.inverted:
+                raise ValueError("inverted is of targets without greys")
+
+    @property
+    def variants(self) -> tuple[Target, ...]:  # noqa: D102
+        return super().variants if self.greys is None else ()
 
     @cached_property
     def code(self) -> IntArray:
@@ -257,7 +277,7 @@ class DotGrid(Target):
     def ink(self) -> Ink:  # noqa: D102
         discs = np.column_stack([self.points[:, :2], self.radii])
         if self.greys is None:
-            return Ink(discs)
+            return Ink(discs, inverted=self.inverted)
         radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
         cells = _lattice(self.columns - 1, self.rows - 1)
         centres = (cells[cells.sum(axis=1) % 2 == 0] + 0.5) * self.spacing
@@ -269,13 +289,14 @@ class DotGrid(Target):
 
 @dataclass(frozen=True)
 class CircleGrid(Target):
-    """An asymmetric grid of equal circles, as OpenCV's: every second row is shifted.
+    """A grid of equal circles, as OpenCV's: asymmetric, every second row is shifted, or symmetric.
 
     `columns` counts the circles of a row, `spacing` is the distance between rows; the circles of
-    a row lie twice as far apart.
+    a row lie twice as far apart, in a symmetric grid as far.
     """
 
     radius: float = 0.0  # mm
+    symmetric: bool = False
 
     kind: ClassVar[str] = "circles"
     found_whole: ClassVar[bool] = True
@@ -286,12 +307,20 @@ class CircleGrid(Target):
             "radius",
             self.radius,
             0.001,
-            0.7 * self.spacing,
+            (0.49 if self.symmetric else 0.7) * self.spacing,
         )
+
+    @property
+    def variants(self) -> tuple[Target, ...]:  # noqa: D102
+        if self.radius > 0.49 * self.spacing:
+            return super().variants
+        return (replace(self, symmetric=not self.symmetric), *super().variants)
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
         column, row = _lattice(self.columns, self.rows).T
+        if self.symmetric:
+            return np.stack([column, row, 0 * row], axis=-1) * self.spacing
         return np.stack([2 * column + row % 2, row, 0 * row], axis=-1) * self.spacing
 
     @property
@@ -300,7 +329,8 @@ class CircleGrid(Target):
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
-        return Ink(np.column_stack([self.points[:, :2], self.radii]))
+        discs = np.column_stack([self.points[:, :2], self.radii])
+        return Ink(discs, inverted=self.inverted)
 
 
 @dataclass(frozen=True)
@@ -310,6 +340,11 @@ class Chessboard(Target):
     kind: ClassVar[str] = "chessboard"
     least: ClassVar[int] = 4
     found_whole: ClassVar[bool] = True
+
+    @property
+    def first_black(self) -> int:
+        """Of the first row, which square is the first black one."""
+        return 0
 
     @property
     def fold_x(self) -> float | None:  # noqa: D102
@@ -323,9 +358,9 @@ class Chessboard(Target):
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
         squares = _lattice(self.columns, self.rows)
-        black = squares[squares.sum(axis=1) % 2 == 0]  # the upper left is
+        black = squares[squares.sum(axis=1) % 2 == self.first_black]
         rectangles = np.column_stack([black - 1, np.ones(black.shape)]) * self.spacing
-        return Ink(rectangles=rectangles)
+        return Ink(rectangles=rectangles, inverted=self.inverted)
 
 
 @dataclass(frozen=True)
@@ -334,6 +369,9 @@ class Charuco(Chessboard):
 
     marker: float = 0.0  # side, mm
     dictionary: str = "DICT_5X5_250"  # its name in OpenCV
+    first_id: int = 0  # of the markers, which are numbered from it
+    # The pattern before OpenCV 4.6: with an even number of rows, the upper left square is white.
+    legacy: bool = False
 
     kind: ClassVar[str] = "charuco"
     found_whole: ClassVar[bool] = False
@@ -346,43 +384,147 @@ class Charuco(Chessboard):
             0.001,
             0.99 * self.spacing,
         )
-        name = self.dictionary
-        if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
-            raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {name!r}")
-        markers = len(self.board.getIds())
-        most = len(self.board.getDictionary().bytesList)
-        if markers > most:
-            raise ValueError(
-                f"dictionary {self.dictionary} has {most} markers, the board needs {markers}"
-            )
+        check_dictionary(self.dictionary, self.first_id, self.columns * self.rows // 2)
+
+    @property
+    def first_black(self) -> int:  # noqa: D102
+        return int(self.legacy and self.rows % 2 == 0)
+
+    @property
+    def variants(self) -> tuple[Target, ...]:  # noqa: D102
+        if self.rows % 2:  # both patterns are the same
+            return super().variants
+        return (replace(self, legacy=not self.legacy), *super().variants)
 
     @property
     def board(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's description of it; corner ids are those of `points`."""
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         size = self.columns, self.rows
-        return cv2.aruco.CharucoBoard(
+        ids = self.first_id + np.arange(self.columns * self.rows // 2)
+        board = cv2.aruco.CharucoBoard(
             size,
             self.spacing,
             self.marker,
-            dictionary,
+            dictionary_of(self.dictionary),
+            ids,
         )
+        board.setLegacyPattern(self.legacy)
+        return board
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
-        squares = super().ink.rectangles
         board = self.board
-        dictionary = board.getDictionary()
-        bits = dictionary.markerSize + 2
-        cell = self.marker / bits
-        boxes = [squares]
-        for name, corners in zip(
-            np.ravel(board.getIds()), board.getObjPoints(), strict=True
-        ):
-            picture = dictionary.generateImageMarker(int(name), bits)
-            corner = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
-            places = corner + np.argwhere(picture == 0)[:, ::-1] * cell
-            boxes.append(np.column_stack([places, np.full(places.shape, cell)]))
+        corners = [np.asarray(c)[:, :2].min(axis=0) for c in board.getObjPoints()]
+        markers = draw_markers(
+            board.getDictionary(),
+            np.ravel(board.getIds()),
+            np.array(corners) - self.spacing,
+            self.marker,
+        )
+        rectangles = np.concatenate([super().ink.rectangles, markers])
+        return Ink(rectangles=rectangles, inverted=self.inverted)
+
+
+def check_dictionary(name: str, first_id: int, markers: int) -> None:
+    """Refuse a name that is none of OpenCV's dictionaries, or one of too few markers."""
+    if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
+        raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {name!r}")
+    needed = check_int("first_id", first_id) + markers
+    most = len(dictionary_of(name).bytesList)
+    if needed > most:
+        raise ValueError(
+            f"dictionary {name} has {most} markers, the board needs {needed} with first_id {first_id}"
+        )
+
+
+def dictionary_of(name: str) -> cv2.aruco.Dictionary:
+    """Return OpenCV's markers of a name."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def draw_markers(
+    dictionary: cv2.aruco.Dictionary,
+    ids: IntArray,
+    corners: FloatArray,
+    side: float,
+    border: int = 1,
+) -> FloatArray:
+    """Give the black cells of markers as rectangles, (n, 4), mm; `border`: cells of their black rim."""
+    bits = dictionary.markerSize + 2 * border
+    cell = side / bits
+    boxes = []
+    for name, corner in zip(ids, corners, strict=True):
+        picture = dictionary.generateImageMarker(int(name), bits, borderBits=border)
+        places = corner + np.argwhere(picture == 0)[:, ::-1] * cell
+        boxes.append(np.column_stack([places, np.full(places.shape, cell)]))
+    return np.concatenate(boxes)
+
+
+@dataclass(frozen=True)
+class AprilGrid(Target):
+    """A grid of AprilTags, as Kalibr's: `columns` × `rows` tags, `spacing` apart; features are their corners.
+
+    The tags are numbered from the lower left, row by row (github.com/ethz-asl/kalibr). Kalibr's `tagSize`
+    is `marker`, and its `tagSpacing` the white between tags over that, so `spacing` is (1 + tagSpacing)
+    times tagSize. White on black is not read: tags run into the squares there, and corners are 3 px off.
+    """
+
+    marker: float = 0.0  # side of a tag, mm
+    dictionary: str = "DICT_APRILTAG_36h11"  # its name in OpenCV
+    first_id: int = 0
+    border: int = 2  # cells of a tag's black rim: Kalibr's 2, or 1
+    # Black squares between the tags, whose corners meet theirs.
+    squares: bool = True
+
+    kind: ClassVar[str] = "aprilgrid"
+    found_whole: ClassVar[bool] = True  # or in part, but it cannot be folded
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number(
+            "marker",
+            self.marker,
+            0.001,
+            0.99 * self.spacing,
+        )
+        number("border", check_int("border", self.border, 1), most=2)
+        check_dictionary(self.dictionary, self.first_id, self.columns * self.rows)
+        if self.inverted:
+            raise ValueError("inverted is not of AprilGrids")
+
+    @property
+    def variants(self) -> tuple[Target, ...]:  # noqa: D102
+        return ()
+
+    @property
+    def tag_corners(self) -> IntArray:
+        """Rows of `points` of a tag's corners, (tags, 4), by its number; clockwise from the upper left."""
+        ids = np.arange(len(self.points)).reshape(self.rows, 2, self.columns, 2)
+        by_tag = ids[::-1].transpose(0, 2, 1, 3).reshape(-1, 4)
+        return by_tag[:, [0, 1, 3, 2]]
+
+    @cached_property
+    def points(self) -> FloatArray:  # noqa: D102
+        column, row = _lattice(2 * self.columns, 2 * self.rows).T
+        places = np.stack([column, row, 0 * row], axis=-1)
+        return places // 2 * self.spacing + places % 2 * self.marker
+
+    @cached_property
+    def ink(self) -> Ink:  # noqa: D102
+        corners = self.points[self.tag_corners[:, 0], :2]
+        boxes = [
+            draw_markers(
+                dictionary_of(self.dictionary),
+                self.first_id + np.arange(len(corners)),
+                corners,
+                self.marker,
+                self.border,
+            )
+        ]
+        gap = self.spacing - self.marker
+        if self.squares:
+            places = _lattice(self.columns + 1, self.rows + 1) * self.spacing - gap
+            boxes.append(np.column_stack([places, np.full(places.shape, gap)]))
         return Ink(rectangles=np.concatenate(boxes))
 
 

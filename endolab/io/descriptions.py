@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from endolab.calibration.targets import (
     TARGETS,
+    AprilGrid,
     Charuco,
     Chessboard,
     CircleGrid,
@@ -82,7 +83,7 @@ def make_calibration(
 
 # Descriptions ---------------------------------------------------------------------------
 KINDS: dict[str, type[Target]] = {
-    make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)
+    make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco, AprilGrid)
 }
 
 
@@ -90,8 +91,9 @@ def read_target(name_or_path: PathLike) -> Target:
     """Find a target by its name in `TARGETS`, or read its description, a JSON file.
 
     Such as ``{"endolab_target": 1, "kind": "dots", "columns": 19, "rows": 10, "spacing": 5.2797,
-    "small": 1.05885, "large": 1.58266}``. Also "margin" (mm), "fold" (columns on the left of it); for dots
-    "seed" and "greys"; for circles "radius"; for charuco "marker" and "dictionary".
+    "small": 1.05885, "large": 1.58266}``. Also "margin" (mm), "fold" (columns on the left of it), "inverted"
+    (white on black); for dots "seed" and "greys"; for circles "radius" and "symmetric"; for charuco and
+    aprilgrid "marker", "dictionary" and "first_id", and "legacy" or "border" and "squares".
     """
     name = str(name_or_path)
     if name in TARGETS:
@@ -105,12 +107,15 @@ def read_target(name_or_path: PathLike) -> Target:
     kind = top.choice("kind", tuple(KINDS))
     values: dict[str, Any] = {}
     for part in fields(KINDS[kind]):
-        if top.content.get(part.name) is None and part.default not in (MISSING, 0.0):
+        is_needed = part.default is MISSING or (part.type is float and part.default == 0)
+        if top.content.get(part.name) is None and not is_needed:
             top.take(part.name, None)
-        elif part.name == "dictionary":
+        elif part.type is str:
             values[part.name] = str(top.take(part.name))
+        elif part.type is bool:  # which the target itself refuses, if it is another value
+            values[part.name] = top.take(part.name)
         else:
-            is_integer = part.name in ("columns", "rows", "fold", "seed")
+            is_integer = part.type in (int, int | None)
             read = top.integer if is_integer else top.positive
             values[part.name] = read(part.name)
     return top.build(KINDS[kind], **values)

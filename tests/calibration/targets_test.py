@@ -7,6 +7,7 @@ from scipy.spatial.distance import pdist
 
 from endolab.calibration.targets import (
     TARGETS,
+    AprilGrid,
     Charuco,
     Chessboard,
     CircleGrid,
@@ -21,7 +22,13 @@ GOOD = {
     CircleGrid: {"columns": 4, "rows": 11, "spacing": 5.0, "radius": 2.0},
     Chessboard: {"columns": 8, "rows": 6, "spacing": 5.0},
     Charuco: {"columns": 8, "rows": 6, "spacing": 5.0, "marker": 3.5},
+    AprilGrid: {"columns": 4, "rows": 3, "spacing": 6.5, "marker": 5.0},
 }
+WHITE_ON_BLACK = [
+    DotGrid(9, 8, 5.0, small=1.0, large=1.5, inverted=True),
+    CircleGrid(4, 7, 2.0, radius=0.8, symmetric=True, inverted=True),
+    Charuco(6, 4, 5.0, marker=3.7, legacy=True, inverted=True),
+]
 
 
 def flat(target, dots=10):
@@ -42,7 +49,12 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
 
 @pytest.mark.parametrize(
     "target",
-    [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)],
+    [
+        *TARGETS.values(),
+        *WHITE_ON_BLACK,
+        Charuco(9, 6, 5.0, fold=4, marker=3.7),
+        AprilGrid(4, 3, 6.5, marker=5.0),
+    ],
 )
 def test_the_raster_is_the_reflectance_averaged(target):
     corner = np.array([-2.13, -1.57])
@@ -66,7 +78,12 @@ def test_the_raster_is_the_reflectance_averaged(target):
 
 @pytest.mark.parametrize(
     "target",
-    [*TARGETS.values(), DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4)],
+    [
+        *TARGETS.values(),
+        *WHITE_ON_BLACK,
+        DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4),
+        AprilGrid(4, 3, 6.5, marker=5.0),
+    ],
 )
 def test_white_places_are_bare_and_apart(target):
     places = target.white_places()
@@ -85,12 +102,35 @@ def test_charuco_ids_are_opencvs():
     for target in (
         TARGETS["charuco"],
         Charuco(7, 5, 8.0, marker=6.0, dictionary="DICT_4X4_50"),
+        Charuco(7, 6, 8.0, marker=6.0, first_id=31),
     ):
         image, to_mm = flat(target)
         corners, ids, _, _ = cv2.aruco.CharucoDetector(target.board).detectBoard(image)
         assert sorted(ids.ravel()) == list(range(len(target.points)))
         known = target.points[ids.ravel(), :2]
         np.testing.assert_allclose(to_mm(corners.reshape(-1, 2)), known, atol=0.05)
+
+
+@pytest.mark.parametrize("shape", [(7, 6), (6, 4), (7, 5)])
+def test_the_old_charuco_pattern_is_opencvs(shape):
+    """OpenCV's own picture of it, at the same scale."""
+    target = Charuco(*shape, 9.0, margin=4.0, marker=7.0, legacy=True)
+    image, _ = flat(target)
+    size = image.shape[::-1]
+    np.testing.assert_array_equal(target.board.generateImage(size, None, 40), image)
+
+
+def test_the_tags_of_an_aprilgrid_are_opencvs_and_numbered_from_the_lower_left():
+    target = AprilGrid(4, 3, 6.5, marker=5.0, squares=False, first_id=7, border=1)
+    image, to_mm = flat(target)
+    markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    corners, ids, _ = cv2.aruco.ArucoDetector(markers).detectMarkers(image)
+    assert sorted(ids.ravel()) == list(range(7, 19))
+    for tag, found in zip(ids.ravel() - 7, corners, strict=True):
+        known = target.points[target.tag_corners[tag], :2]
+        np.testing.assert_allclose(to_mm(found[0]), known, atol=0.1)
+        row, column = divmod(tag, 4)
+        np.testing.assert_allclose(known[0], [6.5 * column, 6.5 * (2 - row)])
 
 
 @pytest.mark.parametrize(
@@ -127,6 +167,12 @@ def test_corners_and_circles_are_in_opencvs_order(name):
         (DotGrid, "fold", 2.5),
         (CircleGrid, "radius", 3.6),
         (CircleGrid, "fold", 2),
+        (CircleGrid, "symmetric", "yes"),
+        (AprilGrid, "inverted", True),
+        (AprilGrid, "fold", 2),
+        (AprilGrid, "border", 3),
+        (AprilGrid, "first_id", 576),
+        (Charuco, "first_id", 227),
         (Chessboard, "fold", 2),
         (Charuco, "marker", 5.0),
         (Charuco, "dictionary", "DICT_9X9_1"),

@@ -49,12 +49,13 @@ def reflectance(target, xy, black=0.04):
     ):
         return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
 
-    value = np.where(within(*target.sheet), 1.0, np.nan)
-    discs = np.pad(target.ink.discs, ((0, 0), (0, 1)), constant_values=black)
+    paper, shape = (black, 1.0) if target.inverted else (1.0, black)
+    value = np.where(within(*target.sheet), paper, np.nan)
+    discs = np.pad(target.ink.discs, ((0, 0), (0, 1)), constant_values=shape)
     for left, top, radius, grey in [*target.ink.greys, *discs]:
         value[np.hypot(x - left, y - top) <= radius] = grey
     for rectangle in target.ink.rectangles:
-        value[within(*rectangle)] = black
+        value[within(*rectangle)] = shape
     return value
 
 

@@ -200,17 +200,19 @@ def no_features(reason: str) -> Found:
 
 
 def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
-    """Find an asymmetric grid of circles; parameters and results as of `detect_dots`.
+    """Find a grid of circles; parameters and results as of `detect_dots`.
 
-    Its circles form a square lattice that is turned by 45°, so a piece of a lattice need only be
-    laid on the grid's outline. All but a few must be in view, or their order cannot be known.
+    Those of an asymmetric one form a square lattice that is turned by 45°, so a piece of a lattice need only
+    be laid on the grid's outline. All but a few must be in view, or their order cannot be known.
     """
     blobs = find_blobs(image)
     count = len(target.points)
     if len(blobs) < CODE.least_seen * count:
         return no_features("too few dark spots")
     x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
-    spot = np.column_stack([(y - x) // 2, (x + y) // 2])
+    spot = np.column_stack([y, x])
+    if not target.symmetric:
+        spot = np.column_stack([(y - x) // 2, (x + y) // 2])
     spots = tuple(spot.T - spot.min(axis=0)[:, None])
     outline = np.full(np.max(spots, axis=1) + 1, -1.0)
     outline[spots] = 1.0
@@ -218,12 +220,12 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     same_turned = np.array_equal(outline, outline[::-1, ::-1])
     panel = np.zeros(outline.shape, int)
     owner = np.full(count, -1)  # which blob each circle is
-    cover = _cover(target, 2 * target.spacing**2)
+    cover = _cover(target, (1 if target.symmetric else 2) * target.spacing**2)
     for piece in find_lattices(blobs, cover, 2 * sum(table.shape) + 5):
         place = np.argwhere(piece >= 0)
         placements, _ = _placements(place, np.ones(len(place)), table)
         if same_turned:  # of two opposite orders take the one whose rows run to the right
-            right = [_runs_right(turn, piece, blobs) for _, turn, _ in placements]
+            right = [_runs_right(turn, piece, blobs, target) for _, turn, _ in placements]
             placements = list(compress(placements, right))
         if not placements:
             continue
@@ -249,8 +251,15 @@ def _runs_right(
     turn: int,
     piece: IntArray,
     blobs: Blobs,
+    target: CircleGrid,
 ) -> bool:
-    """Whether the target's x axis would point to the right in the picture."""
-    places = np.argwhere(piece >= 0)
-    across = (places @ TURNS[turn].T) @ [-1, 1]
-    return bool(np.cov(across, blobs.centres[piece[piece >= 0], 0])[0, 1] > 0)
+    """Whether the target's x axis would point to the right in the picture, more than up or down.
+
+    How much up or down matters for a square grid alone, which also looks the same turned by 90°.
+    """
+    places = np.argwhere(piece >= 0) @ TURNS[turn].T
+    column = blobs.centres[piece[piece >= 0], 0]
+    axes = ([0, 1], [1, 0]) if target.symmetric else ([-1, 1], [1, 1])
+    right, down = (np.cov(places @ axis, column)[0, 1] for axis in axes)
+    is_square = target.symmetric and target.columns == target.rows
+    return bool(right > (abs(down) if is_square else 0))

@@ -77,11 +77,14 @@ def draw_sheet(target: Target) -> Figure:
     rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
     axes.add_patch(Rectangle((left, top), width, height, **rim))
     ink = target.ink
+    colour = "white" if ink.inverted else "black"
+    if ink.inverted:
+        axes.add_patch(Rectangle((left, top), width, height, facecolor="black"))
     for reflectance in np.unique(ink.greys[:, 3]):
         same = ink.greys[ink.greys[:, 3] == reflectance]
         _fill(axes, Outline.unit_circle(), same[:, [0, 1, 2, 2]], _grey(reflectance))
-    _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], "black")
-    _fill(axes, Outline.unit_rectangle(), ink.rectangles, "black")
+    _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], colour)
+    _fill(axes, Outline.unit_rectangle(), ink.rectangles, colour)
 
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     bottom = top + height

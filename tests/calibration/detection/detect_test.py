@@ -12,10 +12,18 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import detect
 from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.session import detect_all, printed_target
 from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
 from endolab.calibration.simulation.trajectory import Movement, fold_pose
 from endolab.calibration.simulation.video import simulate_video
-from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
+from endolab.calibration.targets import (
+    TARGETS,
+    AprilGrid,
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    Ink,
+)
 from endolab.io.datasets import load_calibration
 from tests.tools.sheet_views import centroids_on_panels
 
@@ -84,10 +92,10 @@ def errors(found, true):
     return np.linalg.norm(found.pixels - true[found.ids], axis=1)
 
 
-def look(target, *poses, **options):
+def look(target, *poses, printed=None, **options):
     """What is found in a picture of a sheet, where its features truly are, and how far off it is, px."""
     true = truth(target, poses)
-    found = detect(picture(target, poses, **options), target)
+    found = detect(picture(printed or target, poses, **options), target)
     return found, true, errors(found, true)
 
 
@@ -387,6 +395,98 @@ def test_a_charuco_board_in_small_and_narrow_pictures(width, height, focal):
         off = errors(found, camera.project(pose.transform(target.points)))
         assert len(found.ids) >= 0.75 * len(target.points)
         assert np.quantile(off, 0.95) < 0.7
+
+
+CIRCLES = CircleGrid(9, 7, 7.0, radius=2.5, symmetric=True)
+# With the median error that they were found with, px; that of bare tags is a bias of `cornerSubPix`.
+OTHERS = {
+    "symmetric": (CIRCLES, 0.02),
+    "square": (CircleGrid(7, 7, 7.0, radius=2.0, symmetric=True), 0.02),
+    "old pattern": (Charuco(12, 8, 7.0, marker=5.2, legacy=True), 0.11),
+    "other ids": (Charuco(12, 8, 7.0, marker=5.2, first_id=100), 0.11),
+    "white dots": (replace(DOTS, inverted=True), 0.07),
+    "white circles": (replace(TARGETS["circles"], inverted=True), 0.07),
+    "white charuco": (replace(TARGETS["charuco"], inverted=True), 0.15),
+    "white chessboard": (Chessboard(12, 8, 7.0, inverted=True), 0.1),
+    "AprilGrid": (AprilGrid(6, 5, 10.4, marker=8.0), 0.18),
+    "bare tags": (AprilGrid(6, 5, 10.4, marker=8.0, squares=False, border=1), 0.45),
+}
+
+
+@pytest.mark.parametrize(
+    ("distance", "tilt", "turn"),
+    [
+        (60, 0, 0),
+        (60, 25, 40),
+        (75, 35, -20),
+    ],
+)
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_targets_in_place(name, distance, tilt, turn):
+    target, median = OTHERS[name]
+    pose = posed(
+        target,
+        distance,
+        tilt,
+        turn,
+    )
+    found, true, off = look(target, pose, noise=1)
+    assert len(found.ids) >= 0.85 * len(seen(true))
+    assert np.median(off) < median
+    assert np.quantile(off, 0.95) < 1
+
+
+class TurnedTags(AprilGrid):
+    """Tags that are turned by a quarter, as some programs print them."""
+
+    @property
+    def ink(self):
+        left, top, width, height = super().ink.rectangles.T
+        x, y = (np.floor(at / self.spacing + 0.01) * self.spacing for at in (left, top))
+        turned = [x + self.marker - (top - y) - height, y + left - x, height, width]
+        return Ink(rectangles=np.column_stack(turned))
+
+
+def test_tags_may_be_printed_turned_by_quarters():
+    target = AprilGrid(5, 4, 10.4, marker=8.0, squares=False)
+    turned = TurnedTags(5, 4, 10.4, marker=8.0, squares=False)
+    found, _, off = look(target, posed(target, 50), printed=turned)
+    assert len(found.ids) >= 76
+    assert off.max() < 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["old pattern", "white circles", "white chessboard", "symmetric"],
+)
+def test_a_sheet_that_is_not_as_described_is_tried_as_its_variants(name):
+    target, _ = OTHERS[name]
+    plain = replace(target, inverted=False)
+    if name == "old pattern":
+        plain = replace(plain, legacy=False)
+    if name == "symmetric":
+        plain = replace(plain, symmetric=False)
+    frames = [(f"{n}", picture(target, [posed(target, 60, 10 * n)])) for n in range(3)]
+    detections, _ = detect_all([("dark", np.zeros((480, 640))), *frames], plain)
+    assert printed_target(detections, plain) == target
+    assert [len(one.ids) > 0 for one in detections.values()] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+    # What is as described is found as that, and nothing else is tried.
+    detections, _ = detect_all(frames, target)
+    assert printed_target(detections, target) == target
+
+
+def test_a_published_symmetric_grid(data):
+    image = cv2.imread(str(data / "outside/circles_symmetric.png"))
+    found = detect(image, CIRCLES)
+    assert np.array_equal(found.ids, np.arange(63))
+    _, places = cv2.findCirclesGrid(image, (9, 7), flags=cv2.CALIB_CB_SYMMETRIC_GRID)
+    nearest = np.linalg.norm(places - found.pixels, axis=-1).min(axis=0)
+    assert nearest.max() < 0.5
 
 
 @pytest.mark.parametrize(
