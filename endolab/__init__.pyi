@@ -1,6 +1,8 @@
 """What a notebook uses; all else is reached through the folders (CONTRIBUTING, "The house")."""
 
 from . import metrics as metrics
+from .batch.evaluate import evaluate as evaluate
+from .batch.evaluate import evaluate_folder as evaluate_folder
 from .batch.live import reconstruct_live as reconstruct_live
 from .batch.sweep import sweep as sweep
 from .batch.video import reconstruct_video as reconstruct_video

@@ -96,72 +96,88 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    import numpy as np
+    from endolab.batch.evaluate import evaluate, evaluate_folder
+    from endolab.io.datasets.known_endoscopes import load_calibration
 
-    from endolab.io.datasets.folders import true_z
-    from endolab.io.surfaces import read_depth
-    from endolab.metrics.coverage import coverage_of
-    from endolab.metrics.depth_errors import compare, resample_truth
-    from endolab.numerics.checks import number
-
-    depth = read_depth(arguments.depth)
-    distance = depth["distance"].astype(np.float64)
-    cos_alpha = depth["z"] / distance
-    shape = distance.shape
-    normals = None
-    if arguments.truth.endswith(".npz"):
-        maps = read_depth(arguments.truth)
-        size = maps["distance"].shape
-        truth = resample_truth(maps["distance"], shape)
-        if "normals" in maps:
-            normals = resample_truth(maps["normals"], shape)
-    else:
-        z = true_z(arguments.truth)
-        size = z.shape
-        truth = resample_truth(z, shape) / cos_alpha
-    angle = number("--max-angle", arguments.max_angle, 0, 180)
-    mask = cos_alpha >= np.cos(np.deg2rad(angle))
-    metric = bool(depth.get("metric", True))
-    scale = arguments.scale or ("none" if metric else "median")
-    if scale == "none" and not metric:
-        raise ValueError(
-            f"{arguments.depth} is in relative units: compare it with --scale median"
-        )
-    known = {
-        "normals": depth.get("normals"),
-        "true_normals": normals,
-    }
-    e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
-    trusted = None
-    if "sigma" in depth:
-        trusted = coverage_of(distance, depth["sigma"], truth, mask, scale)
-    if arguments.json:
-        content = _as_json(e)
-        if trusted is not None:
-            content["coverage"] = _as_json(trusted)
-        if size != shape:
-            content["truth_resampled_from"] = size[::-1]
-        print(json.dumps(content, indent=2))
+    names = ("kind", "unit", "truth_kind", "truth_unit", "mask", "scale", "max_angle")
+    options = {name: getattr(arguments, name) for name in names}
+    if arguments.calibration is not None:
+        options["camera"] = load_calibration(arguments.calibration).camera
+    given = (arguments.depth, arguments.truth)
+    if os.path.isdir(arguments.depth):
+        found, alone = evaluate_folder(*given, **options)
+        _print_table(found, alone, arguments.json)
         return
-    if size != shape:
-        print(
-            f"The truth, {size[1]}x{size[0]} px, is resampled to the result's {shape[1]}x{shape[0]} px."
-        )
-    print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {scale})")
+    found = [evaluate(*given, **options)]
+    if arguments.json:
+        print(json.dumps(_evaluation_as_json(found[0]), indent=2))
+    else:
+        _print_evaluation(found[0])
+
+
+def _print_evaluation(made: Any) -> None:
+    e = made.errors
+    if made.resampled_from:
+        rows, columns = made.resampled_from
+        print(f"The truth, {columns}x{rows} px, is resampled to the result's size.")
+    print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {made.scale})")
     print(
-        f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm"
+        f"{made.kind:<9} mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm"
     )
     print(
         f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %"
     )
-    print(f"z         RMSE {e.rmse_z_mm:.4g} mm")
-    if not np.isnan(e.mean_degrees):
+    print(
+        f"          δ < 1.25: {e.within_125:.4g} %, 1.25²: {e.within_125_squared:.4g} %, "
+        f"1.25³: {e.within_125_cubed:.4g} %"
+    )
+    if not math.isnan(e.rmse_z_mm):
+        print(f"z         RMSE {e.rmse_z_mm:.4g} mm")
+    if not math.isnan(e.mean_degrees):
         print(f"normals   mean {e.mean_degrees:.4g}°, median {e.median_degrees:.4g}°")
-    if trusted is not None:
+    if made.coverage is not None:
+        trusted = made.coverage
         print(
             f"σ         {trusted.within_one:.0f} % within 1 σ, {trusted.within_two:.0f} % within 2 σ "
             f"(68 and 95 if right); its rank follows the error's by {trusted.spearman:.2f}"
         )
+
+
+def _evaluation_as_json(made: Any) -> dict[str, Any]:
+    content = _as_json(made.errors) | {"depth": made.name, "kind": made.kind}
+    if made.coverage is not None:
+        content["coverage"] = _as_json(made.coverage)
+    if made.resampled_from:
+        content["truth_resampled_from"] = made.resampled_from[::-1]
+    return content
+
+
+def _print_table(found: list[Any], alone: list[str], as_json: bool) -> None:
+    """Print a row for each depth map of a folder, their mean and their median."""
+    import numpy as np
+
+    if as_json:
+        frames = [_evaluation_as_json(made) for made in found]
+        print(json.dumps({"frames": frames, "without_partner": alone}, indent=2))
+        return
+    columns = {
+        "AbsRel %": "mean_percent",
+        "RMSE mm": "rmse_mm",
+        "RMSE z mm": "rmse_z_mm",
+        "δ<1.25 %": "within_125",
+        "δ<1.25² %": "within_125_squared",
+        "δ<1.25³ %": "within_125_cubed",
+        "scale": "scale",
+    }
+    values = [[getattr(made.errors, name) for name in columns.values()] for made in found]
+    rows = [*values, np.mean(values, axis=0), np.median(values, axis=0)]
+    labels = [*(made.name for made in found), "mean", "median"]
+    wide = max(map(len, labels))
+    print(" " * wide + "".join(f"{name:>11}" for name in columns))
+    for label, row in zip(labels, rows, strict=True):
+        print(f"{label:<{wide}}" + "".join(f"{value:>11.4g}" for value in row))
+    if alone:
+        print(f"{len(alone)} without a partner: {to_one_line(', '.join(alone))}")
 
 
 def _as_json(facts: Any) -> dict[str, Any]:
@@ -271,19 +287,26 @@ def _parser() -> argparse.ArgumentParser:
         "endolab evaluate result/depth.npz sim/truth.npz",
         "endolab evaluate result/depth.npz sim/truth.npz --max-angle 60 --json",
         "endolab evaluate result/depth.npz 0001_depth.png --scale median",
+        "endolab evaluate predictions truths --unit 1000 --calibration cal.json",
     )
     option = command.add_argument
-    option("depth", metavar="DEPTH.npz", help="of a result, or of a frame of a video")
-    option(
-        "truth",
-        metavar="TRUTH",
-        help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019",
-    )
+    text = "depth.npz, .npy, .npz, .png, .tif of any program, or a folder of these"
+    option("depth", metavar="DEPTH", help=text)
+    text = "the same, or a depth map of C3VD, SimCol3D or UCL 2019; or a folder"
+    option("truth", metavar="TRUTH", help=text)
     option(
         "--scale",
-        choices=("none", "median"),
-        help="default: median for relative units, else none",
+        choices=("none", "median", "medians"),
+        help="median of d*/d, or ratio of medians; default: median for relative units, else none",
     )
+    for which, unit in (("", "none: relative"), ("truth-", "1")):
+        text = "what it holds, if no name says so (default z)"
+        option(f"--{which}kind", choices=("z", "distance"), help=text)
+        text = f"that 1 in the file stands for (default {unit})"
+        option(f"--{which}unit", type=number, metavar="MM", help=text)
+    text = "endoscope.json, or a name: turns z into distance"
+    option("--calibration", metavar="CAL", help=text)
+    option("--mask", metavar="MASK.png", help="bright where it counts, of the truth's size")
     option(
         "--max-angle",
         type=number,

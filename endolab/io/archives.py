@@ -13,6 +13,13 @@ from endolab.numerics.memory import check_memory
 MOST_BYTES = 2_000_000_000
 
 
+def array_names(path: PathLike, what: str) -> list[str]:
+    """Name the arrays of an .npz; errors as of `read_arrays`."""
+    content = io.BytesIO(read_bytes(path))
+    with name_damage(path, what), zipfile.ZipFile(content) as archive:
+        return [name.removesuffix(".npy") for name in archive.namelist()]
+
+
 def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, np.ndarray]:
     """Read the arrays of an .npz that have one of a few names, as far as they are there.
 

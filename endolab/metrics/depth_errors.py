@@ -10,6 +10,8 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, real_array
 from endolab.numerics.derivatives import forward_gradient, links
 
+SCALES = ("none", "median", "medians")
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -25,6 +27,10 @@ class Errors:
     rmse_z_mm: float  # of z instead of Euclidean distance, mm, as most benchmarks state it
     mean_degrees: float  # angle between the normals; nan if the truth has none
     median_degrees: float
+    # Pixels of which d/d* or d*/d, the larger, is below 1.25, its square, its cube (δ₁, δ₂, δ₃), %.
+    within_125: float
+    within_125_squared: float
+    within_125_cubed: float
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -131,9 +137,11 @@ def valid_in_all(
 
 
 def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:
-    """What distances are multiplied by first: the median of d*/d, or 1 if `scale` is "none"."""
-    if scale not in ("none", "median"):
-        raise unknown_name("scale", scale, ("none", "median"))
+    """What distances are multiplied by first; see `compare`."""
+    if scale not in SCALES:
+        raise unknown_name("scale", scale, SCALES)
+    if scale == "medians":
+        return float(np.median(truth) / np.median(distance))
     return float(np.median(truth / distance)) if scale == "median" else 1.0
 
 
@@ -154,13 +162,15 @@ def compare(
     distance, truth : (H, W) float arrays
         Euclidean distances, mm, positive; anything else where unknown.
     cos_alpha : (H, W) float array
-        z of the unit rays, which turns distance into z.
+        z of the unit rays, which turns distance into z; nan where it is not known, which leaves z out.
     normals, true_normals : (H, W, 3) float arrays, optional
         Unit normals.
     mask : (H, W) bool array, optional
         Further restricts the pixels.
-    scale : {"none", "median"}
-        "median" multiplies the estimate by the median of d*/d, for results up to scale.
+    scale : {"none", "median", "medians"}
+        "median" multiplies the estimate by the median of d*/d, for results up to scale; "medians" by the
+        median of d* over the median of d, as most papers do since Zhou et al., "Unsupervised learning of
+        depth and ego-motion from video", 2017.
 
     Raises
     ------
@@ -185,7 +195,10 @@ def compare(
         raise ValueError("cos_alpha must be finite where both distances are known")
     true = truth[known]
     factor = scale_to(true, distance[known], scale)
-    error = np.abs(factor * distance[known] - true)
+    estimate = factor * distance[known]
+    error = np.abs(estimate - true)
+    ratio = np.maximum(estimate / true, true / estimate)
+    within = [float(100 * np.mean(ratio < 1.25**power)) for power in (1, 2, 3)]
     degrees = np.array([np.nan])
     if normals is not None and true_normals is not None:
         vectors = {"normals": normals, "true_normals": true_normals}
@@ -202,4 +215,7 @@ def compare(
         rmse_z_mm=float(np.sqrt(np.mean((error * cos_alpha[known]) ** 2))),
         mean_degrees=float(np.mean(degrees)),
         median_degrees=float(np.median(degrees)),
+        within_125=within[0],
+        within_125_squared=within[1],
+        within_125_cubed=within[2],
     )

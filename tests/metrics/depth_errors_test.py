@@ -26,6 +26,9 @@ def test_errors_by_hand():
     assert np.isnan(errors.pop("median_degrees"))
     expected = {"pixels": 4, "scale": 1.0, "mean_percent": 7.0, "median_percent": 9.0}
     expected |= {"mean_mm": 7 / 4, "median_mm": 1.5, "rmse_mm": np.sqrt(21 / 4)}
+    expected |= dict.fromkeys(
+        ("within_125", "within_125_squared", "within_125_cubed"), 100.0
+    )
     assert errors == pytest.approx(
         expected | {"rmse_z_mm": np.sqrt((1 + 1 + 0 + 4) / 4)}
     )
@@ -38,6 +41,18 @@ def test_median_scale_undoes_a_factor_and_tolerates_outliers():
     assert errors.scale == pytest.approx(7)
     assert errors.median_mm == pytest.approx(0, abs=1e-12)
     assert errors.mean_percent == pytest.approx(400 / 5)
+
+
+def test_shares_within_125_and_the_ratio_of_medians():
+    """Ratios of 1.2, 1/1.2, 1.5, 1/1.6 and 2."""
+    truth = np.full((1, 5), 30.0)
+    estimate = truth * [1.2, 1 / 1.2, 1.5, 1 / 1.6, 2.0]
+    errors = compare(estimate, truth, np.ones((1, 5)))
+    shares = errors.within_125, errors.within_125_squared, errors.within_125_cubed
+    assert shares == pytest.approx((40, 60, 80))
+    cosine = np.array([[1.0, 0.5, 0.8, 0.9, 0.6]])
+    errors = compare(estimate, truth, cosine, scale="medians")
+    assert errors.scale == pytest.approx(1 / 1.2)
 
 
 @pytest.mark.parametrize("unknown", [0.0, -3.0, np.inf, -np.inf, np.nan])

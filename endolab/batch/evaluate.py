@@ -1,0 +1,192 @@
+"""How far depth maps in files, of any program, are from the truth."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from endolab.frames.frame import check_size
+from endolab.io.atomic import PathLike, as_path
+from endolab.io.datasets.folders import depth_layout
+from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
+from endolab.io.images import read_mask
+from endolab.metrics.coverage import Coverage, coverage_of
+from endolab.metrics.depth_errors import Errors, compare, resample_truth
+from endolab.model.cameras import Camera
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import number
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How far a depth map is from the truth."""
+
+    name: str  # of the depth map; in a folder, the path from there
+    kind: str  # of what is compared, and `errors` are of: "distance", or "z" if no camera is known
+    scale: str  # as of `compare`
+    errors: Errors
+    coverage: Coverage | None  # of the depth map's σ, if it has one
+    resampled_from: (
+        tuple[int, int] | None
+    )  # rows and columns of the truth, if they are others
+
+
+def evaluate(
+    prediction: PathLike,
+    truth: PathLike,
+    *,
+    kind: str | None = None,
+    unit: float | None = None,
+    truth_kind: str | None = None,
+    truth_unit: float | None = None,
+    camera: Camera | None = None,
+    mask: PathLike | None = None,
+    scale: str | None = None,
+    max_angle: float = 90.0,
+) -> Evaluation:
+    """Compare a depth map with the truth; both are files that `read_depth_map` reads.
+
+    Parameters
+    ----------
+    prediction, truth : path
+    kind, unit, truth_kind, truth_unit : optional
+        As for `read_depth_map`. A truth without a unit is in mm.
+    camera : Camera, optional
+        Of the picture, of any size of its proportions. Needed if one file holds z and the other distance, and
+        neither both; without any, z is compared with z.
+    mask : path, optional
+        A picture of the truth's size, bright where it counts.
+    scale : {"none", "median", "medians"}, optional
+        As for `compare`; median by default for a depth map without a unit, else none.
+    max_angle : float
+        Only pixels so near to the camera's axis count, degrees.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if a file cannot be read, the two are not of one picture, or a camera or a unit is
+        missing.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> el.evaluate("result/depth.npz", "sim/truth.npz").errors.mean_percent < 5
+    True
+    """
+    depth = read_depth_map(prediction, kind, unit)
+    true = read_depth_map(truth, truth_kind, truth_unit)
+    shape = depth.values.shape
+    size = true.values.shape
+    cosine = _cosine(depth, true, camera)
+    if cosine is None and (depth.kind != true.kind or max_angle < 90):
+        raise ValueError(
+            f"{prediction} holds {depth.kind}, {truth} {true.kind}, and no camera: give one (--calibration)"
+        )
+    if mask is not None:
+        inside = read_mask(mask)
+        if inside.shape != size:
+            raise ValueError(
+                f"{mask} must have the size of the truth, {size[1]}x{size[0]} px"
+            )
+        true.values[~inside] = np.nan
+    estimate = depth.values
+    actual = resample_truth(true.values, shape)
+    normals = None if true.normals is None else resample_truth(true.normals, shape)
+    compared = "distance" if cosine is not None else depth.kind
+    if cosine is None:
+        cosine = np.full(shape, 1.0 if compared == "z" else np.nan)
+    elif depth.kind == "z":
+        estimate = estimate / cosine
+    if true.kind != compared:
+        actual = actual / cosine
+    scale = scale or ("none" if depth.metric else "median")
+    if scale == "none" and not depth.metric:
+        raise ValueError(
+            f"{prediction} is in relative units: compare it with --scale median, or say its --unit"
+        )
+    # nan, where nobody asked for the angle, counts.
+    near = ~(cosine < np.cos(np.deg2rad(number("--max-angle", max_angle, 0, 180))))
+    known = {"normals": depth.normals, "true_normals": normals}
+    errors = compare(estimate, actual, cosine, mask=near, scale=scale, **known)
+    trusted = None
+    if depth.sigma is not None:
+        trusted = coverage_of(estimate, depth.sigma, actual, near, scale)
+    resampled = None if size == shape else (size[0], size[1])
+    return Evaluation(str(prediction), compared, scale, errors, trusted, resampled)
+
+
+def _cosine(depth: DepthMap, true: DepthMap, camera: Camera | None) -> FloatArray | None:
+    """Find z over distance for each pixel of a depth map, by a camera or by what the files hold."""
+    rows, columns = depth.values.shape
+    if camera is not None:
+        if rows != round(camera.height * columns / camera.width):
+            check_size("the depth map", (columns, rows), camera)
+        return camera.resize(columns, rows).field.cos_alpha
+    if depth.cos_alpha is not None or true.cos_alpha is None:
+        return depth.cos_alpha
+    return resample_truth(true.cos_alpha, (rows, columns))
+
+
+# Folders --------------------------------------------------------------------------------
+def evaluate_folder(
+    predictions: PathLike, truths: PathLike, **options: Any
+) -> tuple[list[Evaluation], list[str]]:
+    """Compare the depth maps of a folder with those of another, paired by name, or else by number.
+
+    Parameters
+    ----------
+    predictions, truths : path
+        Folders, with folders in them or not. Where there are depth maps by endolab, or of a data set by
+        their names, other files beside them are left out.
+    **options
+        Of `evaluate`.
+
+    Returns
+    -------
+    evaluations : list of Evaluation
+        In the order of the names in `predictions`.
+    alone : list of str
+        Paths of the depth maps, in either, that have no partner.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, as for `evaluate`, or if there is no pair.
+    """
+    sides = [_find_maps(as_path(folder)) for folder in (predictions, truths)]
+    if not sides[0].keys() & sides[1].keys():
+        sides = [_by_number(maps) for maps in sides]
+    left, right = sides
+    pairs = {name: (left[name], right[name]) for name in left if name in right}
+    if not pairs:
+        raise ValueError(
+            f"no depth map in {predictions} has the name or number of one in {truths}"
+        )
+    alone = [
+        str(path) for maps in sides for name, path in maps.items() if name not in pairs
+    ]
+    return [evaluate(*pair, **options) for pair in pairs.values()], alone
+
+
+def _find_maps(folder: Path) -> dict[str, Path]:
+    """Find the files of a folder that may be depth maps, by their paths from there without a suffix."""
+    files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in SUFFIXES]
+    own = [p for p in files if depth_layout(p) or p.name in ("depth.npz", "truth.npz")]
+    return {p.relative_to(folder).with_suffix("").as_posix(): p for p in own or files}
+
+
+def _by_number(maps: dict[str, Path]) -> dict[str, Path]:
+    """Find depth maps by the last number of their names, or by their names where there is none."""
+    numbers = {name: re.findall(r"\d+", name) for name in maps}
+    numbered = {
+        str(int(numbers[name][-1])) if numbers[name] else name: maps[name] for name in maps
+    }
+    if len(numbered) < len(maps):
+        raise ValueError(f"{next(iter(maps.values()))}: another depth map has its number")
+    return numbered

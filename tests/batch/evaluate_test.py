@@ -1,0 +1,239 @@
+"""Depth maps of other programs against the truth: every format, and figures computed on their own."""
+
+import cv2
+import numpy as np
+import pytest
+from skimage.metrics import mean_squared_error
+
+import endolab as el
+from endolab.batch.evaluate import evaluate, evaluate_folder
+from endolab.io.depth_maps import read_depth_map
+from endolab.io.images import write_image
+from endolab.io.surfaces import save_depth
+
+CAMERA = el.load_calibration("paper", width=64).camera
+COSINE = CAMERA.field.cos_alpha
+SHAPE = COSINE.shape
+
+
+@pytest.fixture
+def truth(tmp_path):
+    """A rendered colon: true z, (H, W), mm, and the file that holds it."""
+    known = el.load_calibration("paper", width=64)
+    scene = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    save_depth(tmp_path / "truth.npz", scene, True)
+    return scene.z, tmp_path / "truth.npz"
+
+
+@pytest.fixture
+def guess(truth, rng):
+    """Another program's z, (H, W), mm: the truth with errors of some percent, none in a corner."""
+    z = truth[0] * np.exp(0.15 * rng.standard_normal(SHAPE))
+    z[:5, :7] = 0
+    return z.astype(np.float32)
+
+
+def papers(z, true, scale=1.0):
+    """AbsRel, RMSE and δ₁ to δ₃ as Monodepth2's own evaluation has them."""
+    valid = np.isfinite(true) & (z > 0)
+    z, true = scale * z[valid].astype(np.float64), true[valid]
+    worse = np.maximum(true / z, z / true)
+    rmse = np.sqrt(mean_squared_error(true, z))
+    below = [(worse < 1.25**n).mean() for n in (1, 2, 3)]
+    return np.mean(np.abs(true - z) / true), rmse, *below
+
+
+def figures(made):
+    e = made.errors
+    within = (e.within_125, e.within_125_squared, e.within_125_cubed)
+    return e.mean_percent / 100, e.rmse_z_mm, *np.divide(within, 100)
+
+
+def write_as(folder, name, z):
+    """Write a depth map under a name that says how; the mm that 1 in it stands for."""
+    path = folder / name
+    inverse = {"in_m": 1000.0, "png": 1 / 256}
+    unit = next((mm for word, mm in inverse.items() if word in name), 1.0)
+    stored = z / np.float32(unit)
+    match path.suffix:
+        case ".npy":
+            np.save(path, stored[None, :, :, None])
+        case ".npz":
+            np.savez(path, **{path.stem.partition("-")[0]: stored, "poses": np.eye(4)})
+        case ".png":
+            cv2.imwrite(str(path), np.nan_to_num(stored).round().astype(np.uint16))
+        case _:
+            cv2.imwrite(str(path), stored)
+    return path, unit
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "z.npy",
+        "in_m.npy",
+        "depth-.npz",
+        "Depth_Map-.npz",
+        "pred-.npz",
+        "png.png",
+        "z.tiff",
+    ],
+)
+def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name):
+    path, unit = write_as(tmp_path, name, guess)
+    step = 0.5 / 256 / truth[0].min() if path.suffix == ".png" else 1e-5
+    made = evaluate(path, truth[1], unit=unit)
+    assert (made.kind, made.scale) == ("distance", "none")
+    assert figures(made) == pytest.approx(
+        papers(guess, truth[0]), rel=10 * step, abs=2e-3
+    )
+    known = guess > 0
+    assert made.errors.pixels == np.sum(known & np.isfinite(truth[0]))
+    median = evaluate(path, truth[1], scale="medians")
+    ratio = np.median(truth[0][known] / COSINE[known]) / np.median(
+        (guess / COSINE)[known]
+    )
+    assert median.errors.scale / unit == pytest.approx(ratio, rel=10 * step)
+
+
+def test_figures_to_the_last_digit_where_z_is_compared_with_z(tmp_path, truth, guess):
+    """Without a camera; in a unit that nobody named it is scaled by a median."""
+    np.save(tmp_path / "z.npy", guess / 7)
+    np.save(tmp_path / "true.npy", truth[0])
+    made = evaluate(tmp_path / "z.npy", tmp_path / "true.npy")
+    known = guess > 0
+    factor = np.median(truth[0][known] / (guess[known] / np.float32(7)))
+    assert (made.kind, made.scale) == ("z", "median")
+    assert figures(made) == pytest.approx(papers(guess / 7, truth[0], factor), rel=1e-6)
+    assert np.isnan(made.errors.mean_degrees)
+    medians = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", scale="medians")
+    factor = np.median(truth[0][known]) / np.median(guess[known] / np.float32(7))
+    assert figures(medians) == pytest.approx(
+        papers(guess / 7, truth[0], factor), rel=1e-6
+    )
+
+
+def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
+    tmp_path, truth, guess
+):
+    np.savez(tmp_path / "a.npz", distance=guess / COSINE)
+    np.save(tmp_path / "z.npy", guess)
+    np.save(tmp_path / "true.npy", truth[0])
+    z = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", unit=1)
+    with pytest.raises(ValueError, match="--calibration"):
+        evaluate(tmp_path / "a.npz", tmp_path / "true.npy", unit=1)
+    with pytest.raises(ValueError, match="--calibration"):
+        evaluate(tmp_path / "z.npy", tmp_path / "true.npy", max_angle=20)
+    camera = CAMERA.resize(1440, 1080)
+    for name in ("a.npz", "z.npy"):
+        made = evaluate(
+            tmp_path / name, tmp_path / "true.npy", unit=1, camera=camera, scale="none"
+        )
+        assert made.kind == "distance"
+        assert figures(made) == pytest.approx(figures(z), rel=1e-5)
+        far = made.errors.rmse_mm
+        assert far == pytest.approx(
+            papers(guess / COSINE, truth[0] / COSINE)[1], rel=1e-5
+        )
+    wrong = evaluate(tmp_path / "z.npy", truth[1], kind="distance", unit=1)
+    assert wrong.errors.mean_percent > z.errors.mean_percent
+    with pytest.raises(ValueError, match="64x48"):
+        evaluate(tmp_path / "z.npy", truth[1], camera=CAMERA.resize(64, 40))
+
+
+def test_a_mask_and_points(tmp_path, truth, guess):
+    """Three channels of floats are X, Y and Z, as SCARED has them; a mask is of the truth's size."""
+    points = CAMERA.field.rays * (guess / COSINE)[..., None]
+    points[guess == 0] = np.nan
+    cv2.imwrite(str(tmp_path / "xyz.tiff"), points[..., ::-1].astype(np.float32))
+    np.save(tmp_path / "z.npy", guess)
+    whole = evaluate(tmp_path / "xyz.tiff", tmp_path / "z.npy", unit=1)
+    assert whole.errors.mean_percent < 1e-4
+    mask = np.zeros(SHAPE)
+    mask[10:30, 20:50] = 1
+    write_image(tmp_path / "mask.png", mask)
+    part = evaluate(tmp_path / "xyz.tiff", truth[1], unit=1, mask=tmp_path / "mask.png")
+    assert part.errors.pixels == 600
+    inside = (slice(10, 30), slice(20, 50))
+    assert figures(part) == pytest.approx(
+        papers(guess[inside], truth[0][inside]), rel=1e-4
+    )
+    write_image(tmp_path / "small.png", mask[::2, ::2])
+    with pytest.raises(ValueError, match=r"small\.png.*64x48"):
+        evaluate(tmp_path / "z.npy", truth[1], mask=tmp_path / "small.png")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "named"),
+    [
+        ({"disparity": np.ones(SHAPE)}, "disparity.*distance"),
+        ({"inv_depth": np.ones(SHAPE)}, "inv_depth"),
+        ({"a": np.ones(SHAPE), "b": np.ones(SHAPE)}, "a, b"),
+        ({"depth": np.ones((2, *SHAPE))}, r"\(2, 48, 64\)"),
+        ({"depth": np.ones(SHAPE, complex)}, "complex"),
+        ({"depth": np.array(["a"])}, "U1"),
+    ],
+)
+def test_what_is_no_depth_is_refused(tmp_path, arrays, named):
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(ValueError, match=rf"a\.npz.*{named}"):
+        read_depth_map(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    "name", ["a.npz", "a.npy", "a.png", "a.tiff", "a.exr", "a.txt"]
+)
+def test_what_is_no_file_of_depths_is_refused(tmp_path, name):
+    (tmp_path / name).write_bytes(b"no depth")
+    with pytest.raises(ValueError, match=name):
+        read_depth_map(tmp_path / name)
+
+
+def test_relative_units_need_a_unit_or_a_median(tmp_path, truth, guess):
+    np.save(tmp_path / "a.npy", guess)
+    with pytest.raises(ValueError, match="--unit"):
+        evaluate(tmp_path / "a.npy", truth[1], scale="none")
+    assert evaluate(tmp_path / "a.npy", truth[1], unit=1).scale == "none"
+
+
+@pytest.mark.parametrize(
+    ("prediction", "true"),
+    [
+        ("{:04d}.npy", "{:04d}.npy"),
+        ("frame_{}_depth.npy", "{:04d}_depth.tiff"),
+        ("{}/depth.npy", "sub/truth-{:03d}.npy"),
+    ],
+)
+def test_folders_are_paired_by_name_or_number(tmp_path, prediction, true):
+    """Frames 2, 9 and 10 are there twice, errors 10, 20 and 30 %; 11 and 12 have no partner."""
+    for number, percent in {2: 10, 9: 20, 10: 30, 11: 0}.items():
+        path = tmp_path / "a" / prediction.format(number)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.save(path, np.full((40, 50), 20.0 + number) * (1 + percent / 100))
+    for number in (12, 10, 9, 2):
+        path = tmp_path / "b" / true.format(number)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        z = np.full((40, 50), 20.0 + number)
+        if path.suffix == ".npy":
+            np.save(path, z)
+        else:  # C3VD's, beside its colours
+            cv2.imwrite(str(path), np.round(z * 655.35).astype(np.uint16))
+            write_image(path.with_name(f"{number:04d}_color.png"), z / 99)
+    made, alone = evaluate_folder(tmp_path / "a", tmp_path / "b", unit=1)
+    errors = {one.name: one.errors.mean_percent for one in made}
+    expected = {str(tmp_path / "a" / prediction.format(n)): n for n in (2, 9, 10)}
+    assert errors.keys() == expected.keys()
+    for name, number in expected.items():
+        assert errors[name] == pytest.approx({2: 10, 9: 20, 10: 30}[number], abs=0.01)
+    left = {tmp_path / "a" / prediction.format(11), tmp_path / "b" / true.format(12)}
+    assert {str(path) for path in left} == {*alone}
+
+
+def test_folders_that_cannot_be_paired(tmp_path):
+    for name in ("a/1.npy", "a/x/01.npy", "b/2.npy", "c/y.npy", "d/z.npy"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(tmp_path / name, np.ones((4, 5)))
+    with pytest.raises(ValueError, match="number"):
+        evaluate_folder(tmp_path / "a", tmp_path / "b")
+    with pytest.raises(ValueError, match="no depth map"):
+        evaluate_folder(tmp_path / "c", tmp_path / "d")
