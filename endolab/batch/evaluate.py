@@ -9,7 +9,7 @@ import numpy as np
 
 from endolab.frames.frame import check_size
 from endolab.io.atomic import PathLike, as_path
-from endolab.io.datasets.folders import depth_layout
+from endolab.io.datasets.folders import depth_layout, true_z
 from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
@@ -46,7 +46,7 @@ def evaluate(
     scale: str | None = None,
     max_angle: float = 90.0,
 ) -> Evaluation:
-    """Compare a depth map with the truth; both are files that `read_depth_map` reads.
+    """Compare a depth map with the truth, files that `read_depth_map` reads; the truth may be a data set's.
 
     Parameters
     ----------
@@ -80,7 +80,10 @@ def evaluate(
     True
     """
     depth = read_depth_map(prediction, kind, unit)
-    true = read_depth_map(truth, truth_kind, truth_unit)
+    if truth_kind is None and truth_unit is None and depth_layout(truth):
+        true = DepthMap(true_z(truth), "z", True)
+    else:
+        true = read_depth_map(truth, truth_kind, truth_unit)
     shape = depth.values.shape
     size = true.values.shape
     cosine = _cosine(depth, true, camera)
@@ -183,10 +186,7 @@ def _find_maps(folder: Path) -> dict[str, Path]:
 
 def _by_number(maps: dict[str, Path]) -> dict[str, Path]:
     """Find depth maps by the last number of their names, or by their names where there is none."""
-    numbers = {name: re.findall(r"\d+", name) for name in maps}
-    numbered = {
-        str(int(numbers[name][-1])) if numbers[name] else name: maps[name] for name in maps
-    }
-    if len(numbered) < len(maps):
+    numbers = {name: (re.findall(r"\d+", name) or [name])[-1].lstrip("0") for name in maps}
+    if len({*numbers.values()}) < len(maps):
         raise ValueError(f"{next(iter(maps.values()))}: another depth map has its number")
-    return numbered
+    return {numbers[name]: path for name, path in maps.items()}

@@ -4,14 +4,11 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from endolab.io.archives import array_names, read_arrays
 from endolab.io.atomic import PathLike, name_damage, read_bytes
-from endolab.io.datasets.folders import depth_layout, true_z
-from endolab.io.images import read_stored
-from endolab.io.quiet import quiet
+from endolab.io.images import read_floats, read_stored
 from endolab.io.surfaces import read_depth
 from endolab.model.schema import shorten, unknown_name
 from endolab.numerics.arrays import FloatArray
@@ -45,9 +42,8 @@ def read_depth_map(
     Parameters
     ----------
     path : path
-        What `save_depth` wrote; a depth map of C3VD, SimCol3D or UCL 2019, told by its name; or an .npy, an
-        .npz (of an array called depth, z, distance …, or of one array), a PNG of 8 or 16 bits, a TIFF of
-        integers or floats. Three channels are X, Y and Z. EXR is read where OpenCV is built for it.
+        What `save_depth` wrote; or an .npy, an .npz (of an array called depth, z, distance …, or of one
+        array), a PNG of 8 or 16 bits, a TIFF of integers or floats. EXR is read where OpenCV is built for it.
     kind : {"z", "distance"}, optional
         What it holds, if neither the file nor the name of its array says: z by default.
     unit : float, optional
@@ -67,8 +63,6 @@ def read_depth_map(
         raise unknown_name("kind", kind, KINDS)
     source = Path(path)
     suffix = source.suffix.lower()
-    if kind is None and unit is None and depth_layout(source):
-        return DepthMap(true_z(source), "z", True)
     held = "z"
     if suffix == ".npz":
         names = array_names(source, WHAT)
@@ -82,7 +76,7 @@ def read_depth_map(
     elif suffix == ".png":
         stored = read_stored(source)
     else:
-        stored = read_floats(source)
+        stored = read_floats(source, WHAT)
     return _as_map(stored, source, kind or held, unit)
 
 
@@ -111,30 +105,13 @@ def _choose_array(source: Path, names: list[str]) -> tuple[str, str]:
     )
 
 
-def read_floats(source: Path) -> np.ndarray:
-    """Read a TIFF of integers or floats, or an EXR if OpenCV can; channels in the file's order."""
-    content = np.frombuffer(read_bytes(source), np.uint8)
-    with name_damage(source, WHAT), quiet:
-        stored: np.ndarray | None = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
-    if stored is None:
-        hint = "; this OpenCV may not read EXR" if source.suffix.lower() == ".exr" else ""
-        raise ValueError(f"{source}: expected {WHAT}{hint}")
-    return stored[..., ::-1] if stored.ndim == 3 else stored
-
-
 def _as_map(stored: np.ndarray, source: Path, kind: str, unit: float | None) -> DepthMap:
-    """Make a map of numbers: (H, W), whatever axes of length 1 there are beside; or (H, W, 3), X, Y, Z."""
+    """Make a map of numbers, (H, W), whatever axes of length 1 there are beside."""
     numbers = np.squeeze(stored)
-    is_points = numbers.ndim == 3 and numbers.shape[2] == 3 and stored.dtype.kind == "f"
-    if not (numbers.ndim == 2 or is_points) or stored.dtype.kind not in "fiu":
+    if numbers.ndim != 2 or stored.dtype.kind not in "fiu":
         raise ValueError(
             f"{source}: expected one number for each pixel, found {stored.dtype} of shape {stored.shape}"
         )
     values = numbers.astype(np.float64) * (1.0 if unit is None else unit)
-    metric = unit is not None
-    if is_points:
-        distance = np.linalg.norm(values, axis=-1)
-        distance[~(np.isfinite(distance) & (values[..., 2] > 0))] = np.nan
-        return DepthMap(distance, "distance", metric, values[..., 2] / distance)
     values[~(np.isfinite(values) & (values > 0))] = np.nan
-    return DepthMap(values, kind, metric)
+    return DepthMap(values, kind, unit is not None)

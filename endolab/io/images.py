@@ -93,6 +93,20 @@ def read_stored(path: PathLike) -> np.ndarray:
     return decode(read_bytes(path), path)[0]
 
 
+def read_floats(path: PathLike, what: str) -> np.ndarray:
+    """Read a TIFF of integers or floats, or an EXR if OpenCV can; channels in the file's order.
+
+    `what` says what it should be; errors as of `read_image`.
+    """
+    content = np.frombuffer(read_bytes(path), np.uint8)
+    with name_damage(path, what), quiet:
+        stored: np.ndarray | None = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+    if stored is None:
+        hint = "; this OpenCV may not read EXR" if str(path).endswith(".exr") else ""
+        raise ValueError(f"{path}: expected {what}{hint}")
+    return stored[..., ::-1] if stored.ndim == 3 else stored
+
+
 def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
     """Decode the content of a picture's file as `read_stored` does; errors call it `name`.
 

@@ -141,18 +141,12 @@ def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
         evaluate(tmp_path / "z.npy", truth[1], camera=CAMERA.resize(64, 40))
 
 
-def test_a_mask_and_points(tmp_path, truth, guess):
-    """Three channels of floats are X, Y and Z, as SCARED has them; a mask is of the truth's size."""
-    points = CAMERA.field.rays * (guess / COSINE)[..., None]
-    points[guess == 0] = np.nan
-    cv2.imwrite(str(tmp_path / "xyz.tiff"), points[..., ::-1].astype(np.float32))
+def test_a_mask(tmp_path, truth, guess):
     np.save(tmp_path / "z.npy", guess)
-    whole = evaluate(tmp_path / "xyz.tiff", tmp_path / "z.npy", unit=1)
-    assert whole.errors.mean_percent < 1e-4
     mask = np.zeros(SHAPE)
     mask[10:30, 20:50] = 1
     write_image(tmp_path / "mask.png", mask)
-    part = evaluate(tmp_path / "xyz.tiff", truth[1], unit=1, mask=tmp_path / "mask.png")
+    part = evaluate(tmp_path / "z.npy", truth[1], unit=1, mask=tmp_path / "mask.png")
     assert part.errors.pixels == 600
     inside = (slice(10, 30), slice(20, 50))
     assert figures(part) == pytest.approx(
@@ -161,6 +155,24 @@ def test_a_mask_and_points(tmp_path, truth, guess):
     write_image(tmp_path / "small.png", mask[::2, ::2])
     with pytest.raises(ValueError, match=r"small\.png.*64x48"):
         evaluate(tmp_path / "z.npy", truth[1], mask=tmp_path / "small.png")
+
+
+@pytest.mark.parametrize("name", ["0001_depth.png", "aov_image_1.png"])
+def test_truths_of_data_sets_are_told_by_their_names(tmp_path, name):
+    """In their own units: 1/655.35 mm, points in mm, cm."""
+    z = np.full(SHAPE, 20.0)
+    stored = {
+        "0001_depth.png": np.round(z * 655.35).astype(np.uint16),
+        "left_depth_map.tiff": np.dstack([z, 0 * z, 0 * z]).astype(np.float32),
+        "aov_image_1.png": np.full((*SHAPE, 4), (0, 0, 2, 255), np.uint8),
+    }
+    cv2.imwrite(str(tmp_path / name), stored[name])
+    np.save(tmp_path / "z.npy", 1.1 * z)
+    made = evaluate(tmp_path / "z.npy", tmp_path / name, unit=1)
+    assert made.errors.mean_percent == pytest.approx(10, abs=0.01)
+    # Another program's depth map that is called so is in a unit of its own.
+    with pytest.raises(ValueError, match=r"relative|shape"):
+        evaluate(tmp_path / name, tmp_path / "z.npy", scale="none")
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_the_version(capsys):
     [
         ("endolab rec", "reconstruct"),
         ("endolab reconstruct --highl", "--highlights"),
-        ("endolab evaluate --scale m", "median"),
+        ("endolab evaluate --scale n", "none"),
     ],
 )
 def test_a_shell_completes(typed, completed, tmp_path, capsys):

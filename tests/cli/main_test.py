@@ -265,6 +265,33 @@ def test_evaluate_compares_with_the_truth(work, solve, tmp_path, capsys):
     assert f"{whole['mean_percent']:.4g}" in capsys.readouterr().out
 
 
+def test_evaluate_compares_folders_of_other_programs_depths(sim, tmp_path, capsys):
+    """A row each, their mean and median; what has no partner is said."""
+    true = maps(sim / "truth.npz")["z"]
+    for name, factor in {"a_1": 1.1, "a_2": 1.2, "a_4": 1.6, "a_9": 1}.items():
+        (tmp_path / "a").mkdir(exist_ok=True)
+        np.save(tmp_path / f"a/{name}.npy", factor * true / 1000)
+    for number in (1, 2, 4, 7):
+        (tmp_path / "b").mkdir(exist_ok=True)
+        np.savez(tmp_path / f"b/{number:04d}.npz", z=true)
+    words = f"evaluate {tmp_path}/a {tmp_path}/b --unit 1000"
+    assert call(words) == 0
+    head, *rows, alone = capsys.readouterr().out.splitlines()
+    assert head.split()[:2] == ["AbsRel", "%"]
+    assert [float(row.split()[1]) for row in rows] == pytest.approx(
+        [10, 20, 60, 30, 20], abs=1e-3
+    )
+    assert [row.split()[0] for row in rows[3:]] == ["mean", "median"]
+    assert "a_9.npy" in alone
+    assert "0007.npz" in alone
+    assert call(f"{words} --calibration {sim}/endoscope.json --json") == 0
+    content = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert [one["within_125"] for one in content["frames"]] == pytest.approx(
+        [100, 100, 0]
+    )
+    assert {one["kind"] for one in content["frames"]} == {"distance"}
+
+
 # What it refuses ------------------------------------------------------------------------
 @pytest.mark.parametrize("read", ["frame", "calibration", "settings"])
 def test_what_a_command_reads_is_never_replaced(sim, tmp_path, refused, read):
@@ -337,6 +364,9 @@ def test_a_bad_file(sim, tmp_path, refused, name, content, named):
         ("rel/depth.npz", "small_depth.png", "4x2 px"),
         ("rel/depth.npz", "sim/truth.npz --scale none", "--scale"),
         ("rel/depth.npz", "sim/truth.npz --max-angle 181", "--max-angle"),
+        ("rel/depth.npz", "sim/truth.npz --mask none.png", "none.png"),
+        ("rel/depth.npz", "sim", "sim"),
+        ("rel", "sim/truth.npz", "truth.npz"),
         ("rel/depth.npz", "sim/truth.npz --max-angle 1e-3", "no pixel"),
         ("sim/frame.png", "sim/truth.npz", "frame.png"),
     ],

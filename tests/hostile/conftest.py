@@ -96,6 +96,10 @@ def given(tmp_path_factory):
         assert run(f"reconstruct frame.png {known} result") == 0
         shutil.copy("result/depth.npz", "depth.npz")
         shutil.copy("result/recording.rrd", "run.rrd")
+        z = np.full((48, 64), 20.0, np.float32)
+        np.savez("other.npz", depth=z, other=z)
+        np.save("other.npy", z)
+        cv2.imwrite("points.tiff", np.dstack([z, z, z]))
         assert run(f"sweep frame.png {known} table.csv") == 0
         _make_pictures(cv2.imread("frame.png"))
         assert run(f"reconstruct pictures {known} video") == 0

@@ -1,9 +1,13 @@
 from .c3vd import read_c3vd as read_c3vd
 from .c3vd import read_c3vd_depth as read_c3vd_depth
+from .endoslam import read_endoslam as read_endoslam
+from .endoslam import read_endoslam_depth as read_endoslam_depth
 from .folders import Folder as Folder
 from .folders import find_dataset as find_dataset
 from .folders import open_dataset as open_dataset
 from .folders import true_z as true_z
+from .hamlyn import read_hamlyn as read_hamlyn
+from .hamlyn import read_hamlyn_depth as read_hamlyn_depth
 from .known_endoscopes import CALIBRATIONS as CALIBRATIONS
 from .known_endoscopes import load_calibration as load_calibration
 from .sample import Sample as Sample

@@ -1,11 +1,15 @@
 """C3VD (Bobrow et al., 2023) and C3VDv2 (Golhar et al., 2025): frames of colon phantoms with their depth."""
 
-import re
 from pathlib import Path
 
 from endolab.io.atomic import PathLike
 from endolab.io.datasets.known_endoscopes import CALIBRATIONS
-from endolab.io.datasets.sample import Sample, load_sample, read_stored_depth
+from endolab.io.datasets.sample import (
+    Sample,
+    files_by_number,
+    load_sample,
+    read_stored_depth,
+)
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 # Where a sequence may have its colours, and then its depths. EndoGSLAM moves C3VD's into two folders, and
@@ -14,22 +18,13 @@ _PLACES = {"": "", "color_raw": "depth_raw", "color": "depth", "rgb": "depth"}
 _SECOND = "rgb"  # C3VDv2's
 
 
-def _files_by_number(folder: Path, ending: str) -> dict[int, str]:
-    """Find the files whose names are a number and a pattern, in the order of the numbers."""
-    matches = (re.fullmatch(rf"(\d+){ending}", entry.name) for entry in folder.glob("*"))
-    return dict(sorted((int(match[1]), match[0]) for match in matches if match))
-
-
 def list_c3vd(folder: PathLike) -> dict[int, str]:
     """Name the colour pictures of a sequence, as paths from its folder, by their numbers."""
     for place in _PLACES:
-        names = _files_by_number(
-            Path(folder) / place, r"\.png" if place == _SECOND else r"_color\.png"
-        )
+        ending = r"\.png" if place == _SECOND else r"_color\.png"
+        names = files_by_number(folder, place, rf"(\d+){ending}")
         if names:
-            return {
-                number: (Path(place) / name).as_posix() for number, name in names.items()
-            }
+            return names
     return {}
 
 
@@ -74,7 +69,7 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
     """
     colour = list_c3vd(folder).get(index, f"{index:04d}_color.png")
     place = Path(colour).parent.name
-    depths = _files_by_number(Path(folder) / _PLACES[place], r"_depth\.(?:png|tiff)")
-    depth = Path(_PLACES[place]) / depths.get(index, f"{index:04d}_depth.tiff")
+    depths = files_by_number(folder, _PLACES[place], r"(\d+)_depth\.(?:png|tiff)")
+    depth = depths.get(index, f"{_PLACES[place] or '.'}/{index:04d}_depth.tiff")
     known_as = CALIBRATIONS["c3vd_v2" if place == _SECOND else "c3vd"]
-    return load_sample(folder, colour, str(depth), read_c3vd_depth, known_as)
+    return load_sample(folder, colour, depth, read_c3vd_depth, known_as)

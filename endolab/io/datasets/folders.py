@@ -6,17 +6,32 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from endolab.io.atomic import PathLike, as_path, one_sentence
+from endolab.io.datasets import endoslam, hamlyn
 from endolab.io.datasets.c3vd import list_c3vd, read_c3vd, read_c3vd_depth
-from endolab.io.datasets.sample import Sample, data_folder
+from endolab.io.datasets.sample import Sample, data_folder, files_by_number
 from endolab.io.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
 from endolab.io.datasets.ucl2019 import read_ucl2019, read_ucl2019_depth
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 
+# What reads a frame of a folder by its number.
+NUMBERED = {
+    "c3vd": read_c3vd,
+    "hamlyn": hamlyn.read_hamlyn,
+    "endoslam": endoslam.read_endoslam,
+}
+# What reads a depth map.
+DEPTHS: dict[str, Callable[[PathLike], tuple[Any, ...]]] = {
+    "c3vd": read_c3vd_depth,
+    "simcol3d": read_simcol3d_depth,
+    "ucl2019": read_ucl2019_depth,
+    "endoslam": endoslam.read_endoslam_depth,
+}
 # Of frames, by the names of their colour pictures, in order.
 Readers = dict[str, Callable[[], Sample]]
 
@@ -29,7 +44,7 @@ class Folder:
     """
 
     path: Path
-    layout: str  # "c3vd", "simcol3d" or "ucl2019"
+    layout: str  # "c3vd", "simcol3d", "ucl2019", "hamlyn", "endoslam" or "scared"
     _readers: Readers
 
     @property
@@ -50,11 +65,13 @@ class Folder:
 
 def _find_frames(place: Path, camera: Camera | None) -> dict[str, Readers]:
     """Find the frames that lie in a folder, by data set."""
-    colours = list_c3vd(place)
-    c3vd: Readers = {
-        name: partial(read_c3vd, place, number) for number, name in colours.items()
-    }
-    found: dict[str, Readers] = {"c3vd": c3vd, "simcol3d": {}, "ucl2019": {}}
+    found: dict[str, Readers] = {"simcol3d": {}, "ucl2019": {}}
+    lists = {"c3vd": list_c3vd(place)}
+    lists["hamlyn"] = files_by_number(place, *hamlyn.COLOURS)
+    lists["endoslam"] = files_by_number(place, *endoslam.COLOURS)
+    for layout, colours in lists.items():
+        read = NUMBERED[layout]
+        found[layout] = {name: partial(read, place, n) for n, name in colours.items()}
     with one_sentence(f"{place}: cannot be read"):
         names = sorted(entry.name for entry in place.iterdir())
     for name in names:
@@ -78,9 +95,11 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
     ----------
     path : path
         C3VD (`N_color.png` with `N_depth.tiff`, in one folder or in `color/` and `depth/`), C3VDv2
-        (`rgb/N.png` with `depth/N_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with `Depth_NNNN.png`) or
-        UCL 2019 (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`); or a folder that holds sequences of one
-        of these.
+        (`rgb/N.png` with `depth/N_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with `Depth_NNNN.png`),
+        UCL 2019 (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`), Hamlyn's rectified videos
+        (`image01/N.jpg` with `depth01/N.png`), EndoSLAM's Unity camera (`Frames/` with `Pixelwise Depths/`)
+        or SCARED (`Left_Image.png` with `left_depth_map.tiff`); or a folder that holds sequences of one of
+        these.
     camera : Camera, optional
         Needed for UCL 2019, whose camera is not published, and refused for the others.
 
@@ -107,11 +126,12 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
             found[layout] |= {
                 f"{sequence.name}/{name}": read for name, read in readers.items()
             }
-    fitting = [layout for layout, readers in found.items() if readers]
+    fitting = sorted(layout for layout, readers in found.items() if readers)
     if len(fitting) != 1:
         raise ValueError(
-            f"{place}: expected C3VD's N_color.png, C3VDv2's rgb/N.png, SimCol3D's FrameBuffer_NNNN.png or "
-            f"UCL 2019's …_FrameBuffer_NNNN.png, or folders of these, found "
+            f"{place}: expected C3VD's N_color.png, C3VDv2's rgb/N.png, SimCol3D's FrameBuffer_NNNN.png, "
+            "UCL 2019's …_FrameBuffer_NNNN.png, Hamlyn's image01/N.jpg, EndoSLAM's Frames/image_NNNN.png or "
+            "SCARED's Left_Image.png, or folders of these, found "
             f"{' and '.join(fitting) or 'other files'}"
         )
     layout = fitting[0]
@@ -148,29 +168,25 @@ def find_dataset(layout: str, prefer: str = "") -> Folder | None:
 
 
 def depth_layout(path: PathLike) -> str | None:
-    """Tell from its name alone of which data set a file is a depth map: "c3vd", "simcol3d" or "ucl2019"."""
+    """Tell from its name alone of which data set a file is a depth map: a key of `DEPTHS`, or None."""
     name = Path(path).name.lower()
     if name.endswith(("_depth.png", "_depth.tiff")):
         return "c3vd"
     if not name.endswith(".png"):
         return None
-    if name.startswith("depth_"):
-        return "simcol3d"
+    for beginning, layout in {"depth_": "simcol3d", "aov_image_": "endoslam"}.items():
+        if name.startswith(beginning):
+            return layout
     return "ucl2019" if "_depth_" in name else None
 
 
 def true_z(path: PathLike) -> FloatArray:
     """Read true z, (H, W), mm, from a data set's depth map, told by its name; nan where unknown."""
     layout = depth_layout(path)
-    if layout == "c3vd":
-        z, known, _ = read_c3vd_depth(path)
-    elif layout == "simcol3d":
-        z, known = read_simcol3d_depth(path)
-    elif layout == "ucl2019":
-        z, known = read_ucl2019_depth(path)
-    else:
+    if layout is None:
         raise ValueError(
-            f"{path}: expected truth.npz, C3VD's NNNN_depth.png (.tiff), SimCol3D's Depth_NNNN.png "
-            "or UCL 2019's …_Depth_NNNN.png"
+            f"{path}: expected C3VD's NNNN_depth.png (.tiff), SimCol3D's Depth_NNNN.png, UCL 2019's "
+            "…_Depth_NNNN.png, SCARED's left_depth_map.tiff or EndoSLAM's aov_image_NNNN.png"
         )
+    z, known, *_ = DEPTHS[layout](path)
     return np.where(known, z, np.nan)

@@ -6,6 +6,7 @@ opens any layout; EndoMapper's calibrations are in `endomapper`.
 """
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from endolab.frames.frame import Frame, check_size
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, name_damage, read_bytes
+from endolab.io.datasets.known_endoscopes import NOMINAL_EVIDENCE
+from endolab.io.descriptions import NOMINAL
 from endolab.io.images import read_image, read_stored
+from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -58,6 +62,28 @@ def read_stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
     return stored
 
 
+def files_by_number(folder: PathLike, place: str, pattern: str) -> dict[int, str]:
+    """Find the files at a place in a folder whose names are a pattern with one group, a number.
+
+    Returns their paths from the folder, in the order of the numbers.
+    """
+    paths = Path(folder, place).glob("*")
+    matches = (re.fullmatch(pattern, path.name) for path in paths)
+    found = {int(m[1]): Path(place, m[0]).as_posix() for m in matches if m}
+    return dict(sorted(found.items()))
+
+
+def read_intrinsics(path: PathLike, width: int, height: int) -> Pinhole:
+    """Read a camera's matrix, of 3 or 4 columns, from a text file, for pictures of a size, px."""
+    what = "a camera's matrix, 3x3 or 3x4"
+    content = read_bytes(path, "camera file", 10_000)
+    with name_damage(path, what):
+        text = content.decode()
+        matrix = np.array(text.replace(",", " ").split(), float).reshape(3, -1)
+        fx, cx, fy, cy = matrix[[0, 0, 1, 1], [0, 2, 1, 2]].tolist()
+        return Pinhole(width, height, fx, fy, cx, cy)
+
+
 def load_sample(
     folder: PathLike,
     colour_name: str,
@@ -65,18 +91,21 @@ def load_sample(
     read_depth: Callable[
         [PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]
     ],
-    calibration: Calibration,
+    calibration: Calibration | Callable[[int, int], Camera],
 ) -> Sample:
     """Load a frame and its truth from two files of a folder.
 
     `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
-    shows. The calibration follows pictures that were shrunk in proportion.
+    shows. The calibration follows pictures that were shrunk in proportion, or is a function that makes the
+    camera of their size; the light is then nominal.
     """
     colour = Path(folder) / colour_name
     depth = Path(folder) / depth_name
     image = read_image(colour)
     z, known, *shown = read_depth(depth)
     rows, columns = z.shape
+    if not isinstance(calibration, Calibration):
+        calibration = Calibration(calibration(columns, rows), NOMINAL, NOMINAL_EVIDENCE)
     camera = calibration.camera
     if columns < camera.width and rows == round(camera.height * columns / camera.width):
         calibration = calibration.resize(columns, rows)
