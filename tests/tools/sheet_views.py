@@ -5,7 +5,13 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
-from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid
+from endolab.calibration.targets import (
+    AprilGrid,
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    DotGrid,
+)
 from endolab.io.datasets import load_calibration
 from endolab.model.cameras import BrownConrady, KannalaBrandt
 
@@ -28,6 +34,9 @@ OTHER_TARGETS = [  # than those with a name
     CircleGrid(3, 7, 4.0, radius=1.5),
     Chessboard(9, 6, 5.5),
     Charuco(9, 6, 5.5, fold=4, marker=4.0, dictionary="DICT_4X4_50"),
+    Charuco(7, 6, 5.5, marker=4.0, first_id=9, legacy=True, inverted=True),
+    CircleGrid(5, 4, 4.0, radius=1.5, symmetric=True, inverted=True),
+    AprilGrid(4, 3, 6.5, marker=5.0, border=1, squares=False),
 ]
 
 
