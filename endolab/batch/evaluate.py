@@ -76,8 +76,12 @@ def evaluate(
     Examples
     --------
     >>> import endolab as el
-    >>> el.evaluate("result/depth.npz", "sim/truth.npz").errors.mean_percent < 5
-    True
+    >>> import numpy as np
+    >>> np.save("depth.npy", np.full((4, 5), 0.022))  # m
+    >>> np.save("truth.npy", np.full((4, 5), 20.0))  # mm
+    >>> made = el.evaluate("depth.npy", "truth.npy", unit=1000)
+    >>> round(made.errors.mean_percent, 6)
+    10.0
     """
     depth = read_depth_map(prediction, kind, unit)
     if truth_kind is None and truth_unit is None and depth_layout(truth):

@@ -157,7 +157,9 @@ def test_a_mask(tmp_path, truth, guess):
         evaluate(tmp_path / "z.npy", truth[1], mask=tmp_path / "small.png")
 
 
-@pytest.mark.parametrize("name", ["0001_depth.png", "aov_image_1.png"])
+@pytest.mark.parametrize(
+    "name", ["0001_depth.png", "left_depth_map.tiff", "aov_image_1.png"]
+)
 def test_truths_of_data_sets_are_told_by_their_names(tmp_path, name):
     """In their own units: 1/655.35 mm, points in mm, cm."""
     z = np.full(SHAPE, 20.0)

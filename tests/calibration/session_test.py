@@ -209,5 +209,5 @@ def test_a_sheet_that_is_white_on_black_gives_camera_and_light():
     session = calibrate(frames, SHEET)
     assert session.target == white
     assert "white on black" in account(session)[0]
-    assert map_error(session.camera, CAMERA, np.deg2rad(50)).max() < 0.15
+    assert map_error(session.camera, CAMERA, np.deg2rad(50)).max() < 0.25
     assert session.light.k == pytest.approx(2.5, abs=0.1)

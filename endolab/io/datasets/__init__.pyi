@@ -12,6 +12,8 @@ from .known_endoscopes import CALIBRATIONS as CALIBRATIONS
 from .known_endoscopes import load_calibration as load_calibration
 from .sample import Sample as Sample
 from .sample import data_folder as data_folder
+from .scared import read_scared as read_scared
+from .scared import read_scared_depth as read_scared_depth
 from .simcol3d import read_simcol3d as read_simcol3d
 from .simcol3d import read_simcol3d_depth as read_simcol3d_depth
 from .traced import TRACED as TRACED

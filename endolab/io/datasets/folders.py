@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from endolab.io.atomic import PathLike, as_path, one_sentence
-from endolab.io.datasets import endoslam, hamlyn
+from endolab.io.datasets import endoslam, hamlyn, scared
 from endolab.io.datasets.c3vd import list_c3vd, read_c3vd, read_c3vd_depth
 from endolab.io.datasets.sample import Sample, data_folder, files_by_number
 from endolab.io.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
@@ -30,6 +30,7 @@ DEPTHS: dict[str, Callable[[PathLike], tuple[Any, ...]]] = {
     "c3vd": read_c3vd_depth,
     "simcol3d": read_simcol3d_depth,
     "ucl2019": read_ucl2019_depth,
+    "scared": scared.read_scared_depth,
     "endoslam": endoslam.read_endoslam_depth,
 }
 # Of frames, by the names of their colour pictures, in order.
@@ -65,13 +66,15 @@ class Folder:
 
 def _find_frames(place: Path, camera: Camera | None) -> dict[str, Readers]:
     """Find the frames that lie in a folder, by data set."""
-    found: dict[str, Readers] = {"simcol3d": {}, "ucl2019": {}}
+    found: dict[str, Readers] = {"simcol3d": {}, "ucl2019": {}, "scared": {}}
     lists = {"c3vd": list_c3vd(place)}
     lists["hamlyn"] = files_by_number(place, *hamlyn.COLOURS)
     lists["endoslam"] = files_by_number(place, *endoslam.COLOURS)
     for layout, colours in lists.items():
         read = NUMBERED[layout]
         found[layout] = {name: partial(read, place, n) for n, name in colours.items()}
+    if (place / scared.COLOUR).exists():
+        found["scared"] = {scared.COLOUR: partial(scared.read_scared, place)}
     with one_sentence(f"{place}: cannot be read"):
         names = sorted(entry.name for entry in place.iterdir())
     for name in names:
@@ -170,6 +173,8 @@ def find_dataset(layout: str, prefer: str = "") -> Folder | None:
 def depth_layout(path: PathLike) -> str | None:
     """Tell from its name alone of which data set a file is a depth map: a key of `DEPTHS`, or None."""
     name = Path(path).name.lower()
+    if name == scared.DEPTH:
+        return "scared"
     if name.endswith(("_depth.png", "_depth.tiff")):
         return "c3vd"
     if not name.endswith(".png"):

@@ -83,6 +83,26 @@ def check(folder, layout, name, write):
     return sample
 
 
+def test_a_keyframe_of_scared(tmp_path):
+    """Its own points lie on the rays of its own camera; to single precision."""
+    sample = check(tmp_path, "scared", "Left_Image.png", write_scared)
+    distance = write_scared(tmp_path / "sequence")
+    assert np.isnan(sample.distance[0, :2]).all()
+    assert_allclose(sample.distance.ravel()[2:], distance.ravel()[2:], rtol=1e-5)
+    assert_allclose(sample.frame.image[5, 5] * 255, (250, 20, 10))
+
+
+def test_a_keyframe_of_scared_whose_files_are_others(tmp_path):
+    write_scared(tmp_path)
+    text = (tmp_path / "endoscope_calibration.yaml").read_text()
+    (tmp_path / "endoscope_calibration.yaml").write_text(text.replace("M1", "M3"))
+    with pytest.raises(ValueError, match=r"endoscope_calibration\.yaml: not .* M1"):
+        datasets.read_scared(tmp_path)
+    write(tmp_path, "left_depth_map.tiff", np.ones(SHAPE, np.float32))
+    with pytest.raises(ValueError, match=r"left_depth_map\.tiff: expected X, Y and Z"):
+        datasets.read_scared(tmp_path)
+
+
 def test_a_frame_of_hamlyn(tmp_path):
     sample = check(tmp_path, "hamlyn", "image01/0000000012.jpg", write_hamlyn)
     assert np.isnan(sample.distance[0, :2]).all()
