@@ -6,6 +6,7 @@ each with a pose of its own, and keeps the coordinates that it had before.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import ClassVar
@@ -115,6 +116,7 @@ class Target:
     kind: ClassVar[str]
     least: ClassVar[int] = 2  # columns and rows
     found_whole: ClassVar[bool] = False  # or not at all
+    switches: ClassVar[tuple[str, ...]] = ("inverted",)  # fields that `variants` turn
 
     def __post_init__(self) -> None:
         for name in ("columns", "rows"):
@@ -138,9 +140,13 @@ class Target:
             )
 
     @property
-    def variants(self) -> tuple["Target", ...]:
+    def variants(self) -> list["Target"]:
         """What the sheet may be instead, if it is not found as it is described."""
-        return (replace(self, inverted=not self.inverted),)
+        variants: list[Target] = []
+        for name in self.switches:
+            with suppress(ValueError):  # no such sheet can be so
+                variants.append(replace(self, **{name: not getattr(self, name)}))
+        return variants
 
     @property
     def points(self) -> FloatArray:
@@ -249,10 +255,6 @@ class DotGrid(Target):
             if self.inverted:
                 raise ValueError("inverted is of targets without greys")
 
-    @property
-    def variants(self) -> tuple[Target, ...]:  # noqa: D102
-        return super().variants if self.greys is None else ()
-
     @cached_property
     def code(self) -> IntArray:
         """1 where the dot is large, (rows, columns)."""
@@ -300,6 +302,7 @@ class CircleGrid(Target):
 
     kind: ClassVar[str] = "circles"
     found_whole: ClassVar[bool] = True
+    switches: ClassVar[tuple[str, ...]] = ("symmetric", "inverted")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -309,12 +312,6 @@ class CircleGrid(Target):
             0.001,
             (0.49 if self.symmetric else 0.7) * self.spacing,
         )
-
-    @property
-    def variants(self) -> tuple[Target, ...]:  # noqa: D102
-        if self.radius > 0.49 * self.spacing:
-            return super().variants
-        return (replace(self, symmetric=not self.symmetric), *super().variants)
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -375,6 +372,7 @@ class Charuco(Chessboard):
 
     kind: ClassVar[str] = "charuco"
     found_whole: ClassVar[bool] = False
+    switches: ClassVar[tuple[str, ...]] = ("legacy", "inverted")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -389,12 +387,6 @@ class Charuco(Chessboard):
     @property
     def first_black(self) -> int:  # noqa: D102
         return int(self.legacy and self.rows % 2 == 0)
-
-    @property
-    def variants(self) -> tuple[Target, ...]:  # noqa: D102
-        if self.rows % 2:  # both patterns are the same
-            return super().variants
-        return (replace(self, legacy=not self.legacy), *super().variants)
 
     @property
     def board(self) -> cv2.aruco.CharucoBoard:
@@ -491,10 +483,6 @@ class AprilGrid(Target):
         check_dictionary(self.dictionary, self.first_id, self.columns * self.rows)
         if self.inverted:
             raise ValueError("inverted is not of AprilGrids")
-
-    @property
-    def variants(self) -> tuple[Target, ...]:  # noqa: D102
-        return ()
 
     @property
     def tag_corners(self) -> IntArray:
