@@ -99,6 +99,7 @@ def given(tmp_path_factory):
         z = np.full((48, 64), 20.0, np.float32)
         np.savez("other.npz", depth=z, other=z)
         np.save("other.npy", z)
+        cv2.imwrite("other.tiff", z)
         cv2.imwrite("points.tiff", np.dstack([z, z, z]))
         assert run(f"sweep frame.png {known} table.csv") == 0
         _make_pictures(cv2.imread("frame.png"))
