@@ -54,10 +54,15 @@ lint: $(READY) ## check style, format, spelling and types
 	$(BIN)/codespell
 	$(BIN)/mypy
 
-bench: $(READY) ## measure speed
+bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.speed
 	$(BIN)/python -m tests.benchmarks.session
+	$(BIN)/python -m tests.benchmarks.accuracy
+	$(BIN)/python -m tests.benchmarks.causes
+	$(BIN)/python -m tests.benchmarks.uncertainty
+	$(BIN)/python -m tests.benchmarks.unseen traced
 	$(BIN)/python -m tests.benchmarks.colon
+	$(BIN)/python -m tests.benchmarks.refit
 	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.highlights
 

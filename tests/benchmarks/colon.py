@@ -1,29 +1,16 @@
-"""How far a real colon is from what is found: path-traced frames, C3VD and SimCol3D, beside their truth.
+"""The paper's Table II on a path-traced colon: `python -m tests.benchmarks.colon`.
 
-    python -m tests.benchmarks.colon [traced | c3vd | simcol3d | variants]...
-
-No test: it takes minutes, and real frames are looked for in $ENDOLAB_DATA or ../shared/data.
+No test: it takes minutes.
 """
 
-import sys
 import time
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import endolab as el
-from endolab.metrics.depth_errors import depth_cuts
 from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 
-WAYS: dict[str, dict[str, Any]] = {
-    "facing": {"solver": "facing"},
-    "marched": {"solver": "fast_marching"},
-    "green": {"channel": "green"},
-    "automatic": {},
-    "separated": {"channel": "separated"},
-    "separated, marched": {"channel": "separated", "solver": "fast_marching"},
-}
 HEADS = (
     "frame",
     "way",
@@ -54,18 +41,6 @@ def row_of(case: Case, way: str, **options: Any) -> list[str]:
     ]
 
 
-def report(wanted: str) -> None:
-    """All ways on each frame of a set; then without albedos, and with the true contours."""
-    for case in cases_of(wanted):
-        rows = [row_of(case, way, **options) for way, options in WAYS.items()]
-        light = case.calibration.photometry
-        grey = case.with_light(replace(light, brdf=el.Lambertian(0.38)))
-        rows.append(row_of(grey, "albedos unknown", channel="separated"))
-        cuts = depth_cuts(case.distance)
-        rows.append(row_of(case, "true contours", channel="separated", cuts=cuts))
-        table(wanted, HEADS, rows)
-
-
 def variants() -> None:
     """Table II: the paper's solver on diffuse-1, all six variants."""
     case = next(case for case in cases_of("traced") if case.name == "diffuse-1")
@@ -87,8 +62,4 @@ def variants() -> None:
 
 
 if __name__ == "__main__":
-    for wanted in sys.argv[1:] or ("traced", "c3vd", "simcol3d", "variants"):
-        if wanted == "variants":
-            variants()
-        else:
-            report(wanted)
+    variants()

@@ -10,17 +10,14 @@ from endolab.metrics.depth_errors import Errors
 
 
 def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print an aligned table."""
+    """Print a table in Markdown, aligned."""
     lines = [list(heads), *(list(row) for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    print(f"\n{title}")
+    lines.insert(1, ["-" * width for width in widths])
+    print(f"\n{title}\n")
     for line in lines:
-        print(
-            "  "
-            + "  ".join(
-                cell.ljust(width) for cell, width in zip(line, widths, strict=True)
-            )
-        )
+        cells = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        print(f"| {' | '.join(cells)} |")
     sys.stdout.flush()
 
 

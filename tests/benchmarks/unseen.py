@@ -1,6 +1,6 @@
-"""How far frames that nobody tuned to are from their truth: random path-traced frames, open and sealed.
+"""How far frames are from their truth, way by way: random path-traced ones, open and sealed, or another set.
 
-    python -m tests.benchmarks.unseen [open | sealed]...
+    python -m tests.benchmarks.unseen [SET]...
 
 `open` is the default. `sealed` frames are for the end: made, scored and not looked at, so that the gap
 to the open ones tells how much was tuned to those. Sets that are not in build/unseen are made with
@@ -74,7 +74,7 @@ def report(wanted: str) -> None:
         for way in of_kind[0]:
             errors = cells([found[way] for found in of_kind])
             rows.append([kind, str(len(of_kind)), way, *errors])
-    table(f"Unseen frames, {wanted}: at true scale", HEADS, rows)
+    table(f"Ways, {wanted}", HEADS, rows)
 
 
 if __name__ == "__main__":

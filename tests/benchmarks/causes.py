@@ -1,0 +1,138 @@
+"""Where the error is: the default, and then one truth after the other in place of what it finds.
+
+    python -m tests.benchmarks.causes [SET]...
+
+prints a table in Markdown and draws it to notebooks/images/causes.png. The last two are solved on the
+picture that the model itself makes of the true surface: nothing is then wrong but the values with which the
+surface enters at the picture's border and behind folds, and after these, what the regulariser smooths.
+True indirect light is that of the path tracer's layers; published frames have none, and there it is the light
+that the three colours tell of the true surface. No test: it takes minutes.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import endolab as el
+from endolab.metrics.depth_errors import compare, depth_cuts
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import pad_maps
+from endolab.reconstruction.channels import in_units, prepare_channels
+from endolab.reconstruction.light.colours import AlbedoPrior, known_albedo
+from endolab.reconstruction.light.separation import estimate_indirect, merge
+from endolab.reconstruction.pipeline import SETTLED_CUT
+from endolab.reconstruction.settings import Settings
+from endolab.solvers.energy import model_image
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.grid import Grid
+from endolab.solvers.problem import Problem
+from endolab.solvers.result import Iterate
+from tests.benchmarks.frames import Case, cases_of
+from tests.benchmarks.report import table
+
+PICTURE = Path(__file__).resolve().parents[2] / "notebooks" / "images" / "causes.png"
+SETS = {
+    "c3vd_shapes": "phantom's shapes",
+    "rendered": "colons, bag, polyps",
+    "traced": "path-traced colons",
+    "open": "random cavities",
+    "c3vd": "C3VD",
+    "simcol3d_nominal": "SimCol3D",
+}
+STAGES = (
+    "the default",
+    "contours true",
+    "indirect light\ntrue, too",
+    "no texture, noise,\nlamps apart",
+    "border true, too",
+)
+COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
+
+
+def solve(case: Case, problem: Problem, inflow: FloatArray | None = None) -> float:
+    """Mean error of the surface that explains a problem, %."""
+    *_, last = gauss_newton(problem, inflow=inflow, settled=SETTLED_CUT)
+    return compare(
+        last.distance,
+        case.distance,
+        problem.field.cos_alpha,
+        mask=case.scored & problem.mask,
+        scale=case.scale,
+    ).mean_percent
+
+
+def errors_of(case: Case) -> list[float]:
+    """Mean errors, %, of the default, and with ever more truths."""
+    cuts = depth_cuts(case.distance)
+    results = [
+        el.reconstruct(case.frame, case.calibration, **given)
+        for given in ({}, {"cuts": cuts})
+    ]
+    errors = [case.errors_of(result).mean_percent for result in results]
+    lit = _with_true_light(case, cuts)
+    v = np.log(case.distance)
+    v = v + np.median((lit.log_d0 - v)[lit.mask]) * (case.scale == "median")
+    v = np.where(lit.mask, v, 0.0)
+    perfect = replace(
+        lit, image=np.where(lit.mask, model_image(lit, v), 0.0), evidence=None
+    )
+    enters = Grid.of(perfect).inflow_pixels(pad_maps(v))
+    inflow = np.where(enters, v, np.nan)
+    return [
+        *errors,
+        solve(case, lit),
+        solve(case, perfect),
+        solve(case, perfect, inflow),
+    ]
+
+
+def _with_true_light(case: Case, cuts: np.ndarray) -> Problem:
+    """The picture without its indirect light, cut at the true contours, where the truth is known."""
+    settings = Settings(cuts=cuts if cuts.any() else None)
+    channels = prepare_channels(case.frame, case.calibration, settings)
+    colours = [channel.problem for channel in channels.full]
+    surface = Iterate(colours[1], 0, np.log(case.distance), {})
+    prior = AlbedoPrior.of(known_albedo(case.calibration))
+    ratio, light = estimate_indirect(colours, surface, prior)
+    if case.indirect_ratio is not None:
+        ratio = case.indirect_ratio
+    merged = merge(colours, ratio, light.albedo)
+    return in_units(replace(merged, mask=merged.mask & np.isfinite(case.distance)))
+
+
+def draw(errors: dict[str, list[float]]) -> None:
+    """Draw the errors of every set with ever more truths."""
+    figure = Figure(figsize=(8, 4), layout="constrained")
+    axes = figure.add_subplot()
+    for (name, means), colour in zip(errors.items(), COLOURS, strict=False):
+        axes.plot(STAGES, means, "o-", color=colour, label=SETS[name])
+    axes.set_ylim(0)
+    axes.set_ylabel("mean error of the distance [%]")
+    axes.grid(axis="y", alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(PICTURE, dpi=100)
+
+
+def main(names: list[str]) -> None:
+    """Print and draw the table of these sets."""
+    means = {}
+    rows = []
+    for name in names:
+        errors = []
+        for case in cases_of(name):
+            errors.append(errors_of(case))
+            print(case.name, *(f"{e:.2f}" for e in errors[-1]), flush=True)
+        if errors:
+            means[name] = np.mean(errors, axis=0).tolist()
+            cells = [f"{value:.1f}" for value in means[name]]
+            rows.append([SETS[name], str(len(errors)), *cells])
+    heads = [stage.replace("\n", " ") for stage in STAGES]
+    table("Mean error, %, with ever more truths", ("frames", "number", *heads), rows)
+    draw(means)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or list(SETS))
