@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from endolab.reconstruction.light.colours import FIT
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.solvers.provenance import (
@@ -66,10 +65,9 @@ def _of_removed_light(light: LightReport) -> str:
         whose = "given albedos" if light.given else "albedos of tissue"
         why = f"The colours do not tell how much there is ({light.reason})"
         return f"Indirect light removed: {removed}. {why}, so it was computed with {whose}: {albedos}."
-    film = " and a wet film's sheen" if light.film > FIT.film_seen else ""
     whose = "given" if light.given else "estimated"
     return (
-        f"Indirect light removed: {removed} (medians){film}. By the colours it is {light.factor:.2f} times "
+        f"Indirect light removed: {removed} (medians). By the colours it is {light.factor:.2f} times "
         f"what the surface predicts with {whose} albedos {albedos}; {100 * light.lamp:.0f} % of k is the "
         "lamp's."
     )

@@ -53,7 +53,6 @@ class LightReport:
     ] = ()  # medians of indirect over direct light in red, green and blue
     factor: float = 0.0  # indirect light over what surface and albedos predict
     lamp: float = 0.0  # share of k that is the lamp's, the rest being the lens's
-    film: float = 0.0  # strength of a wet film's sheen; 1 mirrors 4 % at normal incidence
 
 
 class ContourOutcome(Enum):

@@ -1,21 +1,21 @@
-r"""What three colours of one wall tell: how much light bounced, the wall's albedos, how much it mirrors.
+r"""What three colours of one wall tell: how much light bounced, and the wall's albedos.
 
 A wall of albedo a_c shows, of the lamp's light E,
 
-    q_c = g/π E (a_c (1 + p ι_c) + m M),        ι_c = S_c/E,
+    q_c = g/π E a_c (1 + p ι_c),        ι_c = S_c/E,
 
-where S, light that bounced, follows from a surface and the albedos (`walls`) and M is the lobe of a rough wet
-film. E is the same in red, green and blue:
+where S, light that bounced, follows from a surface and the albedos (`walls`). E is the same in red, green and
+blue:
 
-    red    log q_r - log(a_r (1 + p ι_r) + m M)  \
-    green  log q_g - log(a_g (1 + p ι_g) + m M)   >  one log E for each patch of the wall
-    blue   log q_b - log(a_b (1 + p ι_b) + m M)  /
+    red    log q_r - log a_r (1 + p ι_r)  \
+    green  log q_g - log a_g (1 + p ι_g)   >  one log E for each patch of the wall
+    blue   log q_b - log a_b (1 + p ι_b)  /
 
 So the colours, in level and in tint, tell how right S is: a factor p for walls that are not in the picture,
-the share b of the light's fall cos^k α that is the lamp's (the lens's part lights no walls), the albedos, and
-m. All have priors, so that what the colours do not tell stays as it was: given albedos as given, others those
-of mucosa. The priors of p and m are lines, not squares, far from their middle, so that a picture in which
-nothing bounces is heard.
+the share b of the light's fall cos^k α that is the lamp's (the lens's part lights no walls), and the albedos.
+All have priors, so that what the colours do not tell stays as it was: given albedos as given, others those
+of mucosa. The prior of p is a line, not a square, far from its middle, so that a picture in which nothing
+bounces is heard. The sheen of a wet film was once fitted, too: mean errors were the same within 0.02 points.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.reconstruction.light.walls import WALL_MODEL, Walls, bounced_light_and_slope
+from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
 from endolab.solvers.problem import EXACT, Problem
 from endolab.solvers.provenance import LightOutcome
 
@@ -50,14 +50,10 @@ class LightFit:
         0.2,
     )
     lamp: tuple[float, float] = (1.0, 0.3)  # b: all the lamp's, or any share
-    # m; 1 mirrors 4 % at normal incidence, as water does.
-    film: tuple[float, float] = (
-        0.0,
-        0.15,
-    )
-    given: tuple[float, float] = (0.03, 0.03)  # of albedos that are given
-    green: tuple[float, float] = (0.1, 0.35)  # where green's alone is given
-    unknown: tuple[float, float] = (0.35, 0.35)  # where none is
+    # Of albedos that are given, and where none is; where green's alone is given, the first of `given` and the
+    # second of `unknown`.
+    given: tuple[float, float] = (0.03, 0.03)
+    unknown: tuple[float, float] = (0.35, 0.35)
     # Of the albedos' logarithms in red, green and blue: blood takes green and blue light, hardly red.
     texture: tuple[float, float, float] = (0.05, 0.2, 0.2)
     together: float = 0.8  # correlation of green's texture with blue's
@@ -66,17 +62,13 @@ class LightFit:
     # Robust standard deviation, in units of texture: S is never exact.
     least_spread: float = 0.25
     largest_factor: float = 2.5
-    largest_film: float = 3.0
-    at_bound: float = 0.98  # share of a bound beyond which an estimate is at it
     # Mean difference of the colours' log E beyond which they say no one E.
     most_misfit: float = 0.1
     none_bounced: float = 0.05  # p below which nothing is taken to have bounced
-    film_seen: float = 0.2  # m beyond which a film is spoken of
     rounds: int = 3  # of the robust weights' scale
-    # Of the steps of one round: the damping at first and at most, how many, and the share of the misfit or
-    # the change at which they end.
+    # Of the steps of one round: the damping at first, how many, and the share of the misfit or the change at
+    # which they end.
     damping: float = 1e-4
-    most_damping: float = 1e6
     steps: int = 25
     precision: float = 1e-5
     # Width of log ι from place to place, as a share of ι/(1 + ι) in red: the surface's errors are those of
@@ -110,7 +102,8 @@ class AlbedoPrior:
         albedo = np.asarray(given, dtype=np.float64)
         if albedo.ndim == 1:
             return cls(albedo, FIT.given)
-        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * FIT.albedos[1]), FIT.green)
+        widths = (FIT.given[0], FIT.unknown[1])
+        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * FIT.albedos[1]), widths)
 
     @property
     def is_given(self) -> bool:
@@ -120,9 +113,7 @@ class AlbedoPrior:
     @property
     def light(self) -> Light:
         """What follows if the colours are not heard."""
-        return Light(
-            LightOutcome.COMPUTED, self.albedo, FIT.factor[0], FIT.lamp[0], FIT.film[0]
-        )
+        return Light(LightOutcome.COMPUTED, self.albedo, FIT.factor[0], FIT.lamp[0])
 
     @property
     def whitening(self) -> FloatArray:
@@ -159,25 +150,15 @@ class Light:
     albedo: FloatArray  # (3,)
     factor: float  # p
     lamp: float  # b
-    film: float  # m
     misfit: float = 0.0  # mean |log E_c - its mean over colours|
     reason: str = ""  # why the colours' word is not taken, in words; else ""
 
     def indirect_ratio(self, walls: Walls, k: float) -> FloatArray:
-        """Return what is seen beside the direct light of a matt wall, as a share of it, (H, W, 3).
+        """Return what is seen beside direct light, as a share of it, (H, W, 3).
 
         k is the joint exponent of lamp and lens.
         """
-        bounced = self.factor * walls.under(self.lamp * k).indirect_ratio(self.albedo)
-        mirrored = self.film * np.where(walls.cosine > 0, film_lobe(walls.cosine), 0.0)
-        return bounced + mirrored[..., None] / self.albedo
-
-
-def film_lobe(cosine: FloatArray, roughness: float = 0.3) -> FloatArray:
-    """Return π times the film's BRDF towards the lamp, at cos θ: GGX, 4 % at normal incidence."""
-    slope = 1 / np.maximum(cosine, 0.1) ** 2 - 1  # tan² θ
-    visible = 2 / (1 + np.sqrt(1 + roughness**2 * slope))  # of its facets, and lit (Smith)
-    return 0.01 * roughness**2 * (1 + slope) ** 3 * (visible / (roughness**2 + slope)) ** 2
+        return self.factor * walls.under(self.lamp * k).indirect_ratio(self.albedo)
 
 
 @dataclass(frozen=True)
@@ -187,7 +168,6 @@ class Patches:
     light: FloatArray  # (P, 3), log q_c
     direct: FloatArray  # (L, P), E under each of LAMPS
     orders: list[FloatArray]  # (bounces, P) under each, see `Walls.orders`
-    lobe: FloatArray  # (P,), M
 
     @classmethod
     def of(cls, colours: Sequence[Problem], walls: Walls) -> Patches:
@@ -195,20 +175,20 @@ class Patches:
         photometry = colours[1].photometry
         pictures = [colour.image**photometry.gamma for colour in colours]
         means, direct, orders, _ = walls.averages(
-            np.dstack([*pictures, film_lobe(walls.cosine)]),
+            np.dstack(pictures),
             all_exact(colours) & (walls.direct > 0),
             [lamp * photometry.k for lamp in LAMPS],
         )
-        return cls(np.log(means[:, :3]), direct, orders, means[:, 3])
+        return cls(np.log(means), direct, orders)
 
     def ratio_and_slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return indirect over direct light, (P, 3), and its derivatives, (4, P, 3).
+        """Return indirect over direct light, (P, 3), and its derivatives, (3, P, 3).
 
-        They are those by the factor, the lamp's share, the film and the logarithm of the colour's albedo; x
-        is as of `ColourResiduals`.
+        They are those by the factor, the lamp's share and the logarithm of the colour's albedo; x is as of
+        `ColourResiduals`.
         """
-        factor, lamp, film = x[:3]
-        albedo = np.exp(x[3:])
+        factor, lamp = x[:2]
+        albedo = np.exp(x[2:])
         place = lamp * (len(LAMPS) - 1)
         low = min(int(place), len(LAMPS) - 2)
         ratios = []
@@ -216,18 +196,13 @@ class Patches:
         for index in (low, low + 1):
             bounced, slope = bounced_light_and_slope(self.orders[index], albedo)
             direct = self.direct[index][:, None]
-            ratio = bounced / direct
-            ratios.append(np.minimum(ratio, WALL_MODEL.most_indirect))
-            slopes.append(np.where(ratio < WALL_MODEL.most_indirect, slope / direct, 0.0))
+            ratios.append(bounced / direct)
+            slopes.append(slope / direct)
         change = ratios[1] - ratios[0]
         ratio = ratios[0] + (place - low) * change
         by_albedo = slopes[0] + (place - low) * (slopes[1] - slopes[0])
-        mirrored = self.lobe[:, None] / albedo
         by_lamp = factor * (len(LAMPS) - 1) * change
-        by_albedo = factor * by_albedo - film * mirrored
-        return factor * ratio + film * mirrored, np.stack(
-            [ratio, by_lamp, mirrored, by_albedo]
-        )
+        return factor * ratio, np.stack([ratio, by_lamp, factor * by_albedo])
 
 
 def all_exact(colours: Sequence[Problem]) -> BoolArray:
@@ -297,7 +272,7 @@ def _charbonnier(r: FloatArray) -> tuple[FloatArray, FloatArray]:
 class ColourResiduals:
     """How far the colours and the priors are from what light and albedos x make of them.
 
-    x holds p, b, m and the logarithms of the albedos.
+    x holds p, b and the logarithms of the albedos.
     """
 
     patches: Patches
@@ -305,39 +280,38 @@ class ColourResiduals:
     sigma: float  # of the tint, in units of texture
 
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what least squares are of, (2 P + 6,), and its derivatives, a column for each of x."""
+        """Return what least squares are of, (2 P + 5,), and its derivatives, a column for each of x."""
         by_colours, slopes_by_colours = self._of_colours(x)
         by_prior, slopes_by_prior = self._of_prior(x)
         slopes = [slopes_by_colours.reshape(-1, len(x)), slopes_by_prior]
         return np.concatenate([by_colours.ravel(), by_prior]), np.concatenate(slopes)
 
     def _of_colours(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (P, 2), and by x (P, 2, 6)."""
+        """Return (P, 2), and by x (P, 2, 5)."""
         ratio, slopes = self.patches.ratio_and_slopes(x)
         tint = _tint_whitening().T / self.sigma
         weight = float(np.sqrt(min(FIT.pieces / len(ratio), 1.0)))
-        apart = (self.patches.light - np.log1p(ratio) - x[3:]) @ tint
+        apart = (self.patches.light - np.log1p(ratio) - x[2:]) @ tint
         slopes = -slopes / (1 + ratio)
         jacobian = np.empty((*apart.shape, len(x)))
-        jacobian[..., :3] = np.moveaxis(slopes[:3] @ tint, 0, -1)
-        jacobian[..., 3:] = (slopes[3] - 1)[:, None] * tint.T
+        jacobian[..., :2] = np.moveaxis(slopes[:2] @ tint, 0, -1)
+        jacobian[..., 2:] = (slopes[2] - 1)[:, None] * tint.T
         apart, bend = _charbonnier(apart)
         jacobian *= weight * bend[..., None]
         return weight * apart, jacobian
 
     def _of_prior(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (6,), and by x (6, 6): a line far from the middle for p and m."""
-        middle, width = np.transpose([FIT.factor, FIT.lamp, FIT.film])
+        """Return (5,), and by x (5, 5): a line far from the middle for p."""
+        middle, width = np.transpose([FIT.factor, FIT.lamp])
         whitening = self.prior.whitening
-        light = (x[:3] - middle) / width
+        light = (x[:2] - middle) / width
         by_light = np.diag(1 / width)
-        for index in (0, 2):
-            light[index], bend = _charbonnier(light[index])
-            by_light[index, index] *= bend
-        albedo = whitening @ (x[3:] - np.log(self.prior.albedo))
-        none = np.zeros((3, 3))
+        light[0], bend = _charbonnier(light[0])
+        by_light[0, 0] *= bend
+        albedo = whitening @ (x[2:] - np.log(self.prior.albedo))
+        none = np.zeros((2, 3))
         return np.concatenate([light, albedo]), np.block(
-            [[by_light, none], [none, whitening]]
+            [[by_light, none], [none.T, whitening]]
         )
 
 
@@ -352,13 +326,11 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     def log_direct(x: FloatArray) -> FloatArray:
         """Return log E_c but for a constant, (P, 3)."""
         ratio, _ = patches.ratio_and_slopes(x)
-        return patches.light - np.log1p(ratio) - x[3:]
+        return patches.light - np.log1p(ratio) - x[2:]
 
-    low = np.array([0.0, 0.0, 0.0, *np.log(3 * [FIT.albedos[0]])])
-    high = np.array(
-        [FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [FIT.albedos[1]])]
-    )
-    x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
+    low = np.array([0.0, 0.0, *np.log(3 * [FIT.albedos[0]])])
+    high = np.array([FIT.largest_factor, 1.0, *np.log(3 * [FIT.albedos[1]])])
+    x = np.array([FIT.factor[0], FIT.lamp[0], *np.log(prior.albedo)])
     sigma = 1.0
     for _ in range(FIT.rounds):
         x = _fit_within(ColourResiduals(patches, prior, sigma), x, low, high)
@@ -366,19 +338,17 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         sigma = max(1.48 * float(tint), FIT.least_spread)
     light = log_direct(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
-    albedo = np.exp(x[3:])
-    estimate = Light(
-        LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), float(x[2]), misfit
-    )
+    albedo = np.exp(x[2:])
+    estimate = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), misfit)
     if not prior.is_given and np.ptp(albedo) < FIT.alike * albedo.max():
         raise NoColour("they are as good as equal")
-    reason = _why_unlikely(estimate)
+    reason = _why_unlikely(misfit, x <= low, x >= high)
     if reason:
         return replace(prior.light, misfit=misfit, reason=reason)
-    if estimate.factor < FIT.none_bounced and estimate.film < FIT.film_seen:
+    if estimate.factor < FIT.none_bounced:
         known = prior.light if prior.is_given else estimate
         none = LightOutcome.NONE_BOUNCED
-        return replace(known, outcome=none, factor=0.0, film=0.0, misfit=misfit)
+        return replace(known, outcome=none, factor=0.0, misfit=misfit)
     return estimate
 
 
@@ -403,8 +373,6 @@ def _fit_within(
         fall = misfit - residual_there @ residual_there
         if fall <= 0:
             damping *= 10
-            if damping > FIT.most_damping:
-                break
             continue
         change = np.abs(tried - x).max()
         x = tried
@@ -417,16 +385,12 @@ def _fit_within(
     return x
 
 
-def _why_unlikely(estimate: Light) -> str:
-    """Say why a fit is no answer; "" if it is one."""
-    if estimate.factor > FIT.at_bound * FIT.largest_factor:
+def _why_unlikely(misfit: float, at_low: BoolArray, at_high: BoolArray) -> str:
+    """Say why a fit is no answer; "" if it is one. Which of x ended at a bound are given."""
+    if at_high[0]:
         return "more light than can have bounced"
-    if estimate.film > FIT.at_bound * FIT.largest_film:
-        return "more mirrored light than a film returns"
-    least, most = FIT.albedos
-    albedo = estimate.albedo
-    if albedo.max() > FIT.at_bound * most or albedo.min() < least / FIT.at_bound:
+    if (at_low | at_high)[2:].any():
         return "albedos that no tissue has"
-    if estimate.misfit > FIT.most_misfit:
+    if misfit > FIT.most_misfit:
         return "the channels disagree on the direct light"
     return ""

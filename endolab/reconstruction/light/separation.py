@@ -440,7 +440,6 @@ def _report_on(light: Light, indirect_ratio: FloatArray, given: bool) -> LightRe
         percent=tuple(percent),
         factor=light.factor,
         lamp=light.lamp,
-        film=light.film,
     )
 
 

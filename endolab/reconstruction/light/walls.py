@@ -52,8 +52,6 @@ class WallModel:
     """How a surface becomes patches, and which walls are taken to be where none is seen."""
 
     patches: int = 500  # of the picture; twice as many change ι by a hundredth
-    # cos θ below which a pixel's surface is a fold's edge rather than a wall.
-    least_cosine: float = 0.1
     grazing: float = 1e-3  # cos α below which a lamp's light no longer falls
     rim_sectors: int = 20  # of the rim
     back: float = 2.0  # how far behind the camera the wall goes on, in radii
@@ -64,9 +62,6 @@ class WallModel:
     # traced colons.
     hidden: float = 0.75
     bounces: int = 16  # counted one by one; those after them fall by a constant share
-    lasting: float = 0.98  # share that a further bounce may leave
-    # ι, beyond which it says that the lamp hardly reaches the wall.
-    most_indirect: float = 20.0
 
 
 WALL_MODEL = WallModel()
@@ -176,7 +171,6 @@ class Walls:
     seen: BoolArray  # (rows, columns), which cells of the picture's coarse grid are patches
     direct: FloatArray  # (H, W), E of every pixel, cosᵏ α cos θ / d²; 0 outside the mask
     cos_alpha: FloatArray  # (H, W), positive; 1 outside the mask
-    cosine: FloatArray  # (H, W), cos θ; 0 outside the mask
     k: float  # exponent of the lamp's spread
 
     @classmethod
@@ -202,7 +196,7 @@ class Walls:
         distance = np.exp(log_distance)
         cos_alpha = np.where(mask, np.maximum(field.cos_alpha, WALL_MODEL.grazing), 1.0)
         light = cos_alpha**k
-        area = solid * distance**2 / np.maximum(cosine, WALL_MODEL.least_cosine)
+        area = solid * distance**2 / cosine
 
         step = max(1.0, np.sqrt(mask.sum() / WALL_MODEL.patches))
         cells = tuple(max(1, round(length / step)) for length in mask.shape)
@@ -233,7 +227,6 @@ class Walls:
         exchange = _exchange(points, normals, areas, places, nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
-        cosine = np.where(mask, cosine, 0.0)
         return cls(
             points,
             normals,
@@ -243,7 +236,6 @@ class Walls:
             seen,
             direct,
             cos_alpha,
-            cosine,
             k,
         )
 
@@ -317,7 +309,7 @@ class Walls:
             known = reached.astype(np.float64)
         lit = self.direct[..., None]
         share = resample(coarse, lit.shape[:2]) / np.where(lit > 0, lit, 1.0)
-        ratio = np.where(lit > 0, np.minimum(share, WALL_MODEL.most_indirect), 0.0)
+        ratio = np.where(lit > 0, share, 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
@@ -326,16 +318,15 @@ def bounced_light_and_slope(
 ) -> tuple[FloatArray, FloatArray]:
     """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,).
 
-    And its derivative by the albedo's logarithm.
+    And its derivative by the albedo's logarithm. Albedos are below 1: so is what a bounce leaves of another.
     """
     number = np.arange(1, len(orders) + 1)[:, None]
     powers = albedo**number
     last = orders[-1]
     before = orders[-2]
     share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
-    kept = 1 - np.minimum(share, WALL_MODEL.lasting)
-    tail = last[:, None] * powers[-1] * share / kept
-    growth = len(orders) + 1 + np.where(share < WALL_MODEL.lasting, share / kept, 0.0)
+    tail = last[:, None] * powers[-1] * share / (1 - share)
+    growth = len(orders) + 1 + share / (1 - share)
     return orders.T @ powers + tail, orders.T @ (number * powers) + tail * growth
 
 

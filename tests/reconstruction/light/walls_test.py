@@ -71,7 +71,7 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     )  # 1 % is lost between neighbours
     lit = np.where(x[:, 2] > 10.0, 1.0, 0.0)
     one = np.ones((1, len(x)))
-    walls = Walls(x, n, area, lit, exchange, one > 0, one, one, one, 0.0)
+    walls = Walls(x, n, area, lit, exchange, one > 0, one, one, 0.0)
     for albedo in (0.3, 0.6):
         expected = lit.mean() * albedo / (1 - albedo)
         assert np.mean(walls.bounced_light(albedo)) == pytest.approx(expected, rel=0.04)
