@@ -78,9 +78,6 @@ class ContourChoice:
     # The least cut surface is taken whose misfit is at most so many times the least, or as many times more
     # as the colours ask for indirect light.
     misfit_limit: float = 1.07
-    # Indirect light over what walls can send, beyond which the colours are not believed.
-    most_indirect: float = 1.5
-    max_iterations: int = 30  # of one channel's cut surface
 
     def steepnesses(self, uncut: Trial) -> tuple[float, ...]:
         """Return what is to be tried, one after the other."""
@@ -125,10 +122,7 @@ class ContourChoice:
 
     def colours_are_reliable(self, trials: Sequence[Trial]) -> bool:
         """Whether what the colours say of the first two surfaces can be."""
-        return not any(
-            trial.light is LightOutcome.COMPUTED or trial.factor > self.most_indirect
-            for trial in trials[:2]
-        )
+        return all(trial.light is not LightOutcome.COMPUTED for trial in trials[:2])
 
     def _misfit_limit(self, trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
         """Largest misfit at which a surface is as good as the best."""
@@ -213,11 +207,7 @@ def solve_cut(
     if problem.cuts is None:
         return uncut
     surface = yield from solve_stage(
-        problem,
-        uncut.provenance,
-        CONTOURS,
-        start=uncut.log_distance,
-        max_iterations=CHOICE.max_iterations,
+        problem, uncut.provenance, CONTOURS, start=uncut.log_distance
     )
     is_cut = always or is_worth_cutting(Trial(surface), Trial(uncut), price)
     return surface if is_cut else uncut
