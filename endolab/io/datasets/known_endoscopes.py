@@ -20,8 +20,8 @@ C3VD_PHOTOMETRY = Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.3
 C3VD_LIGHT = {
     "photometry": {
         "standard_errors": {
-            "k": 0.376,
-            "gamma": 0.158,
+            "k": 0.374,
+            "gamma": 0.159,
             "red": 0.085,
             "green": 0.103,
             "blue": 0.092,

@@ -31,6 +31,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.light.colours import FIT
+from endolab.reconstruction.light.unknown_light import EXPONENTS
 from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope, sectors
 
 
@@ -43,7 +44,6 @@ class SurfaceFit:
     lamp: float = 0.8  # b, share of the light's fall that is the lamp's
     gamma: tuple[float, float] = (2.2, 0.2)  # of cameras, and its standard deviation
     gammas: tuple[float, float] = (1.2, 4.5)  # least and greatest
-    tint: float = 0.35  # standard deviation of the logarithm of tissue's albedos
     # Of k, γ and albedos' logarithms, that computed bounces make.
     model_errors: tuple[float, float, float, float, float] = (0.1, 0.15, 0.1, 0.3, 0.3)
     # Grey levels that the model leaves; larger ones count as lines, not squares.
@@ -54,8 +54,6 @@ class SurfaceFit:
 SURFACE_FIT = SurfaceFit()
 
 
-# k for which light is computed, to be interpolated.
-LIT_EXPONENTS = np.linspace(0.0, 4.0, 9)
 TOO_LITTLE = "too little of {} and its surface is known to measure the light"
 
 
@@ -121,7 +119,7 @@ def measure_light(
         np.square(SURFACE_FIT.model_errors)
     )
     usual = np.array([SURFACE_FIT.gamma[0], *np.log(FIT.tissue)])
-    width = np.array([SURFACE_FIT.gamma[1], *[SURFACE_FIT.tint] * 3])
+    width = np.array([SURFACE_FIT.gamma[1], *[FIT.unknown[0]] * 3])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
@@ -148,7 +146,7 @@ class _Patches:
 
     grey: FloatArray  # (P, 3), stored values, grey levels of 255
     aside: FloatArray  # (P,), log cos α, as far as it is the lens's
-    direct: FloatArray  # (K, P), log E under each of LIT_EXPONENTS
+    direct: FloatArray  # (K, P), log E under each of EXPONENTS
     orders: list[FloatArray]  # (bounces, P) under each, see `Walls.orders`
     part: FloatArray  # (P,), number of the part of the scene
 
@@ -184,7 +182,7 @@ class _Patches:
         usable = mask & near & (clipped == 0) & ~mirrored & (walls.direct > 0)
         aside = (1 - lamp) * np.log(np.where(usable, cos_alpha, 1.0))
         means, direct, orders, full = walls.averages(
-            np.dstack([255 * small.image, aside]), usable, lamp * LIT_EXPONENTS
+            np.dstack([255 * small.image, aside]), usable, lamp * EXPONENTS
         )
         if len(means) < FIT.least_patches:
             raise ValueError(TOO_LITTLE.format(frame.name))
@@ -201,8 +199,8 @@ class _Patches:
 
     def light(self, k: float, albedo: FloatArray) -> FloatArray:
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
-        place = k / (LIT_EXPONENTS[1] - LIT_EXPONENTS[0])
-        low = min(int(place), len(LIT_EXPONENTS) - 2)
+        place = k / (EXPONENTS[1] - EXPONENTS[0])
+        low = min(int(place), len(EXPONENTS) - 2)
         share = place - low
         direct = (1 - share) * self.direct[low] + share * self.direct[low + 1]
         less, more = (
@@ -249,7 +247,7 @@ def _fit(
 
     bounds = np.full((2, len(start)), np.inf)
     bounds[0] = -np.inf
-    bounds[:, 0] = 0, 4
+    bounds[:, 0] = EXPONENTS[[0, -1]]
     bounds[:, 1] = SURFACE_FIT.gammas
     bounds[:, 2:5] = np.log(FIT.albedos)[:, None]
     inside = np.clip(start, bounds[0] + 1e-3, bounds[1] - 1e-3)

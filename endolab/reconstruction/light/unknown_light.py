@@ -46,7 +46,9 @@ from endolab.reconstruction.light.separation import separate, separate_from
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.result import Iterate, Observer
 
-EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
+EXPONENTS = np.linspace(
+    0.0, 5.0, 11
+)  # k for which light is computed; endoscopes have 0.5 to 3.5
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,6 @@ class ExponentSearch:
     step: float = 0.05  # of the k whose likelihood is told
     found: float = 0.5  # standard error up to which k is found; knowing nothing: 1.7
     roughly: float = 1.0  # likewise, found roughly
-    edge: float = 0.5  # from the greatest k, within which the likeliest is at a bound
 
 
 EXPONENT_SEARCH = ExponentSearch()
@@ -332,7 +333,7 @@ def _estimate(
     frames = f"{len(scans)} frame{'' if len(scans) == 1 else 's'}"
     found = f"{middle:.1f} ± {error:.1f}, by {frames}"
     taken = middle
-    if k[np.argmax(likelihood)] > k[-1] - EXPONENT_SEARCH.edge:
+    if k[np.argmax(likelihood)] > EXPONENTS[-2]:  # at its bound, as good as
         outcome = "not found"
         why = f"it would be {k[-1]:g} or more"
     elif error > EXPONENT_SEARCH.roughly:

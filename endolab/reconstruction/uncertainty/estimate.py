@@ -61,7 +61,6 @@ class Sampling:
     # together.
     along: float = 40.0
     largest_sigma: float = 1.0  # σ of log d at most: what is worse is not known at all
-    largest_change: float = 1.0  # of an answer, in log d: what goes farther is lost anyway
     sharp: float = 0.5  # px, blur that is none
 
 
@@ -262,7 +261,7 @@ class _Estimate:
             choices["lambda"] = 1.0, replace(problem, lam=lam)
         if others is not problem:
             choices["contours"] = prior_sigma.contours, others
-        most = SAMPLING.largest_change
+        most = SAMPLING.largest_sigma  # what goes farther is lost anyway
         still = (yield from re_solve(problem, v)) if choices else v
         for cause, (share, other) in choices.items():
             moved = (yield from re_solve(other, v)) - still

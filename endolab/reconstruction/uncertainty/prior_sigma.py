@@ -15,8 +15,8 @@ import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
-
-NOMINAL_SIGMA = {"k": 1.0, "gamma": 0.2}  # of a light that was taken from another endoscope
+from endolab.reconstruction.light.known_surface import SURFACE_FIT
+from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,9 @@ class PriorSigma:
         errors = _standard_errors(evidence)
         nominal = _is_nominal(evidence)
         if nominal:
-            stated = replace(stated, k=NOMINAL_SIGMA["k"], gamma=NOMINAL_SIGMA["gamma"])
+            stated = replace(
+                stated, k=EXPONENT_SEARCH.usual_error, gamma=SURFACE_FIT.gamma[1]
+            )
         notes = []
         if errors:
             listed = ", ".join(f"{name} ± {value:.2g}" for name, value in errors.items())

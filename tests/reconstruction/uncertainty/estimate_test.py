@@ -8,6 +8,7 @@ import pytest
 import endolab as el
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
+from endolab.reconstruction.light.known_surface import SURFACE_FIT
 from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
 from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field
 from endolab.reconstruction.uncertainty.estimate import (
@@ -16,7 +17,7 @@ from endolab.reconstruction.uncertainty.estimate import (
     uncertainty_of,
 )
 from endolab.reconstruction.uncertainty.linearised import Linearised
-from endolab.reconstruction.uncertainty.prior_sigma import NOMINAL_SIGMA, PriorSigma
+from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
@@ -291,7 +292,7 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     [
         ({}, PriorSigma.k, PriorSigma.gamma),
         ({"standard_errors": {"k": 0.011, "gamma": 0.0}}, 0.011, PriorSigma.gamma),
-        ({"nominal": True}, EXPONENT_SEARCH.usual_error, NOMINAL_SIGMA["gamma"]),
+        ({"nominal": True}, EXPONENT_SEARCH.usual_error, SURFACE_FIT.gamma[1]),
         ({"nominal": "no", "standard_errors": 3}, PriorSigma.k, PriorSigma.gamma),
     ],
 )
