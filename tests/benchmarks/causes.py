@@ -46,7 +46,7 @@ STAGES = (
     "the default",
     "contours true",
     "indirect light\ntrue, too",
-    "no texture, noise,\nlamps apart",
+    "no texture or noise,\nlight as modelled",
     "border true, too",
 )
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")

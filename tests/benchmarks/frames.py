@@ -79,7 +79,8 @@ class Case:
         height = round(self.frame.height * width / self.frame.width)
         normals = self.normals
         if normals is not None:
-            normals = resample_truth(normals, (height, width))
+            with np.errstate(invalid="ignore"):
+                normals = resample_truth(normals, (height, width))
         return replace(
             self,
             frame=self.frame.resize(width, height, self.calibration.photometry.gamma),
