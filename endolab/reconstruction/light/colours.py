@@ -15,7 +15,7 @@ So the colours, in level and in tint, tell how right S is: a factor p for walls 
 the share b of the light's fall cos^k α that is the lamp's (the lens's part lights no walls), and the albedos.
 All have priors, so that what the colours do not tell stays as it was: given albedos as given, others those
 of mucosa. The prior of p is a line, not a square, far from its middle, so that a picture in which nothing
-bounces is heard. The sheen of a wet film was once fitted, too: mean errors were the same within 0.02 points.
+bounces is heard. The sheen of a wet film was once fitted, too; without it, no set is worse by 0.1 points.
 """
 
 from __future__ import annotations
