@@ -15,8 +15,7 @@ of the fourth kind (Lottes, "Optimal polynomial smoothers for multigrid V-cycles
     x += s,   r -= M s,   s ← max(2n-1, 0)/(2n+3) s + (8n+4)/(2n+3) r / Σ_j |M_ij|,    n = 0, 1, 2, ...
 
 Behind cuts little holds a surface: there rounding grew a million times within one solve. So all is in double
-precision, and each residual is made orthogonal to earlier ones once more (Saad, "Iterative methods for sparse
-linear systems", 2003). Vectors are padded (see `numerics.compiled`) and zero outside the mask.
+precision. Vectors are padded (see `numerics.compiled`) and zero outside the mask.
 """
 
 from __future__ import annotations
@@ -51,13 +50,12 @@ from endolab.solvers.normal_equations import (
 
 @dataclass(frozen=True)
 class Cycle:
-    """How a V-cycle is made, and what conjugate gradients keep; chosen by hand."""
+    """How a V-cycle is made; chosen by hand."""
 
     coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
     # Share of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
     ridge: float = 1e-4
     degree: int = 2  # smoothing steps before and after a coarser grid
-    residual_memory: int = 8_000_000  # numbers that earlier residuals may take
 
 
 CYCLE = Cycle()
@@ -359,14 +357,9 @@ class Multigrid:
         start = 0.0
         last = 1.0
         done = 0.0
-        earlier: list[tuple[FloatArray, FloatArray, float]] = []
         for step in range(most + 1):
-            for residual, answer, size in earlier:
-                _add(r, -dot(r, answer) / size, residual)
             self._cycle()
             now = max(dot(r, top.x), 0.0)
-            if now > 0 and (len(earlier) + 1) * r.size <= CYCLE.residual_memory:
-                earlier.append((r.copy(), top.x.copy(), now))
             start = now if step == 0 else start
             left = now / done if done > 0 else np.inf if now > 0 else 0.0
             if (now <= tolerance**2 * start and left <= tolerance) or step == most:

@@ -11,6 +11,7 @@ import endolab as el
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import links, shift
 from endolab.numerics.penalties import huber
+from endolab.reconstruction.contours.choice import cut_at_contours
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid
@@ -161,6 +162,48 @@ def as_sparse(matrix):
         half = sparse.csr_matrix((numbers[i, j], where), shape=(size, size))
         total = total + (half if down == right == 0 else half + half.T)
     return total
+
+
+def interpolation_matrix(structure):
+    """P from blocks to pixels, as a sparse matrix of the padded maps."""
+    below = structure.coarser.active
+    columns = []
+    for block in np.flatnonzero(below):
+        step = np.zeros(below.shape)
+        step.flat[block] = 1.0
+        column = np.zeros(structure.active.shape)
+        structure.way.add(step, column)
+        columns.append(sparse.csc_matrix(column.reshape(-1, 1)))
+    return sparse.hstack(columns).tocsr(), np.argwhere(below > 0)
+
+
+def test_a_coarse_grid_has_the_fine_ones_matrix(system):
+    """C = P'AP, readably; what is further than two blocks apart is on the diagonal."""
+    levels = system[0].levels
+    for fine, coarse in zip(levels[:-1], levels[1:], strict=True):
+        way, places = interpolation_matrix(fine.structure)
+        expected = (way.T @ as_sparse(fine.matrix) @ way).toarray()
+        kept = np.flatnonzero(coarse.structure.active)
+        found = as_sparse(coarse.matrix)[kept][:, kept].toarray()
+        apart = np.abs(places[:, None] - places).max(axis=2)
+        off = found - np.where(apart > 2, 0.0, expected)
+        largest = np.abs(expected).max()
+        moved = np.diag(off).copy()
+        np.fill_diagonal(off, 0.0)
+        assert np.abs(off).max() < 1e-12 * largest
+        rest = np.where(apart > 2, np.abs(expected), 0.0).sum(axis=1)
+        assert np.all(moved > rest - 1e-12 * largest)
+        assert moved.max() < 0.02 * largest
+
+
+@pytest.mark.parametrize("regulariser", ["second", "curvature"])
+def test_cuts_cost_few_steps(regulariser):
+    """A colon, cut along all its lines; coarse equations of their own took 11 and 12; measured 6 and 4."""
+    problem, truth = at_truth("colon", 160, regulariser=regulariser)
+    problem = cut_at_contours(problem, 0.02)
+    assert problem.cuts.sum() > 300
+    coefficients, b = equations(problem, truth)
+    assert Multigrid(coefficients).solve(b, 0.1, 200)[1] <= 6
 
 
 def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
