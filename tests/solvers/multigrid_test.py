@@ -1,6 +1,7 @@
 """Compiled equations against their readable twins, and what solves them against a direct solver."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -180,7 +181,7 @@ def interpolation_matrix(structure):
 def test_a_coarse_grid_has_the_fine_ones_matrix(system):
     """C = P'AP, readably; what is further than two blocks apart is on the diagonal."""
     levels = system[0].levels
-    for fine, coarse in zip(levels[:-1], levels[1:], strict=True):
+    for fine, coarse in pairwise(levels):
         way, places = interpolation_matrix(fine.structure)
         expected = (way.T @ as_sparse(fine.matrix) @ way).toarray()
         kept = np.flatnonzero(coarse.structure.active)
