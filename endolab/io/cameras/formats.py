@@ -112,7 +112,7 @@ def _choose(path: PathLike, size: Size | None) -> tuple[Any, Camera | None, dict
     """Read the document; the camera that is taken from it, unless it is endolab's; and where that is from."""
     file, which = split_choice(path)
     document = read_document(file)
-    if isinstance(document, dict) and "endolab" in document:
+    if isinstance(document, dict) and {"endolab", "photometry"} & document.keys():
         return _as_endolab(document), None, {}
     is_object = isinstance(document, dict)
     known = next((kind for kind in FORMATS if is_object and kind.recognise(document)), None)
