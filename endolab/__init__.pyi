@@ -29,6 +29,8 @@ from .model.endoscope import Calibration as Calibration
 from .model.lights import SpotLight as SpotLight
 from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
+from .reconstruction.contrast import explained_contrast as explained_contrast
+from .reconstruction.contrast import suggest_lam as suggest_lam
 from .reconstruction.light.known_surface import measure_light as measure_light
 from .reconstruction.light.unknown_light import estimate_light as estimate_light
 from .reconstruction.mesh import make_mesh as make_mesh

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.frames.frame import noise_level
 from endolab.frames.surround import unclear_surround
-from endolab.solvers.energy import contradicts, model_image
+from endolab.reconstruction.contrast import explained_contrast
 from endolab.solvers.primal_dual import LARGEST_FALL
 from endolab.solvers.result import Result
 
@@ -54,14 +53,8 @@ def _warnings(result: Result) -> Iterator[str]:
             f"The energy still fell by {100 * fall:.2g} % in ten steps when the solver stopped: with more "
             "iterations the surface may change."
         )
-    left = model_image(problem, result.iterate.log_distance) - problem.image
-    compared = mask & contradicts(problem, left)
-    spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
+    explained = explained_contrast(result)
     picture = problem.shown
-    noise = noise_level(picture if picture.ndim == 2 else picture.mean(axis=-1), mask)
-    explained = (
-        1 - (float(np.var(left[compared])) + noise**2) / spread if spread > 0 else 1.0
-    )
     if explained < PLAUSIBLE.explained:
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; 99 % is usual. "

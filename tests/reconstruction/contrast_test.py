@@ -1,0 +1,37 @@
+"""The explained contrast falls as λ grows; the λ that it suggests is the largest that explains enough."""
+
+import numpy as np
+import pytest
+
+import endolab as el
+
+LAMS = (0.1, 1.0, 10.0, 100.0)
+
+
+@pytest.fixture(scope="module")
+def explained():
+    camera = el.load_calibration("paper").camera.resize(160, 120)
+    view = el.render(
+        el.SCENES["colon"], camera, el.load_calibration("paper").photometry
+    )
+    known = el.Calibration(view.camera, view.photometry)
+    frame = el.Frame(view.image, view.mask)
+    return [
+        el.explained_contrast(
+            el.reconstruct(frame, known, lam=lam, channel="grey", contours=False)
+        )
+        for lam in LAMS
+    ]
+
+
+def test_it_falls_as_lam_grows(explained):
+    assert explained[0] > 0.99
+    assert np.all(np.diff(explained) < 0)
+
+
+def test_the_suggested_lam_lies_between_what_does_and_what_does_not_explain_enough():
+    assert el.suggest_lam([10, 0.1, 1], [0.9, 1.0, 0.995]) == pytest.approx(
+        10 ** (0.005 / 0.095)
+    )
+    assert el.suggest_lam(LAMS, [0.999] * 4) == pytest.approx(100)
+    assert el.suggest_lam(LAMS, [0.98, 0.9, 0.8, 0.7]) is None
