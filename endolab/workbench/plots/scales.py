@@ -85,6 +85,12 @@ def round_length(length: float) -> float:
     return float(round_ones[round_ones <= length * (1 + 1e-9)].max())
 
 
+def isoline_levels(low: float, high: float) -> FloatArray:
+    """Return round distances between two others, for lines on a map: every 10 mm from 20 to 120."""
+    step = 1 / round_length(10 / (high - low))  # which rounds a tenth of the range up
+    return np.arange(np.ceil(low / step), high / step) * step
+
+
 def brighten(picture: FloatArray) -> FloatArray:
     """Brighten a frame, in [0, 1], that is seen from the side: the far end of a lumen is dark in any."""
     most = max(float(np.percentile(picture, 99)), 1e-6)
