@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from endolab.frames.frame import noise_level
+from endolab.numerics.arrays import FloatArray
 from endolab.solvers.energy import contradicts, model_image
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import Result
 
 # What the largest λ that does not smooth too much still explains: 1, 1 and 0.1 are λ that were found so
@@ -34,7 +36,14 @@ def explained_contrast(result: Result) -> float:
     """
     problem = result.problem
     residual = model_image(problem, result.iterate.log_distance) - problem.image
-    compared = problem.mask & contradicts(problem, residual)
+    return explained_share(
+        problem, np.where(contradicts(problem, residual), residual, np.nan)
+    )
+
+
+def explained_share(problem: Problem, residual: FloatArray) -> float:
+    """Return what `explained_contrast` does, from a residual that is nan where pixels cannot contradict."""
+    compared = problem.mask & np.isfinite(residual)
     spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
     if spread == 0:
         return 1.0

@@ -86,8 +86,8 @@ def round_length(length: float) -> float:
 
 
 def isoline_levels(low: float, high: float) -> FloatArray:
-    """Return round distances between two others, for lines on a map: every 10 mm from 20 to 120."""
-    step = 1 / round_length(10 / (high - low))  # which rounds a tenth of the range up
+    """Return round distances between two others, for lines on a map: every 10 mm from 20 to 150."""
+    step = 1 / round_length(15 / (high - low))  # which rounds a 15th of the range up
     return np.arange(np.ceil(low / step), high / step) * step
 
 

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.workbench.tuning.engine import Answer
-from endolab.workbench.tuning.panels import PANELS, Panel, View, ratio_of
-from endolab.workbench.tuning.pictures import DRAWING, Chart, Map, Picture, scale_bar
+from endolab.workbench.tuning.panels import (
+    PANELS,
+    Panel,
+    View,
+    change_map,
+    end_of,
+    ratio_of,
+    relative_change,
+)
+from endolab.workbench.tuning.pictures import (
+    DRAWING,
+    Chart,
+    Map,
+    Picture,
+    Window,
+    grey_or_colour,
+    pixels,
+)
 
 Box = list[float]  # left, top, right, bottom
 Cell = tuple[Panel, Answer]
@@ -26,16 +43,34 @@ class Place:
     spot: Box | None  # ... of its map, if it is one, as shares of the board
     panel: Panel
     dots: FloatArray  # of a chart, (n, 2), to the right and down, shares of the board
+    window: Window  # the part of the frame that maps show
+    # From what a chart's axes measure to the board.
+    project: Callable[[FloatArray], FloatArray] | None = None
 
-    def says(self, x: float, y: float) -> str:
-        """What it says at a point of its map: shares to the right and down, in [0, 1]."""
-        if not isinstance(self.panel, Map) or self.panel.says is None:
-            return ""
+    def pixel(self, x: float, y: float) -> tuple[int, int]:
+        """Row and column of the answer at a point of a map's window, shares to the right and down."""
         mask = self.answer.result.mask
-        height, width = mask.shape
-        i = min(int(y * height), height - 1)
-        j = min(int(x * width), width - 1)
-        return self.panel.says(i, j) if mask[i, j] else "left out"
+        left, top, right, bottom = self.window
+        i = int((top + y * (bottom - top)) * mask.shape[0])
+        j = int((left + x * (right - left)) * mask.shape[1])
+        return min(i, mask.shape[0] - 1), min(j, mask.shape[1] - 1)
+
+    def says(self, i: int, j: int) -> str:
+        """What it says of a pixel."""
+        if isinstance(self.panel, Chart):
+            return "" if self.panel.locate is None else f"column {j}, row {i}"
+        if self.panel.says is None:
+            return ""
+        return self.panel.says(i, j) if self.answer.result.mask[i, j] else "left out"
+
+    def mark(self, i: int, j: int) -> list[float]:
+        """Where a pixel's point lies in a chart, shares of the board; [] if it does not."""
+        if not isinstance(self.panel, Chart) or self.panel.locate is None:
+            return []
+        if self.project is None or not self.answer.result.mask[i, j]:
+            return []
+        spot: list[float] = self.project(self.panel.locate(i, j)).tolist()
+        return spot
 
 
 @dataclass(frozen=True)
@@ -63,13 +98,28 @@ class Board:
         ]
 
 
+def _window(mask: BoolArray, zoom: Window) -> Window:
+    """The part of a picture that is shown, of whole pixels: of what the mask holds, what is zoomed to."""
+    height, width = mask.shape
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
+    size = (rows[-1] + 1 - rows[0], columns[-1] + 1 - columns[0])
+    down, across = pixels(zoom, size)
+    return (
+        (columns[0] + across.start) / width,
+        (rows[0] + down.start) / height,
+        (columns[0] + across.stop) / width,
+        (rows[0] + down.stop) / height,
+    )
+
+
 def _board(rows: Sequence[Sequence[Cell | None]], view: View, margin: int = 0) -> Board:
     """Panels in cells of one size; on the right `margin` px with the scales that rows of maps share."""
     text = view.text
     width = (view.room[0] - margin) // len(rows[0])
     height = view.room[1] // len(rows)
     size = np.array([width * len(rows[0]) + margin, height * len(rows)])
-    paper = np.full((size[1], size[0], 3), 255, np.uint8)
+    paper = np.full((size[1], size[0], 3), view.look.paper, np.uint8)
     places = []
     for i, row in enumerate(rows):
         for j, cell in enumerate(row):
@@ -78,22 +128,27 @@ def _board(rows: Sequence[Sequence[Cell | None]], view: View, margin: int = 0) -
             panel, answer = cell
             left = j * width
             top = i * height
-            if margin and isinstance(panel, Map) and panel.limits is not None:
-                bottom = top + height - text // 2
-                strip = paper[top + 2 * text : bottom, -margin:]
-                strip[:] = 255  # as the column before drew it too
-                scale_bar(strip, panel.limits, panel.palette, text)
-                panel = replace(panel, limits=None)
+            window = _window(answer.result.mask, view.zoom)
+            if isinstance(panel, Map) and panel.picture is not None:
+                panel = replace(panel, window=window)
+                if margin and panel.limits is not None:
+                    bottom = top + height - text // 2
+                    strip = paper[top + 2 * text : bottom, -margin:]
+                    strip[:] = view.look.paper  # as the column before drew it too
+                    panel.draw_scale(strip, text, view.look)
+                    panel = replace(panel, has_scale=False)
             place = paper[top : top + height, left : left + width]
-            spot, dots = panel.draw(place, text)
-            corner = (left, top)
+            drawn = panel.draw(place, text, view.look)
+            shares = partial(_shares, corner=(left, top), size=size)
             places.append(
                 Place(
                     answer,
-                    box=_shares([0, 0, width, height], corner, size).ravel().tolist(),
-                    spot=spot and _shares(spot, corner, size).ravel().tolist(),
+                    box=shares([0, 0, width, height]).ravel().tolist(),
+                    spot=drawn.spot and shares(drawn.spot).ravel().tolist(),
                     panel=panel,
-                    dots=_shares(dots, corner, size),
+                    dots=shares(drawn.dots),
+                    window=window,
+                    project=drawn.place and partial(_project, drawn.place, shares),
                 )
             )
     return Board(paper, places)
@@ -102,6 +157,23 @@ def _board(rows: Sequence[Sequence[Cell | None]], view: View, margin: int = 0) -
 def _shares(points: Any, corner: tuple[int, int], size: FloatArray) -> FloatArray:
     """Points in a cell, px from its corner, as shares of the board, (n, 2)."""
     return (np.reshape(points, (-1, 2)) + corner) / size
+
+
+def _project(
+    place: Callable[[FloatArray], FloatArray],
+    shares: Callable[[FloatArray], FloatArray],
+    point: FloatArray,
+) -> FloatArray:
+    """A point of a chart, as shares of the board."""
+    return shares(place(point))[0]
+
+
+def draw_frame(image: FloatArray, view: View) -> Board:
+    """A frame, before there is an answer."""
+    paper = np.full((view.room[1], view.room[0], 3), view.look.paper, np.uint8)
+    cell = paper[: view.room[1] // 2, : view.room[0] // 3]
+    Map("Frame", grey_or_colour(image)).draw(cell, view.text, view.look)
+    return Board(paper, [])
 
 
 def draw_answer(answer: Answer, names: Sequence[str], view: View) -> Board:
@@ -135,25 +207,37 @@ def draw_pair(a: Answer, b: Answer, view: View) -> Board:
 
 
 def draw_columns(columns: Mapping[str, Answer | None], like: Answer, view: View) -> Board:
-    """Answers in columns, all on the scales of one of them; those to come are left white."""
+    """Answers in columns, all on the scales of one of them; those to come are left empty.
+
+    Below the normals of each is by what its distance differs from that one's, and the section.
+    """
     view = replace(view, like=like)
-
-    def cell(name: str, label: str, answer: Answer | None) -> Cell | None:
+    changes = {
+        label: relative_change(like, answer)
+        for label, answer in columns.items()
+        if answer is not None
+    }
+    end = max((end_of(change) for change in changes.values()), default=1.0)
+    rows: list[list[Cell | None]] = [[], [], []]
+    for label, answer in columns.items():
         if answer is None:
-            return None
-        panel = PANELS[name](answer, view)
-        title = panel.title.split(",")[0]
-        if name == "distance":
-            title = f"{label}: {title.lower()}"
-        if isinstance(panel, Chart):  # no room for the names of its curves
-            curves = [("", *curve[1:]) for curve in panel.curves]
-            panel = replace(panel, curves=curves)
-            if answer.median_error is not None:
-                title = f"Section, error {answer.median_error:.1f} %"
-        return replace(panel, title=title), answer
-
-    rows = [
-        [cell(name, *column) for column in columns.items()]
-        for name in ("distance", "model - frame", "section")
-    ]
+            for row in rows:
+                row.append(None)
+            continue
+        first = replace(
+            PANELS["normals"](answer, view),
+            title=f"{label}: explains {100 * answer.explained:.1f} %",
+        )
+        change = change_map("Change [%]", changes[label], end)
+        if answer is like:
+            change = replace(PANELS["frame"](answer, view), title="Frame")
+        section = PANELS["section"](answer, view)
+        title = section.title
+        if answer.median_error is not None:
+            title = f"Section, error {answer.median_error:.1f} %"
+        # There is no room for the names of its curves.
+        curves = [("", *curve[1:]) for curve in section.curves]
+        section = replace(section, curves=curves, title=title)
+        for row, panel in zip(rows, (first, change, section), strict=True):
+            row.append((panel, answer))
     return _board(rows, view, DRAWING.scale_width * view.text)

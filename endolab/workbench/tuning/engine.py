@@ -6,6 +6,7 @@ While the hand moves, answers follow from the last one. Two threads find them, e
                                newest wish is next
     the hand rests    kept     the same problem at full size, until it has converged          second thread
     in idle time      final    all anew, light and contours too                               second thread
+    thereafter                 four λ more, with the final light and contours                 second thread
 
 A change of the energy alone (λ, ε, ξ, the regulariser) leaves the picture's light and its contours as they
 are, which is what makes a look quick. After any other change there is a first look instead: one channel at
@@ -20,10 +21,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -36,6 +37,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.iteration import Status, Stopped
+from endolab.reconstruction.contrast import explained_share
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
 from endolab.reconstruction.warnings import warnings
@@ -57,9 +59,12 @@ class Pace:
     remembered: int = 12  # final answers that come back without a solve
     # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
     draws: int = 8
+    path_length: int = 60  # iterates of the last run that can be looked at, at most
 
 
 PACE = Pace()
+# Times the present λ, for the λ curve: from a tenth to ten times in even steps.
+LAM_FACTORS = (0.1, 0.32, 1.0, 3.2, 10.0)
 # The most steps of a first look from nothing; other solvers have no limit.
 FIRST_STEPS = {"gauss_newton": 10, "primal_dual": 120}
 # Knobs of the energy, which leave light and contours as they are.
@@ -74,6 +79,7 @@ class Stage(StrEnum):
     FIRST = "first look"  # on few pixels of one channel, from nothing
     KEPT = "light and contours kept"
     SOFAR = "so far"  # what a long solve has
+    PASSED = "passed"  # an iterate of the last run
     FINAL = "final"
 
 
@@ -90,6 +96,10 @@ class Answer:
     followed: Result | None = None
     # How far the result can be trusted, filled in when that was asked for.
     uncertainty: Uncertainty | None = None
+    # What the same light and contours give with another λ or regulariser, by the names of both.
+    variants: dict[str, Answer] = field(default_factory=dict)
+    path: Sequence[Iterate] = ()  # iterates of the run, some of many
+    place: int = 0  # on that path, from 1, if it is an iterate
 
     @cached_property
     def truth(self) -> FloatArray | None:
@@ -133,9 +143,33 @@ class Answer:
         return 100 * (self.followed.distance / self.result.distance - 1)
 
     @property
-    def data(self) -> float:
-        """The energy's data term, [1]: how badly the picture is explained."""
-        return self.result.iterate.terms["data"]
+    def uses_lam(self) -> bool:
+        """Whether its solver minimises an energy, which λ is part of."""
+        return self.settings.solver in FIRST_STEPS
+
+    @cached_property
+    def explained(self) -> float:
+        """Share of the picture's contrast that the surface explains."""
+        return explained_share(self.result.problem, self.residual / 255)
+
+    @cached_property
+    def residual_size(self) -> float:
+        """Root mean square of the residual, grey levels of 255."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
+
+    def pass_by(self, index: int) -> Answer:
+        """Return an iterate of the run, as an answer."""
+        iterate = self.path[index]
+        row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
+        result = Result(iterate, Status.STOPPED, [row], self.seconds)
+        return Answer(
+            self.settings, Stage.PASSED, self.seconds, self.subject, result, place=index + 1
+        )
+
+    def variants_of_lam(self) -> list[Answer]:
+        """Return what other λ give."""
+        labels = values_of_lam(self.settings.lam)
+        return [one for label, one in self.variants.items() if label in labels]
 
     @cached_property
     def roughness(self) -> float:
@@ -148,10 +182,29 @@ class Answer:
         return float(np.degrees(mean)) * px_per_reference(normals.shape)
 
     @property
+    def spread(self) -> FloatArray:
+        """The greatest over the least of the distances that other λ give, less one, (H, W), %."""
+        several = [self, *self.variants_of_lam()]
+        logs = np.stack([one.result.iterate.log_distance for one in several])
+        return np.asarray(100 * np.expm1(logs.max(axis=0) - logs.min(axis=0)))
+
+    @property
     def cut_count(self) -> int:
         """Steps between pixels over which the surface is cut."""
         cuts = self.result.problem.cuts
         return 0 if cuts is None else int(cuts.sum())
+
+    @cached_property
+    def contours(self) -> int:
+        """A number that is the same for the same cuts."""
+        cuts = self.result.problem.cuts
+        return 0 if cuts is None else hash(np.packbits(cuts).tobytes())
+
+
+def values_of_lam(lam: float) -> dict[str, float]:
+    """Return λ to be compared with one, and this one itself, by what they are called."""
+    values = (float(f"{lam * times:.2g}") if times != 1 else lam for times in LAM_FACTORS)
+    return {f"λ {value:.2g}": value for value in values}
 
 
 def sentence_of(error: BaseException) -> str:
@@ -162,7 +215,8 @@ def sentence_of(error: BaseException) -> str:
 class Tuner:
     """Does what is asked for in two threads of its own.
 
-    `tell` is given every `Answer`, and `refuse` a sentence for what cannot be answered, in these threads.
+    `tell` is given every `Answer`, and again when more is known of it, `refuse` a sentence for what cannot be
+    answered, in these threads.
     Scenes are rendered by the calibration, at any size; ``Knobs(scene=None)`` looks at `frame`, whose
     true distance, mm, is `truth`, (H, W).
     """
@@ -229,29 +283,9 @@ class Tuner:
         """Whether the last wish is still to be answered: any other job would drop it."""
         return self._answered < self._wished
 
-    def compare(
-        self,
-        answer: Answer,
-        several: Mapping[str, Knobs],
-        tell: Callable[[str, Answer], object],
-    ) -> None:
-        """Solve all of these, cut where an answer is; `tell` is given the name and the answer of each."""
-        cuts = answer.result.problem.cuts
-        held: dict[str, Any] = {"contours": False}
-        if cuts is not None:
-            held = {"contours": None, "cuts": cuts}
-
-        def job(is_stale: IsStale) -> None:
-            for name, settings in several.items():
-                if settings == answer.settings:
-                    continue
-                watch = [_watch(is_stale)]
-                solved = self.solve_cold(settings, watch, answer.subject, **held)
-                if is_stale():
-                    return
-                tell(name, solved)
-
-        self.do(job)
+    def compare(self, answer: Answer, several: Mapping[str, Knobs]) -> None:
+        """Solve all of these with an answer's light and contours; tell it anew with each of its variants."""
+        self.do(lambda is_stale: self._vary(answer, several, is_stale))
 
     def find_uncertainty(self, answer: Answer) -> None:
         """Find how far an answer can be trusted, and tell it once more."""
@@ -304,8 +338,11 @@ class Tuner:
         saved = settings.solving_settings(subject)
         known = saved.apply(subject.calibration)
         keywords = {**saved.keywords, **options}
+        path = Path()
+        observers = [*observers, path.add]
         result = reconstruct(subject.frame, known, observers=observers, **keywords)
-        return Answer(settings, Stage.FINAL, time.perf_counter() - started, subject, result)
+        seconds = time.perf_counter() - started
+        return Answer(settings, Stage.FINAL, seconds, subject, result, path=path.iterates)
 
     def close(self) -> None:
         """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
@@ -396,6 +433,9 @@ class Tuner:
     def _finish(self, answer: Answer, number: int, is_stale: IsStale) -> None:
         """Tell a final answer, remember it as the last one, and have looks follow from it."""
         others = [known for known in self._answers if known.settings != answer.settings]
+        for known in others:  # what is large
+            known.variants = {}
+            known.path = ()
         self._answers = [*others[-PACE.remembered :], answer]
         self._answered = number
         self.tell(answer)
@@ -403,17 +443,19 @@ class Tuner:
         if answer.settings.solver in FIRST_STEPS:
             followed = Look(answer.result.iterate)
         with self._following:
-            if not is_stale():
-                self._last = answer
-                self._followed = followed
+            if is_stale():
+                return
+            self._last = answer
+            self._followed = followed
+        if followed is not None:
+            lams = values_of_lam(answer.settings.lam).items()
+            several = {label: replace(answer.settings, lam=lam) for label, lam in lams}
+            self._pool.submit(self._vary, answer, several, is_stale)  # when there is time
 
     def _settle(self, seen: Answer, is_stale: IsStale) -> Result:
         """Solve the problem that was looked at, and tell what is found if no other wish came."""
-        before = seen.result
-        start = before.iterate.log_distance
-        steps = gauss_newton(before.problem, start=start, settled=PACE.settled)
-        result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
-        kept = Answer(seen.settings, Stage.KEPT, result.seconds, seen.subject, result)
+        kept = _follow(seen, seen.settings, is_stale)
+        result = kept.result
         with self._following:
             if is_stale():
                 return result
@@ -422,6 +464,23 @@ class Tuner:
                 self._followed.start_from(result.iterate)
         self.tell(kept)
         return result
+
+    def _vary(
+        self, answer: Answer, several: Mapping[str, Knobs], is_stale: IsStale
+    ) -> None:
+        """Tell an answer once more with each variant that it has not yet."""
+        for label, settings in several.items():
+            if label in answer.variants or settings == answer.settings:
+                continue
+            try:
+                found = _follow(answer, settings, is_stale)
+            except ValueError as error:
+                self.refuse(f"{label}: {sentence_of(error)}")
+                continue
+            if is_stale():
+                return
+            answer.variants = answer.variants | {label: found}
+            self.tell(answer)
 
     def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
         """Tell what one channel says at half the size without contours, if there is a point in that."""
@@ -447,6 +506,35 @@ def _with_energy(last: Answer, settings: Knobs) -> Problem:
     else:
         energy["regulariser"] = settings.first_regulariser
     return replace(last.result.problem, **energy)
+
+
+def _follow(answer: Answer, settings: Knobs, is_stale: IsStale) -> Answer:
+    """Solve what is wished for from an answer, with its light and contours."""
+    before = answer.result
+    problem = _with_energy(answer, settings)
+    start = before.iterate.log_distance
+    steps = gauss_newton(problem, start=start, settled=PACE.settled)
+    result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
+    return Answer(settings, Stage.KEPT, result.seconds, answer.subject, result)
+
+
+class Path:
+    """Notes some of the iterates of a run, all of a short one, and always the last."""
+
+    def __init__(self) -> None:
+        self.iterates: list[Iterate] = []
+        self._count = 0
+        self._step = 1
+
+    def add(self, iterate: Iterate) -> None:
+        """Note an iterate; an observer."""
+        if (self._count - 1) % self._step:
+            self.iterates.pop()  # which was the last one, and is no more
+        self.iterates.append(iterate)
+        self._count += 1
+        if len(self.iterates) > PACE.path_length:
+            self.iterates = self.iterates[:-1:2] + self.iterates[-1:]
+            self._step *= 2
 
 
 def _rests(is_stale: IsStale) -> bool:

@@ -3,42 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.reconstruction.contrast import ENOUGH_CONTRAST
 from endolab.reconstruction.uncertainty.causes import bounced_light
 from endolab.reconstruction.uncertainty.estimate import noise_left
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.workbench.plots.scales import (
     OKABE_ITO,
     SOURCE_COLOURS,
+    Colour,
     common_limit,
     common_limits,
     round_length,
 )
-from endolab.workbench.tuning.engine import Answer, Stage
+from endolab.workbench.tuning.engine import LAM_FACTORS, Answer, Stage
 from endolab.workbench.tuning.pictures import (
     DRAWING,
+    WHOLE,
     Chart,
+    Curve,
+    Dot,
+    Drawing,
     Limits,
     Map,
+    Window,
     grey_or_colour,
+    remember,
     to_colours,
 )
-from endolab.workbench.tuning.source import Knobs
-
-
-@dataclass(frozen=True)
-class Dot:
-    """What is kept of an answer of this session, to be shown on the λ curve."""
-
-    settings: Knobs
-    data: float
-    roughness: float
-    cut_count: int
+from endolab.workbench.tuning.tried import Tried, lines_of, suggested_lam
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,11 @@ class View:
     line: tuple[bool, float] = (False, 0.5)
     like: Answer | None = None  # whose scales are taken, by default the answer's own
     beside: Answer | None = None  # A, whose section is shown as well
-    dots: Sequence[Dot] = ()
+    tried: Sequence[Tried] = ()  # what the λ curve shows
     room: tuple[int, int] = (1200, 640)  # of the board, px
     text: int = 12  # px, of letters
+    zoom: Window = WHOLE  # the part of the maps that is shown
+    look: Drawing = DRAWING
 
 
 Panel = Map | Chart
@@ -88,6 +89,9 @@ def _value_map(
     )
 
 
+_frame_colours = remember(grey_or_colour)
+
+
 def _frame(answer: Answer, view: View) -> Panel:
     shown = answer.result.problem.shown
 
@@ -95,7 +99,7 @@ def _frame(answer: Answer, view: View) -> Panel:
         return " ".join(f"{value:.0f}" for value in np.atleast_1d(255 * shown[i, j]))
 
     title = f"Frame, {shown.shape[1]} x {shown.shape[0]} px [of 255]"
-    return Map(title, grey_or_colour(shown), line=view.line, says=says)
+    return Map(title, _frame_colours(shown), line=view.line, says=says)
 
 
 def _distance(answer: Answer, view: View) -> Panel:
@@ -104,10 +108,16 @@ def _distance(answer: Answer, view: View) -> Panel:
     title = f"Distance [{unit}]"
     if answer.stage != Stage.FINAL:
         title += f", {answer.stage}"
-    limits = (low, max(high, 1.01 * low))
     distance = answer.result.distance
-    form = f"{{:.4g}} {unit}"
-    return _value_map(title, distance, limits, "viridis", form, line=view.line)
+    limits = (low, max(high, 1.01 * low))
+    return Map(
+        title,
+        to_colours(distance, limits, log=True),
+        limits,
+        line=view.line,
+        says=lambda i, j: f"{distance[i, j]:.4g} {unit}",
+        distance=distance,
+    )
 
 
 def _residual(answer: Answer, view: View) -> Panel:
@@ -212,23 +222,33 @@ def _section(answer: Answer, view: View) -> Panel:
     line = np.s_[index] if is_row else np.s_[:, index]
     across = 0 if is_row else 1
 
-    def section_line(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """z, and x of a row or y of a column."""
+    def section_line(
+        distance: FloatArray, cuts: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """z, and x of a row or y of a column, with a gap where the surface is cut."""
         points = rays[line] * distance[line][:, None]
+        if cuts is not None:
+            after = np.flatnonzero(cuts[across][line][:-1]) + 1
+            points = np.insert(points, after, np.nan, axis=0)
         return points[:, 2], points[:, across]
 
-    shown: dict[str, FloatArray | None] = {
-        "truth": answer.truth,
-        "result": answer.result.distance,
-    }
+    def locate(i: int, j: int) -> FloatArray:
+        point = rays[i, j] * answer.result.distance[i, j]
+        return np.array([point[2], point[across]])
+
+    shown = {"result": answer}
     if view.beside is not None:
-        shown["A"] = view.beside.result.distance
-        shown["B"] = shown.pop("result")
+        shown = {"A": view.beside, "B": answer}
     curves = [
-        (name, *section_line(distance), SECTION_COLOURS[name])
-        for name, distance in shown.items()
-        if distance is not None
+        (
+            name,
+            *section_line(other.result.distance, other.result.problem.cuts),
+            SECTION_COLOURS[name],
+        )
+        for name, other in shown.items()
     ]
+    if answer.truth is not None:
+        curves = [("truth", *section_line(answer.truth), SECTION_COLOURS["truth"]), *curves]
     title = f"Section along {'row' if is_row else 'column'} {index}"
     return Chart(
         title,
@@ -238,6 +258,7 @@ def _section(answer: Answer, view: View) -> Panel:
         down=not is_row,
         equal=True,
         fitted=section_line(_scale_distance(view.like or answer)),
+        locate=locate,
     )
 
 
@@ -257,26 +278,72 @@ def _energy(answer: Answer, view: View) -> Panel:
 
 
 def _lam_curve(answer: Answer, view: View) -> Panel:
-    """Data term and roughness of the answers so far; those that differ by λ alone hang together."""
-    by_lam = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
-    family = sorted(by_lam, key=lambda dot: dot.settings.lam)
-    x = np.array([dot.data for dot in family])
-    y = np.array([dot.roughness for dot in family])
-    dots = []
-    for dot in view.dots:
-        colour = OKABE_ITO.sky if dot in family else DRAWING.left_out
-        dots.append((dot.data, dot.roughness, colour))
-    if answer.stage != Stage.LOOK:  # while a hand moves, there is no time for its roughness
-        dots.append((answer.data, answer.roughness, OKABE_ITO.vermilion))
-    title = f"λ curve: λ = {answer.settings.lam:.3g}; click on a dot"
-    labels = "data term [1]", "roughness [°]"
-    curves = [("", x, y, OKABE_ITO.sky)] if family else []
-    return Chart(title, *labels, curves, dots, log=(True, True))
+    """Explained contrast and roughness over λ: a line for each set of contours, this answer's in colour."""
+    if not answer.uses_lam:
+        return Map(f"λ curve: {answer.settings.solver} has no λ", None)
+    lines = lines_of(view.tried, answer)
+    roughest = max((tried.roughness for line in lines for tried in line), default=1.0)
+    curves: list[Curve] = []
+    dots: list[Dot] = []
+    for line in filter(None, lines):
+        is_now = line is lines[-1]
+        lams = np.array([tried.settings.lam for tried in line])
+        heights = np.array([_height(tried.explained) for tried in line])
+        sizes = _TOP * np.array([tried.roughness for tried in line]) / roughest
+        pairs: list[tuple[str, FloatArray, Colour]] = [
+            ("roughness [°]", sizes, OKABE_ITO.orange),
+            ("explained [%]", heights, OKABE_ITO.blue),
+        ]
+        for name, values, colour in pairs:
+            shade = colour if is_now else DRAWING.left_out
+            curves.append((name * is_now, lams, values, shade))
+            for tried, height in zip(line, map(float, values), strict=True):
+                lam = tried.settings.lam
+                label = f"{lam:.2g}" if is_now and values is heights else ""
+                dots.append(Dot(lam, height, shade, label, tried.settings))
+    lam = answer.settings.lam
+    dots.append(Dot(lam, _height(answer.explained), OKABE_ITO.vermilion))
+    ends = np.array([min(dot.x for dot in dots), max(dot.x for dot in dots)])
+    enough = np.full(2, _height(ENOUGH_CONTRAST))
+    beyond = np.array([ends[0] / 10, ends[1] * 10])
+    guides = [(beyond, enough)]
+    title = "λ curve"
+    best = suggested_lam(view.tried, answer)
+    if best is not None:
+        guides.append((np.full(2, best), np.array([-1, 2 * _TOP])))
+        title = f"λ curve: 99 % explained up to {best:.2g}"
+    steps = [*map(float, MaxNLocator(5).tick_values(0, roughest))]
+    return Chart(
+        title,
+        "λ [1]",
+        "",
+        curves,
+        guides,
+        dots,
+        log=(True, False),
+        fitted=(ends, np.array([0.0, _TOP])),
+        y_ticks=[(_height(share / 100), f"{share:g}") for share in _SHARES],
+        right=[(_TOP * step / roughest, f"{step:g}") for step in steps],
+    )
 
 
-def differs_by_lam(settings: Knobs, other: Knobs) -> bool:
-    """Whether two settings differ by λ, if at all."""
-    return replace(settings, lam=other.lam) == other
+# Explained contrast is drawn by what is left, on a logarithmic axis from 50 to 99.99 %.
+_SHARES = (99, 50, 80, 90, 97, 99.7, 99.9, 99.97, 99.99)
+_TOP = 4.0
+
+
+def _height(explained: float) -> float:
+    return -float(np.log10(np.clip(1 - explained, 1e-4, 0.9)))
+
+
+def _spread(answer: Answer, view: View) -> Panel:
+    """How far apart the answers to all λ that were tried are."""
+    others = answer.variants_of_lam()
+    title = f"Spread over λ [%], {1 + len(others)} of {len(LAM_FACTORS)}"
+    if not others:
+        return Map(f"{title}: with the final answer", None)
+    spread = answer.spread
+    return _value_map(title, spread, (0.0, end_of(spread)), "magma", "{:.1f} %")
 
 
 def _surface(answer: Answer, view: View) -> Panel:
@@ -293,6 +360,7 @@ PANELS: dict[str, Callable[[Answer, View], Any]] = {
     "λ curve": _lam_curve,
     "normals": _normals,
     "error": _error,
+    "spread over λ": _spread,
     "contours": _contours,
     "bounced light": _indirect_light,
     "σ": _sigma,
@@ -303,13 +371,23 @@ USUAL_PANELS = ("frame", "distance", "model - frame", "section", "3D", "λ curve
 NEED_UNCERTAINTY = ("σ", "what determined each pixel")
 
 
-def ratio_of(a: Answer, b: Answer) -> Map:
-    """B over A, in %, without what is common if one of them has no unit."""
+def relative_change(a: Answer, b: Answer) -> FloatArray:
+    """B over A, less one, (H, W), %, without what is common if one of them has no unit."""
     ratio = b.result.distance / a.result.distance
-    title = "B / A - 1 [%]"
     if not (a.result.metric and b.result.metric):
         ratio = ratio / np.nanmedian(ratio)
-        title = "B / A - 1 [%], but for the scale"
-    change: FloatArray = 100 * (ratio - 1)
-    end = end_of(change)
+    return np.asarray(100 * (ratio - 1))
+
+
+def change_map(title: str, change: FloatArray, end: float) -> Map:
+    """A map of a change, %."""
     return _value_map(title, change, (-end, end), "RdBu_r", "{:+.1f} %")
+
+
+def ratio_of(a: Answer, b: Answer) -> Map:
+    """B over A, in %."""
+    change = relative_change(a, b)
+    title = "B / A - 1 [%]"
+    if not (a.result.metric and b.result.metric):
+        title += ", but for the scale"
+    return change_map(title, change, end_of(change))

@@ -1,18 +1,22 @@
 """What the tuner says of an answer: one line, and sentences that warn."""
 
+from __future__ import annotations
+
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
+from endolab.reconstruction.contrast import ENOUGH_CONTRAST
 from endolab.workbench.tuning.engine import Answer, Stage
-from endolab.workbench.tuning.panels import Dot, differs_by_lam
+from endolab.workbench.tuning.tried import Tried, differs_by_lam
 
 
 @dataclass(frozen=True)
 class WarningLimits:
     """When a sentence warns, chosen on the scenes that students begin with."""
 
-    difference: float = 1.0  # %; two surfaces that differ by more are not the same
+    difference: float = 10.0  # %; two surfaces that differ by more are not the same
     # Share of the cut steps by which contours may change without a word.
     cut_elsewhere: float = 0.1
 
@@ -20,43 +24,68 @@ class WarningLimits:
 LIMITS = WarningLimits()
 
 
-def summary(answer: Answer) -> str:
-    """Say in one line how an answer came about."""
+@dataclass(frozen=True)
+class Warning:
+    """What should be known before an answer is believed."""
+
+    chip: str  # few words
+    sentence: str
+
+
+def is_too_smooth(answer: Answer) -> bool:
+    """Whether too little of the picture's contrast is explained, and λ can help."""
+    return answer.uses_lam and answer.explained < ENOUGH_CONTRAST
+
+
+def summary(answer: Answer, suggested: float | None = None) -> str:
+    """Say in one line what an answer is and how it came about; `suggested` is a λ that explains enough."""
     settings = answer.settings
     result = answer.result
-    auto = " (auto)" if settings.regulariser == "auto" else ""
+    parts = [settings.solver.replace("_", " ")]
+    if answer.uses_lam:
+        order = result.problem.regulariser
+        order += " order" * (order in ("first", "second"))
+        order += " (auto)" * (settings.regulariser == "auto")
+        parts = [f"λ {settings.lam:.3g}", order]
+    explained = f"explains {100 * answer.explained:.1f} %"
+    if is_too_smooth(answer):
+        better = "less λ" if suggested is None else f"λ {suggested:.2g} explains 99 %"
+        explained += f", too little: {better}"
+    parts += [explained, f"residual {answer.residual_size:.1f} grey levels"]
     ended: str = answer.stage
     if ended == Stage.FINAL:
         ended = result.status.name.lower().replace("_", " ")
-    parts = [f"λ {settings.lam:.2g}", f"{result.problem.regulariser}{auto}"]
-    if answer.cut_count:
-        parts.append(f"{answer.cut_count:,} px cut")
+    if answer.stage == Stage.PASSED:
+        iterate = result.iterate
+        ended = f"{iterate.stage}, iteration {iterate.k}"
+    elif answer.stage != Stage.LOOK:
+        ended += f" in {answer.seconds:.1f} s"
     parts.append(ended)
-    if answer.stage != Stage.LOOK:
-        parts.append(f"{answer.seconds:.1f} s")
     if answer.median_error is not None:
         parts.append(f"median error {answer.median_error:.2f} %")
     return " · ".join(parts)
 
 
-def warnings(answer: Answer, before: Dot | None) -> list[str]:
-    """Say in a sentence each what should be known before an answer is believed; `before` is the last one."""
+def warnings(answer: Answer, before: Tried | None) -> list[Warning]:
+    """Say what should be known before an answer is believed; `before` is the last one."""
     if answer.stage != Stage.FINAL:
         return []
-    sentences = [*answer.warnings]
+    found = [Warning(re.split("[:;,]", one)[0].rstrip("."), one) for one in answer.warnings]
     if before is not None and differs_by_lam(before.settings, answer.settings):
         most = max(before.cut_count, answer.cut_count)
         if abs(before.cut_count - answer.cut_count) > LIMITS.cut_elsewhere * most:
-            sentences.append(
+            sentence = (
                 f"Contours changed with λ: {before.cut_count:,} px were cut at λ {before.settings.lam:.2g}, "
                 f"and {answer.cut_count:,} are now."
             )
+            found.append(Warning("other contours", sentence))
     if answer.change is not None:
         size = np.abs(answer.change[answer.result.mask])
-        if size.max() > LIMITS.difference:
-            share = 100 * np.mean(size > LIMITS.difference)
-            sentences.append(
+        share = 100 * np.mean(size > LIMITS.difference)
+        if share > 0:
+            sentence = (
                 f"A solve that starts from the last answer ends elsewhere: {share:.2g} % of the pixels "
                 f"differ by more than {LIMITS.difference:g} %, one by {size.max():.3g} %."
             )
-    return sentences
+            found.append(Warning(f"not unique: {share:.2g} % of pixels", sentence))
+    return found

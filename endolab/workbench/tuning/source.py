@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -37,18 +38,6 @@ class Knobs(Settings):
 
     def __post_init__(self) -> None:
         """Options are checked when they are solved with: what is wrong is said as all else that is."""
-
-    @property
-    def explained_picture(self) -> tuple[object, ...]:
-        """What tells the picture that is explained: data terms of the same can be compared."""
-        return (
-            self.scene,
-            self.noise,
-            self.width,
-            self.channel,
-            self.smooth,
-            self.highlights,
-        )
 
     def solving_settings(self, subject: Subject) -> SolvingSettings:
         """Say the same as settings that ``endolab reconstruct --settings`` takes.
@@ -139,12 +128,14 @@ class Source:
             # Comparisons with nan, where it is unknown, are false.
             if not np.any(truth > 0) or np.any(truth <= 0) or np.any(np.isinf(truth)):
                 raise ValueError("truth must be positive, or nan where it is unknown")
+        self._rendering = threading.Lock()
         self._rendered = lru_cache(6)(self._render)  # the last six scenes
 
     def subject(self, settings: Knobs) -> Subject:
         """The frame that the settings call for; ValueError, in one sentence, if there is none."""
         if settings.scene is not None:
-            return self._rendered(settings.scene, settings.width, settings.noise)
+            with self._rendering:  # two threads that ask at once get the same subject
+                return self._rendered(settings.scene, settings.width, settings.noise)
         if self._given is None:
             raise ValueError("there is no frame to look at: choose a scene")
         return self._given

@@ -24,7 +24,7 @@ from endolab.numerics.derivatives import links
 from endolab.reconstruction.mesh import join_triangles
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots.scales import brighten
-from endolab.workbench.tuning.pictures import Picture, grey_or_colour, jpeg
+from endolab.workbench.tuning.pictures import Picture, grey_or_colour, jpeg, remember
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,12 @@ class Panel3D:
 
 
 PANEL = Panel3D()
+
+
+@remember
+def _bright_colours(frame: FloatArray) -> Picture:
+    """A frame as it lies on a surface."""
+    return grey_or_colour(brighten(frame))
 
 
 class SurfaceView(anywidget.AnyWidget):
@@ -64,6 +70,9 @@ class SurfaceView(anywidget.AnyWidget):
     drawn = t.Int().tag(sync=True)
     visible = t.Bool(True).tag(sync=True)
     pose: t.List[float] = t.List().tag(sync=True)
+    marker: t.List[float] = t.List().tag(
+        sync=True
+    )  # a point that is pointed at, x, y, z, or nothing
 
     def __init__(self) -> None:
         self._showing = threading.RLock()
@@ -103,18 +112,22 @@ class SurfaceView(anywidget.AnyWidget):
         if not isinstance(shown, Result | Iterate):
             raise ValueError(f"a result or an iterate can be shown, got {excerpt(shown)}")
         if picture is None:
-            picture = brighten(shown.problem.shown)
-        elif np.asarray(picture).dtype == np.uint8:
-            picture = picture / 255
-        given = real_array("picture", picture)
-        shape = shown.mask.shape
-        if given.shape not in (shape, (*shape, 3)):
-            found = f"found {given.shape}"
-            raise ValueError(f"picture must have shape {shape} or {(*shape, 3)}, {found}")
+            colours = _bright_colours(shown.problem.shown)
+        else:
+            if np.asarray(picture).dtype == np.uint8:
+                picture = picture / 255
+            given = real_array("picture", picture)
+            shape = shown.mask.shape
+            if given.shape not in (shape, (*shape, 3)):
+                found = f"found {given.shape}"
+                raise ValueError(
+                    f"picture must have shape {shape} or {(*shape, 3)}, {found}"
+                )
+            colours = grey_or_colour(given)
         with self._showing:
             self._last = shown
             self._most = PANEL.most_moving if moving else PANEL.most
-            self._picture = grey_or_colour(given)
+            self._picture = colours
             self._waits = True
             self._flush()
 

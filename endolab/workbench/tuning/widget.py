@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import anywidget
 import ipywidgets as w
@@ -27,6 +29,7 @@ from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, excerpt
+from endolab.reconstruction.settings import Settings
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
 from endolab.workbench.tuning.boards import (
@@ -34,21 +37,22 @@ from endolab.workbench.tuning.boards import (
     are_comparable,
     draw_answer,
     draw_columns,
+    draw_frame,
     draw_pair,
 )
 from endolab.workbench.tuning.controls import knob_specs
-from endolab.workbench.tuning.engine import Answer, Stage, Tuner, sentence_of
+from endolab.workbench.tuning.engine import Answer, Stage, Tuner, sentence_of, values_of_lam
 from endolab.workbench.tuning.panels import (
     NEED_UNCERTAINTY,
     PANELS,
     USUAL_PANELS,
-    Dot,
     View,
 )
-from endolab.workbench.tuning.pictures import jpeg
-from endolab.workbench.tuning.sentences import summary, warnings
+from endolab.workbench.tuning.pictures import DARK, DRAWING, WHOLE, Chart, jpeg
+from endolab.workbench.tuning.sentences import is_too_smooth, summary, warnings
 from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.surface_view import SurfaceView
+from endolab.workbench.tuning.tried import Tried, suggested_lam
 
 
 @dataclass(frozen=True)
@@ -61,13 +65,19 @@ class BoardLook:
     text: int = 12  # px, of letters
     click_radius: int = 12  # px around a dot in which a click takes it
     widths: tuple[int, ...] = (160, 320, 480, 640)  # px, to choose among
-    # Times the present λ, to be compared.
-    lam_factors: tuple[float, ...] = (0.1, 0.32, 1.0, 3.2, 10.0)
+    least_zoom: float = 0.02  # share of a map's side that can be looked at
 
 
 BOARD = BoardLook()
 # Knobs that change what is seen and not what is solved.
 VIEW_KNOBS = {"section": 50.0, "across": False, "texture": "frame"}
+PAPER = {"channel": "green", "solver": "primal_dual", "regulariser": "second"}
+# Options beside the defaults, by what the page calls them.
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "paper": PAPER | {"contours": False, "highlights": "keep"},
+    "fastest": {"channel": "green", "solver": "fast_marching"},
+}
 # What the page may ask for, each a method.
 ACTIONS = {
     "blink",
@@ -76,13 +86,16 @@ ACTIONS = {
     "drop",
     "export_aside",
     "find_uncertainty",
+    "iterate",
     "keep",
     "measure",
+    "preset",
     "press",
     "reset",
     "show",
     "step",
     "undo",
+    "zoom",
 }
 
 
@@ -146,7 +159,8 @@ class TunerBox(anywidget.AnyWidget):
     _css = Path(__file__).with_name("tuner.css")
     specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
     knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
-    # "text", "warnings", and whether it is "wrong".
+    # "text"; "warnings", each a "chip" and its "text"; whether it is "wrong", and whether too "low" a share
+    # of the contrast is explained.
     line: t.Dict[str, Any] = t.Dict().tag(sync=True)
     code = t.Unicode().tag(sync=True)
     shows = t.Unicode().tag(sync=True)  # A, B or both, if A is kept
@@ -161,6 +175,14 @@ class TunerBox(anywidget.AnyWidget):
     cells: t.List[Any] = t.List().tag(sync=True)
     choices = t.List([*PANELS]).tag(sync=True)  # what panels can show
     cursor_texts: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
+    cursor_marks: t.List[Any] = t.List().tag(
+        sync=True
+    )  # where the cursor's point is in each chart, or []
+    presets = t.List([*PRESETS]).tag(sync=True)
+    # Of the last run: how many iterates can be looked at, which one is (from 1), and what is said of it.
+    path = t.Int().tag(sync=True)
+    path_place = t.Int().tag(sync=True)
+    path_text = t.Unicode().tag(sync=True)
     # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
     hover: t.List[float] = t.List().tag(sync=True)
     drag: t.List[float] = t.List().tag(sync=True)
@@ -176,9 +198,10 @@ class TunerBox(anywidget.AnyWidget):
     ) -> None:
         self.now: Answer | None = None
         self.kept: Answer | None = None
-        self.columns: dict[str, Answer | None] = {}  # what is compared
+        self.passed: Answer | None = None  # an iterate of the last run that is looked at
+        self._told: WeakSet[Answer] = WeakSet()
         self.visited: list[Knobs] = []  # for undo
-        self.dots: list[Dot] = []
+        self.tried: list[Tried] = []
         self.names = list(USUAL_PANELS)  # of the panels
         self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
         self.frame = 0  # which of `pictures` is looked at
@@ -189,6 +212,9 @@ class TunerBox(anywidget.AnyWidget):
         self._lock = threading.RLock()
         self._room = BOARD.room
         self._ratio = 1.0
+        self._look = DRAWING
+        self._zoom = WHOLE
+        self._keeps_next = False  # whether the answer to come shall be A
         take = self._guard(self._take)
         self.engine = Tuner(calibration, take, self._refuse, frame=frame, truth=truth)
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
@@ -214,6 +240,9 @@ class TunerBox(anywidget.AnyWidget):
         self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
         self.observe(self._guard(lambda change: self._cut(*change["new"])), "drag")
         self.ask()
+        with self._lock:
+            if self.now is None:
+                self._show_frame()
 
     def set_state(self, sync_data: dict[str, Any]) -> None:
         """Hear what the page says, not while several things are being sent: part of them would be lost."""
@@ -241,7 +270,7 @@ class TunerBox(anywidget.AnyWidget):
 
     @property
     def answer(self) -> Answer | None:
-        """The one answer that is shown."""
+        """The one answer that is shown, or whose path is."""
         return self.kept if self.shows == "A" else self.now
 
     def settings(self) -> Knobs:
@@ -255,6 +284,7 @@ class TunerBox(anywidget.AnyWidget):
         """Ask the engine for what the knobs say; returns at once."""
         self._wish = self.settings()
         self._leave_comparison()
+        self.passed = None
         self.engine.ask(self._wish)
 
     def _follow_knobs(self, change: dict[str, Any]) -> None:
@@ -284,8 +314,9 @@ class TunerBox(anywidget.AnyWidget):
         self.engine.source = Source(self._calibration, frame)
         self.frame = index
         self.visited = []
-        self.dots = []
+        self.tried = []
         self._wish = None
+        self._zoom = WHOLE
         self.drop()
 
     def step(self, by: int) -> None:
@@ -297,18 +328,25 @@ class TunerBox(anywidget.AnyWidget):
     def _take(self, answer: Answer) -> None:
         """Show an answer; in the engine's thread. Of one that is there already, more is known now."""
         if answer not in (self.now, self.kept):
+            if answer in self._told:
+                return  # more is known of an answer that was left
             self.now = answer
-            if answer.stage == Stage.FINAL:
-                self._add_dot(answer)
-                if self.visited[-1:] != [answer.settings]:
-                    self.visited.append(answer.settings)
+            self._told.add(answer)
+            if answer.stage == Stage.FINAL and self.visited[-1:] != [answer.settings]:
+                self.visited.append(answer.settings)
+        if answer.stage == Stage.FINAL:
+            for one in (*answer.variants.values(), answer):  # this one at the end
+                self._note(Tried.of(one))
+            if self._keeps_next:
+                self.keep()
+                return
         self._show()
 
-    def _add_dot(self, answer: Answer) -> None:
-        """Have an answer among the dots of the λ curve, the last one."""
-        others = [dot for dot in self.dots if dot.settings != answer.settings]
-        dot = Dot(answer.settings, answer.data, answer.roughness, answer.cut_count)
-        self.dots = [*others, dot]
+    def _note(self, tried: Tried) -> None:
+        """Have an answer among those on the λ curve."""
+        known = tried.settings, tried.contours
+        others = [one for one in self.tried if (one.settings, one.contours) != known]
+        self.tried = [*others, tried]
 
     def bring_back(self, settings: Knobs) -> None:
         """Ask for the answer of these settings once more."""
@@ -325,6 +363,23 @@ class TunerBox(anywidget.AnyWidget):
     def reset(self) -> None:
         """All knobs as they were at first."""
         self.knobs = self._first | ({"scene": self.frame} if self._pictures else {})
+
+    def preset(self, name: str) -> None:
+        """Set all options of a reconstruction at once; the frame and what is believed stay."""
+        options = {part.name for part in fields(Settings)} - {"width"}
+        first = {key: value for key, value in self._first.items() if key in options}
+        self.knobs = self.knobs | first | PRESETS[name]
+
+    def iterate(self, place: int) -> None:
+        """Look at an iterate of the last run, from 1; the last one is the answer again."""
+        answer = self._final()
+        if not 1 <= place <= len(answer.path):
+            raise ValueError(f"there are {len(answer.path)} iterates, got {place}")
+        self.passed = None
+        if place < len(answer.path):
+            self.passed = answer.pass_by(place - 1)
+        self._leave_comparison()
+        self._show()
 
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
@@ -347,31 +402,32 @@ class TunerBox(anywidget.AnyWidget):
     # What is compared --------------------------------------------------------------------
 
     def compare(self, what: str) -> None:
-        """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
-        now = self._final_alone() if what else None
-        self.columns = {}
+        """Show five λ around this ("lam") or each "regulariser" in columns; "" ends that."""
+        if what:
+            now = self._final_alone()
+            if not now.uses_lam:
+                raise ValueError(f"{now.settings.solver} has neither λ nor a regulariser")
+            self.passed = None
+            several = _compared_settings(now.settings, what)
+            self.engine.compare(now, several)
         self.compared = what
-        if now is not None:
-            several = {
-                label: replace(now.settings, **{what: value})
-                for label, value in _compared_values(now.settings, what).items()
-            }
-            self.columns = {
-                label: now if settings == now.settings else None
-                for label, settings in several.items()
-            }
-            self.engine.compare(now, several, self._guard(self._take_compared))
         self._show()
 
-    def _take_compared(self, label: str, answer: Answer) -> None:
-        if label in self.columns:
-            self.columns[label] = answer
-            if all(dot.settings != answer.settings for dot in self.dots):
-                self._add_dot(answer)
-            self._show()
+    def _columns(self, answer: Answer) -> dict[str, Answer | None]:
+        """What is compared, by the names of its columns; None is still to come."""
+        several = _compared_settings(answer.settings, self.compared)
+        return {
+            label: answer if one == answer.settings else answer.variants.get(label)
+            for label, one in several.items()
+        }
 
     def keep(self) -> None:
-        """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
+        """Keep what is shown as A, to compare, once it is final; then it stands beside what is shown."""
+        is_final = self.answer is not None and self.answer.stage == Stage.FINAL
+        self._keeps_next = self.engine.waits or not is_final
+        if self._keeps_next:
+            self._show()
+            return
         self.kept = self._final()
         self.show("A beside B")
 
@@ -379,6 +435,7 @@ class TunerBox(anywidget.AnyWidget):
         """Forget A."""
         self.kept = None
         self.shows = ""
+        self._keeps_next = False
         self._show()
 
     def show(self, which: str) -> None:
@@ -386,6 +443,7 @@ class TunerBox(anywidget.AnyWidget):
         if self.kept is None:
             return
         self._leave_comparison()
+        self.passed = None
         self.shows = which
         if self.answer is not None:
             self._set_knobs(self.answer.settings)
@@ -397,7 +455,6 @@ class TunerBox(anywidget.AnyWidget):
 
     def _leave_comparison(self) -> None:
         """From columns, or from A, to the present answer."""
-        self.columns = {}
         self.compared = ""
         if self.shows == "A":
             self.shows = "B"
@@ -411,65 +468,135 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             self.line = {"text": text, "wrong": wrong}
 
-    def _view(self, answer: Answer) -> View:
-        """How an answer is looked at, among the dots whose data terms can be compared with its own."""
-        explained = answer.settings.explained_picture
-        dots = [dot for dot in self.dots if dot.settings.explained_picture == explained]
+    def _view(self) -> View:
+        """How an answer is looked at; if A was kept, on its scales."""
         wide, tall = (int(side * self._ratio) for side in self._room)
         return View(
             line=(self.knobs["across"], self.knobs["section"] / 100),
-            dots=dots,
+            like=self.kept,
+            tried=self.tried,
             room=(wide, tall),
             text=round(self._ratio * BOARD.text),
+            zoom=self._zoom,
+            look=self._look,
         )
+
+    def _show_frame(self) -> None:
+        """Show the frame, as there is no answer yet."""
+        with suppress(ValueError):  # which the answer will say
+            subject = self.engine.source.subject(self.settings())
+            self._send_board(draw_frame(subject.frame.image, self._view()), [])
+
+    def _send_board(self, board: Board, names: Sequence[str]) -> None:
+        """Have the page show a board."""
+        self.board = board
+        height, width = board.picture.shape[:2]
+        with self.hold_sync():
+            self.size = [width, height, self._ratio]
+            self.cells = board.cells(names)
+            self.picture = jpeg(board.picture)
+
+    def _draw(self, answer: Answer, view: View) -> tuple[Board, Sequence[str]]:
+        """The board, and the names of its panels, if they can be chosen."""
+        kept = self.kept
+        if self.compared:
+            return draw_columns(self._columns(answer), answer, view), []
+        if self.shows == "A beside B" and kept and are_comparable(kept, answer):
+            return draw_pair(kept, answer, view), []
+        return draw_answer(answer, self.names, view), self.names
 
     def _show(self) -> None:
         """Show the one answer, alone or beside others: panels, surface, code and status line."""
-        answer = self.answer
+        answer = self.passed or self.answer
         if answer is None:
             return
-        view = self._view(answer)
-        names: list[str] = []
-        kept = self.kept
-        if self.columns:
-            self.board = draw_columns(self.columns, answer, view)
-        elif self.shows == "A beside B" and kept and are_comparable(kept, answer):
-            self.board = draw_pair(kept, answer, view)
-        else:
-            names = self.names
-            self.board = draw_answer(answer, names, view)
-        before = [dot for dot in self.dots if dot.settings != answer.settings]
-        height, width = self.board.picture.shape[:2]
-        with self.hold_sync():
-            self.line = {
-                "text": f"{self.shows}: " * bool(self.shows) + summary(answer),
-                "warnings": warnings(answer, before[-1] if before else None),
-            }
-            self.code = self.python()
-            self.size = [width, height, self._ratio]
-            self.cells = self.board.cells(names)
-            self.picture = jpeg(self.board.picture)
+        view = self._view()
+        board, names = self._draw(answer, view)
+        self.line = self._line(answer)
+        self.code = self.python()
+        self._tell_path()
+        self._send_board(board, names)
         self._say(self.hover)
         if "3D" in names:
             name = self.knobs["texture"]
             lies = None if name == "frame" else PANELS[name](answer, view).picture
-            moving = answer.stage == Stage.LOOK
+            moving = answer.stage in (Stage.LOOK, Stage.PASSED)
             self.surface.show(answer.result, lies, moving)
+
+    def _line(self, answer: Answer) -> dict[str, Any]:
+        """What is said of an answer."""
+        text = summary(answer, suggested_lam(self.tried, answer))
+        if self.compared:
+            columns = self._columns(answer).values()
+            found = sum(one is not None for one in columns)
+            text = f"{found} of {len(columns)} · {text}"
+        elif self.shows:
+            text = f"{self.shows}: {text}"
+        elif self._keeps_next:
+            text = f"to be kept as A: {text}"
+        before = [one for one in self.tried if one.settings != answer.settings]
+        found_out = warnings(answer, before[-1] if before else None)
+        return {
+            "text": text,
+            "low": is_too_smooth(answer),
+            "warnings": [{"chip": one.chip, "text": one.sentence} for one in found_out],
+        }
+
+    def _tell_path(self) -> None:
+        """Tell the page which iterate of the last run is shown."""
+        answer = self.answer
+        count = (
+            len(answer.path) if answer is not None and answer.stage == Stage.FINAL else 0
+        )
+        self.path = count
+        self.path_place = count
+        self.path_text = ""
+        if self.passed is not None:
+            self.path_place = self.passed.place
+            self.path_text = f"{self.passed.place} of {count}"
 
     # What the page says ------------------------------------------------------------------
 
-    def measure(self, width: float, height: float, ratio: float) -> None:
+    def measure(
+        self, width: float, height: float, ratio: float, dark: bool = False
+    ) -> None:
         """Take the size of the page, px, and the screen's ratio to it; send it the board whatever it has."""
         wide = max(width, BOARD.least_room[0])
         self._room = wide, min(max(height, BOARD.least_room[1]), BOARD.tallest * wide)
         self._ratio = min(max(ratio, 1.0), 3.0)
+        self._look = DARK if dark else DRAWING
+        if self.answer is None:
+            self._show_frame()
         self._show()
         # It may have been made while a picture was on its way, and have missed that.
         self.send_state(["picture", "size", "cells"])
 
+    def zoom(self, left: float, top: float, right: float, bottom: float) -> None:
+        """Show a part of all maps, in shares of what they show at first."""
+        least = BOARD.least_zoom
+        ends = [min(max(low, 0.0), 1 - least) for low in (left, top)]
+        wide = [
+            min(max(high, low + least), 1.0)
+            for high, low in zip((right, bottom), ends, strict=True)
+        ]
+        self._zoom = (ends[0], ends[1], wide[0], wide[1])
+        self._show()
+
     def _say(self, where: Sequence[float]) -> None:
-        """Tell what all panels say of a point of their maps, [] of none."""
-        self.cursor_texts = [place.says(*where) for place in self.board.places if where]
+        """Tell what all panels say of a point of their maps, and show it in the section and in 3D."""
+        texts = []
+        marks = []
+        self.surface.marker = []
+        for place in self.board.places if where else []:
+            i, j = place.pixel(*where)
+            texts.append(place.says(i, j))
+            marks.append(place.mark(i, j))
+            point = place.answer.result.points[i, j]
+            if np.all(np.isfinite(point)):
+                self.surface.marker = point.tolist()
+        with self.hold_sync():
+            self.cursor_texts = texts
+            self.cursor_marks = marks
 
     def choose(self, index: int, name: str) -> None:
         """Show something else in a panel."""
@@ -483,31 +610,31 @@ class TunerBox(anywidget.AnyWidget):
         place = self.board.at(x, y)
         if place is None:
             return
-        if self.columns:
+        if self.compared:
             self.bring_back(place.answer.settings)
-        elif len(place.dots):
+        elif isinstance(place.panel, Chart) and len(place.dots):
             height, width = self.board.picture.shape[:2]
             away = np.linalg.norm((place.dots - (x, y)) * (width, height), axis=1)
-            dots = self._view(
-                place.answer
-            ).dots  # after them the chart marks the answer's own
-            nearest = int(away[: len(dots)].argmin())
+            brings = [dot.brings for dot in place.panel.dots]
+            away[[one is None for one in brings]] = np.inf
+            nearest = int(away.argmin())
             if away[nearest] < BOARD.click_radius * self._ratio:
-                self.bring_back(dots[nearest].settings)
+                self.bring_back(brings[nearest])
         else:
             self._cut(x, y)
 
     def _cut(self, x: float, y: float) -> None:
         """Lay the section through a point of a map."""
         place = self.board.at(x, y)
-        if place is None or place.spot is None or self.columns:
+        if place is None or place.spot is None or self.compared:
             return
         left, top, right, bottom = place.spot
-        share = (x - left) / (right - left)
+        row, column = place.pixel((x - left) / (right - left), (y - top) / (bottom - top))
+        height, width = place.answer.result.mask.shape
+        share = (column + 0.5) / width
         if self.knobs["across"]:
-            share = (y - top) / (bottom - top)
-        percent = min(max(round(200 * share) / 2, 0.0), 100.0)
-        self.knobs = self.knobs | {"section": percent}
+            share = (row + 0.5) / height
+        self.knobs = self.knobs | {"section": round(1000 * share) / 10}
 
     # What is written ---------------------------------------------------------------------
 
@@ -538,7 +665,7 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             answer = self._final()
             code = self.python()
-            board = draw_answer(answer, self.names, self._view(answer))
+            board = draw_answer(answer, self.names, self._view())
         settings = answer.settings
         subject = answer.subject
         uncertainty = answer.uncertainty
@@ -575,10 +702,12 @@ class TunerBox(anywidget.AnyWidget):
         super().close()
 
 
-def _compared_values(settings: Knobs, knob: str) -> dict[str, Any]:
-    """Values of a knob to be compared, by what their columns are called: "lam" or "regulariser"."""
+def _compared_settings(settings: Knobs, knob: str) -> dict[str, Knobs]:
+    """Settings that differ by a knob, "lam" or "regulariser", by what their columns are called."""
+    values: dict[str, Any] = {}
     if knob == "lam":
-        values = [float(f"{settings.lam * times:.2g}") for times in BOARD.lam_factors]
-        return {f"λ {value:g}": value for value in values}
-    orders = ["first", "second"] + ["curvature"] * (settings.xi == "1/d")
-    return {order: order for order in orders}
+        values |= values_of_lam(settings.lam)
+    else:
+        orders = ["first", "second"] + ["curvature"] * (settings.xi == "1/d")
+        values |= {order: order for order in orders}
+    return {label: replace(settings, **{knob: value}) for label, value in values.items()}

@@ -183,17 +183,39 @@ def test_what_is_compared_is_cut_as_the_answer_is(start, until):
     tuner, _, _ = start()
     cut = tuner.solve_cold(Knobs(scene="colon", width=160, contours=True))
     assert cut.cut_count > 0
-    several = {
-        lam: replace(cut.settings, lam=lam, contours=None) for lam in (0.1, 10.0)
-    }
-    found = {}
-    tuner.compare(cut, several, found.__setitem__)
-    until(lambda: len(found) == 2)
-    for lam, one in found.items():
-        assert one.settings == several[lam]
+    several = {str(lam): replace(cut.settings, lam=lam) for lam in (0.1, 10.0)}
+    tuner.compare(cut, several)
+    until(lambda: len(cut.variants) == 2)
+    for name, one in cut.variants.items():
+        assert one.settings == several[name]
         assert np.array_equal(one.result.problem.cuts, cut.result.problem.cuts)
-    assert found[0.1].data < found[10.0].data
-    assert found[0.1].roughness > found[10.0].roughness
+    assert cut.variants["0.1"].explained > cut.variants["10.0"].explained
+    assert cut.variants["0.1"].roughness > cut.variants["10.0"].roughness
+
+
+def test_in_idle_time_four_lam_more_are_solved_and_a_wish_comes_first(start, until):
+    tuner, _, _ = start()
+    tuner.ask(SMALL)
+    first = tuner.wait(60)
+    until(lambda: len(first.variants) == 4)
+    lams = [one.settings.lam for one in first.variants.values()]
+    assert lams == [0.1, 0.32, 3.2, 10.0]
+    assert first.spread.shape == first.result.mask.shape
+    tuner.ask(replace(SMALL, lam=2.0))
+    assert tuner.wait(60).settings.lam == 2.0
+    assert first.variants == {}
+
+
+def test_the_path_of_a_run_has_its_first_and_last_iterate_and_not_too_many(start):
+    tuner, _, _ = start()
+    long = replace(SMALL, solver="primal_dual", max_iterations=150, contours=False)
+    answer = tuner.solve_cold(long)
+    assert answer.result.iterations > engine.PACE.path_length
+    assert len(answer.path) <= engine.PACE.path_length
+    steps = [one.k for one in answer.path if one.stage == answer.path[-1].stage]
+    assert steps[0] == 0
+    assert steps[-1] == answer.result.history[-1]["k"]
+    assert len(set(np.diff(steps[:-1]))) == 1
 
 
 def test_a_gain_four_times_as_high_doubles_distances_and_without_one_errors_are_up_to_scale(
