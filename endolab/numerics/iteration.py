@@ -20,10 +20,16 @@ class Status(Enum):
     """Why a run ended."""
 
     CONVERGED = "The solver reached its goal."
+    SETTLED = "The surface hardly moves any more, though its energy still falls."
     MAX_ITERATIONS = "The solver ran out of iterations before it converged."
     STOPPED = "An observer or the user stopped the run."
     STALLED = "The solver could not improve the result any more, short of its goal."
     NON_FINITE = "The solver produced a value that is not finite."
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the run ended by itself, where it was to end."""
+        return self in (Status.CONVERGED, Status.SETTLED)
 
 
 class Stopped(RuntimeError):

@@ -34,7 +34,6 @@ from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
-from endolab.numerics.iteration import Status
 from endolab.reconstruction.channels import Channels, Task, prepare_channels, start_from
 from endolab.reconstruction.contours.choice import choose_contours
 from endolab.reconstruction.light.separation import remove_indirect_light
@@ -100,7 +99,7 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
     if first_map is None and before is not None:
         first_map = start_from(before.iterate, problem)
     converged_at = None
-    if before is not None and before.status is Status.CONVERGED:
+    if before is not None and before.status.is_done:
         converged_at = before.energy
     offered: dict[str, Any] = {
         "start": first_map,

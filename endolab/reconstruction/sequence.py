@@ -211,7 +211,7 @@ def _solve_next(
             start = _as_bright(start, light / before.light)
         warm = reconstruct(frame, calibration, start=start, **options)
         is_good = (
-            warm.status is Status.CONVERGED
+            warm.status.is_done
             and warm.energy <= LINKING.worse * before.least
             and before.age < LINKING.refresh
         )

@@ -312,10 +312,10 @@ def gauss_newton(
     more than the share `tolerance` of the energy is left to fall: their quadratics promise no more, the
     inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an
     estimate: where an energy creeps, hundreds of further steps find up to 10 % more, rarely a quarter. It
-    has converged, too, when of two steps neither changed distances by more than the share `settled`, root
-    mean square. A start whose energy is `converged_at` is where an earlier run converged: it stays, unless
-    one step tells that it has not. The run ends as STALLED when no share of a step lowers the energy although
-    more is left. A step costs O(pixels).
+    ends as SETTLED when of two steps neither changed distances by more than the share `settled`, root mean
+    square, though the energy still falls. A start whose energy is `converged_at` is where an earlier run
+    ended: it stays, unless one step tells that it has not. The run ends as STALLED when no share of a step
+    lowers the energy although more is left. A step costs O(pixels).
 
     With a start, it comes first, and then what coarser grids make of it if it is far. Without one come d₀,
     what each coarse grid makes of the frame, and the march at full size, each if its energy is lower. Then
@@ -338,8 +338,10 @@ def gauss_newton(
         difference = abs(state.energy - converged_at)
         if max_iterations > 0 and difference <= DESCENT.same_energy * state.energy:
             tried = state.take_step()
-            if tried.has_converged(tolerance) or tried.iterate(iterate).change < settled:
+            if tried.has_converged(tolerance):
                 return Status.CONVERGED
+            if tried.iterate(iterate).change < settled:
+                return Status.SETTLED
         if max_iterations > 0:
             adapted = _State.at(finest, _adapt_start(finest, v, tolerance), problem.lam)
             if adapted.energy < state.energy:
@@ -375,8 +377,10 @@ def gauss_newton(
             }
             iterate = state.iterate(iterate, scalars=scalars)
             yield iterate
-        if state.has_converged(tolerance) or max(moved, iterate.change) < settled:
+        if state.has_converged(tolerance):
             return Status.CONVERGED
+        if max(moved, iterate.change) < settled:
+            return Status.SETTLED
         moved = iterate.change
     return Status.MAX_ITERATIONS
 

@@ -217,7 +217,7 @@ class _StageLog:
         self.history.append(row | {"seconds": seconds, **iterate.scalars})
 
     def answer(self, status: Status) -> Iterate:
-        return self.last if status is Status.CONVERGED else self.lowest
+        return self.last if status.is_done else self.lowest
 
 
 def limit_steps(

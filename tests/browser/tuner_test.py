@@ -11,7 +11,7 @@ LABEL = ".endolab-said"
 CHOOSER = ".endolab-choose"
 CELL = "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox"
 SAID = f"document.querySelector('{STATUS}').innerText"
-FINAL = f"() => document.querySelector('{STATUS}')?.innerText.includes('converged')"
+FINAL = f"() => document.querySelector('{STATUS}')?.innerText.match(/converged|settled/)"
 CELLS = "JSON.parse(document.querySelector('.endolab-stage').dataset.cells)"
 
 

@@ -28,7 +28,6 @@ import numpy as np
 
 from endolab.frames.frame import FRAME_LIMITS, noise_level
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.iteration import Status
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows
 from endolab.reconstruction.channels import (
@@ -169,7 +168,7 @@ def _same_picture_as_before(
     old = before.provenance
     cuts = before.problem.cuts
     is_same = (
-        before.status is Status.CONVERGED
+        before.status.is_done
         and old.preparation == new.report
         and old.light is not None
         and old.light.outcome is not LightOutcome.NO_COLOUR

@@ -79,7 +79,7 @@ class Stage(StrEnum):
     FIRST = "first look"  # on few pixels of one channel, from nothing
     KEPT = "light and contours kept"
     SOFAR = "so far"  # what a long solve has
-    PASSED = "passed"  # an iterate of the last run
+    PASSED = "iterate"  # of the last run
     FINAL = "final"
 
 

@@ -321,7 +321,7 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
         guides,
         dots,
         log=(True, False),
-        fitted=(ends, np.array([0.0, _TOP])),
+        fitted=(ends, np.array([0.0, 1.15 * _TOP])),
         y_ticks=[(_height(share / 100), f"{share:g}") for share in _SHARES],
         right=[(_TOP * step / roughest, f"{step:g}") for step in steps],
     )

@@ -246,8 +246,8 @@ class Map:
         at = int((share - low) / (high - low) * len(lines))
         if 0 <= at <= len(lines):
             at = min(at, len(lines) - 1)
-            lines[max(0, at - 1) : at + 2] = 255
-            lines[at] = OKABE_ITO.vermilion
+            lines[max(0, at - 2) : at + 3] = 255
+            lines[max(0, at - 1) : at + 2] = OKABE_ITO.vermilion
 
 
 def _draw_isolines(place: Picture, distance: FloatArray, levels: FloatArray) -> None:

@@ -35,6 +35,7 @@ const TIP = [[0, 0, 0], [-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]]; // of t
 const RIMS = [0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1];
 // Pose at first: degrees to the left and up, zoom, shifted right and down (panels).
 const START = [35, 20, 1, 0, 0];
+const CAMERA = [0, 0, 1, 0, 0, true]; // the same, as the endoscope sees it
 const HELP = "drag: turn · shift and drag: move · wheel, once clicked: zoom · double click: as at first";
 const KEYS = {
   ArrowLeft: (pose) => { pose[0] -= 5; },
@@ -75,12 +76,13 @@ function turned([yaw, pitch]) {
 
 // From the camera's frame to clip space, by columns, and where the viewer stands. At the start the box just fits in.
 function view(pose, { middle, size, corners }, wide) {
-  const back = 2.2 * size / pose[2], near = 0.05 * back, far = back + 20 * size;
+  const inside = pose[5], back = inside ? 0 : 2.2 * size / pose[2];
+  const near = inside ? 1e-3 * size : 0.05 * back, far = back + 20 * size;
   const rims = corners.map((corner) => {
     const [right, down, away] = turned(START).map((axis) => dot(axis, corner.map((part, i) => part - middle[i])));
     return Math.max(Math.abs(right) / wide, Math.abs(down)) / (away + 2.2 * size);
   });
-  const lens = 0.85 / Math.max(...rims), stretch = (far + near) / (far - near);
+  const lens = inside ? 0.8 * pose[2] : 0.85 / Math.max(...rims), stretch = (far + near) / (far - near);
   const [to_right, to_below, away] = turned(pose);
   const column = (place, w, shift) => [
     lens / wide * dot(to_right, place) + 2 * pose[3] * w,
@@ -89,9 +91,9 @@ function view(pose, { middle, size, corners }, wide) {
     w,
   ];
   const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => column(axis, dot(away, axis), 0));
-  const off = middle.map((part) => -part);
+  const to = inside ? [0, 0, 0] : middle, off = to.map((part) => -part);
   const last = column(off, dot(away, off) + back, -2 * far * near / (far - near));
-  return { seen: [...axes.flat(), ...last], eye: middle.map((part, i) => part - back * away[i]) };
+  return { seen: [...axes.flat(), ...last], eye: to.map((part, i) => part - back * away[i]) };
 }
 
 function render({ model, el }) {
@@ -103,6 +105,8 @@ function render({ model, el }) {
   const root = add("div", "endolab-surface", el), canvas = add("canvas", "", root);
   const axes = ["x", "y", "z"].map(() => add("span", "endolab-axis", root));
   const size_of_box = add("div", "endolab-size", root), help = add("div", "endolab-help", root);
+  const marker = add("span", "endolab-marker", root), button = add("button", "endolab-from", root);
+  button.title = "Look from the camera, or from outside; key V in the tuner.";
   canvas.tabIndex = 0;
   canvas.dataset.lmSuppressShortcuts = "true"; // arrows turn, they do not go to the next cell
   // Smooth edges cost a processor that draws by itself three times as long; they are short beside the picture.
@@ -145,14 +149,21 @@ function render({ model, el }) {
     bitmap.close();
   };
   const label = (seen) => {
-    const { low, high, middle } = sizes();
+    const { low, high, middle } = sizes(), inside = pose()[5];
+    const lay = (span, point) => {
+      const [x, y, , w] = [0, 1, 2, 3].map((row) => dot([...point, 1], [0, 4, 8, 12].map((k) => seen[k + row])));
+      span.hidden = w <= 0;
+      Object.assign(span.style, { left: `${50 + 50 * x / w}%`, top: `${50 - 50 * y / w}%` });
+    };
+    button.textContent = inside ? "from outside" : "from the camera";
+    if (model.get("marker").length) lay(marker, model.get("marker"));
+    else marker.hidden = true;
     const lengths = high.map((part, i) => String(Number((part - low[i]).toPrecision(2))));
     axes.forEach((span, axis) => {
       const place = [axis === 1 ? high[0] : low[0], high[1], low[2]].map((part, i) => (i === axis ? middle[i] : part));
-      const [x, y, , w] = [0, 1, 2, 3].map((row) => dot([...place, 1], [0, 4, 8, 12].map((k) => seen[k + row])));
       span.textContent = `${"xyz"[axis]} ${lengths[axis]}`;
-      span.style.left = `${50 + 50 * x / w}%`;
-      span.style.top = `${50 - 50 * y / w}%`;
+      lay(span, place);
+      span.hidden ||= inside;
     });
     size_of_box.textContent = `${lengths.join(" × ")} ${model.get("unit")}`;
     help.textContent = HELP;
@@ -218,6 +229,7 @@ function render({ model, el }) {
     });
   };
   canvas.onpointerup = canvas.onpointercancel = keep;
+  button.onclick = () => { model.set("pose", pose()[5] ? START : CAMERA); keep(); };
   canvas.ondblclick = () => { model.set("pose", START); keep(); };
   canvas.onkeydown = (event) => {
     if (!KEYS[event.key]) return;
@@ -246,7 +258,7 @@ function render({ model, el }) {
   resized.observe(root);
   document.addEventListener("visibilitychange", tell);
   model.on("change:number", update);
-  model.on("change:pose", soon);
+  for (const name of ["pose", "marker"]) model.on(`change:${name}`, soon);
   update();
   return () => {
     gone = true;
@@ -255,7 +267,7 @@ function render({ model, el }) {
     resized.disconnect();
     document.removeEventListener("visibilitychange", tell);
     model.off("change:number", update);
-    model.off("change:pose", soon);
+    for (const name of ["pose", "marker"]) model.off(`change:${name}`, soon);
     gl.getExtension("WEBGL_lose_context")?.loseContext(); // a page may have sixteen
   };
 }

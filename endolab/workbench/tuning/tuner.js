@@ -3,6 +3,10 @@
 // neither a drag nor a cursor builds up a queue.
 const KEYS = { a: ["keep"], b: ["blink"], d: ["show", "A beside B"], n: ["step", 1], p: ["step", -1],
   r: ["reset"], u: ["undo"], x: ["drop"] };
+const HELP = { A: "keep as A, once the answer is final", B: "A or B", D: "A beside B", X: "drop A",
+  C: "compare five λ, or end that", V: "3D from the camera, or from outside", "P, N": "frame before, frame after",
+  U: "undo", R: "reset all knobs", "?": "these keys", "drag on a map": "lay the section",
+  "wheel on a map": "zoom; with shift, drag it; double click for all", "click on a title": "show another picture" };
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
 const COMPARE = { "compare ...": "", "five λ": "lam", regularisers: "regulariser" };
 
@@ -54,8 +58,16 @@ function render({ model, el }) {
   lost.textContent = "The kernel that drew this is gone: run the cell again.";
   const bars = add("div", "endolab-bars", root), stage = add("div", "endolab-stage", root);
   const image = add("img", "endolab-picture", stage, { draggable: false });
+  const keys = add("div", "endolab-keys", root, { hidden: true });
+  for (const [key, does] of Object.entries(HELP)) {
+    add("b", "", keys, { textContent: key });
+    add("span", "", keys, { textContent: does });
+  }
+  const show_keys = () => { keys.hidden = !keys.hidden; };
+  keys.onclick = show_keys;
   const marks = add("div", "endolab-marks", stage), place3d = add("div", "endolab-3d", stage);
   const act = (...action) => model.send(action);
+  const tell = (name, value) => { model.set(name, value); model.save_changes(); };
   const listen = [["comm_live_update", () => { lost.hidden = false; }]];
   const follow = (names, action) => {
     for (const name of names) listen.push([`change:${name}`, action]);
@@ -74,12 +86,16 @@ function render({ model, el }) {
     for (const [name, show] of shown) show(model.get("knobs")[name]);
   });
   button("reset", "All knobs as they were at first.", () => act("reset"), sight);
-  const status = add("div", "endolab-status", actions);
+  const status = add("div", "endolab-status", bars);
   follow(["line"], () => {
-    const { text, warnings, wrong } = model.get("line");
-    status.replaceChildren(text ?? "solving ...");
-    status.classList.toggle("endolab-wrong", Boolean(wrong));
-    for (const one of warnings ?? []) add("span", "endolab-warning", status, { textContent: ` ${one}` });
+    const { text, warnings, wrong, low } = model.get("line");
+    status.replaceChildren();
+    add("span", wrong ? "endolab-wrong" : low ? "endolab-low" : "", status, { textContent: text ?? "solving ..." });
+    for (const { chip, text: sentence } of warnings ?? []) {
+      const details = add("details", "endolab-chip", status);
+      add("summary", "", details, { textContent: chip });
+      add("div", "", details, { textContent: sentence });
+    }
   });
   button("undo", "Back to the answer before; Ctrl-Z.", () => act("undo"), actions);
   const keep = button("keep as A", "Keep this answer, to compare it with what comes; key A, and X drops it.",
@@ -98,13 +114,28 @@ function render({ model, el }) {
   for (const [text, what] of Object.entries(COMPARE)) compare.add(new Option(text, what));
   compare.onchange = () => act("compare", compare.value);
   follow(["compared"], () => { compare.value = model.get("compared"); });
+  const preset = add("select", "", actions, { title: "All options at once." });
+  for (const name of ["preset ...", ...model.get("presets")]) preset.add(new Option(name, name));
+  preset.onchange = () => {
+    if (preset.selectedIndex) act("preset", preset.value);
+    preset.selectedIndex = 0;
+  };
+  const path = add("label", "endolab-path", actions, { title: "The iterates of the last run: drag to see its path." });
+  const scrub = add("input", "", path, { type: "range", min: 1, ariaLabel: "iterate" }), place_in = add("span", "", path);
+  scrub.oninput = () => tell("scrub", Number(scrub.value));
+  follow(["path", "path_place", "path_text"], () => {
+    path.hidden = model.get("path") < 2;
+    scrub.max = model.get("path");
+    scrub.value = model.get("path_place");
+    place_in.textContent = model.get("path_text");
+  });
   advanced.hidden = true;
-  button("advanced", "All other knobs, the code, and the export.", () => { advanced.hidden = !advanced.hidden; },
-    actions);
-  button("find σ", "Find how far this answer can be trusted, pixel by pixel.", () => act("find_uncertainty"), advanced);
-  const folder = add("input", "endolab-folder", advanced, { value: "tuned", title: "The folder that is exported into." });
+  button("advanced", "All other knobs, and the code.", () => { advanced.hidden = !advanced.hidden; }, actions);
+  const folder = add("input", "endolab-folder", actions, { value: "tuned", title: "The folder that is exported into." });
   button("export", "Write what is shown: pictures, cloud, depth, settings, code and recording.",
-    () => act("export_aside", folder.value), advanced);
+    () => act("export_aside", folder.value), actions);
+  button("?", "All keys.", show_keys, actions);
+  button("find σ", "Find how far this answer can be trusted, pixel by pixel.", () => act("find_uncertainty"), advanced);
   const code = add("textarea", "", advanced, { readOnly: true, title: "What makes the answer that is shown." });
   follow(["code"], () => { code.value = model.get("code"); });
 
@@ -135,8 +166,10 @@ function render({ model, el }) {
       put(add("div", "endolab-cross", marks), [x, top, x, bottom]);
       if (text) put(add("div", "endolab-said", marks, { textContent: text }), [left, bottom, right, bottom]);
     });
+    if (!cursor) return;
+    for (const [x, y] of model.get("cursor_marks")) if (x) put(add("div", "endolab-mark", marks), [x, y, x, y]);
   };
-  follow(["cursor_texts"], point);
+  follow(["cursor_texts", "cursor_marks"], point);
   follow(["cells"], () => {
     const cells = model.get("cells");
     stage.querySelectorAll("select").forEach((one) => one.remove());
@@ -160,27 +193,52 @@ function render({ model, el }) {
     place3d.append((await manager.create_view(await manager.get_model(id))).el);
   })();
 
-  const tell = (name, value) => { model.set(name, value); model.save_changes(); };
   const place = ({ clientX, clientY }) => {
     const box = image.getBoundingClientRect();
     return [(clientX - box.left) / box.width, (clientY - box.top) / box.height];
   };
+  // What of all maps is seen: left, top, right, bottom, shares of what is seen at first.
+  let part = [0, 0, 1, 1], pulled, active = !el.closest(".jp-Notebook");
+  const see = (next) => {
+    const sides = [0, 1].map((axis) => Math.min(next[axis + 2] - next[axis], 1));
+    const start = [0, 1].map((axis) => Math.min(Math.max(next[axis], 0), 1 - sides[axis]));
+    part = [...start, start[0] + sides[0], start[1] + sides[1]];
+    tell("window", part);
+  };
+  const zoom = (event) => {
+    if (!cursor || !active) return; // who only scrolls by is not held up
+    event.preventDefault();
+    const times = Math.max(1.002 ** event.deltaY, 0.05 / (part[2] - part[0]));
+    see(part.map((end, i) => {
+      const fixed = part[i % 2] + cursor[i % 2] * (part[i % 2 + 2] - part[i % 2]);
+      return fixed + times * (end - fixed);
+    }));
+  };
+  follow(["window"], () => { part = model.get("window"); });
+  image.addEventListener("wheel", zoom, { passive: false });
+  image.ondblclick = () => see([0, 0, 1, 1]);
   image.onpointerdown = (event) => {
-    held = event.button === 0;
-    if (!held) return;
+    active = true;
+    if (event.button !== 0) return;
     image.setPointerCapture(event.pointerId);
-    act("press", ...place(event));
+    pulled = event.shiftKey && cursor && { at: cursor, from: part };
+    held = !pulled;
+    if (held) act("press", ...place(event));
   };
   image.onpointermove = (event) => {
     const [x, y] = place(event);
     const { spot } = model.get("cells").find(({ spot: one }) => one
       && one[0] <= x && x <= one[2] && one[1] <= y && y <= one[3]) ?? {};
     cursor = spot && [(x - spot[0]) / (spot[2] - spot[0]), (y - spot[1]) / (spot[3] - spot[1])];
+    if (pulled && cursor) {
+      const { at, from } = pulled;
+      see(from.map((end, i) => end - (cursor[i % 2] - at[i % 2]) * (from[i % 2 + 2] - from[i % 2])));
+    }
     point();
     tell("hover", cursor ?? []);
     if (held) tell("drag", [x, y]);
   };
-  image.onpointerup = image.onpointercancel = () => { held = false; };
+  image.onpointerup = image.onpointercancel = () => { held = false; pulled = undefined; };
   image.onpointerleave = () => { cursor = undefined; point(); };
 
   // Keys work wherever the focus is but in a text field; in a notebook, as long as this cell is the active one.
@@ -190,6 +248,10 @@ function render({ model, el }) {
     if (event.target.closest?.(TYPING) || !el.isConnected) return;
     let action = held_too ? undefined : KEYS[event.key];
     if (event.key === "z" && (event.ctrlKey || event.metaKey)) action = ["undo"];
+    if (["?", "Escape", "v"].includes(event.key) && !held_too) {
+      if (event.key === "v") place3d.querySelector("button")?.click();
+      else if (event.key === "?" || !keys.hidden) show_keys();
+    }
     if (event.key === "c" && !held_too) action = ["compare", model.get("compared") ? "" : "lam"];
     if (!action) return;
     event.preventDefault();
@@ -199,11 +261,15 @@ function render({ model, el }) {
   document.addEventListener("keydown", press, true);
 
   let known = "";
+  const night = window.matchMedia("(prefers-color-scheme: dark)");
   const measure = () => {
     const page = el.closest(".jp-WindowedPanel-outer, .jp-Notebook");
     const above = stage.getBoundingClientRect().top - root.getBoundingClientRect().top;
     const height = (page ? page.clientHeight - 24 : window.innerHeight - 16) - above;
-    const room = [Math.floor(el.clientWidth), Math.floor(height), window.devicePixelRatio || 1];
+    const theme = document.body.dataset.jpThemeLight;
+    const dark = theme ? theme === "false" : night.matches;
+    root.classList.toggle("endolab-dark", dark);
+    const room = [Math.floor(el.clientWidth), Math.floor(height), window.devicePixelRatio || 1, dark];
     if (room[0] < 1 || known === room.join()) return;
     known = room.join();
     act("measure", ...room);
@@ -211,11 +277,16 @@ function render({ model, el }) {
   const watch = new ResizeObserver(measure);
   watch.observe(el);
   watch.observe(bars);
+  const themes = new MutationObserver(() => measure());
+  themes.observe(document.body, { attributeFilter: ["data-jp-theme-light"] });
+  night.addEventListener("change", measure);
   window.addEventListener("resize", measure);
   for (const [event, action] of listen) model.on(event, action);
   return () => {
     for (const [event, action] of listen) model.off(event, action);
     watch.disconnect();
+    themes.disconnect();
+    night.removeEventListener("change", measure);
     window.removeEventListener("resize", measure);
     document.removeEventListener("keydown", press, true);
     URL.revokeObjectURL(url);

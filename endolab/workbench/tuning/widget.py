@@ -48,7 +48,7 @@ from endolab.workbench.tuning.panels import (
     USUAL_PANELS,
     View,
 )
-from endolab.workbench.tuning.pictures import DARK, DRAWING, WHOLE, Chart, jpeg
+from endolab.workbench.tuning.pictures import DARK, DRAWING, WHOLE, Chart, Window, jpeg
 from endolab.workbench.tuning.sentences import is_too_smooth, summary, warnings
 from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.surface_view import SurfaceView
@@ -86,7 +86,6 @@ ACTIONS = {
     "drop",
     "export_aside",
     "find_uncertainty",
-    "iterate",
     "keep",
     "measure",
     "preset",
@@ -95,7 +94,6 @@ ACTIONS = {
     "show",
     "step",
     "undo",
-    "zoom",
 }
 
 
@@ -185,6 +183,9 @@ class TunerBox(anywidget.AnyWidget):
     path_text = t.Unicode().tag(sync=True)
     # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
     hover: t.List[float] = t.List().tag(sync=True)
+    # Likewise: which part of the maps it wants to see, and which iterate of the last run.
+    window: t.List[float] = t.List([*WHOLE]).tag(sync=True)
+    scrub = t.Int().tag(sync=True)
     drag: t.List[float] = t.List().tag(sync=True)
 
     def __init__(
@@ -213,7 +214,6 @@ class TunerBox(anywidget.AnyWidget):
         self._room = BOARD.room
         self._ratio = 1.0
         self._look = DRAWING
-        self._zoom = WHOLE
         self._keeps_next = False  # whether the answer to come shall be A
         take = self._guard(self._take)
         self.engine = Tuner(calibration, take, self._refuse, frame=frame, truth=truth)
@@ -238,6 +238,8 @@ class TunerBox(anywidget.AnyWidget):
         self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))
         self.observe(self._guard(self._follow_knobs), "knobs")
         self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
+        self.observe(self._guard(lambda change: self._show()), "window")
+        self.observe(self._guard(lambda change: self.iterate(change["new"])), "scrub")
         self.observe(self._guard(lambda change: self._cut(*change["new"])), "drag")
         self.ask()
         with self._lock:
@@ -316,7 +318,7 @@ class TunerBox(anywidget.AnyWidget):
         self.visited = []
         self.tried = []
         self._wish = None
-        self._zoom = WHOLE
+        self.window = [*WHOLE]
         self.drop()
 
     def step(self, by: int) -> None:
@@ -477,8 +479,19 @@ class TunerBox(anywidget.AnyWidget):
             tried=self.tried,
             room=(wide, tall),
             text=round(self._ratio * BOARD.text),
-            zoom=self._zoom,
+            zoom=self._zoom(),
             look=self._look,
+        )
+
+    def _zoom(self) -> Window:
+        """The part of the maps that the page wants to see, but not less than can be looked at."""
+        left, top, right, bottom = np.clip(self.window, 0, 1).tolist()
+        left, top = (min(low, 1 - BOARD.least_zoom) for low in (left, top))
+        return (
+            left,
+            top,
+            max(right, left + BOARD.least_zoom),
+            max(bottom, top + BOARD.least_zoom),
         )
 
     def _show_frame(self) -> None:
@@ -570,17 +583,6 @@ class TunerBox(anywidget.AnyWidget):
         self._show()
         # It may have been made while a picture was on its way, and have missed that.
         self.send_state(["picture", "size", "cells"])
-
-    def zoom(self, left: float, top: float, right: float, bottom: float) -> None:
-        """Show a part of all maps, in shares of what they show at first."""
-        least = BOARD.least_zoom
-        ends = [min(max(low, 0.0), 1 - least) for low in (left, top)]
-        wide = [
-            min(max(high, low + least), 1.0)
-            for high, low in zip((right, bottom), ends, strict=True)
-        ]
-        self._zoom = (ends[0], ends[1], wide[0], wide[1])
-        self._show()
 
     def _say(self, where: Sequence[float]) -> None:
         """Tell what all panels say of a point of their maps, and show it in the section and in 3D."""

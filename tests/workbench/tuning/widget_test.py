@@ -307,7 +307,7 @@ def test_the_iterates_of_the_last_run_can_be_looked_at_and_no_other_is_exported(
     answer = box.answer
     assert box.path == len(answer.path) > 2
     box.iterate(1)
-    assert (box.path_place, box.board.places[1].answer.stage) == (1, "passed")
+    assert (box.path_place, box.board.places[1].answer.stage) == (1, "iterate")
     assert "iteration" in box.line["text"]
     assert "median error" in box.line["text"]
     box.export(tmp_path / "out")
@@ -352,7 +352,9 @@ def test_three_hundred_things_done_at_random_leave_one_answer(make, rng):
         box.drop,
         lambda: box.compare(""),
         lambda: box.show("A beside B"),
-        lambda: box.zoom(*np.sort(rng.random((2, 2)), axis=0).ravel()),
+        lambda: setattr(
+            box, "window", np.sort(rng.random((2, 2)), axis=0).ravel().tolist()
+        ),
         lambda: box.preset(rng.choice(box.presets)),
         lambda: box.press(*rng.random(2)),
     ]
