@@ -70,6 +70,8 @@ def suggest_lam(lams: Sequence[float], explained: Sequence[float]) -> float | No
     float or None
         The greatest λ tried, if it explains enough; None if none does.
     """
+    if not len(lams):
+        return None
     order = np.argsort(lams)
     tried = np.log(lams)[order]
     excess = np.asarray(explained)[order] - ENOUGH_CONTRAST

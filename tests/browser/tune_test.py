@@ -19,7 +19,9 @@ STATUS = ".endolab-status"
 HANDLE = ".endolab-tuner input[type=range]"
 SHOWN = "() => document.querySelector('.endolab-picture')?.naturalWidth > 100"
 SAID = f"document.querySelector('{STATUS}').innerText"
-FINAL = f"() => document.querySelector('{STATUS}')?.innerText.match(/converged|settled/)"
+FINAL = (
+    f"() => document.querySelector('{STATUS}')?.innerText.match(/converged|settled/)"
+)
 FRAMES = '.endolab-knob:has-text("frame or scene") select'
 END = 30  # s until all must have ended, on a machine with much to do; 3 s pass after the last page
 

@@ -11,7 +11,9 @@ LABEL = ".endolab-said"
 CHOOSER = ".endolab-choose"
 CELL = "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox"
 SAID = f"document.querySelector('{STATUS}').innerText"
-FINAL = f"() => document.querySelector('{STATUS}')?.innerText.match(/converged|settled/)"
+FINAL = (
+    f"() => document.querySelector('{STATUS}')?.innerText.match(/converged|settled/)"
+)
 CELLS = "JSON.parse(document.querySelector('.endolab-stage').dataset.cells)"
 
 

@@ -21,9 +21,15 @@ from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.sentences import meaning
 from endolab.solvers.energy import model_image
-from endolab.solvers.result import Result
+from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots import style
-from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limit, common_limits
+from endolab.workbench.plots.scales import (
+    SOURCE_COLOURS,
+    break_line,
+    common_limit,
+    common_limits,
+    isoline_levels,
+)
 from endolab.workbench.plots.surface_view import show_cloud
 
 if TYPE_CHECKING:
@@ -68,20 +74,48 @@ def show_depth(
     label: str | None = None,
     title: str = "Distance",
 ) -> Axes:
-    """Show distances with a colour bar.
+    """Show distances in logarithmic colours, with lines of equal distance at round ones.
 
     Parameters
     ----------
     distance : (H, W) float array, in `unit`; nan where unknown
-    limits : two floats, optional
+    limits : two floats above 0, optional
         Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
         need the same: see `common_limits`.
     label : str, optional
         Of the colour bar; "distance" and the unit by default.
     """
-    limits = common_limits([distance]) if limits is None else limits
+    low, high = common_limits([distance]) if limits is None else limits
+    high = max(high, 1e-9)
+    limits = (min(max(low, 1e-3 * high), 0.99 * high), high)
     label = f"distance [{unit}]" if label is None else label
-    return style.show_values(distance, ax, title, label, limits, cmap="viridis")
+    levels = isoline_levels(*limits)
+    return style.show_values(
+        distance, ax, title, label, limits, levels=levels, cmap="viridis"
+    )
+
+
+@style.house()
+def show_map(
+    values: FloatArray,
+    ax: Axes | None = None,
+    *,
+    label: str,
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+) -> Axes:
+    """Show a map of anything but distances with a colour bar.
+
+    Parameters
+    ----------
+    values : (H, W) float array; nan where unknown
+    label : str
+        Of the colour bar: quantity and unit.
+    limits : two floats, optional
+        Ends of the colour bar; the 1st and 99th percentile by default.
+    """
+    limits = common_limits([values]) if limits is None else limits
+    return style.show_values(values, ax, title, label, limits, cmap="viridis")
 
 
 @style.house()
@@ -169,7 +203,7 @@ def show_dominant_source(
 
 @style.house()
 def show_section(
-    distances: Mapping[str, FloatArray],
+    distances: Mapping[str, FloatArray | Result | Iterate],
     field: RayField,
     ax: Axes | None = None,
     *,
@@ -181,8 +215,9 @@ def show_section(
 
     Parameters
     ----------
-    distances : mapping of str to (H, W) float array, in `unit`
-        The surfaces by name; "truth", "start" and "estimate" have colours of their own.
+    distances : mapping of str to (H, W) float array, in `unit`, or to a Result or Iterate
+        The surfaces by name; "truth", "start" and "estimate" have colours of their own. A result's line
+        has gaps where its surface is cut.
     field : RayField
         Of the camera.
     column : int, optional
@@ -195,8 +230,15 @@ def show_section(
     lines = {"truth": "black", "start": style.HOUSE.sky, "estimate": style.HOUSE.vermilion}
     more_colours = iter(style.HOUSE.curve_colours * len(distances))
     followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
-    for label, distance in distances.items():
-        points = distance[:, column, None] * field.rays[:, column, [2, 1]]
+    for label, surface in distances.items():
+        cuts = None
+        distance = surface
+        if isinstance(surface, Result | Iterate):
+            cuts = surface.problem.cuts
+            distance = surface.distance
+        points = np.asarray(distance)[:, column, None] * field.rays[:, column, [2, 1]]
+        if cuts is not None:
+            points = break_line(points, cuts[1, :, column])
         colour = lines.get(label) or next(more_colours)
         ax.plot(*points.T, color=colour, lw=1.8, label=label)
         # The start may have spikes many times as far as all else.
@@ -277,9 +319,9 @@ def overview(
     problem = iterate.problem
     unit = problem.unit
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    curves = {
+    curves: dict[str, FloatArray | Iterate] = {
         "start": np.exp(np.where(problem.mask, problem.log_d0, np.nan)),
-        "estimate": iterate.distance,
+        "estimate": iterate,
     }
     if truth is not None:
         scale = np.nanmedian((iterate.distance / truth)[problem.mask])

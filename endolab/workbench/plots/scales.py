@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 
 Colour = tuple[int, int, int]  # R, G, B of 255
 
@@ -83,6 +83,12 @@ def round_length(length: float) -> float:
     power = 10 ** np.floor(np.log10(length))
     round_ones = power * np.array([1, 2, 5])
     return float(round_ones[round_ones <= length * (1 + 1e-9)].max())
+
+
+def break_line(points: FloatArray, cuts: BoolArray) -> FloatArray:
+    """Return points of a line, (n, k), with nan where the step from one to the next, (n,), is cut."""
+    after = np.flatnonzero(cuts[:-1]) + 1
+    return np.insert(points, after, np.nan, axis=0)
 
 
 def isoline_levels(low: float, high: float) -> FloatArray:

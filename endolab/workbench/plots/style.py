@@ -18,10 +18,12 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.workbench.plots.scales import OKABE_ITO, Colour, round_length
 
 
@@ -154,19 +156,53 @@ def show_values(
     label: str,
     limits: tuple[float, float],
     ends: str | None = None,
+    levels: FloatArray | None = None,
     **look: Any,
 ) -> Axes:
-    """Show a map with a colour bar, whose `ends` are pointed where values exceed the limits."""
+    """Show a map with a colour bar, whose `ends` are pointed where values exceed the limits.
+
+    With `levels`, colours are logarithmic, and lines are drawn where values cross them.
+    """
     ax = pixel_axes(ax, title)
     low, high = limits
-    shown = ax.imshow(values, vmin=low, vmax=high, interpolation="nearest", **look)
+    norm: Normalize = Normalize(low, high)
+    if levels is not None:
+        norm = LogNorm(low, high)
+    shown = ax.imshow(values, norm=norm, interpolation="nearest", **look)
+    known = np.isfinite(values)
+    if known.any():
+        crop(ax, known)
+        if levels is not None and len(levels):
+            ax.contour(values, levels, colors="white", linewidths=0.6, alpha=0.7)
     if ends is None:
         below = bool(np.any(values < low))
         above = bool(np.any(values > high))
         ends = (("neither", "max"), ("min", "both"))[below][above]
-    colour_bar(ax, shown, label, ends)
+    bar = colour_bar(ax, shown, label, ends)
+    if levels is not None:
+        bar.ax.yaxis.set_minor_locator(NullLocator())
+        bar.set_ticks(spread(levels, low, high))
+        bar.ax.yaxis.set_major_formatter("{x:g}")
     ax.locator_params(nbins=3)
     return ax
+
+
+def spread(levels: FloatArray, low: float, high: float) -> list[float]:
+    """Return those of some levels whose numbers do not overlap on a logarithmic bar from low to high."""
+    chosen: list[float] = []
+    for level in levels.tolist():
+        if not chosen or np.log(level / chosen[-1]) > 0.09 * np.log(high / low):
+            chosen.append(level)
+    return chosen
+
+
+def crop(ax: Axes, known: BoolArray) -> None:
+    """Show what is known of a map, and a narrow edge around it."""
+    rows = np.flatnonzero(known.any(axis=1))
+    columns = np.flatnonzero(known.any(axis=0))
+    edge = 0.01 * max(known.shape)
+    ax.set_xlim(columns[0] - 0.5 - edge, columns[-1] + 0.5 + edge)
+    ax.set_ylim(rows[-1] + 0.5 + edge, rows[0] - 0.5 - edge)
 
 
 def colour_bar(
@@ -177,7 +213,8 @@ def colour_bar(
     bar = ax.figure.colorbar(
         shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend
     )
-    bar.ax.locator_params(nbins=5)
+    if not isinstance(shown.norm, LogNorm):
+        bar.ax.locator_params(nbins=5)
     # The bar lies outside the axes, on the figure's colour.
     ink = ax.yaxis.label.get_color()
     bar.ax.yaxis.label.set_color(ink)

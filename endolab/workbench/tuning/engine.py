@@ -454,7 +454,7 @@ class Tuner:
 
     def _settle(self, seen: Answer, is_stale: IsStale) -> Result:
         """Solve the problem that was looked at, and tell what is found if no other wish came."""
-        kept = _follow(seen, seen.settings, is_stale)
+        kept = solve_warm(seen, seen.settings, is_stale)
         result = kept.result
         with self._following:
             if is_stale():
@@ -473,7 +473,7 @@ class Tuner:
             if label in answer.variants or settings == answer.settings:
                 continue
             try:
-                found = _follow(answer, settings, is_stale)
+                found = solve_warm(answer, settings, is_stale)
             except ValueError as error:
                 self.refuse(f"{label}: {sentence_of(error)}")
                 continue
@@ -508,7 +508,9 @@ def _with_energy(last: Answer, settings: Knobs) -> Problem:
     return replace(last.result.problem, **energy)
 
 
-def _follow(answer: Answer, settings: Knobs, is_stale: IsStale) -> Answer:
+def solve_warm(
+    answer: Answer, settings: Knobs, is_stale: IsStale = lambda: False
+) -> Answer:
     """Solve what is wished for from an answer, with its light and contours."""
     before = answer.result
     problem = _with_energy(answer, settings)

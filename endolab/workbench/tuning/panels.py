@@ -18,6 +18,7 @@ from endolab.workbench.plots.scales import (
     OKABE_ITO,
     SOURCE_COLOURS,
     Colour,
+    break_line,
     common_limit,
     common_limits,
     round_length,
@@ -228,8 +229,7 @@ def _section(answer: Answer, view: View) -> Panel:
         """z, and x of a row or y of a column, with a gap where the surface is cut."""
         points = rays[line] * distance[line][:, None]
         if cuts is not None:
-            after = np.flatnonzero(cuts[across][line][:-1]) + 1
-            points = np.insert(points, after, np.nan, axis=0)
+            points = break_line(points, cuts[across][line])
         return points[:, 2], points[:, across]
 
     def locate(i: int, j: int) -> FloatArray:

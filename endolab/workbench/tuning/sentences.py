@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST
 from endolab.workbench.tuning.engine import Answer, Stage
-from endolab.workbench.tuning.tried import Tried, differs_by_lam
+from endolab.workbench.tuning.tried import Tried, differs_by_lam, way_to_go
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ def is_too_smooth(answer: Answer) -> bool:
     return answer.uses_lam and answer.explained < ENOUGH_CONTRAST
 
 
-def summary(answer: Answer, suggested: float | None = None) -> str:
-    """Say in one line what an answer is and how it came about; `suggested` is a λ that explains enough."""
+def summary(answer: Answer, tried: Sequence[Tried] = ()) -> str:
+    """Say in one line what an answer is and how it came about, beside what else was tried."""
     settings = answer.settings
     result = answer.result
     parts = [settings.solver.replace("_", " ")]
@@ -49,8 +50,7 @@ def summary(answer: Answer, suggested: float | None = None) -> str:
         parts = [f"λ {settings.lam:.3g}", order]
     explained = f"explains {100 * answer.explained:.1f} %"
     if is_too_smooth(answer):
-        better = "less λ" if suggested is None else f"λ {suggested:.2g} explains 99 %"
-        explained += f", too little: {better}"
+        explained += f", too little: {way_to_go(tried, answer)}"
     parts += [explained, f"residual {answer.residual_size:.1f} grey levels"]
     ended: str = answer.stage
     if ended == Stage.FINAL:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from endolab.reconstruction.contrast import suggest_lam
-from endolab.workbench.tuning.engine import Answer
+from endolab.workbench.tuning.engine import LAM_FACTORS, Answer
 from endolab.workbench.tuning.source import Knobs
 
 
@@ -48,8 +48,17 @@ def lines_of(tried: Sequence[Tried], answer: Answer) -> list[list[Tried]]:
 
 
 def suggested_lam(tried: Sequence[Tried], answer: Answer) -> float | None:
-    """Return the largest λ that explains enough with the answer's contours, if several were tried."""
+    """Return the largest λ that explains enough with the answer's contours; None if none is known to."""
     line = lines_of(tried, answer)[-1]
-    if len(line) < 2:
-        return None
     return suggest_lam([one.settings.lam for one in line], [one.explained for one in line])
+
+
+def way_to_go(tried: Sequence[Tried], answer: Answer) -> str:
+    """Say which λ explains enough, for an answer that does not."""
+    lams = [one.settings.lam for one in lines_of(tried, answer)[-1]]
+    best = suggested_lam(tried, answer)
+    if best is not None:
+        return f"λ {best:.2g} explains 99 %"
+    if len(lams) < len(LAM_FACTORS):
+        return "less λ"
+    return f"so does λ {min(lams):.2g}: wet, textured, or another light"

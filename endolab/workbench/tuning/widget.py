@@ -52,7 +52,7 @@ from endolab.workbench.tuning.pictures import DARK, DRAWING, WHOLE, Chart, Windo
 from endolab.workbench.tuning.sentences import is_too_smooth, summary, warnings
 from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.surface_view import SurfaceView
-from endolab.workbench.tuning.tried import Tried, suggested_lam
+from endolab.workbench.tuning.tried import Tried
 
 
 @dataclass(frozen=True)
@@ -538,7 +538,7 @@ class TunerBox(anywidget.AnyWidget):
 
     def _line(self, answer: Answer) -> dict[str, Any]:
         """What is said of an answer."""
-        text = summary(answer, suggested_lam(self.tried, answer))
+        text = summary(answer, self.tried)
         if self.compared:
             columns = self._columns(answer).values()
             found = sum(one is not None for one in columns)

@@ -67,11 +67,36 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     drawn = pixels(ax.figure)
     holes = np.isclose(drawn, style.HOUSE.left_out, atol=0.01).all(axis=-1).sum()
     assert holes > 0.02 * drawn[..., 0].size
-    image = plots.show_depth(distance, limits=(0.0, 200.0)).images[0]
-    assert image.get_clim() == (0.0, 200.0)
+    image = plots.show_depth(distance, limits=(1.0, 200.0)).images[0]
+    assert image.get_clim() == (1.0, 200.0)
     assert image.colorbar.extend == "neither"
     pixels(plots.show_depth(distance * np.nan).figure)
     assert plots.show_sigma(distance * np.nan).images[0].get_clim() == (0, 1)
+
+
+def test_colours_of_distances_are_logarithmic_with_lines_at_round_ones():
+    distance = np.geomspace(10.0, 160.0, 41)[None].repeat(30, axis=0)
+    ax = plots.show_depth(distance, limits=(10.0, 160.0))
+    norm = ax.images[0].norm
+    assert np.diff([norm(10.0), norm(20.0), norm(40.0)]) == pytest.approx(
+        0.25, abs=1e-9
+    )
+    (lines,) = ax.collections
+    crossed = lines.levels
+    assert crossed[:3] == pytest.approx([10, 20, 30])
+    across = lines.get_paths()[1].vertices[:, 0]  # where 20 mm are
+    assert np.interp(across, np.arange(41), distance[0]) == pytest.approx(20, rel=0.01)
+    linear = plots.show_map(distance, label="μ′ [1]", limits=(0.0, 1.0))
+    assert not linear.collections
+    assert linear.images[0].norm(0.5) == 0.5
+
+
+def test_a_map_is_cropped_to_what_is_known():
+    values = np.full((100, 200), np.nan)
+    values[40:60, 50:100] = 1.0
+    ax = plots.show_map(values, label="a [1]")
+    assert ax.get_xlim() == pytest.approx((49.5, 99.5), abs=2.1)
+    assert ax.get_ylim() == pytest.approx((59.5, 39.5), abs=2.1)
 
 
 def test_an_error_is_signed_and_centred():
@@ -98,6 +123,19 @@ def test_a_section_lies_on_the_surface(rendered):
         "truth",
         "mine",
     ]
+
+
+def test_a_section_of_a_cut_surface_has_gaps(rendered, start):
+    cuts = np.zeros((2, *start.mask.shape), bool)
+    cuts[1, 30, 40] = True  # from row 30 to 31
+    cut = replace(start, problem=replace(start.problem, cuts=cuts))
+    field = rendered.camera.field
+    whole, broken = (
+        plots.show_section({"a": surface}, field, column=40).lines[0].get_xdata()
+        for surface in (start, cut)
+    )
+    assert np.array_equal(np.delete(broken, 31), whole, equal_nan=True)
+    assert np.isnan(broken[31])
 
 
 def test_a_start_with_spikes_does_not_widen_a_section(rendered):

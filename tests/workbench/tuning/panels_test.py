@@ -149,8 +149,15 @@ def test_the_line_tells_what_is_explained_and_which_way_to_go(engine, answer, sm
     tried = [Tried.of(answer), Tried.of(smoother), Tried.of(smoothest)]
     best = suggested_lam(tried, smoothest)
     assert 1 < best < 1e4
-    assert f"λ {best:.2g}" in summary(smoothest, best)
+    assert f"λ {best:.2g}" in summary(smoothest, tried)
     assert "less λ" in summary(smoothest)
+    dark = [replace(Tried.of(smoothest), explained=0.5 + 0.1 * i) for i in range(5)]
+    lams = [10.0**i for i in range(5)]
+    none = [
+        replace(one, settings=replace(one.settings, lam=lam))
+        for one, lam in zip(dark, lams, strict=True)
+    ]
+    assert "so does λ 1:" in summary(smoothest, none)
     marched = engine.solve_cold(replace(answer.settings, solver="fast_marching"))
     assert "λ" not in summary(marched)
     assert PANELS["λ curve"](marched, View(tried=tried)).picture is None
