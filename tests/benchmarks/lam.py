@@ -3,8 +3,8 @@
     python -m tests.benchmarks.lam [SET]...
 
 Five λ are solved as the tuner does, with the light and the contours of the first, at 320 px; the rule takes
-the largest that explains 99 %, or 1 if none does. Beside its error stand those of λ = 1 and of the best of the five, which
-needs the truth. No test: it takes minutes.
+the largest that explains 99 %, or 1 if none does. Beside its error stand those of λ = 1 and of the best of
+the five, which needs the truth. No test: it takes minutes.
 """
 
 import sys
