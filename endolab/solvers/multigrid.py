@@ -69,6 +69,7 @@ def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) ->
     same to the last digit. In this and the following loops, j begins at 0 and what is added to it is not
     negative: so they compile to instructions that take many pixels at once. Views of rows would do as well,
     but counting who holds a view takes longer than a row, and the cores wait for one another to count.
+    k and i are never written as numbers: the loop would be compiled once more for each.
     """
     count = x.shape[2] - 2 * PAD
     for j in range(count):
@@ -124,7 +125,7 @@ def _multiply(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
-        _row_times(m, x, 0, i, row)
+        _row_times(m, x, len(x) - 1, i, row)
         for j in range(row.size):
             out[i, j + 2] = row[j]
 
@@ -230,7 +231,7 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
             for above in range(PAD + 1):
                 for j in range(out.shape[1]):
                     sizes[k, PAD - above, j] = abs(m[k, i - above, j])
-        _row_times(sizes, ones, 0, PAD, row)
+        _row_times(sizes, ones, len(ones) - 1, sizes.shape[1] - 1, row)
         for j in range(row.size):
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
