@@ -2,8 +2,8 @@
 
 Every function but the page, `overview`, draws into the axes ``ax`` it
 is given, or into new ones, under ``title``, and returns the axes. Maps are nan where unknown,
-which is shown in neutral grey; ``unit`` is that of the distances. Colours are safe for
-colour-blind readers, and axes carry units (`style`).
+which is shown in neutral grey; where little is known, maps end around it. ``unit`` is that of the
+distances. Colours are safe for colour-blind readers, and axes carry units (`style`).
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.sentences import meaning
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
@@ -34,6 +36,16 @@ from endolab.workbench.plots.surface_view import show_cloud
 
 if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty.estimate import Uncertainty
+
+
+Surface = FloatArray | Iterate | Result  # distances, or who knows where they are cut, too
+
+
+def _distance_and_cuts(surface: Surface) -> tuple[FloatArray, BoolArray | None]:
+    """Distances, (H, W), and cuts, (2, H, W), if the surface knows any."""
+    if isinstance(surface, Iterate | Result):
+        return surface.distance, surface.problem.cuts
+    return surface, None
 
 
 def _draw(picture: FloatArray, ax: Axes | None, title: str, **look: Any) -> Axes:
@@ -66,33 +78,41 @@ def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Fram
 
 @style.house()
 def show_depth(
-    distance: FloatArray,
+    surface: Surface,
     ax: Axes | None = None,
     *,
     unit: str = "mm",
     limits: tuple[float, float] | None = None,
-    label: str | None = None,
     title: str = "Distance",
 ) -> Axes:
-    """Show distances in logarithmic colours, with lines of equal distance at round ones.
+    """Show distances in logarithmic colours, with isolines at the ticks of the colour bar.
+
+    Equal ratios are equal steps of colour. Isolines end where the surface is cut.
 
     Parameters
     ----------
-    distance : (H, W) float array, in `unit`; nan where unknown
-    limits : two floats above 0, optional
+    surface : (H, W) float array in `unit`, nan where unknown; or Iterate or Result
+        An array is taken to be cut where it jumps, see `metrics.depth_cuts`.
+    limits : two positive floats, optional
         Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
         need the same: see `common_limits`.
-    label : str, optional
-        Of the colour bar; "distance" and the unit by default.
     """
+    distance, cuts = _distance_and_cuts(surface)
     low, high = common_limits([distance]) if limits is None else limits
-    high = max(high, 1e-9)
-    limits = (min(max(low, 1e-3 * high), 0.99 * high), high)
-    label = f"distance [{unit}]" if label is None else label
-    levels = isoline_levels(*limits)
-    return style.show_values(
-        distance, ax, title, label, limits, levels=levels, cmap="viridis"
-    )
+    low = max(low, 1e-3 * high)
+    high = max(high, 1.01 * low)
+    look: Any = {"scale": LogNorm, "cmap": "viridis"}
+    ax = style.show_values(distance, ax, title, f"distance [{unit}]", (low, high), **look)
+    if surface is distance:
+        cuts = depth_cuts(distance)
+    if cuts is not None:
+        distance = np.where(cuts.any(axis=0), np.nan, distance)
+    known = distance[np.isfinite(distance)]
+    levels = isoline_levels(low, high)
+    # Matplotlib would warn of levels none of which is crossed.
+    if np.any((levels > known.min(initial=high)) & (levels < known.max(initial=low))):
+        ax.contour(distance, levels, colors="white", linewidths=0.7, alpha=0.65)
+    return ax
 
 
 @style.house()
@@ -104,15 +124,15 @@ def show_map(
     limits: tuple[float, float] | None = None,
     title: str = "",
 ) -> Axes:
-    """Show a map of anything but distances with a colour bar.
+    """Show a map of what is no distance, in linear colours.
 
     Parameters
     ----------
     values : (H, W) float array; nan where unknown
     label : str
-        Of the colour bar: quantity and unit.
+        Of the colour bar: quantity [unit].
     limits : two floats, optional
-        Ends of the colour bar; the 1st and 99th percentile by default.
+        As of `show_depth`.
     """
     limits = common_limits([values]) if limits is None else limits
     return style.show_values(values, ax, title, label, limits, cmap="viridis")
@@ -128,9 +148,11 @@ def show_normals(
     ----------
     normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
     """
-    known = np.isfinite(normals).all(axis=-1, keepdims=True)
+    known: BoolArray = np.all(np.isfinite(normals), axis=-1)
     colours = np.clip((normals + 1) / 2, 0, 1)
-    return _draw(np.where(known, colours, style.HOUSE.left_out), ax, title)
+    ax = _draw(np.where(known[..., None], colours, style.HOUSE.left_out), ax, title)
+    style.crop(ax, known)
+    return ax
 
 
 @style.house()
@@ -184,6 +206,7 @@ def show_dominant_source(
     """
     colours = [style.HOUSE.left_out, *np.array([*SOURCE_COLOURS.values()]) / 255]
     ax = _draw(np.array(colours)[dominant_source], ax, title)
+    style.crop(ax, dominant_source > 0)
     inside = dominant_source[dominant_source > 0]
     patches = []
     for k, name in enumerate(SOURCE_COLOURS, 1):
@@ -203,7 +226,7 @@ def show_dominant_source(
 
 @style.house()
 def show_section(
-    distances: Mapping[str, FloatArray | Result | Iterate],
+    distances: Mapping[str, Surface],
     field: RayField,
     ax: Axes | None = None,
     *,
@@ -215,9 +238,9 @@ def show_section(
 
     Parameters
     ----------
-    distances : mapping of str to (H, W) float array, in `unit`, or to a Result or Iterate
-        The surfaces by name; "truth", "start" and "estimate" have colours of their own. A result's line
-        has gaps where its surface is cut.
+    distances : mapping of str to (H, W) float array in `unit`, or Iterate or Result
+        The surfaces by name; "truth", "start" and "estimate" have colours of their own. The line of an
+        Iterate or Result has gaps where its surface is cut.
     field : RayField
         Of the camera.
     column : int, optional
@@ -231,12 +254,8 @@ def show_section(
     more_colours = iter(style.HOUSE.curve_colours * len(distances))
     followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
     for label, surface in distances.items():
-        cuts = None
-        distance = surface
-        if isinstance(surface, Result | Iterate):
-            cuts = surface.problem.cuts
-            distance = surface.distance
-        points = np.asarray(distance)[:, column, None] * field.rays[:, column, [2, 1]]
+        distance, cuts = _distance_and_cuts(surface)
+        points = distance[:, column, None] * field.rays[:, column, [2, 1]]
         if cuts is not None:
             points = break_line(points, cuts[1, :, column])
         colour = lines.get(label) or next(more_colours)
@@ -319,7 +338,7 @@ def overview(
     problem = iterate.problem
     unit = problem.unit
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    curves: dict[str, FloatArray | Iterate] = {
+    curves: dict[str, Surface] = {
         "start": np.exp(np.where(problem.mask, problem.log_d0, np.nan)),
         "estimate": iterate,
     }
@@ -341,7 +360,8 @@ def overview(
     with style.page(1 + 5 * columns, 9) as figure:
         panels = figure.subplots(2, columns)
         show_picture(problem.shown, panels[0, 0])
-        show_depth(iterate.distance, panels[0, 1], unit=unit)
+        style.crop(panels[0, 0], problem.mask)
+        show_depth(iterate, panels[0, 1], unit=unit)
         show_normals(iterate.normals, panels[0, 2])
         show_cloud(iterate.points, problem.shown, panels[1, 0], unit=unit)
         show_section(curves, problem.field, panels[1, 1], unit=unit)

@@ -20,11 +20,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.workbench.plots.scales import OKABE_ITO, Colour, round_length
+from endolab.workbench.plots.scales import OKABE_ITO, Colour, isoline_levels, round_length
 
 
 def hex_colour(colour: Colour) -> str:
@@ -47,6 +46,9 @@ class Look:
     orange: str = hex_colour(OKABE_ITO.orange)
     text_size: float = 12.0  # at 100 dots per inch 17 px, and 8 at half size
     page_text_size: float = 13.0  # of pages of many panels, which are shown smaller
+    between_ticks: float = 0.09  # of a colour bar, between two numbers
+    margin: float = 0.01  # of a picture's longer side, around what is known
+    most_shown: float = 0.8  # of a picture: if more is known, all of it is shown
 
     @property
     def curve_colours(self) -> tuple[str, ...]:
@@ -156,53 +158,35 @@ def show_values(
     label: str,
     limits: tuple[float, float],
     ends: str | None = None,
-    levels: FloatArray | None = None,
+    scale: type[Normalize] = Normalize,
     **look: Any,
 ) -> Axes:
-    """Show a map with a colour bar, whose `ends` are pointed where values exceed the limits.
-
-    With `levels`, colours are logarithmic, and lines are drawn where values cross them.
-    """
+    """Show a map with a colour bar, whose `ends` are pointed where values exceed the limits."""
     ax = pixel_axes(ax, title)
     low, high = limits
-    norm: Normalize = Normalize(low, high)
-    if levels is not None:
-        norm = LogNorm(low, high)
-    shown = ax.imshow(values, norm=norm, interpolation="nearest", **look)
-    known = np.isfinite(values)
-    if known.any():
-        crop(ax, known)
-        if levels is not None and len(levels):
-            ax.contour(values, levels, colors="white", linewidths=0.6, alpha=0.7)
+    shown = ax.imshow(values, norm=scale(low, high), interpolation="nearest", **look)
+    crop(ax, np.isfinite(values))
     if ends is None:
         below = bool(np.any(values < low))
         above = bool(np.any(values > high))
         ends = (("neither", "max"), ("min", "both"))[below][above]
-    bar = colour_bar(ax, shown, label, ends)
-    if levels is not None:
-        bar.ax.yaxis.set_minor_locator(NullLocator())
-        bar.set_ticks(spread(levels, low, high))
-        bar.ax.yaxis.set_major_formatter("{x:g}")
+    colour_bar(ax, shown, label, ends)
     ax.locator_params(nbins=3)
     return ax
 
 
-def spread(levels: FloatArray, low: float, high: float) -> list[float]:
-    """Return those of some levels whose numbers do not overlap on a logarithmic bar from low to high."""
-    chosen: list[float] = []
-    for level in levels.tolist():
-        if not chosen or np.log(level / chosen[-1]) > 0.09 * np.log(high / low):
-            chosen.append(level)
-    return chosen
-
-
 def crop(ax: Axes, known: BoolArray) -> None:
-    """Show what is known of a map, and a narrow edge around it."""
-    rows = np.flatnonzero(known.any(axis=1))
-    columns = np.flatnonzero(known.any(axis=0))
-    edge = 0.01 * max(known.shape)
-    ax.set_xlim(columns[0] - 0.5 - edge, columns[-1] + 0.5 + edge)
-    ax.set_ylim(rows[-1] + 0.5 + edge, rows[0] - 0.5 - edge)
+    """Show the part of a map, (H, W), that is known, if it is much smaller; axes stay in px."""
+    margin = HOUSE.margin * max(known.shape)
+    ends = []
+    for axis, size in enumerate(known.shape[::-1]):
+        inside = np.flatnonzero(known.any(axis=axis))
+        if not inside.size:
+            return
+        low = max(inside[0] - margin, 0) - 0.5
+        ends.append((low, min(inside[-1] + margin, size - 1) + 0.5))
+    if np.prod(np.ptp(ends, axis=1)) < HOUSE.most_shown * known.size:
+        ax.set(xlim=ends[0], ylim=ends[1][::-1])
 
 
 def colour_bar(
@@ -213,7 +197,9 @@ def colour_bar(
     bar = ax.figure.colorbar(
         shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend
     )
-    if not isinstance(shown.norm, LogNorm):
+    if isinstance(shown.norm, LogNorm):
+        _tick_isolines(bar, *shown.get_clim())
+    else:
         bar.ax.locator_params(nbins=5)
     # The bar lies outside the axes, on the figure's colour.
     ink = ax.yaxis.label.get_color()
@@ -221,6 +207,19 @@ def colour_bar(
     bar.ax.tick_params(colors=ink)
     bar.outline.set_edgecolor(ink)
     return bar
+
+
+def _tick_isolines(bar: Colorbar, low: float, high: float) -> None:
+    """Tick a logarithmic colour bar where maps have isolines; numbers only where there is room."""
+    levels = isoline_levels(low, high)
+    labels = []
+    below = -1.0
+    for level, place in zip(levels, np.log(levels / low) / np.log(high / low), strict=True):
+        has_room = place - below > HOUSE.between_ticks
+        labels.append(f"{level:g}" if has_room else "")
+        below = place if has_room else below
+    bar.set_ticks(levels.tolist(), labels=labels)
+    bar.minorticks_off()
 
 
 def legend_below(ax: Axes, **what: Any) -> None:

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import replace
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -91,12 +92,49 @@ def test_colours_of_distances_are_logarithmic_with_lines_at_round_ones():
     assert linear.images[0].norm(0.5) == 0.5
 
 
-def test_a_map_is_cropped_to_what_is_known():
+def test_isolines_lie_at_the_ticks_and_not_across_jumps():
+    ramp = np.tile(np.arange(20.5, 60.0), (30, 1))
+    ramp[:, 20:] += 60  # from 39.5 to 100.5 mm in one step
+    ax = plots.show_depth(ramp)
+    (lines,) = ax.collections
+    assert set(lines.levels) <= set(ax.images[0].colorbar.get_ticks())
+    drawn = {}
+    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+        if len(path):
+            drawn[level] = np.unique(path.vertices[:, 0])
+    assert drawn == {30: 9.5, 110: 29.5}
+    assert not plots.show_depth(np.full((9, 9), 40.0)).collections
+
+
+def test_isolines_stay_away_from_cuts(start):
+    cuts = np.zeros((2, *start.mask.shape), bool)
+    cuts[1, 30] = True  # from row 30 to 31
+    ax = plots.show_depth(replace(start, problem=replace(start.problem, cuts=cuts)))
+    paths = ax.collections[0].get_paths()
+    rows = np.concatenate([path.vertices[:, 1] for path in paths])
+    assert rows.min() < 20 < 40 < rows.max()
+    assert not np.any((rows > 30.01) & (rows < 30.99))
+
+
+@pytest.mark.parametrize("limits", [(10, 115), (2, 900), (0.31, 1.24), (40, 40)])
+def test_numbers_beside_a_colour_bar_do_not_overlap(limits):
+    axes = plt.subplots(1, 3, figsize=(11, 3), layout="constrained")[1]
+    ax = plots.show_depth(np.geomspace(*limits, 120).reshape(10, 12), axes[0])
+    ax.figure.canvas.draw()
+    texts = ax.images[0].colorbar.ax.get_yticklabels()
+    boxes = [text.get_window_extent() for text in texts if text.get_text()]
+    assert all(below.y1 < above.y0 for below, above in pairwise(boxes))
+
+
+def test_maps_end_around_what_is_known():
     values = np.full((100, 200), np.nan)
     values[40:60, 50:100] = 1.0
-    ax = plots.show_map(values, label="a [1]")
-    assert ax.get_xlim() == pytest.approx((49.5, 99.5), abs=2.1)
-    assert ax.get_ylim() == pytest.approx((59.5, 39.5), abs=2.1)
+    facing = values[..., None] * [0.0, 0.0, -1.0]
+    for ax in (plots.show_map(values, label="a [1]"), plots.show_normals(facing)):
+        assert ax.get_xlim() == pytest.approx((49.5, 99.5), abs=2.1)
+        assert ax.get_ylim() == pytest.approx((59.5, 39.5), abs=2.1)
+    values[3:97, 3:197] = 1.0  # hardly smaller
+    assert plots.show_map(values, label="a [1]").get_xlim() == (-0.5, 199.5)
 
 
 def test_an_error_is_signed_and_centred():
