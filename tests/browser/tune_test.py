@@ -22,6 +22,7 @@ SAID = f"document.querySelector('{STATUS}').innerText"
 FINAL = (
     f"() => document.querySelector('{STATUS}')?.innerText.match(/converged|settled/)"
 )
+WINDOW = "Number(document.querySelector('.endolab-stage').dataset.window)"
 FRAMES = '.endolab-knob:has-text("frame or scene") select'
 END = 30  # s until all must have ended, on a machine with much to do; 3 s pass after the last page
 
@@ -127,6 +128,61 @@ def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(
     assert page.complaints == []
     page.close()
     assert ended(process) == (0, "ended")
+
+
+def test_maps_zoom_by_the_wheel_and_the_path_is_gone_through_and_keys_are_listed(
+    start, visit
+):
+    _, link = start("sim/frame.png")
+    page = visit(link)
+    page.wait_for_function(FINAL)
+    x, y = 200, 300  # on the first map
+    label = page.locator(".endolab-said")
+    page.mouse.move(x, y)
+    label.first.wait_for()
+    before = label.nth(1).inner_text()
+    page.mouse.wheel(0, -600)
+    page.wait_for_function(f"() => {WINDOW} < 0.5")
+    page.mouse.move(x + 1, y)
+    page.wait_for_timeout(300)
+    assert label.nth(1).inner_text()[:2] == before[:2]  # the same place of the wall
+    page.mouse.dblclick(x, y)
+    page.wait_for_function(f"() => {WINDOW} === 1")
+    page.keyboard.press("?")
+    page.get_by_text("3D from the camera").wait_for()
+    page.keyboard.press("Escape")
+    page.keyboard.press("v")
+    page.get_by_role("button", name="from outside").wait_for()
+    page.get_by_label("iterate").fill("1")
+    page.wait_for_function(f"() => {SAID}.includes('iteration')")
+    page.get_by_title("All options at once.").select_option("paper")
+    page.wait_for_function(f"() => {SAID}.includes('second order')")
+    photograph(page, "tune_paper")
+    assert page.complaints == []
+
+
+@pytest.mark.parametrize("width", [900, 1366])
+def test_at_night_the_page_is_dark_and_warnings_open_over_it(start, browser, width):
+    _, link = start("sim/frame.png")
+    context = browser.new_context(
+        viewport={"width": width, "height": 768}, color_scheme="dark"
+    )
+    page = context.new_page()
+    page.goto(link)
+    page.wait_for_function(FINAL, timeout=60_000)
+    page.locator(".endolab-lam input").first.fill("100000")
+    page.keyboard.press("Enter")
+    chip = page.locator(".endolab-chip").filter(has_text="explains")
+    chip.locator("summary").click(timeout=60_000)
+    said = chip.locator("div").bounding_box()
+    assert said["x"] >= 0
+    assert said["x"] + said["width"] <= width
+    photograph(page, f"tune_dark_{width}")
+    grey = page.evaluate(
+        "getComputedStyle(document.querySelector('.endolab-tuner')).backgroundColor"
+    )
+    assert grey == "rgb(25, 25, 25)"
+    context.close()
 
 
 def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(

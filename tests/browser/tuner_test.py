@@ -67,7 +67,10 @@ def test_a_slider_moves_by_tenths_of_a_decade_and_a_number_can_be_typed(opened):
 def test_the_section_follows_the_pointer_and_one_cursor_reads_all_maps(opened):
     page = opened.page
     page.mouse.move(*at(page, 0.9, 0.5))
-    page.wait_for_function(f"() => document.querySelectorAll('{LABEL}').length === 3")
+    # Of three maps, and of the section.
+    page.wait_for_function(f"() => document.querySelectorAll('{LABEL}').length === 4")
+    assert page.locator(LABEL).nth(3).inner_text().startswith("column ")
+    assert page.locator(".endolab-marker").is_visible()
     assert page.locator(LABEL).nth(1).inner_text().endswith(" mm")
     before = page.locator(PICTURE).get_attribute("src")
     status = page.locator(STATUS).inner_text()

@@ -167,7 +167,11 @@ function render({ model, el }) {
       if (text) put(add("div", "endolab-said", marks, { textContent: text }), [left, bottom, right, bottom]);
     });
     if (!cursor) return;
-    for (const [x, y] of model.get("cursor_marks")) if (x) put(add("div", "endolab-mark", marks), [x, y, x, y]);
+    model.get("cursor_marks").forEach(([x, y], i) => {
+      if (x === undefined) return;
+      put(add("div", "endolab-mark", marks), [x, y, x, y]);
+      put(add("div", "endolab-said", marks, { textContent: model.get("cursor_texts")[i] }), [x, y, x, y]);
+    });
   };
   follow(["cursor_texts", "cursor_marks"], point);
   follow(["cells"], () => {
@@ -214,7 +218,10 @@ function render({ model, el }) {
       return fixed + times * (end - fixed);
     }));
   };
-  follow(["window"], () => { part = model.get("window"); });
+  follow(["window"], () => {
+    part = model.get("window");
+    stage.dataset.window = part[2] - part[0];
+  });
   image.addEventListener("wheel", zoom, { passive: false });
   image.ondblclick = () => see([0, 0, 1, 1]);
   image.onpointerdown = (event) => {
