@@ -65,6 +65,7 @@ bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.refit
 	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.highlights
+	$(BIN)/python -m tests.benchmarks.lam
 
 unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'

@@ -1,10 +1,10 @@
 """Whether the λ that the explained contrast suggests is a good one: a table in Markdown.
 
-    python -m tests.benchmarks.lam [SET]...
+    python -m tests.benchmarks.lam [WIDTH] [SET]...
 
-Five λ are solved as the tuner does, with the light and the contours of the first, at 320 px; the rule takes
-the largest that explains 99 %, or 1 if none does. Beside its error stand those of λ = 1 and of the best of
-the five, which needs the truth. No test: it takes minutes.
+Five λ are solved as the tuner does, with the light and the contours of the first, at 320 px at most; the rule
+takes the largest that explains 99 %, or 1 if none does. Beside its error stand those of a solve anew there,
+of λ = 1 and of the best of the five, which needs the truth. No test: it takes minutes.
 """
 
 import sys
@@ -19,15 +19,23 @@ from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 
 SETS = ("rendered", "traced", "c3vd_shapes", "c3vd", "simcol3d_nominal")
-HEADS = ("frames", "suggested λ", "error %", "at λ = 1", "at the best", "best λ")
+HEADS = (
+    "frames",
+    "none explains 99 %",
+    "suggested λ",
+    "error %",
+    "solved anew",
+    "at λ = 1",
+    "at the best",
+    "best λ",
+)
 WIDTH = 320
 
 
-def solve(case: Case) -> tuple[dict[float, Answer], float]:
-    """Answers to all λ, and the λ that is suggested."""
+def solve(case: Case) -> tuple[dict[float, Answer], float | None, Answer]:
+    """Answers to all λ, the λ that is suggested, and what a solve anew finds there."""
     tuner = Tuner(case.calibration, frame=case.frame)
-    first = tuner.solve_cold(Knobs(scene=None, width=WIDTH, channel="auto"))
-    tuner.close()
+    first = tuner.solve_cold(Knobs(scene=None, width=case.frame.width, channel="auto"))
     found = {1.0: first}
 
     def add(lam: float) -> None:
@@ -37,14 +45,19 @@ def solve(case: Case) -> tuple[dict[float, Answer], float]:
     for lam in values_of_lam(1.0).values():
         add(lam)
     explained = [answer.explained for answer in found.values()]
-    suggested = suggest_lam([*found], explained) or 1.0  # as the guide advises
-    add(suggested)
-    return found, suggested
+    suggested = suggest_lam([*found], explained)
+    anew = first
+    if suggested is not None:
+        add(suggested)
+        anew = tuner.solve_cold(replace(first.settings, lam=suggested))
+    tuner.close()
+    return found, suggested, anew
 
 
 def row_of(case: Case) -> list[float]:
-    """Suggested λ, its error, that of 1, the least of the five, and its λ."""
-    found, suggested = solve(case)
+    """Whether none is suggested, suggested λ, its errors, that of 1, the least of the five, and its λ."""
+    found, advised, anew = solve(case)
+    suggested = advised or 1.0  # as the guide advises
     errors = {lam: case.errors_of(found[lam].result).mean_percent for lam in found}
     tried = values_of_lam(1.0).values()
     best = min(tried, key=errors.__getitem__)
@@ -52,27 +65,30 @@ def row_of(case: Case) -> list[float]:
         f"{lam:g}: {100 * found[lam].explained:.1f} % {errors[lam]:.2f}"
         for lam in sorted(tried)
     )
+    error = case.errors_of(anew.result).mean_percent
     print(
-        f"{case.name:16} {told}; {suggested:.2g}: {errors[suggested]:.2f}", flush=True
+        f"{case.name:16} {told}; {suggested:.2g}: {errors[suggested]:.2f}, "
+        f"anew {error:.2f}",
+        flush=True,
     )
-    return [suggested, errors[suggested], errors[1.0], errors[best], best]
+    of_rule = [advised is None, suggested, errors[suggested], error]
+    return [*of_rule, errors[1.0], errors[best], best]
 
 
-def mean_of(name: str) -> list[str]:
+def mean_of(name: str, width: int) -> list[str]:
     """Means over the frames of a set, of λ geometric ones."""
-    rows = [row_of(case.resize(WIDTH)) for case in cases_of(name)]
+    rows = [row_of(case.resize(width)) for case in cases_of(name)]
     if not rows:
-        return [name, *"–––––"]
-    suggested, error, usual, least, best = np.transpose(rows)
+        return [name, *"–––––––"]
+    none, suggested, *errors, best = np.transpose(rows)
     middle = (np.exp(np.mean(np.log(lams))) for lams in (suggested, best))
     first, last = (f"{lam:.2g}" for lam in middle)
-    return [
-        name,
-        first,
-        *(f"{np.mean(values):.2f}" for values in (error, usual, least)),
-        last,
-    ]
+    means = (f"{np.mean(values):.2f}" for values in errors)
+    return [name, f"{none.sum():.0f} of {len(rows)}", first, *means, last]
 
 
 if __name__ == "__main__":
-    table("λ by the explained contrast", HEADS, map(mean_of, sys.argv[1:] or SETS))
+    names = sys.argv[1:]
+    width = int(names.pop(0)) if names and names[0].isdigit() else WIDTH
+    rows = [mean_of(name, width) for name in names or SETS]
+    table("λ by the explained contrast", HEADS, rows)
