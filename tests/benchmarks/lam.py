@@ -29,7 +29,6 @@ HEADS = (
     "at the best",
     "best λ",
 )
-WIDTH = 320
 
 
 def solve(case: Case) -> tuple[dict[float, Answer], float | None, Answer]:
@@ -71,8 +70,8 @@ def row_of(case: Case) -> list[float]:
         f"anew {error:.2f}",
         flush=True,
     )
-    of_rule = [advised is None, suggested, errors[suggested], error]
-    return [*of_rule, errors[1.0], errors[best], best]
+    scores = (errors[suggested], error, errors[1.0], errors[best])
+    return [advised is None, suggested, *scores, best]
 
 
 def mean_of(name: str, width: int) -> list[str]:
@@ -81,14 +80,13 @@ def mean_of(name: str, width: int) -> list[str]:
     if not rows:
         return [name, *"–––––––"]
     none, suggested, *errors, best = np.transpose(rows)
-    middle = (np.exp(np.mean(np.log(lams))) for lams in (suggested, best))
-    first, last = (f"{lam:.2g}" for lam in middle)
+    first, last = (f"{np.exp(np.mean(np.log(lams))):.2g}" for lams in (suggested, best))
     means = (f"{np.mean(values):.2f}" for values in errors)
     return [name, f"{none.sum():.0f} of {len(rows)}", first, *means, last]
 
 
 if __name__ == "__main__":
     names = sys.argv[1:]
-    width = int(names.pop(0)) if names and names[0].isdigit() else WIDTH
+    width = int(names.pop(0)) if "".join(names[:1]).isdigit() else 320
     rows = [mean_of(name, width) for name in names or SETS]
     table("λ by the explained contrast", HEADS, rows)
