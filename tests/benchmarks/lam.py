@@ -43,7 +43,7 @@ def solve(case: Case) -> tuple[dict[float, Answer], float | None, Answer]:
 
     for lam in values_of_lam(1.0).values():
         add(lam)
-    explained = [answer.explained for answer in found.values()]
+    explained = [answer.explained_contrast for answer in found.values()]
     suggested = suggest_lam([*found], explained)
     anew = first
     if suggested is not None:
@@ -60,13 +60,13 @@ def row_of(case: Case) -> list[float]:
     errors = {lam: case.errors_of(found[lam].result).mean_percent for lam in found}
     tried = values_of_lam(1.0).values()
     best = min(tried, key=errors.__getitem__)
-    told = " ".join(
-        f"{lam:g}: {100 * found[lam].explained:.1f} % {errors[lam]:.2f}"
+    line = " ".join(
+        f"{lam:g}: {100 * found[lam].explained_contrast:.1f} % {errors[lam]:.2f}"
         for lam in sorted(tried)
     )
     error = case.errors_of(anew.result).mean_percent
     print(
-        f"{case.name:16} {told}; {suggested:.2g}: {errors[suggested]:.2f}, "
+        f"{case.name:16} {line}; {suggested:.2g}: {errors[suggested]:.2f}, "
         f"anew {error:.2f}",
         flush=True,
     )

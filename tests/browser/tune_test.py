@@ -174,9 +174,9 @@ def test_at_night_the_page_is_dark_and_warnings_open_over_it(start, browser, wid
     page.keyboard.press("Enter")
     chip = page.locator(".endolab-chip").filter(has_text="explains")
     chip.locator("summary").click(timeout=60_000)
-    said = chip.locator("div").bounding_box()
-    assert said["x"] >= 0
-    assert said["x"] + said["width"] <= width
+    sentence = chip.locator("div").bounding_box()
+    assert sentence["x"] >= 0
+    assert sentence["x"] + sentence["width"] <= width
     photograph(page, f"tune_dark_{width}")
     grey = page.evaluate(
         "getComputedStyle(document.querySelector('.endolab-tuner')).backgroundColor"

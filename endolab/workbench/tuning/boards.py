@@ -172,7 +172,10 @@ def draw_frame(image: FloatArray, view: View) -> Board:
     """A frame, before there is an answer."""
     paper = np.full((view.room[1], view.room[0], 3), view.look.paper, np.uint8)
     cell = paper[: view.room[1] // 2, : view.room[0] // 3]
-    Map("Frame", grey_or_colour(image)).draw(cell, view.text, view.look)
+    step = max(
+        1, max(image.shape) // max(cell.shape)
+    )  # a frame of megapixels is not copied whole
+    Map("Frame", grey_or_colour(image[::step, ::step])).draw(cell, view.text, view.look)
     return Board(paper, [])
 
 
@@ -226,7 +229,7 @@ def draw_columns(columns: Mapping[str, Answer | None], like: Answer, view: View)
             continue
         first = replace(
             PANELS["normals"](answer, view),
-            title=f"{label}: explains {100 * answer.explained:.1f} %",
+            title=f"{label}: explains {100 * answer.explained_contrast:.1f} %",
         )
         change = change_map("Change [%]", changes[label], end)
         if answer is like:

@@ -148,7 +148,7 @@ class Answer:
         return self.settings.solver in FIRST_STEPS
 
     @cached_property
-    def explained(self) -> float:
+    def explained_contrast(self) -> float:
         """Share of the picture's contrast that the surface explains."""
         return explained_share(self.result.problem, self.residual / 255)
 

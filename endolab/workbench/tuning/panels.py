@@ -302,7 +302,7 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
                 label = f"{lam:.2g}" if is_now and values is heights else ""
                 dots.append(Dot(lam, height, shade, label, tried.settings))
     lam = answer.settings.lam
-    dots.append(Dot(lam, _height(answer.explained), OKABE_ITO.vermilion))
+    dots.append(Dot(lam, _height(answer.explained_contrast), OKABE_ITO.vermilion))
     ends = np.array([min(dot.x for dot in dots), max(dot.x for dot in dots)])
     enough = np.full(2, _height(ENOUGH_CONTRAST))
     beyond = np.array([ends[0] / 10, ends[1] * 10])

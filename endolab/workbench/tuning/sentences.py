@@ -35,7 +35,7 @@ class Warning:
 
 def is_too_smooth(answer: Answer) -> bool:
     """Whether too little of the picture's contrast is explained, and λ can help."""
-    return answer.uses_lam and answer.explained < ENOUGH_CONTRAST
+    return answer.uses_lam and answer.explained_contrast < ENOUGH_CONTRAST
 
 
 def summary(answer: Answer, tried: Sequence[Tried] = ()) -> str:
@@ -48,7 +48,7 @@ def summary(answer: Answer, tried: Sequence[Tried] = ()) -> str:
         order += " order" * (order in ("first", "second"))
         order += " (auto)" * (settings.regulariser == "auto")
         parts = [f"λ {settings.lam:.3g}", order]
-    explained = f"explains {100 * answer.explained:.1f} %"
+    explained = f"explains {100 * answer.explained_contrast:.1f} %"
     if is_too_smooth(answer):
         explained += f", too little: {way_to_go(tried, answer)}"
     parts += [explained, f"residual {answer.residual_size:.1f} grey levels"]

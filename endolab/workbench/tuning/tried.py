@@ -25,7 +25,7 @@ class Tried:
         """Note what is kept."""
         return cls(
             answer.settings,
-            answer.explained,
+            answer.explained_contrast,
             answer.roughness,
             answer.contours,
             answer.cut_count,
