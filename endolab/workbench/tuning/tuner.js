@@ -89,10 +89,11 @@ function render({ model, el }) {
   const status = add("div", "endolab-status", bars);
   follow(["line"], () => {
     const { text, warnings, wrong, low } = model.get("line");
+    const open = [...status.querySelectorAll("[open] summary")].map((one) => one.textContent);
     status.replaceChildren();
     add("span", wrong ? "endolab-wrong" : low ? "endolab-low" : "", status, { textContent: text ?? "solving ..." });
     for (const { chip, text: sentence } of warnings ?? []) {
-      const details = add("details", "endolab-chip", status);
+      const details = add("details", "endolab-chip", status, { open: open.includes(chip) });
       add("summary", "", details, { textContent: chip });
       add("div", "", details, { textContent: sentence });
     }
@@ -144,13 +145,16 @@ function render({ model, el }) {
 
   // The panels
   let url, cursor, held = false;
+  const stale = []; // pictures of before
   follow(["picture"], () => {
     const [width, height, ratio] = model.get("size"), old = url;
     if (!width) return;
     url = URL.createObjectURL(new Blob([model.get("picture")], { type: "image/jpeg" }));
+    // What is still being read is not taken away.
+    if (old) stale.push(old);
+    image.onload = () => stale.splice(0).forEach((one) => URL.revokeObjectURL(one));
     image.src = url;
     Object.assign(stage.style, { width: `${width / ratio}px`, height: `${height / ratio}px` });
-    if (old) URL.revokeObjectURL(old);
   });
   const put = (node, [left, top, right, bottom]) => {
     const [x, y, width, height] = [left, top, right - left, bottom - top].map((share) => `${100 * share}%`);
