@@ -80,6 +80,8 @@ if __name__ == "__main__":
     assert tuner.stdout is not None
     found = re.search(r"http://\S+", tuner.stdout.readline())
     assert found is not None
-    row = measure(found[0])
-    tuner.wait(60)
+    try:
+        row = measure(found[0])
+    finally:
+        tuner.terminate()
     table("The tuner", row, [list(row.values())])
