@@ -525,10 +525,11 @@ class TunerBox(anywidget.AnyWidget):
             return
         view = self._view()
         board, names = self._draw(answer, view)
-        self.line = self._line(answer)
-        self.code = self.python()
-        self._tell_path()
-        self._send_board(board, names)
+        with self.hold_sync():  # one message, as a page draws anew with each
+            self.line = self._line(answer)
+            self.code = self.python()
+            self._tell_path()
+            self._send_board(board, names)
         self._say(self.hover)
         if "3D" in names:
             name = self.knobs["texture"]
