@@ -329,7 +329,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def _take(self, answer: Answer) -> None:
         """Show an answer; in the engine's thread. Of one that is there already, more is known now."""
-        if answer not in (self.now, self.kept):
+        line_before = self.line
+        is_new = answer not in (self.now, self.kept)
+        if is_new:
             if answer in self._told:
                 return  # more is known of an answer that was left
             self.now = answer
@@ -343,6 +345,8 @@ class TunerBox(anywidget.AnyWidget):
                 self.keep()
                 return
         self._show()
+        if line_before.get("wrong") and not is_new:
+            self.line = line_before  # what was refused since is still to be read
 
     def _note(self, tried: Tried) -> None:
         """Have an answer among those on the λ curve."""

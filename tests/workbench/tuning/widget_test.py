@@ -320,6 +320,18 @@ def test_the_iterates_of_the_last_run_can_be_looked_at_and_no_other_is_exported(
         box.iterate(0)
 
 
+def test_what_was_refused_stays_to_be_read_when_more_is_known_of_the_answer(
+    make, until
+):
+    """A sentence about a broken frame was gone as soon as the next λ had been solved."""
+    box = make()
+    answer = box.answer
+    until(lambda: len(answer.variants) == 4)
+    box.engine.refuse("it cannot be read")
+    box.engine.tell(answer)
+    assert box.line == {"text": "it cannot be read", "wrong": True}
+
+
 def test_presets_set_all_options_and_the_frame_stays(make):
     box = make()
     box.preset("paper")
