@@ -259,15 +259,14 @@ function render({ model, el }) {
     if (event.target.closest?.(TYPING) || !el.isConnected) return;
     let action = held_too ? undefined : KEYS[event.key];
     if (event.key === "z" && (event.ctrlKey || event.metaKey)) action = ["undo"];
-    if (["?", "Escape", "v"].includes(event.key) && !held_too) {
-      if (event.key === "v") place3d.querySelector("button")?.click();
-      else if (event.key === "?" || !keys.hidden) show_keys();
-    }
     if (event.key === "c" && !held_too) action = ["compare", model.get("compared") ? "" : "lam"];
-    if (!action) return;
+    let does = action && (() => act(...action));
+    if (event.key === "v" && !held_too) does = () => place3d.querySelector("button")?.click();
+    if (event.key === "?" || (event.key === "Escape" && !keys.hidden)) does = show_keys;
+    if (!does) return;
     event.preventDefault();
-    event.stopPropagation();
-    act(...action);
+    event.stopPropagation(); // to a notebook V means: paste a cell
+    does();
   };
   document.addEventListener("keydown", press, true);
 

@@ -239,7 +239,7 @@ class TunerBox(anywidget.AnyWidget):
         self.observe(self._guard(self._follow_knobs), "knobs")
         self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
         self.observe(self._guard(lambda change: self._show()), "window")
-        self.observe(self._guard(lambda change: self.iterate(change["new"])), "scrub")
+        self.observe(self._guard(self._follow_scrub), "scrub")
         self.observe(self._guard(lambda change: self._cut(*change["new"])), "drag")
         self.ask()
         with self._lock:
@@ -375,6 +375,11 @@ class TunerBox(anywidget.AnyWidget):
         options = {part.name for part in fields(Settings)} - {"width"}
         first = {key: value for key, value in self._first.items() if key in options}
         self.knobs = self.knobs | first | PRESETS[name]
+
+    def _follow_scrub(self, change: dict[str, Any]) -> None:
+        """Follow the slider of the path; 0 is nobody's wish."""
+        if change["new"]:
+            self.iterate(change["new"])
 
     def iterate(self, place: int) -> None:
         """Look at an iterate of the last run, from 1; the last one is the answer again."""
@@ -569,7 +574,9 @@ class TunerBox(anywidget.AnyWidget):
         self.path = count
         self.path_place = count
         self.path_text = ""
-        if self.passed is not None:
+        if self.passed is None:
+            self.scrub = 0  # so that the same place is heard again
+        else:
             self.path_place = self.passed.place
             self.path_text = f"{self.passed.place} of {count}"
 

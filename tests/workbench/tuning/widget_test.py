@@ -316,6 +316,10 @@ def test_the_iterates_of_the_last_run_can_be_looked_at_and_no_other_is_exported(
         assert np.array_equal(stored["distance"], expected, equal_nan=True)
     box.iterate(box.path)
     assert all(place.answer is answer for place in box.board.places)
+    for _ in range(2):  # the page's slider goes to the same place twice
+        box.set_state({"scrub": 1})
+        assert box.path_place == 1
+        box.iterate(box.path)
     with pytest.raises(ValueError, match="iterates"):
         box.iterate(0)
 
