@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +28,8 @@ Picture = NDArray[np.uint8]
 Limits = tuple[float, float]
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 Curve = tuple[str, FloatArray, FloatArray, Colour]  # its name, x, y
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 Window = tuple[float, float, float, float]  # the same, as shares of a picture
 WHOLE: Window = (0.0, 0.0, 1.0, 1.0)
 
@@ -96,16 +98,14 @@ def to_colours(
     return np.ascontiguousarray(colours(shares, bytes=True)[..., :3])
 
 
-def remember(
-    make: Callable[[FloatArray], Picture],
-) -> Callable[[FloatArray], Picture]:
+def remember(make: Callable[[Given], Made]) -> Callable[[Given], Made]:
     """Make a function give again what it made of the same array the last time."""
-    last: list[tuple[FloatArray, Picture]] = []
+    last: list[tuple[Given, Made]] = []
 
-    def give(array: FloatArray) -> Picture:
-        for known, picture in last:
+    def give(array: Given) -> Made:
+        for known, made in last:
             if known is array:
-                return picture
+                return made
         last[:] = [(array, make(array))]
         return last[0][1]
 

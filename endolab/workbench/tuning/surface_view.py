@@ -50,6 +50,9 @@ def _bright_colours(frame: FloatArray) -> Picture:
     return grey_or_colour(brighten(frame))
 
 
+_jpeg = remember(jpeg)
+
+
 class SurfaceView(anywidget.AnyWidget):
     """A surface with a picture on it, that is turned with the mouse; `show` shows another one."""
 
@@ -159,7 +162,7 @@ class SurfaceView(anywidget.AnyWidget):
                     self.box = box
                 self.unit = unit
                 self.far = far.astype(np.float32).tobytes()
-                self.picture = jpeg(self._picture)
+                self.picture = _jpeg(self._picture)
                 self.number += 1
             self._sent = time.monotonic()
 

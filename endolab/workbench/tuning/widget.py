@@ -215,8 +215,8 @@ class TunerBox(anywidget.AnyWidget):
         self._ratio = 1.0
         self._look = DRAWING
         self._keeps_next = False  # whether the answer to come shall be A
-        take = self._guard(self._take)
-        self.engine = Tuner(calibration, take, self._refuse, frame=frame, truth=truth)
+        self._drawings = 0  # that were begun
+        self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
         start = Knobs(scene=scene, width=width)
         shown: str | int = scene
@@ -329,11 +329,22 @@ class TunerBox(anywidget.AnyWidget):
 
     def _take(self, answer: Answer) -> None:
         """Show an answer; in the engine's thread. Of one that is there already, more is known now."""
-        line_before = self.line
-        is_new = answer not in (self.now, self.kept)
+        try:
+            with self._lock:
+                is_new = answer not in (self.now, self.kept)
+                if is_new and answer in self._told:
+                    return  # more is known of an answer that was left
+                self._accept(answer, is_new)
+                if answer.stage == Stage.FINAL and self._keeps_next:
+                    self.keep()
+                    return
+            self._show(is_new)  # the page is heard meanwhile
+        except Exception as error:
+            self._refuse(sentence_of(error))
+
+    def _accept(self, answer: Answer, is_new: bool) -> None:
+        """Take an answer as the present one, and note what a final one says of λ."""
         if is_new:
-            if answer in self._told:
-                return  # more is known of an answer that was left
             self.now = answer
             self._told.add(answer)
             if answer.stage == Stage.FINAL and self.visited[-1:] != [answer.settings]:
@@ -341,12 +352,6 @@ class TunerBox(anywidget.AnyWidget):
         if answer.stage == Stage.FINAL:
             for one in (*answer.variants.values(), answer):  # this one at the end
                 self._note(Tried.of(one))
-            if self._keeps_next:
-                self.keep()
-                return
-        self._show()
-        if line_before.get("wrong") and not is_new:
-            self.line = line_before  # what was refused since is still to be read
 
     def _note(self, tried: Tried) -> None:
         """Have an answer among those on the λ curve."""
@@ -507,16 +512,17 @@ class TunerBox(anywidget.AnyWidget):
         """Show the frame, as there is no answer yet."""
         with suppress(ValueError):  # which the answer will say
             subject = self.engine.source.subject(self.settings())
-            self._send_board(draw_frame(subject.frame.image, self._view()), [])
+            board = draw_frame(subject.frame.image, self._view())
+            self._send_board(board, [], jpeg(board.picture))
 
-    def _send_board(self, board: Board, names: Sequence[str]) -> None:
+    def _send_board(self, board: Board, names: Sequence[str], picture: bytes) -> None:
         """Have the page show a board."""
         self.board = board
         height, width = board.picture.shape[:2]
         with self.hold_sync():
             self.size = [width, height, self._ratio]
             self.cells = board.cells(names)
-            self.picture = jpeg(board.picture)
+            self.picture = picture
 
     def _draw(self, answer: Answer, view: View) -> tuple[Board, Sequence[str]]:
         """The board, and the names of its panels, if they can be chosen."""
@@ -525,24 +531,41 @@ class TunerBox(anywidget.AnyWidget):
             return draw_columns(self._columns(answer), answer, view), []
         if self.shows == "A beside B" and kept and are_comparable(kept, answer):
             return draw_pair(kept, answer, view), []
-        return draw_answer(answer, self.names, view), self.names
+        names = [*self.names]
+        return draw_answer(answer, names, view), names
 
-    def _show(self) -> None:
-        """Show the one answer, alone or beside others: panels, surface, code and status line."""
-        answer = self.passed or self.answer
-        if answer is None:
-            return
-        view = self._view()
+    def _show(self, is_new: bool = True) -> None:
+        """Show the one answer, alone or beside others: panels, surface, code and status line.
+
+        Drawing takes longest. If the engine's thread draws, the page is heard meanwhile; and if that made
+        another picture necessary, this one is dropped. What is refused meanwhile stays to be read, and what
+        was refused before, if the answer is not new.
+        """
+        with self._lock:
+            answer = self.passed or self.answer
+            if answer is None:
+                return
+            self._drawings += 1
+            number = self._drawings
+            line_before = self.line if is_new else {}
+            view = self._view()
+            texture = self.knobs["texture"]
         board, names = self._draw(answer, view)
-        with self.hold_sync():  # one message, as a page draws anew with each
-            self.line = self._line(answer)
-            self.code = self.python()
-            self._tell_path()
-            self._send_board(board, names)
-        self._say(self.hover)
+        picture = jpeg(board.picture)
+        lies = None
+        if "3D" in names and texture != "frame":
+            lies = PANELS[texture](answer, view).picture
+        with self._lock:
+            if number != self._drawings:
+                return
+            with self.hold_sync():  # one message, as a page draws anew with each
+                if self.line is line_before or not self.line.get("wrong"):
+                    self.line = self._line(answer)
+                self.code = self.python()
+                self._tell_path()
+                self._send_board(board, names, picture)
+            self._say(self.hover)
         if "3D" in names:
-            name = self.knobs["texture"]
-            lies = None if name == "frame" else PANELS[name](answer, view).picture
             moving = answer.stage in (Stage.LOOK, Stage.PASSED)
             self.surface.show(answer.result, lies, moving)
 
