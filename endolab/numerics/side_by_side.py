@@ -1,15 +1,19 @@
-"""Large maps by bands of rows, or one by one, on several threads: NumPy and OpenCV let others run meanwhile.
+"""Work on several threads: large maps by bands of rows or one by one, and what can be done meanwhile.
+
+NumPy, OpenCV and compiled loops let others run.
 
 A band's intermediate maps stay in the processor's cache, where those of a whole picture would be written to
 fresh memory and read from it.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from contextvars import copy_context
+from threading import Event
 from typing import TypeVar
 
-from endolab.numerics.threads import threads
+from endolab.numerics.threads import limit_threads, threads
 
 WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
 
@@ -45,3 +49,54 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
     step = max(1, 30_000 // columns)
     bands = [slice(i, min(i + step, rows)) for i in range(0, rows, step)]
     side_by_side(function, bands, rows * columns)
+
+
+def in_background(function: Callable[[], Found]) -> Callable[[], Found]:
+    """Begin something on a thread of its own; what is returned waits for it and gives what it found.
+
+    On one thread, it is done when it is asked for.
+    """
+    if threads() == 1:
+        return function
+
+    def alone() -> Found:
+        with limit_threads(1):  # the others are busy
+            return function()
+
+    pool = ThreadPoolExecutor(1)
+    doing = pool.submit(copy_context().run, alone)
+    pool.shutdown(wait=False)
+    return doing.result
+
+
+@contextmanager
+def run_ahead(
+    steps: Generator[Item, None, Found],
+) -> Iterator[Callable[[], Generator[Item, None, Found]]]:
+    """Run a generator in the background while it is not known yet whether it is wanted.
+
+    What is given yields what it yielded, and returns what it returned. It ends at its next item when the
+    context is left.
+    """
+    items: list[Item] = []
+    left = Event()
+
+    def go() -> Found | None:
+        while not left.is_set():
+            try:
+                items.append(next(steps))
+            except StopIteration as end:
+                return end.value
+        return None
+
+    doing = in_background(go)
+
+    def give() -> Generator[Item, None, Found]:
+        found = doing()
+        yield from items
+        return found  # type: ignore[return-value]
+
+    try:
+        yield give
+    finally:
+        left.set()

@@ -6,8 +6,9 @@ This is the stage *prepare*: the channel, the pixels that take part, the unit of
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.numerics.resampling import resample
-from endolab.numerics.side_by_side import side_by_side
+from endolab.numerics.side_by_side import in_background, side_by_side
 from endolab.reconstruction.settings import AUTO, SEPARATED, Settings
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import (
@@ -68,14 +69,19 @@ class Channel:
 class Channels:
     """A frame that is prepared: one channel, or red, green and blue."""
 
-    full: Sequence[Channel]  # on all pixels
     small: Sequence[Channel]  # on as few as bounced light and contours need
+    give_full: Callable[[], Sequence[Channel]]  # waits for them, if they are being prepared
     light: LightReport | None = None  # what is known already of indirect light
+
+    @cached_property
+    def full(self) -> Sequence[Channel]:
+        """The same on all pixels."""
+        return self.give_full()
 
     @property
     def are_colours(self) -> bool:
         """Whether there are three of them, in which indirect light is to be looked for."""
-        return len(self.full) == len(CHANNELS)
+        return len(self.small) == len(CHANNELS)
 
     @property
     def middle(self) -> Channel:
@@ -106,15 +112,19 @@ def prepare_channels(frame: Frame, endoscope: Calibration, settings: Settings) -
         settings = replace(settings, highlights=settings.highlights or "ignore")
         names = [None] if grey else CHANNELS
         light = LightReport(LightOutcome.GREY) if grey else None
-    full = make_channels(frame, endoscope, settings, names)
-    small = full
+    make_full = partial(make_channels, frame, endoscope, settings, names)
     if len(names) > 1 or settings.searches_contours:
-        camera = full[0].problem.camera
-        share = SIZES.small / max(camera.width, camera.height)
-        if share < 1 and share * min(camera.width, camera.height) >= SIZES.least_side:
-            less = replace(settings, width=round(share * camera.width), cuts=None)
-            small = make_channels(frame, endoscope, less, names)
-    return Channels(full, small, light)
+        width = settings.width or frame.width
+        height = frame.height * width / frame.width
+        share = SIZES.small / max(width, height)
+        if share < 1 and share * min(width, height) >= SIZES.least_side:
+            less = replace(settings, width=round(share * width), cuts=None)
+            check_size(frame.name, (frame.width, frame.height), endoscope.camera)
+            _check_frame(width, round(height), len(names), settings.smooth)
+            give_full = in_background(make_full)  # long before it is needed
+            return Channels(make_channels(frame, endoscope, less, names), give_full, light)
+    full = make_full()
+    return Channels(full, lambda: full, light)
 
 
 def make_problem(frame: Frame, endoscope: Calibration, **options: object) -> Problem:
@@ -145,10 +155,7 @@ def make_channels(
         height = max(1, round(frame.height * width / frame.width))
         frame = frame.resize(width, height, photometry.gamma)
         camera = camera.resize(width, height)
-    _check_frame(frame.width, frame.height, len(names))
-    if settings.smooth is not None and settings.smooth > frame.width:
-        most = f"the frame's width of {frame.width} px"
-        raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
+    _check_frame(frame.width, frame.height, len(names), settings.smooth)
     known = frame.pixels_to_use() & camera.field.valid
     no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
     mirrored = no_evidence
@@ -217,7 +224,7 @@ def _fingerprint(frame: Frame, endoscope: Calibration) -> str:
     return total.hexdigest()
 
 
-def _check_frame(width: int, height: int, channels: int) -> None:
+def _check_frame(width: int, height: int, channels: int, smooth: float | None) -> None:
     if min(width, height) < SIZES.least_side:
         least = f"expected {SIZES.least_side}x{SIZES.least_side} px or more"
         raise ValueError(
@@ -226,6 +233,9 @@ def _check_frame(width: int, height: int, channels: int) -> None:
     per_pixel = SIZES.bytes_per_pixel if channels == 1 else SIZES.bytes_per_colour_pixel
     needed = SIZES.run_bytes + width * height * per_pixel
     check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
+    if smooth is not None and smooth > width:
+        most = f"the frame's width of {width} px"
+        raise ValueError(f"smooth must not exceed {most}, got {smooth}")
 
 
 def in_units(problem: Problem) -> Problem:

@@ -60,7 +60,7 @@ class Descent:
     raised_damping: float = 1.0  # the least after less than half of a step
     most_damping: float = 1e3
     damping_factor: float = 4.0
-    inner_precision: float = 0.25  # residual that conjugate gradients leave
+    inner_precision: float = 0.15  # residual that conjugate gradients leave
     inner_steps: int = 20  # of conjugate gradients, at most
     # Ratio of a fall of the energy to the one before: as is believed at first, and at most.
     first_rate: float = 0.65
@@ -76,7 +76,7 @@ class Descent:
     # Of a look: how near its first surface comes to where it ends; its steps afterwards, and those of
     # conjugate gradients in each.
     look_tolerance: float = 1e-2
-    look_steps: int = 2
+    look_steps: int = 1
     look_inner_steps: int = 2
     # Share by which energies of one map differ, once distances were in another unit.
     same_energy: float = 1e-9

@@ -5,7 +5,7 @@ of a picture (`lines`), the more likely it is a contour: nine of ten that are st
 colons, and six to eight of ten that are steeper than .035; among polyps these are two or three of ten. So a
 surface is solved uncut and then cut at ever less steep lines, each from the one before:
 
-    uncut --> cut at lines > .07 --> cut at lines > .05 --> ... --> which of them?
+    uncut --> cut at lines > .07 --> cut at lines > .035 --> ... --> which of them?
 
 `ContourChoice` answers. Where three colours see one wall, the right surface is the one on whose light they
 agree best; of one channel, the energy tells whether there is anything to be cut at all.
@@ -68,22 +68,15 @@ class ContourChoice:
     """
 
     # How steep lines must be to be cut, one trial after the other: log d₀ per 1/320 of the longer side.
-    min_steepness: tuple[float, ...] = (0.07, 0.05, 0.035, 0.025)
-    # One more where no light bounced: the picture is the model's own, and its lines are to be trusted.
-    clean_min_steepness: float = 0.018
+    min_steepness: tuple[float, ...] = (0.07, 0.035, 0.018)
     # Share of the uncut surface's energy that a cut as long as the picture's height must save, if only the
-    # energy speaks for it: so gentle folds of a real phantom stay whole. And where no light bounced.
+    # energy speaks for it: so gentle folds of a real phantom stay whole. And where no light bounced: there
+    # the picture is the model's own, and its lines are to be trusted.
     price: float = 0.1
     clean_price: float = 0.02
     # The least cut surface is taken whose misfit is at most so many times the least, or as many times more
     # as the colours ask for indirect light.
     misfit_limit: float = 1.07
-
-    def steepnesses(self, uncut: Trial) -> tuple[float, ...]:
-        """Return what is to be tried, one after the other."""
-        if uncut.light is LightOutcome.NONE_BOUNCED:
-            return (*self.min_steepness, self.clean_min_steepness)
-        return self.min_steepness
 
     def goes_on(self, trials: Sequence[Trial]) -> bool:
         """Whether less steep lines might do better than those that were tried; the uncut surface is first."""

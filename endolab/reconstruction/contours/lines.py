@@ -16,8 +16,7 @@ and a long line would be cut where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
 neighbour, and what is cut is the strip's other side. Beside a tube's dark end the watersheds of noise
-run up the slope: nothing rises across them, so they are no contours either. A strip along the picture's
-own rim is cut off by nothing: the rim is dark, too, and nothing holds such a strip.
+run up the slope: nothing rises across them, so they are no contours either.
 """
 
 from dataclasses import dataclass
@@ -46,8 +45,6 @@ class LineSearch:
     limb_share: float = 0.25
     limb_width: float = 8.0  # a strip that is thinner than this may be a limb
     across: float = 0.1  # share of a line's slope that must lie across it, on the whole
-    # A strip that is nowhere farther from the picture's rim is cut off by no line.
-    rim_width: float = 4.0
     # Of a slope that count: what rounding makes of equals does not say which comes first.
     digits: int = 10
 
@@ -186,9 +183,7 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     steep = _medians(along, line, both.shape[1])
     total_across, total_along = (np.bincount(line, parts) for parts in (across, along))
     steep[np.abs(total_across) < LINE_SEARCH.across * total_along] = 0.0
-    at_rim = _depths(mask, region, count) <= LINE_SEARCH.rim_width * unit
     thin = LINE_SEARCH.limb_width * unit
-    steep[at_rim[both].any(axis=0)] = 0.0
     steep[_joins_a_limb(both, region, count, log_d0, thin)] = 0.0
     steepness[axis, row, column] = steep[line]
     return steepness

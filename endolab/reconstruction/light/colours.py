@@ -73,7 +73,7 @@ class LightFit:
     precision: float = 1e-5
     # Width of log ι from place to place, as a share of ι/(1 + ι) in red: the surface's errors are those of
     # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
-    width_per_pixel: float = 0.25
+    width_per_pixel: float = 0.5
     outlier: float = 1.5
     # Red, green and blue albedo of mucosa, before anything is known.
     tissue: tuple[float, float, float] = (0.7, 0.35, 0.28)
