@@ -422,8 +422,8 @@ real_frame = SimpleNamespace(exercise_1=treated_highlights, exercise_2=larger_ga
 
 # 09 ---------------------------------------------------------------------------------------
 @exercise("A pixel arrives with a step if it was more than 1 % away from its end before, and no more after.")
-def last_but_one(last, moved, run):
-    before, after = (run.depth(run.pictured[k]) for k in (-3, -2))
+def last_step(last, moved, run):
+    before, after = (run.depth(run.pictured[k]) for k in (-2, -1))
     right = np.abs(before / run.depth() - 1) > 0.01
     yield Part("last", last, right)
     step = np.median(np.abs(after - before)[right])
@@ -440,7 +440,7 @@ def nearest_to_truth(nearest, tellers, run, truth):
     yield Part("tellers", ", ".join(sorted(tellers)), ", ".join(sorted(turns)))
 
 
-recordings = SimpleNamespace(exercise_1=last_but_one, exercise_2=nearest_to_truth)
+recordings = SimpleNamespace(exercise_1=last_step, exercise_2=nearest_to_truth)
 
 
 # 10 ---------------------------------------------------------------------------------------
