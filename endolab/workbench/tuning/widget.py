@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -338,7 +338,7 @@ class TunerBox(anywidget.AnyWidget):
                 if answer.stage == Stage.FINAL and self._keeps_next:
                     self.keep()
                     return
-            self._show(is_new)  # the page is heard meanwhile
+            self._show(is_new, meanwhile=True)
         except Exception as error:
             self._refuse(sentence_of(error))
 
@@ -534,13 +534,17 @@ class TunerBox(anywidget.AnyWidget):
         names = [*self.names]
         return draw_answer(answer, names, view), names
 
-    def _show(self, is_new: bool = True) -> None:
+    def _show(self, is_new: bool = True, meanwhile: bool = False) -> None:
         """Show the one answer, alone or beside others: panels, surface, code and status line.
 
-        Drawing takes longest. If the engine's thread draws, the page is heard meanwhile; and if that made
+        Drawing takes longest. `meanwhile` the page is heard, if the engine's thread draws; and if that made
         another picture necessary, this one is dropped. What is refused meanwhile stays to be read, and what
         was refused before, if the answer is not new.
         """
+        with nullcontext() if meanwhile else self._lock:
+            self._draw_and_send(is_new)
+
+    def _draw_and_send(self, is_new: bool) -> None:
         with self._lock:
             answer = self.passed or self.answer
             if answer is None:
@@ -679,12 +683,15 @@ class TunerBox(anywidget.AnyWidget):
         """Return the Python that makes the one answer, imports included."""
         if self.answer is None:
             raise ValueError("there is no answer to write yet")
+        return self._code_of(self.answer)
+
+    def _code_of(self, answer: Answer) -> str:
         source = 'calibration = el.load_calibration("endoscope.json")  # the one given to the tuner'
         for name, known in datasets.CALIBRATIONS.items():
             if known == self._calibration:
                 source = f"calibration = el.load_calibration({name!r})"
-        settings = self.answer.settings
-        subject = self.answer.subject
+        settings = answer.settings
+        subject = answer.subject
         lines = ["from dataclasses import replace\n\nimport endolab as el\n", source]
         if settings.scene is None:
             lines.append(f"frame = el.read_frame({subject.frame.name!r}, calibration)")
@@ -697,11 +704,15 @@ class TunerBox(anywidget.AnyWidget):
         all or none. It is solved once more, to be recorded. A folder that holds files of others is written
         into only if `overwrite`.
         """
+        with self._lock:
+            answer = self._final()
+        return self._export(answer, folder, overwrite)
+
+    def _export(self, answer: Answer, folder: str | Path, overwrite: bool = False) -> Path:
         from endolab.workbench.recording.recorder import record
 
         with self._lock:
-            answer = self._final()
-            code = self.python()
+            code = self._code_of(answer)
             board = draw_answer(answer, self.names, self._view())
         settings = answer.settings
         subject = answer.subject
@@ -722,11 +733,11 @@ class TunerBox(anywidget.AnyWidget):
         if not name.strip():
             raise ValueError("name a folder to export into")
         folder = Path(name.strip()).expanduser()
-        self._final_alone()
+        answer = self._final_alone()  # whatever else is answered before the export begins
         self._tell(f"exporting into {folder} ...")
 
         def job(is_stale: object) -> None:
-            self._tell(f"exported into {self.export(folder).resolve()}")
+            self._tell(f"exported into {self._export(answer, folder).resolve()}")
 
         self.engine.do(job, f"the export into {folder}")
 
