@@ -288,6 +288,10 @@ def _try_contours(
     is_clean = trials[0].light is LightOutcome.NONE_BOUNCED
     if is_clean:  # then their energies alone decide
         few = SEPARATION_ROUNDS.clean_cut
+
+    def judge(trial: Trial) -> Trial:
+        return trial if is_clean else _LitTrial.of(trial, colours, prior)
+
     lines = find_contours(surface.problem.log_d0, surface.problem.mask)
     number = len(SEPARATION_ROUNDS.uncut)
     last = trials[0]
@@ -306,12 +310,12 @@ def _try_contours(
         )
         with run_ahead(solve) as give:
             if last is not trials[-1]:
-                trials.append(last if is_clean else _LitTrial.of(last, colours, prior))
+                trials.append(judge(last))
                 if not CHOICE.goes_on(trials):
                     return trials
             last = Trial((yield from give()), min_steepness)
     if last is not trials[-1]:
-        trials.append(last if is_clean else _LitTrial.of(last, colours, prior))
+        trials.append(judge(last))
     return trials
 
 
