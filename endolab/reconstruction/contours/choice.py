@@ -183,8 +183,8 @@ def min_steepness_of(result: Result) -> float | None:
 def solve_stage(
     problem: Problem, provenance: Provenance, stage: str, number: int = 0, **options: Any
 ) -> Generator[Iterate, None, Iterate]:
-    """Solve a problem as a round of a stage, from the surface of the one before; return the answer."""
-    steps = with_provenance(gauss_newton(problem, is_near=True, **options), provenance)
+    """Solve a problem as a round of a stage; return the answer."""
+    steps = with_provenance(gauss_newton(problem, **options), provenance)
     return (yield from name_stage(steps, stage, number))
 
 

@@ -54,9 +54,7 @@ class Pace:
 
     picture_interval: float = 0.4  # s of a full solve between one picture and the next
     rest: float = 0.1  # s without a wish, after which the hand rests
-    # Of distances: what follows has settled when it changes by less. On the demo and C3VD it is off by 1.5 % at
-    # most then, as looks are by 2 %, and half of that takes thrice as long.
-    settled: float = 2e-2
+    settled: float = 1e-2  # of distances: what follows has settled when it changes by less
     least_width: int = 128  # px, of a frame that is worth solving at half its size first
     remembered: int = 12  # final answers that come back without a solve
     # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
@@ -517,9 +515,7 @@ def solve_warm(
     before = answer.result
     problem = _with_energy(answer, settings)
     start = before.iterate.log_distance
-    steps = gauss_newton(
-        problem, start=start, settled=PACE.settled, is_near=answer.stage == Stage.LOOK
-    )
+    steps = gauss_newton(problem, start=start, settled=PACE.settled)
     result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
     return Answer(settings, Stage.KEPT, result.seconds, answer.subject, result)
 
