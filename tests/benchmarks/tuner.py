@@ -15,7 +15,8 @@ from playwright.sync_api import Page, sync_playwright
 
 from tests.benchmarks.report import table
 
-MOVES = 40  # of the handle, one after the other
+# log10 of λ, from one place of the handle to the next: no two are one, as each is to have its picture.
+MOVES = [round(-0.5 + 0.05 * number, 2) for number in range(40)]
 STEP = 0.05  # s from one to the next: twenty a second
 PICTURE = "() => document.querySelector('.endolab-picture')?.naturalWidth > 100"
 STATUS = "document.querySelector('.endolab-status')?.innerText"
@@ -45,8 +46,8 @@ def wait(page: Page, condition: str) -> float:
 def drag(page: Page) -> dict[str, Any]:
     """Drag λ, and say how long after a move the next picture comes, and what comes when the hand rests."""
     page.evaluate(WATCH)
-    for number in range(MOVES):
-        page.evaluate(TURN, ["lam", 1.5 * (number / MOVES)])
+    for place in MOVES:
+        page.evaluate(TURN, ["lam", place])
         time.sleep(STEP)
     rests = wait(page, KEPT)
     anew = wait(page, FINAL)
