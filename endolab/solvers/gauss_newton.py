@@ -303,11 +303,12 @@ def gauss_newton(
     max_iterations: int = 30,
     settled: float = 0.0,
     converged_at: float = np.nan,
+    is_near: bool = False,
 ) -> Solver:
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
-    grids are used only if it is far from the frame's surface. `inflow` is
+    grids are used only if it is far from the frame's surface, which is not asked if it `is_near`. `inflow` is
     log d where it is known, nan elsewhere, and is kept. The run has converged when by the last steps no
     more than the share `tolerance` of the energy is left to fall: their quadratics promise no more, the
     inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an
@@ -342,7 +343,7 @@ def gauss_newton(
                 return Status.CONVERGED
             if tried.iterate(iterate).change < settled:
                 return Status.SETTLED
-        if max_iterations > 0:
+        if max_iterations > 0 and not is_near:
             adapted = _State.at(finest, _adapt_start(finest, v, tolerance), problem.lam)
             if adapted.energy < state.energy:
                 state = adapted

@@ -515,7 +515,8 @@ def solve_warm(
     before = answer.result
     problem = _with_energy(answer, settings)
     start = before.iterate.log_distance
-    steps = gauss_newton(problem, start=start, settled=PACE.settled)
+    is_near = answer.stage == Stage.LOOK
+    steps = gauss_newton(problem, start=start, settled=PACE.settled, is_near=is_near)
     result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
     return Answer(settings, Stage.KEPT, result.seconds, answer.subject, result)
 
