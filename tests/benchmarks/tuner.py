@@ -16,7 +16,7 @@ from playwright.sync_api import Page, sync_playwright
 from tests.benchmarks.report import table
 
 # log10 of λ, from one place of the handle to the next: no two are one, as each is to have its picture.
-MOVES = [round(-0.5 + 0.05 * number, 2) for number in range(40)]
+MOVES = [round(-0.9 + 0.1 * number, 1) for number in range(25)]
 STEP = 0.05  # s from one to the next: twenty a second
 PICTURE = "() => document.querySelector('.endolab-picture')?.naturalWidth > 100"
 STATUS = "document.querySelector('.endolab-status')?.innerText"
