@@ -308,15 +308,16 @@ def gauss_newton(
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
-    grids are used only if it is far from the frame's surface, which is not asked if it `is_near`. `inflow` is
-    log d where it is known, nan elsewhere, and is kept. The run has converged when by the last steps no
-    more than the share `tolerance` of the energy is left to fall: their quadratics promise no more, the
-    inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an
-    estimate: where an energy creeps, hundreds of further steps find up to 10 % more, rarely a quarter. It
-    ends as SETTLED when of two steps neither changed distances by more than the share `settled`, root mean
-    square, though the energy still falls. A start whose energy is `converged_at` is where an earlier run
-    ended: it stays, unless one step tells that it has not. The run ends as STALLED when no share of a step
-    lowers the energy although more is left. A step costs O(pixels).
+    grids are used only if it is far from the frame's surface. They tell whether it is, unless it is known
+    that it `is_near`. `inflow` is log d where it is known, nan elsewhere, and is kept. The run has converged
+    when by the last steps no more than the share `tolerance` of the energy is left to fall: their
+    quadratics promise no more, the inner solver left no more of them, and falls at the rate of the last
+    ones sum to no more. That is an estimate: where an energy creeps, hundreds of further steps find up to
+    10 % more, rarely a quarter. It ends as SETTLED when of two steps neither changed distances by more
+    than the share `settled`, root mean square, though the energy still falls. A start whose energy is
+    `converged_at` is where an earlier run ended: it stays, unless one step tells that it has not. The run
+    ends as STALLED when no share of a step lowers the energy although more is left. A step costs
+    O(pixels).
 
     With a start, it comes first, and then what coarser grids make of it if it is far. Without one come d₀,
     what each coarse grid makes of the frame, and the march at full size, each if its energy is lower. Then

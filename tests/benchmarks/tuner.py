@@ -22,11 +22,13 @@ PICTURE = "() => document.querySelector('.endolab-picture')?.naturalWidth > 100"
 STATUS = "document.querySelector('.endolab-status')?.innerText"
 FINAL = f"() => /converged|settled/.test({STATUS})"
 KEPT = f"() => /kept/.test({STATUS})"
-# Times of moves and of pictures, ms.
+# Times of moves and of pictures, ms, and the λ that the line says of a picture.
 WATCH = """() => {
     window.moves = []; window.pictures = [];
-    document.querySelector('.endolab-picture')
-        .addEventListener('load', () => window.pictures.push(performance.now()));
+    document.querySelector('.endolab-picture').addEventListener('load', () => {
+        const line = document.querySelector('.endolab-status').innerText;
+        window.pictures.push([performance.now(), Number(line.match(/λ ([^ ]+)/)[1])]);
+    });
 }"""
 TURN = """([name, value]) => {
     const handle = document.querySelector(`.endolab-${name} input[type=range]`);
@@ -44,7 +46,7 @@ def wait(page: Page, condition: str) -> float:
 
 
 def drag(page: Page) -> dict[str, Any]:
-    """Drag λ, and say how long after a move the next picture comes, and what comes when the hand rests."""
+    """Drag λ, and say how long after a move its picture or a later one comes, and what comes at rest."""
     page.evaluate(WATCH)
     for place in MOVES:
         page.evaluate(TURN, ["lam", place])
@@ -52,8 +54,12 @@ def drag(page: Page) -> dict[str, Any]:
     rests = wait(page, KEPT)
     anew = wait(page, FINAL)
     moves, pictures = page.evaluate("() => [window.moves, window.pictures]")
-    delays = [min(one for one in pictures if one > move) - move for move in moves]
-    seen = sum(one < moves[-1] for one in pictures)
+    delays = []
+    for place, move in zip(MOVES, moves, strict=True):
+        least = 0.99 * float(f"{10**place:.2g}")
+        shown = [at for at, lam in pictures if at > move and lam >= least]
+        delays.append(min(shown) - move)
+    seen = sum(at < moves[-1] for at, _ in pictures)
     return {
         "pictures a second": f"{1000 * seen / (moves[-1] - moves[0]):.0f}",
         "move to picture, ms": f"{median(delays):.0f} ({quantiles(delays, n=10)[-1]:.0f})",

@@ -168,6 +168,16 @@ def test_a_far_start_is_brought_near_on_coarser_grids():
     assert near.energy < 1.02 * cold.energy
 
 
+def test_what_follows_from_a_look_is_the_same_without_asking_coarser_grids():
+    problem, _ = problem_of("colon", 160, noise=1, bits=8)
+    look = Look(solve(problem).iterate)
+    other = replace(problem, lam=2.0)
+    start = look.follow(other).log_distance
+    asked, near = (solve(other, start=start, is_near=near) for near in (False, True))
+    assert near.status is el.Status.CONVERGED
+    assert near.energy < 1.01 * asked.energy
+
+
 @pytest.mark.parametrize("lam", [3.0, 10.0])
 def test_a_look_goes_a_good_part_of_the_way_to_another_energy(lam):
     """And at the old λ it shows the old surface; measured 0.16 % off."""
