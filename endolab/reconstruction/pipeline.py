@@ -39,6 +39,7 @@ from endolab.reconstruction.contours.choice import choose_contours
 from endolab.reconstruction.light.separation import remove_indirect_light
 from endolab.reconstruction.scale import scale_by_length
 from endolab.reconstruction.settings import AUTO, Settings
+from endolab.solvers.gauss_newton import DESCENT
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,
@@ -86,23 +87,28 @@ def solve_in_stages(
     contours = settings.contours if settings.searches_contours else False
     task = yield from remove_indirect_light(channels, albedo, contours, before)
     task = yield from choose_contours(task, contours, before)
-    if isinstance(start, np.ndarray):
-        task = replace(task, start=start)
-    return (yield from _solve(task, settings, before))
+    return (yield from _solve(task, settings, start))
 
 
-def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
+def _solve(task: Task, settings: Settings, start: Result | FloatArray | None) -> Solver:
     """Solve the problem that is left."""
     regulariser = _choose_regulariser(task, settings)
     problem = replace(task.problem, regulariser=regulariser)
     first_map = task.start
-    if first_map is None and before is not None:
-        first_map = start_from(before.iterate, problem)
+    halvings = DESCENT.like_halvings  # as it was found on fewer pixels
     converged_at = None
-    if before is not None and before.status.is_done:
-        converged_at = before.energy
+    if isinstance(start, np.ndarray):
+        first_map = start
+    elif start is not None:
+        if start.status.is_done:
+            converged_at = start.energy
+        if first_map is None:
+            first_map = start_from(start.iterate, problem)
+    if first_map is not task.start:
+        halvings = DESCENT.start_halvings
     offered: dict[str, Any] = {
         "start": first_map,
+        "halvings": halvings,
         "converged_at": converged_at,
         "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,
         "max_iterations": settings.max_iterations,

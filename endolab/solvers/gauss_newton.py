@@ -69,9 +69,11 @@ class Descent:
     # Multiples of λ on the coarsest grid, one after the other.
     continuation: tuple[float, ...] = (10.0, 3.0, 1.0)
     coarse_steps: int = 4  # on each of the coarser grids
-    # How often the grid is halved to see whether a start is near. It is near if its energy there is no more
-    # than this many times the energy after one step.
+    # How often the grid is halved to see whether a start is near: one that may be from anywhere, and the
+    # surface of a like problem, as of fewer pixels. It is near if its energy there is no more than
+    # `start_excess` times the energy after one step.
     start_halvings: int = 2
+    like_halvings: int = 1
     start_excess: float = 1.2
     # Of a look: how near its first surface comes to where it ends; its steps afterwards, and those of
     # conjugate gradients in each.
@@ -269,10 +271,12 @@ def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
     return grids
 
 
-def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
+def _adapt_start(
+    finest: Grid, start: FloatArray, tolerance: float, halvings: int
+) -> FloatArray:
     """Return the start if it is near, or what ever finer grids make of it."""
     lam = finest.problem.lam
-    grids = _coarsen(finest, DESCENT.start_halvings)
+    grids = _coarsen(finest, halvings)
     starts = [start]
     if len(grids) == 1:
         return start
@@ -303,20 +307,20 @@ def gauss_newton(
     max_iterations: int = 30,
     settled: float = 0.0,
     converged_at: float = np.nan,
-    is_near: bool = False,
+    halvings: int = DESCENT.start_halvings,
 ) -> Solver:
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
-    `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
-    grids are used only if it is far from the frame's surface. They tell whether it is, unless it is known
-    that it `is_near`. `inflow` is log d where it is known, nan elsewhere, and is kept. The run has converged
-    when by the last steps no more than the share `tolerance` of the energy is left to fall: their
-    quadratics promise no more, the inner solver left no more of them, and falls at the rate of the last
-    ones sum to no more. That is an estimate: where an energy creeps, hundreds of further steps find up to
-    10 % more, rarely a quarter. It ends as SETTLED when of two steps neither changed distances by more
-    than the share `settled`, root mean square, though the energy still falls. A start whose energy is
-    `converged_at` is where an earlier run ended: it stays, unless one step tells that it has not. The run
-    ends as STALLED when no share of a step lowers the energy although more is left. A step costs
+    `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser grids
+    are used only if it is far from the frame's surface. A grid that is halved so many times, `halvings`,
+    tells whether it is; 0 if it is known to be near. `inflow` is log d where it is known, nan elsewhere, and
+    is kept. The run has converged when by the last steps no more than the share `tolerance` of the energy is
+    left to fall: their quadratics promise no more, the inner solver left no more of them, and falls at the
+    rate of the last ones sum to no more. That is an estimate: where an energy creeps, hundreds of further
+    steps find up to 10 % more, rarely a quarter. It ends as SETTLED when of two steps neither changed
+    distances by more than the share `settled`, root mean square, though the energy still falls. A start whose
+    energy is `converged_at` is where an earlier run ended: it stays, unless one step tells that it has not.
+    The run ends as STALLED when no share of a step lowers the energy although more is left. A step costs
     O(pixels).
 
     With a start, it comes first, and then what coarser grids make of it if it is far. Without one come d₀,
@@ -330,6 +334,7 @@ def gauss_newton(
     number("tolerance", tolerance, 0)
     number("settled", settled, 0)
     check_int("max_iterations", max_iterations)
+    check_int("halvings", halvings)
     finest = Grid.of(problem, inflow)
     if start is not None:
         given = start if inflow is None else np.where(np.isnan(inflow), start, inflow)
@@ -344,8 +349,9 @@ def gauss_newton(
                 return Status.CONVERGED
             if tried.iterate(iterate).change < settled:
                 return Status.SETTLED
-        if max_iterations > 0 and not is_near:
-            adapted = _State.at(finest, _adapt_start(finest, v, tolerance), problem.lam)
+        if max_iterations > 0 and halvings > 0:
+            found = _adapt_start(finest, v, tolerance, halvings)
+            adapted = _State.at(finest, found, problem.lam)
             if adapted.energy < state.energy:
                 state = adapted
                 iterate = state.iterate(iterate)

@@ -25,7 +25,7 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.channels import Task, start_from
 from endolab.reconstruction.contours.lines import find_contours
-from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.gauss_newton import DESCENT, gauss_newton
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import (
     ContourOutcome,
@@ -183,7 +183,12 @@ def min_steepness_of(result: Result) -> float | None:
 def solve_stage(
     problem: Problem, provenance: Provenance, stage: str, number: int = 0, **options: Any
 ) -> Generator[Iterate, None, Iterate]:
-    """Solve a problem as a round of a stage; return the answer."""
+    """Solve a problem as a round of a stage, from the surface of the one before; return the answer.
+
+    A cut one is near: what moves far hangs by few pixels, and coarser grids do not see these.
+    """
+    halvings = 0 if problem.cuts is not None else DESCENT.like_halvings
+    options = {"halvings": halvings} | options
     steps = with_provenance(gauss_newton(problem, **options), provenance)
     return (yield from name_stage(steps, stage, number))
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,7 @@ from endolab.reconstruction.light.colours import (
     refine_per_pixel,
 )
 from endolab.reconstruction.light.walls import Walls
+from endolab.solvers.gauss_newton import DESCENT
 from endolab.solvers.problem import EXACT, NONE, Problem
 from endolab.solvers.provenance import (
     ContourOutcome,
@@ -83,7 +85,7 @@ class Rounds:
     """
 
     uncut: tuple[int, ...] = (4, 2, 2)
-    cut: int = 2  # of each trial
+    cut: int = 3  # of each trial
     clean_cut: int = 4  # of each where nothing bounced: a trial is chosen by its energy
     # Of the last round, whose ι is refined per pixel. Earlier that would fit every trial to the colours, so
     # that they could tell the trials apart no more.
@@ -347,8 +349,10 @@ def separate_from(
     provenance = Provenance(preparation=channels[1].report)
     surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+    count = SEPARATION_ROUNDS.uncut[-1]
+    halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from solve_direct(
-        colours, ratio, light, surface, 1, SEPARATION_ROUNDS.uncut[-1]
+        colours, ratio, light, surface, 1, count, halvings=halvings
     )
     report = ContourReport(outcome, min_steepness=min_steepness, searched=searched)
     return Separation(ratio, light, surface, report)
@@ -380,6 +384,7 @@ def solve_direct(
     surface: Iterate,
     number: int,
     count: int,
+    **options: Any,
 ) -> Generator[Iterate, None, Iterate]:
     """Solve again from a surface, without its indirect light: `count` steps at most, as round `number`."""
     problem = merge(colours, indirect_ratio, light.albedo)
@@ -388,11 +393,8 @@ def solve_direct(
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_d0)
     provenance = surface.provenance
-    return (
-        yield from solve_stage(
-            problem, provenance, BOUNCED, number, start=start, max_iterations=count
-        )
-    )
+    options |= {"start": start, "max_iterations": count}
+    return (yield from solve_stage(problem, provenance, BOUNCED, number, **options))
 
 
 def _guess(colours: Sequence[Problem], prior: AlbedoPrior) -> FloatArray:

@@ -42,7 +42,7 @@ from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
 from endolab.reconstruction.warnings import warnings
 from endolab.solvers.energy import contradicts, model_image
-from endolab.solvers.gauss_newton import Look, gauss_newton
+from endolab.solvers.gauss_newton import DESCENT, Look, gauss_newton
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Observer, Result, run, with_provenance
 from endolab.workbench.tuning.source import Knobs, Source, Subject
@@ -515,8 +515,8 @@ def solve_warm(
     before = answer.result
     problem = _with_energy(answer, settings)
     start = before.iterate.log_distance
-    is_near = answer.stage == Stage.LOOK
-    steps = gauss_newton(problem, start=start, settled=PACE.settled, is_near=is_near)
+    halvings = 0 if answer.stage == Stage.LOOK else DESCENT.like_halvings
+    steps = gauss_newton(problem, start=start, settled=PACE.settled, halvings=halvings)
     result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
     return Answer(settings, Stage.KEPT, result.seconds, answer.subject, result)
 
