@@ -71,6 +71,8 @@ def real_array(name: str, value: Any) -> FloatArray:
 
 def mask_array(name: str, value: Any) -> BoolArray:
     """Return an array of truth values, for which whole numbers will do, or 0.0 and 1.0; else ValueError."""
+    if isinstance(value, np.ndarray) and value.dtype == bool:
+        return value
     array = real_array(name, value)
     if np.asarray(value).dtype.kind == "f" and not np.all((array == 0) | (array == 1)):
         raise ValueError(f"{name} must be an array of True and False, got {excerpt(value)}")

@@ -37,20 +37,23 @@ def explained_contrast(result: Result) -> float:
     """
     problem = result.problem
     residual = model_image(problem, result.iterate.log_distance) - problem.image
-    return explained_share(
-        problem, np.where(contradicts(problem, residual), residual, np.nan)
-    )
+    residual = np.where(contradicts(problem, residual), residual, np.nan)
+    return explained_share(problem, residual, noise_of(problem))
 
 
-def explained_share(problem: Problem, residual: FloatArray) -> float:
+def noise_of(problem: Problem) -> float:
+    """Return the standard deviation of the noise of a problem's picture, in stored values of grey."""
+    picture = problem.shown
+    grey = picture if picture.ndim == 2 else picture.mean(axis=-1)
+    return noise_level(grey, problem.mask)
+
+
+def explained_share(problem: Problem, residual: FloatArray, noise: float) -> float:
     """Return what `explained_contrast` does, from a residual that is nan where pixels cannot contradict."""
     compared = problem.mask & np.isfinite(residual)
     spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
     if spread == 0:
         return 1.0
-    picture = problem.shown
-    grey = picture if picture.ndim == 2 else picture.mean(axis=-1)
-    noise = noise_level(grey, problem.mask)
     return 1 - (float(np.var(residual[compared])) + noise**2) / spread
 
 

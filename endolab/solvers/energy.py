@@ -39,7 +39,9 @@ def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
     tan2 = slant(
         *gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field
     )
-    predicted = problem.photometry.shade(log_distance, tan2, problem.field.cos_alpha)[0]
+    light = problem.photometry
+    attenuation = light.attenuation(problem.field.cos_alpha)
+    predicted = light.brightness(log_distance, tan2, attenuation)
     return np.where(problem.mask, predicted, np.nan)
 
 

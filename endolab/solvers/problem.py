@@ -85,7 +85,8 @@ class Problem:
                 expected = f"an array of {np.dtype(kind)} of shape {wanted}"
                 raise ValueError(f"{name} must be {expected}, got {excerpt(given)}")
         if self.evidence is not None:
-            unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, LOWER_BOUND, NONE))
+            found = self.evidence[self.mask]
+            unknown = found[(found < EXACT) | (found > NONE)]
             if unknown.size:
                 raise ValueError(
                     f"evidence must be 0 (exact), 1 (lower bound) or 2 (none), found {unknown[0]}"

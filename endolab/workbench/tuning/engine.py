@@ -37,9 +37,14 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.iteration import Status, Stopped
-from endolab.reconstruction.contrast import explained_share
+from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.contrast import explained_share, noise_of
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.reconstruction.uncertainty.estimate import Uncertainty, uncertainty_of
+from endolab.reconstruction.uncertainty.estimate import (
+    Uncertainty,
+    noise_left,
+    uncertainty_of,
+)
 from endolab.reconstruction.warnings import warnings
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import DESCENT, Look, gauss_newton
@@ -131,6 +136,16 @@ class Answer:
         return np.where(contradicts(problem, residual), 255 * residual, np.nan)
 
     @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the picture's noise, stored values."""
+        return noise_left(self.result)[0]
+
+    @cached_property
+    def grey_noise(self) -> float:
+        """The same of its grey values, see `explained_contrast`."""
+        return noise_of(self.result.problem)
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What can hardly be true of the result, a sentence each."""
         return warnings(self.result)
@@ -150,7 +165,7 @@ class Answer:
     @cached_property
     def explained_contrast(self) -> float:
         """Share of the picture's contrast that the surface explains."""
-        return explained_share(self.result.problem, self.residual / 255)
+        return explained_share(self.result.problem, self.residual / 255, self.grey_noise)
 
     @cached_property
     def residual_size(self) -> float:
@@ -353,11 +368,14 @@ class Tuner:
     # In the first thread -----------------------------------------------------------------
 
     def _look(self, settings: Knobs, seen: Future[Answer | None], number: int) -> None:
-        """Tell what a step on few pixels makes of the last answer; None if no look can follow from it."""
+        """Tell what a step on few pixels makes of the last answer; None if no look can follow from it.
+
+        It takes one core: the other draws the look before, and a page needs some, too.
+        """
         started = time.perf_counter()
         try:
             answer = None
-            with self._following:
+            with self._following, limit_threads(1):
                 last = self._last
                 followed = self._followed
                 is_due = number == self._asked and self._recall(settings) is None
@@ -368,6 +386,8 @@ class Tuner:
                     seconds = time.perf_counter() - started
                     result = Result(iterate, Status.STOPPED, [row], seconds)
                     answer = Answer(settings, Stage.LOOK, seconds, last.subject, result)
+                    answer.noise = last.noise  # as the picture is the same
+                    answer.grey_noise = last.grey_noise
                     self._last = answer
             if answer is not None:
                 self.tell(answer)

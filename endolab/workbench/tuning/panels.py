@@ -12,7 +12,6 @@ from matplotlib.ticker import MaxNLocator
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST
 from endolab.reconstruction.uncertainty.causes import bounced_light
-from endolab.reconstruction.uncertainty.estimate import noise_left
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.workbench.plots.scales import (
     OKABE_ITO,
@@ -124,7 +123,7 @@ def _distance(answer: Answer, view: View) -> Panel:
 def _residual(answer: Answer, view: View) -> Panel:
     residual = answer.residual
     # Two standard deviations of the noise are no news.
-    floor = 2 * 255 * noise_left(answer.result)[0]
+    floor = 2 * 255 * answer.noise
     end = end_of((view.like or answer).residual)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)

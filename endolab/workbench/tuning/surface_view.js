@@ -131,10 +131,14 @@ function render({ model, el }) {
   const update = async () => {
     const number = model.get("number"), picture = model.get("picture");
     if (!number) return;
-    const bitmap = await createImageBitmap(new Blob([picture], { type: "image/jpeg" }));
+    const is_new = parts.sent.picture !== picture;
+    const bitmap = is_new && await createImageBitmap(new Blob([picture], { type: "image/jpeg" }));
     if (!gone && number === model.get("number")) { // else a newer one is on its way
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
-      gl.generateMipmap(gl.TEXTURE_2D);
+      if (bitmap) {
+        gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
+        gl.generateMipmap(gl.TEXTURE_2D);
+        parts.sent.picture = picture;
+      }
       for (const name of ["rays", "far", "triangles"]) {
         const data = model.get(name), target = name === "triangles" ? gl.ELEMENT_ARRAY_BUFFER : gl.ARRAY_BUFFER;
         if (parts.sent[name] !== data) put(target, name, data);
@@ -146,7 +150,7 @@ function render({ model, el }) {
       decoded = number;
       soon();
     }
-    bitmap.close();
+    if (bitmap) bitmap.close();
   };
   const label = (seen) => {
     const { low, high, middle } = sizes(), inside = pose()[5];

@@ -22,6 +22,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt, real_array
 from endolab.numerics.derivatives import links
 from endolab.reconstruction.mesh import join_triangles
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots.scales import brighten
 from endolab.workbench.tuning.pictures import Picture, grey_or_colour, jpeg, remember
@@ -35,6 +36,9 @@ class Panel3D:
     answer_timeout: float = 0.5
     most: int = 320  # points in a row or a column, ...
     most_moving: int = 160  # ... and of surfaces that follow one another quickly
+    # Of such surfaces: how often as long as the page took for the last one, before the next is sent. A page
+    # that draws without a graphics card would have no time for anything else.
+    pause: float = 2.0
     # % of the points lie beyond each face of the box: spikes must not make the rest small.
     outlying: float = 1.0
     # The box stays if the new one's faces are off by less than this share of its size.
@@ -82,10 +86,14 @@ class SurfaceView(anywidget.AnyWidget):
         self._last: Result | Iterate | None = None  # what was given last, ...
         self._picture: Picture  # ... and what lies on it
         self._most = PANEL.most
+        self._joined: list[Any] = []  # what the triangles that were sent last are of
         self._waits = False  # it has not been sent
         self._sent = 0.0
+        self._took = 0.0  # s, the page for the last one
+        self._later: threading.Timer | None = None
         super().__init__()
-        self.observe(lambda _: self._flush(), ["drawn", "visible"])
+        self.observe(self._hear, "drawn")
+        self.observe(lambda _: self._flush(), "visible")
 
     def show(
         self,
@@ -134,11 +142,40 @@ class SurfaceView(anywidget.AnyWidget):
             self._waits = True
             self._flush()
 
+    def _hear(self, change: dict[str, Any]) -> None:
+        """Hear that the page has drawn a surface."""
+        with self._showing:
+            if change["new"] == self.number:
+                self._took = time.monotonic() - self._sent
+            self._flush()
+
+    def _flush_in(self, seconds: float) -> None:
+        """Send later what was given last, unless that is about to happen anyway."""
+        if self._later is not None:
+            return
+
+        def flush() -> None:
+            self._later = None
+            self._flush()
+
+        self._later = threading.Timer(seconds, flush)
+        self._later.daemon = True
+        self._later.start()
+
+    @property
+    def _follows(self) -> bool:
+        """Whether what is to be shown is one of many."""
+        return self._most == PANEL.most_moving
+
     def _flush(self) -> None:
         """Send what was given last, if someone sees it and has drawn the one before."""
         with self._showing:
-            late = time.monotonic() > self._sent + PANEL.answer_timeout
-            free = self.number == self.drawn or late
+            passed = time.monotonic() - self._sent
+            free = self.number == self.drawn or passed > PANEL.answer_timeout
+            pause = PANEL.pause * self._took - passed
+            if self._follows and pause > 0:
+                self._flush_in(pause)
+                return
             shown = self._last
             if not (self._waits and self.visible and free and shown and self.comm):
                 return
@@ -147,16 +184,10 @@ class SurfaceView(anywidget.AnyWidget):
             some = np.s_[::step, ::step]
             far = np.where(shown.mask, shown.distance, 0)[some]
             rays = np.nan_to_num(shown.problem.field.rays[some])
-            # A step is cut if one is on its way, or beside it.
-            cuts = shown.problem.cuts
-            cuts = cuts if cuts is None else block_reduce(cuts, (1, step, step), np.max)
-            joined = links(shown.mask[some], cuts)
             points = (rays * far[..., None])[far > 0]
             unit = shown.problem.unit
             with self.hold_sync():  # which sends what differs, in one message
-                self.columns = far.shape[1]
-                self.rays = rays.astype(np.float32).tobytes()
-                self.triangles = join_triangles(far, joined).astype(np.uint32).tobytes()
+                self._send_grid(shown.problem, step, rays, far)
                 box = box_of(points)
                 if unit != self.unit or not fits_box(self.box, box):
                     self.box = box
@@ -165,6 +196,23 @@ class SurfaceView(anywidget.AnyWidget):
                 self.picture = _jpeg(self._picture)
                 self.number += 1
             self._sent = time.monotonic()
+
+    def _send_grid(
+        self, problem: Problem, step: int, rays: FloatArray, far: FloatArray
+    ) -> None:
+        """Send rays and triangles, unless those of the surface before will do."""
+        grid = [problem.mask, problem.cuts, problem.field, step]
+        is_known = all(a is b for a, b in zip(grid, self._joined, strict=False))
+        if self._follows and self._joined and is_known:
+            return
+        self._joined = grid
+        # A step is cut if one is on its way, or beside it.
+        cuts = problem.cuts
+        cuts = cuts if cuts is None else block_reduce(cuts, (1, step, step), np.max)
+        joined = links(problem.mask[::step, ::step], cuts)
+        self.columns = far.shape[1]
+        self.rays = rays.astype(np.float32).tobytes()
+        self.triangles = join_triangles(far, joined).astype(np.uint32).tobytes()
 
     def set_state(self, sync_data: dict[str, Any]) -> None:
         """Hear what the page says, not while a surface is being sent: one could go in two halves."""
@@ -175,6 +223,7 @@ class SurfaceView(anywidget.AnyWidget):
         """Close the widget; the page and the kernel forget the surface."""
         with self._showing:
             self._last = None
+            self._joined = []
             self._waits = False
             with self.hold_sync():  # the page keeps the model of a closed widget …
                 self.rays = self.far = self.triangles = self.picture = b""

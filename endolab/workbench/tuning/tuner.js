@@ -145,17 +145,22 @@ function render({ model, el }) {
 
   // The panels
   let url, cursor, held = false;
-  const stale = []; // pictures of before
-  follow(["picture"], () => {
+  let reads = false, waits = false; // a picture is being read; a newer one is there
+  const show = () => {
     const [width, height, ratio] = model.get("size"), old = url;
-    if (!width) return;
+    waits = reads;
+    if (!width || reads) return;
+    reads = true;
     url = URL.createObjectURL(new Blob([model.get("picture")], { type: "image/jpeg" }));
-    // What is still being read is not taken away.
-    if (old) stale.push(old);
-    image.onload = () => stale.splice(0).forEach((one) => URL.revokeObjectURL(one));
+    image.onload = image.onerror = () => {
+      URL.revokeObjectURL(old);
+      reads = false;
+      if (waits) show();
+    };
     image.src = url;
     Object.assign(stage.style, { width: `${width / ratio}px`, height: `${height / ratio}px` });
-  });
+  };
+  follow(["picture"], show);
   const put = (node, [left, top, right, bottom]) => {
     const [x, y, width, height] = [left, top, right - left, bottom - top].map((share) => `${100 * share}%`);
     Object.assign(node.style, { left: x, top: y, width, height });

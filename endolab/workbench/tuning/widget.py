@@ -1,14 +1,15 @@
 """The tuner: knobs under a hand, the surface under its eyes.
 
-`tune` makes a widget for JupyterLab. Its `engine` solves in a thread of its own; pictures are drawn
-and sent from there, so that neither a slow solve nor a running cell freezes the page. There is one answer,
-`TunerBox.answer`, that all which is shown, written and exported is of.
+`tune` makes a widget for JupyterLab. Its `engine` solves in threads of its own; pictures are drawn and sent
+from there, those of looks beside them, so that neither a slow solve nor a running cell freezes the page.
+There is one answer, `TunerBox.answer`, that all which is shown, written and exported is of.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -216,6 +217,8 @@ class TunerBox(anywidget.AnyWidget):
         self._look = DRAWING
         self._keeps_next = False  # whether the answer to come shall be A
         self._drawings = 0  # that were begun
+        self._painter = ThreadPoolExecutor(1, "endolab tuner pictures")
+        self._to_paint: dict[str, Any] | None = None  # the line that a look replaces
         self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
         start = Knobs(scene=scene, width=width)
@@ -338,7 +341,23 @@ class TunerBox(anywidget.AnyWidget):
                 if answer.stage == Stage.FINAL and self._keeps_next:
                     self.keep()
                     return
-            self._show(is_new, meanwhile=True)
+                line = self.line if is_new else {}
+                if answer.stage == Stage.LOOK:
+                    if self._to_paint is None:
+                        self._painter.submit(self._paint)
+                    self._to_paint = line
+                    return
+            self._show(line, meanwhile=True)
+        except Exception as error:
+            self._refuse(sentence_of(error))
+
+    def _paint(self) -> None:
+        """Show the last look, while the next one is solved; those that came too fast are left out."""
+        try:
+            with self._lock:
+                line = self._to_paint
+                self._to_paint = None
+            self._show(line, meanwhile=True)
         except Exception as error:
             self._refuse(sentence_of(error))
 
@@ -534,24 +553,24 @@ class TunerBox(anywidget.AnyWidget):
         names = [*self.names]
         return draw_answer(answer, names, view), names
 
-    def _show(self, is_new: bool = True, meanwhile: bool = False) -> None:
+    def _show(self, line: dict[str, Any] | None = None, meanwhile: bool = False) -> None:
         """Show the one answer, alone or beside others: panels, surface, code and status line.
 
-        Drawing takes longest. `meanwhile` the page is heard, if the engine's thread draws; and if that made
-        another picture necessary, this one is dropped. What is refused meanwhile stays to be read, and what
-        was refused before, if the answer is not new.
+        Drawing takes longest. `meanwhile` the page is heard, if another thread draws; and if that made
+        another picture necessary, this one is dropped. What was refused stays to be read, unless it is the
+        `line` that is to be replaced, by default the present one.
         """
         with nullcontext() if meanwhile else self._lock:
-            self._draw_and_send(is_new)
+            self._draw_and_send(line)
 
-    def _draw_and_send(self, is_new: bool) -> None:
+    def _draw_and_send(self, line: dict[str, Any] | None) -> None:
         with self._lock:
             answer = self.passed or self.answer
             if answer is None:
                 return
             self._drawings += 1
             number = self._drawings
-            line_before = self.line if is_new else {}
+            replaced = self.line if line is None else line
             view = self._view()
             texture = self.knobs["texture"]
         board, names = self._draw(answer, view)
@@ -563,7 +582,7 @@ class TunerBox(anywidget.AnyWidget):
             if number != self._drawings:
                 return
             with self.hold_sync():  # one message, as a page draws anew with each
-                if self.line is line_before or not self.line.get("wrong"):
+                if self.line is replaced or not self.line.get("wrong"):
                     self.line = self._line(answer)
                 self.code = self.python()
                 self._tell_path()
@@ -745,6 +764,7 @@ class TunerBox(anywidget.AnyWidget):
         """Close the widget and end its thread."""
         if hasattr(self, "engine"):  # not if it was refused
             self.engine.close()
+            self._painter.shutdown()
             self.surface.close()
             self.layout.close()
         super().close()

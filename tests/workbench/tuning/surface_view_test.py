@@ -1,5 +1,7 @@
 """The surface that is turned, without a browser: what is sent, what is not joined, what is refused."""
 
+import time
+
 import cv2
 import numpy as np
 import pytest
@@ -108,6 +110,27 @@ def test_the_latest_waits_until_the_one_before_is_drawn_and_somebody_looks(view)
     np.testing.assert_allclose(far, last.distance.ravel(), rtol=1e-6)
     view.drawn = 2
     assert view.number == 2
+
+
+def test_a_page_that_draws_slowly_has_time_for_other_things(view):
+    """Of surfaces that follow one another the latest comes later, by itself."""
+    view.show(wall(30, 40), moving=True)
+    triangles = view.triangles
+    time.sleep(0.3)
+    view.drawn = 1
+    for far in (41.0, 42.0):
+        last = wall(30, 40, far=far)
+        view.show(last, moving=True)
+    assert view.number == 1
+    for _ in range(100):
+        time.sleep(0.05)
+        if view.number == 2:
+            break
+    np.testing.assert_allclose(points_of(view), last.points.reshape(-1, 3), rtol=1e-6)
+    assert view.triangles == triangles
+    view.show(wall(30, 40, far=43.0))  # that one is to stay
+    view.drawn = 2
+    assert view.number == 3
 
 
 def test_the_box_holds_all_but_spikes_and_stays_while_a_slider_moves():
