@@ -70,9 +70,10 @@ def prepare(
     if start is not None:
         check_solver_options(settings.solver, {"start": start})
     channels = prepare_channels(frame, calibration, settings)
-    shape = channels.middle.problem.mask.shape
-    if isinstance(start, Result) and start.mask.shape != shape:
-        raise ValueError(f"start has shape {start.mask.shape}, the frame {shape}")
+    if isinstance(start, Result):
+        shape = channels.middle.problem.mask.shape
+        if start.mask.shape != shape:
+            raise ValueError(f"start has shape {start.mask.shape}, the frame {shape}")
     return channels
 
 

@@ -136,8 +136,6 @@ def remove_indirect_light(
     known = None if before is None else _same_picture_as_before(channels, before, contours)
     if known is not None:
         return known
-    if channels.middle.problem.cuts is not None:
-        contours = False  # they are known
     try:
         if before is None:
             separation = yield from separate(channels.small, albedo, contours)
