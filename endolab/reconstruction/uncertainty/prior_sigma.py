@@ -37,8 +37,8 @@ class PriorSigma:
     left_in: float = 1.0  # the same where all of it was left in, as in a single colour
     lamp: float = 0.5  # of the lamps' common place off the optical centre, each way, mm
     lam: float = 2.0  # of λ's logarithm
-    border: float = 0.05  # of log d where it enters over the picture's rim
-    behind: float = 0.1  # of log d where it enters behind a contour
+    border: float = 0.035  # of log d where it enters over the picture's rim
+    behind: float = 0.07  # of log d where it enters behind a contour
     # That every line that may be a contour is one: so or not, each as likely.
     contours: float = 0.5
     notes: tuple[str, ...] = ()  # sentences: which of them are measured, which stated
