@@ -58,9 +58,8 @@ FONT = cv2.FontFace("sans")
 def jpeg(picture: Picture) -> bytes:
     """Encode as JPEG."""
     options = [cv2.IMWRITE_JPEG_QUALITY, DRAWING.jpeg_quality]
-    return cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)[
-        1
-    ].tobytes()
+    encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)[1]
+    return encoded.tobytes()
 
 
 def write(

@@ -143,10 +143,11 @@ class SurfaceView(anywidget.AnyWidget):
             self._flush()
 
     def _hear(self, change: dict[str, Any]) -> None:
-        """Hear that the page has drawn a surface."""
+        """Hear that the page has drawn a surface; one that nobody looked at may take minutes."""
         with self._showing:
             if change["new"] == self.number:
-                self._took = time.monotonic() - self._sent
+                took = time.monotonic() - self._sent
+                self._took = min(took, PANEL.answer_timeout)
             self._flush()
 
     def _flush_in(self, seconds: float) -> None:
@@ -173,7 +174,7 @@ class SurfaceView(anywidget.AnyWidget):
             passed = time.monotonic() - self._sent
             free = self.number == self.drawn or passed > PANEL.answer_timeout
             pause = PANEL.pause * self._took - passed
-            if self._follows and pause > 0:
+            if self._waits and self._follows and pause > 0:
                 self._flush_in(pause)
                 return
             shown = self._last
