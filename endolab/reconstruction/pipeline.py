@@ -100,13 +100,13 @@ def _solve(task: Task, settings: Settings, start: Result | FloatArray | None) ->
     converged_at = None
     if isinstance(start, np.ndarray):
         first_map = start
+        halvings = DESCENT.start_halvings
     elif start is not None:
         if start.status.is_done:
             converged_at = start.energy
         if first_map is None:
             first_map = start_from(start.iterate, problem)
-    if first_map is not task.start:
-        halvings = DESCENT.start_halvings
+            halvings = DESCENT.start_halvings
     offered: dict[str, Any] = {
         "start": first_map,
         "halvings": halvings,
