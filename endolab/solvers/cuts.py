@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from endolab.numerics.arrays import BoolArray, ByteArray
+from endolab.numerics.arrays import ByteArray
 from endolab.numerics.compiled import PAD, halve_links, kernel, lead, leads
 from endolab.numerics.derivatives import shift
 
@@ -108,20 +108,6 @@ def coarser_links(
         return coarse, coarse
     next_main = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
     return halve_links(link & main & next_main), coarse
-
-
-def held_pixels(link: ByteArray, second: bool) -> BoolArray:
-    """Pixels that a difference of ξ along a row or a column takes, first or second, int8.
-
-    Where a region is too thin for any, a picture alone says too little of the way it may move as a whole.
-    """
-    out = np.zeros_like(link[0])
-    for step, axis in ((link[0], 1), (link[1], 0)):
-        taken = step & shift(step, -1, axis, 0) if second else step
-        out |= (
-            taken | shift(taken, -1, axis, 0) | (shift(taken, 1, axis, 0) if second else 0)
-        )
-    return out
 
 
 class Cells(NamedTuple):

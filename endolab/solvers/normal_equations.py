@@ -46,7 +46,7 @@ from endolab.solvers.curvature_kernels import (
     step_means,
     steps,
 )
-from endolab.solvers.cuts import coarser_links, held_pixels, largest_fragments
+from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.galerkin import Rows
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.problem import CURVATURE, FIRST
@@ -322,8 +322,6 @@ class Structure:
         """The same on half the pixels."""
         link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
         active = active_blocks(self.main)
-        if link is not uncut_links:
-            active = active & held_pixels(link, self.kind != FIRST)
         return Structure(active, link, uncut_links, self.rays, self.kind)
 
     @cached_property

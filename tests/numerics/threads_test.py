@@ -83,6 +83,22 @@ def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
         pass
 
 
+def test_blas_has_one_thread_until_the_last_is_out():
+    """Its threads are the process's: who comes in second must not take one thread for what there was."""
+
+    def now():
+        return [pool["num_threads"] for pool in threads._blas().info()]
+
+    before = now()
+    second = limit_threads(2)
+    with limit_threads(None):
+        assert set(now()) == {1}
+        second.__enter__()
+    assert set(now()) == {1}
+    second.__exit__(None, None, None)
+    assert now() == before
+
+
 def test_two_threads_of_a_process_at_once_both_get_it_right(start, rng):
     other = rng.normal(size=start.shape)
     expected = [blur_rounds(one, 30) for one in (start, other)]

