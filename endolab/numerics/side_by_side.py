@@ -13,7 +13,7 @@ from contextvars import copy_context
 from threading import Event
 from typing import TypeVar
 
-from endolab.numerics.threads import limit_threads, threads
+from endolab.numerics.threads import background_core, threads
 
 WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
 
@@ -60,13 +60,22 @@ def in_background(function: Callable[[], Found]) -> Callable[[], Found]:
         return function
 
     def alone() -> Found:
-        with limit_threads(1):  # the others are busy
+        with background_core():
             return function()
 
     pool = ThreadPoolExecutor(1)
     doing = pool.submit(copy_context().run, alone)
     pool.shutdown(wait=False)
     return doing.result
+
+
+def one_ahead(items: Iterator[Item]) -> Iterator[Item]:
+    """Yield items, of which the next is made in the background while one is used."""
+    end = object()
+    coming = in_background(lambda: next(items, end))
+    while (item := coming()) is not end:
+        coming = in_background(lambda: next(items, end))
+        yield item  # type: ignore[misc]
 
 
 @contextmanager

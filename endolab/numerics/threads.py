@@ -35,6 +35,7 @@ WORTH_A_CORE = 300_000  # ns that a turn must take, or waking a second core, 50 
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
+_in_background: list[int] = []  # threads that keep a core busy each
 
 
 @cache
@@ -103,6 +104,22 @@ def limit_threads(count: int | None) -> Iterator[None]:
         _limit.reset(token)
 
 
+@contextmanager
+def background_core() -> Iterator[None]:
+    """Take one core inside, which the loops of other threads leave to this one."""
+    _in_background.append(threading.get_ident())
+    try:
+        with limit_threads(1):
+            yield
+    finally:
+        _in_background.pop()
+
+
+def free_cores() -> int:
+    """How many cores a loop may take: all that may be taken but for those that work in the background."""
+    return max(threads() - len(_in_background), 1)
+
+
 @cache
 def _pool(_process: int) -> ThreadPoolExecutor:
     """The threads of a process: one that was forked has those of its parent no more."""
@@ -127,7 +144,8 @@ class _OnCores:
         def work(part: Span, now: Span) -> None:
             self.loop(part, *([] if turns is None else [now]), first, *others)
 
-        count = 1 if rows * first.shape[-1] * self.cost < WORTH_A_CORE else threads()
+        is_worth_it = rows * first.shape[-1] * self.cost >= WORTH_A_CORE
+        count = free_cores() if is_worth_it else 1
         if count == 1 or not _cores.acquire(blocking=False):
             work((0, rows), (0, turns or 1))
             return

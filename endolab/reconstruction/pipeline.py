@@ -34,7 +34,13 @@ from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
-from endolab.reconstruction.channels import Channels, Task, prepare_channels, start_from
+from endolab.reconstruction.channels import (
+    Channels,
+    ReadyFrame,
+    Task,
+    prepare_channels,
+    start_from,
+)
 from endolab.reconstruction.contours.choice import choose_contours
 from endolab.reconstruction.light.separation import remove_indirect_light
 from endolab.reconstruction.scale import scale_by_length
@@ -57,11 +63,14 @@ SETTLED_UNCUT = 5e-4
 
 
 def prepare(
-    frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
+    frame: Frame | ReadyFrame,
+    calibration: Calibration,
+    settings: Settings,
+    start: Result | None,
 ) -> Channels:
-    """Check what was given, and prepare the frame."""
+    """Check what was given, and prepare the frame, if it is not ready."""
     for name, value, kind, expected in (
-        ("frame", frame, Frame, "a Frame"),
+        ("frame", frame, Frame | ReadyFrame, "a Frame"),
         ("calibration", calibration, Calibration, "a Calibration"),
         ("start", start, Result | np.ndarray | None, "an earlier Result"),
     ):
@@ -69,7 +78,10 @@ def prepare(
             raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
     if start is not None:
         check_solver_options(settings.solver, {"start": start})
-    channels = prepare_channels(frame, calibration, settings)
+    if isinstance(frame, ReadyFrame):
+        channels = frame.channels
+    else:
+        channels = prepare_channels(frame, calibration, settings)
     if isinstance(start, Result):
         shape = channels.middle.problem.mask.shape
         if start.mask.shape != shape:

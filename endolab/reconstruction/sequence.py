@@ -19,6 +19,7 @@ from endolab.model.endoscope import Calibration
 from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
+from endolab.reconstruction.channels import ReadyFrame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
 from endolab.reconstruction.settings import LENGTHS
@@ -116,7 +117,7 @@ class Step:
 
 
 def reconstruct_sequence(
-    frames: Iterable[tuple[str, Frame | FloatArray | None]],
+    frames: Iterable[tuple[str, Frame | ReadyFrame | FloatArray | None]],
     calibration: Calibration,
     *,
     before: Carried | None = None,
@@ -164,7 +165,7 @@ def reconstruct_sequence(
         if carried is not None:
             options.pop("median_distance", None)
         try:
-            frame = as_frame(name, picture)
+            frame = picture if isinstance(picture, ReadyFrame) else as_frame(name, picture)
             start = carried if can_start else None
             found, warm = _solve_next(frame, calibration, start, options)
             result = found.result
@@ -196,14 +197,15 @@ def reconstruct_sequence(
 
 
 def _solve_next(
-    frame: Frame,
+    frame: Frame | ReadyFrame,
     calibration: Calibration,
     before: Carried | None,
     options: dict[str, Any],
 ) -> tuple[Carried, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
     photometry = calibration.photometry
-    light = _light(frame, photometry.gamma)
+    picture = frame.frame if isinstance(frame, ReadyFrame) else frame
+    light = _light(picture, photometry.gamma)
     warm = None
     if before is not None:
         start = before.result
