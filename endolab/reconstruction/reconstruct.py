@@ -64,7 +64,7 @@ def reconstruct(
     >>> sample = el.load_traced("matt")  # a frame that comes with endolab
     >>> result = el.reconstruct(sample.frame, sample.calibration, width=96)
     >>> result.status.name, result.metric, result.distance.shape
-    ('SETTLED', True, (72, 96))
+    ('CONVERGED', True, (72, 96))
     """
     with limit_threads(threads):
         settings = Settings.of(options)
