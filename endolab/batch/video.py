@@ -144,11 +144,14 @@ def reconstruct_video(
     try:
         pictures = _pictures(frames, [] if complete else wanted, inside)
         make_ready = partial(_make_ready, calibration, options)
+        goes_ahead = options.get("threads") != 1  # who allows one core gets one
         coming = (
-            (name, picture, None if name in before else make_ready(name, picture))
+            (name, picture, make_ready(name, picture))
+            if goes_ahead and name not in before
+            else (name, picture, None)
             for name, picture in pictures
         )
-        for name, picture, ready in one_ahead(coming):
+        for name, picture, ready in one_ahead(coming) if goes_ahead else coming:
             if name in before:
                 folder.record(name, picture, folder.maps(name))
                 last = name

@@ -112,7 +112,7 @@ def background_core() -> Iterator[None]:
         with limit_threads(1):
             yield
     finally:
-        _in_background.pop()
+        _in_background.remove(threading.get_ident())
 
 
 def free_cores() -> int:
