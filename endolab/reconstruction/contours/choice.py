@@ -76,7 +76,7 @@ class ContourChoice:
     clean_price: float = 0.02
     # The least cut surface is taken whose misfit is at most so many times the least, or as many times more
     # as the colours ask for indirect light.
-    misfit_limit: float = 1.07
+    misfit_limit: float = 1.08
 
     def goes_on(self, trials: Sequence[Trial]) -> bool:
         """Whether less steep lines might do better than those that were tried; the uncut surface is first."""

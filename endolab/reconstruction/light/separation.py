@@ -21,7 +21,8 @@ places, so that light and cuts are found together.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -281,7 +282,8 @@ def _try_contours(
     """Cut the surface at ever less steep lines; return what is found each time, the uncut surface first.
 
     The three colours tell which of them is right: they agree less on the light that has not bounced the
-    worse the surface is. While they are asked of one, the next is solved already.
+    worse the surface is. The first two are solved side by side, each other one while the colours are asked
+    of the one before.
     """
     trials: list[Trial] = [_LitTrial.of(Trial(surface), colours, prior)]
     few = SEPARATION_ROUNDS.cut
@@ -293,29 +295,37 @@ def _try_contours(
         return trial if is_clean else _LitTrial.of(trial, colours, prior)
 
     lines = find_contours(surface.problem.log_d0, surface.problem.mask)
-    number = len(SEPARATION_ROUNDS.uncut)
-    last = trials[0]
-    for min_steepness in CHOICE.min_steepness:
-        problem = cut_at_contours(surface.problem, min_steepness, lines)
-        if problem.cuts is None:
-            continue
-        number += 1
-        solve = solve_stage(
-            problem,
+    cut = [
+        (min_steepness, cut_at_contours(surface.problem, min_steepness, lines))
+        for min_steepness in CHOICE.min_steepness
+    ]
+    cut = [(steepness, problem) for steepness, problem in cut if problem.cuts is not None]
+
+    def solve(index: int, start: Iterate) -> Generator[Iterate, None, Iterate]:
+        return solve_stage(
+            cut[index][1],
             surface.provenance,
             CONTOURS,
-            number,
-            start=last.surface.log_distance,
+            len(SEPARATION_ROUNDS.uncut) + 1 + index,
+            start=start.log_distance,
             max_iterations=few,
         )
-        with run_ahead(solve) as give:
-            if last is not trials[-1]:
-                trials.append(judge(last))
-                if not CHOICE.goes_on(trials):
-                    return trials
-            last = Trial((yield from give()), min_steepness)
-    if last is not trials[-1]:
-        trials.append(judge(last))
+
+    with ExitStack() as ahead:
+
+        def begin(
+            index: int, start: Iterate
+        ) -> Callable[[], Generator[Iterate, None, Iterate]]:
+            return ahead.enter_context(run_ahead(solve(index, start)))
+
+        begun = [begin(index, surface) for index in range(min(2, len(cut)))]
+        for index, (min_steepness, _) in enumerate(cut):
+            found = yield from begun[index]()
+            if index + 1 == len(begun) < len(cut):
+                begun.append(begin(index + 1, found))
+            trials.append(judge(Trial(found, min_steepness)))
+            if not CHOICE.goes_on(trials):
+                break
     return trials
 
 
