@@ -137,6 +137,11 @@ class _OnCores:
         self.cost = cost
         self.turns = turns
 
+    def cores_for(self, first: Any) -> int:
+        """How many cores are worth taking for a map."""
+        is_worth_it = first.shape[-2] * first.shape[-1] * self.cost >= WORTH_A_CORE
+        return free_cores() if is_worth_it else 1
+
     def __call__(self, first: Any, *others: Any, turns: int | None = None) -> None:
         rows = first.shape[-2]
         turns = self.turns if turns is None else turns
@@ -144,8 +149,7 @@ class _OnCores:
         def work(part: Span, now: Span) -> None:
             self.loop(part, *([] if turns is None else [now]), first, *others)
 
-        is_worth_it = rows * first.shape[-1] * self.cost >= WORTH_A_CORE
-        count = free_cores() if is_worth_it else 1
+        count = self.cores_for(first)
         if count == 1 or not _cores.acquire(blocking=False):
             work((0, rows), (0, turns or 1))
             return

@@ -31,6 +31,8 @@ from endolab.solvers.interpolation import Interpolation
 
 # Which entry of `normal_equations.OFFSETS` couples a pixel to that dy rows down and dx - 2 columns right.
 ENTRY_AT = np.array([[2, 1, 0, 1, 2], [9, 6, 3, 5, 7], [12, 10, 4, 8, 11]])
+# Rows down and columns right of each entry.
+STEPS = np.array([np.argwhere(ENTRY_AT == entry)[-1] - (0, 2) for entry in range(13)])
 REACH = 3  # blocks from a pixel's own that it and its neighbours follow, along an axis
 
 
@@ -162,80 +164,55 @@ def _row_and_weight(i: int, down: int, k: int) -> tuple[int, float]:
 
 
 @kernel
-def _entry_between(m: FloatArray, i: int, j: int, dy: int, dx: int) -> float:
-    """What couples the pixel (i, j) to that dy rows down and dx columns right."""
-    later = dy > 0 or (dy == 0 and dx >= 0)
-    entry = ENTRY_AT[abs(dy), 2 + (dx if later else -dx)]
-    if entry >= len(m):
-        return 0.0
-    return m[entry, i, j] if later else m[entry, i + dy, j + dx]
-
-
-@kernel
-def _sum_around(
-    m: FloatArray,
+def _add_value(
+    value: float,
     share: FloatArray,
     special: Rows,
     i: int,
     j: int,
     leads: tuple[int, int],
     sums: FloatArray,
+    top: int,
+    first: int,
 ) -> None:
-    """Write a row of A P, of a pixel beside a cut or rim, to sums; its own block is amid them.
+    """Add a value times the pixel's row of P to sums, of which (top, first) is the first block.
 
-    Pixels that have such rows themselves bring the same once more, and count half.
+    Pixels beside cuts and rims bring the same once more, and count half.
     """
-    top = PAD + (i - PAD + leads[0]) // 2 - REACH
-    first = PAD + (j - PAD + leads[1]) // 2 - REACH
-    sums[:] = 0.0
-    for dy in range(-2, 3):
-        for dx in range(-2, 3):
-            value = _entry_between(m, i, j, dy, dx)
-            if value == 0:
-                continue
-            if share[i + dy, j + dx] > 0:
-                for k in range(4):
-                    row, by_row = _row_and_weight(i + dy, leads[0], k // 2)
-                    column, by_column = _row_and_weight(j + dx, leads[1], k % 2)
-                    sums[row - top, column - first] += value * by_row * by_column
-                continue
-            n = special.of_pixel[i + dy, j + dx]
-            if n < 0:
-                continue
-            pixel = special.pixel[n]
-            while n < special.pixel.size and special.pixel[n] == pixel:
-                half = 0.5 * value * special.weight[n]
-                sums[special.row[n] - top, special.column[n] - first] += half
-                n += 1
+    if share[i, j] > 0:
+        for k in range(2):
+            row, by_row = _row_and_weight(i, leads[0], k)
+            for n in range(2):
+                column, by_column = _row_and_weight(j, leads[1], n)
+                sums[row - top, column - first] += value * by_row * by_column
+        return
+    n = special.of_pixel[i, j]
+    if n < 0:
+        return
+    pixel = special.pixel[n]
+    while n < special.pixel.size and special.pixel[n] == pixel:
+        sums[special.row[n] - top, special.column[n] - first] += (
+            0.5 * value * special.weight[n]
+        )
+        n += 1
 
 
 @kernel
-def _add_around(
-    sums: FloatArray,
-    top: int,
-    first: int,
-    row: int,
-    column: int,
-    weight: float,
-    out: FloatArray,
+def _add_between(
+    value: float, row: int, column: int, other: int, beside: int, out: FloatArray
 ) -> None:
-    """Add what couples a block to those of `sums`, the first of which is (top, first); and its transpose."""
-    for y in range(sums.shape[0]):
-        for x in range(sums.shape[1]):
-            value = weight * sums[y, x]
-            if value == 0:
-                continue
-            down = top + y - row
-            right = first + x - column
-            if abs(down) > 2 or abs(right) > 2:
-                out[0, row, column] += abs(value)
-                out[0, top + y, first + x] += abs(value)
-            elif down == 0 and right == 0:
-                out[0, row, column] += 2 * value
-            elif down > 0 or (down == 0 and right > 0):
-                out[ENTRY_AT[down, 2 + right], row, column] += value
-            else:
-                out[ENTRY_AT[-down, 2 - right], top + y, first + x] += value
+    """Add what couples a block to that in the row `other`, column `beside`; and its transpose."""
+    down = other - row
+    right = beside - column
+    if abs(down) > 2 or abs(right) > 2:
+        out[0, row, column] += abs(value)
+        out[0, other, beside] += abs(value)
+    elif down == 0 and right == 0:
+        out[0, row, column] += 2 * value
+    elif down > 0 or (down == 0 and right > 0):
+        out[ENTRY_AT[down, 2 + right], row, column] += value
+    else:
+        out[ENTRY_AT[-down, 2 - right], other, beside] += value
 
 
 @kernel
@@ -248,19 +225,41 @@ def _add_special(
     sums: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Add what the pixels of a row beside cuts and rims couple; `sums` is room for one of them."""
+    """Add what the pixels of a row beside cuts and rims couple; `sums` is room for a row of A P."""
     n = special.of_row[i]
     end = special.of_row[i + 1]
     top = PAD + (i - PAD + leads[0]) // 2 - REACH
+    size = sums.shape[0]
     while n < end:
         pixel = special.pixel[n]
         j = pixel - i * share.shape[1]
         first = PAD + (j - PAD + leads[1]) // 2 - REACH
-        _sum_around(m, share, special, i, j, leads, sums)
+        _add_value(m[0, i, j], share, special, i, j, leads, sums, top, first)
+        for entry in range(1, len(m)):
+            down, right = STEPS[entry]
+            after = m[entry, i, j]
+            if after != 0:
+                _add_value(
+                    after, share, special, i + down, j + right, leads, sums, top, first
+                )
+            before = m[entry, i - down, j - right]
+            if before != 0:
+                _add_value(
+                    before, share, special, i - down, j - right, leads, sums, top, first
+                )
+        start = n
+        for y in range(size):
+            for x in range(size):
+                if sums[y, x] == 0:
+                    continue
+                n = start
+                while n < end and special.pixel[n] == pixel:
+                    value = special.weight[n] * sums[y, x]
+                    row = special.row[n]
+                    _add_between(value, row, special.column[n], top + y, first + x, out)
+                    n += 1
+                sums[y, x] = 0.0
         while n < end and special.pixel[n] == pixel:
-            row = special.row[n]
-            column = special.column[n]
-            _add_around(sums, top, first, row, column, special.weight[n], out)
             n += 1
 
 
@@ -278,7 +277,7 @@ def _fill(
     pixels = np.zeros((5, share.shape[1]))
     b, summed = np.zeros((2, 3, 5, out.shape[2]))
     even, odd = np.zeros((2, 4, out.shape[2]))
-    around = np.empty((2 * REACH + 1, 2 * REACH + 1))
+    around = np.zeros((2 * REACH + 1, 2 * REACH + 1))
     for turn in range(turns[0], turns[1]):
         # Every second band: what a row adds to its neighbours' must not meet.
         for start in range(rows[0] + turn * BAND_ROWS, rows[1], 2 * BAND_ROWS):

@@ -33,7 +33,7 @@ Strands = tuple[IntArray, IntArray, FloatArray]
 
 
 @on_cores(cost=0.4)
-def _prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
+def prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     down = lead(x, step, 0)
@@ -51,10 +51,10 @@ def _prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray)
 
 
 @on_cores(cost=2)
-def _restrict(
+def restrict(
     rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray
 ) -> None:
-    """Adjoint of `_prolong_add`."""
+    """Adjoint of `prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     taken = np.empty((4, r.shape[1]))
     down = lead(r, out, 0)
@@ -87,7 +87,7 @@ def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
 
 
 @kernel
-def _add_from(
+def add_from(
     source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray
 ) -> None:
     """Add weighted elements of one array to those of another, rounding but once."""
@@ -99,6 +99,23 @@ def _add_from(
     for k in range(weight.size):
         sums[target[k]] += more[target[k]]
         more[target[k]] = 0.0
+
+
+@kernel
+def add_sorted(
+    source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray
+) -> None:
+    """Do the same where equal targets follow one another."""
+    values = a.ravel()
+    sums = out.reshape(-1)
+    k = 0
+    while k < target.size:
+        place = target[k]
+        more = 0.0
+        while k < target.size and target[k] == place:
+            more += weight[k] * values[source[k]]
+            k += 1
+        sums[place] += more
 
 
 def _share(active: ByteArray, main: ByteArray, blocks: Cells) -> FloatArray:
@@ -164,7 +181,7 @@ class Interpolation(NamedTuple):
     """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
 
     share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
-    pixel: IntArray  # of each pair of another pixel and a block of its side
+    pixel: IntArray  # of each pair of another pixel and a block of its side; sorted
     block: IntArray
     weight: FloatArray
 
@@ -182,13 +199,13 @@ class Interpolation(NamedTuple):
 
     def add(self, step: FloatArray, x: FloatArray) -> None:
         """x += the blocks' step, interpolated."""
-        _prolong_add(x, self.share, step)
-        _add_from(self.block, self.pixel, self.weight, step, x)
+        prolong_add(x, self.share, step)
+        add_sorted(self.block, self.pixel, self.weight, step, x)
 
     def adjoint(self, r: FloatArray, active: ByteArray, out: FloatArray) -> None:
         """Write the adjoint of `add` to out, for blocks that are active."""
-        _restrict(out, r, self.share, active)
-        _add_from(self.pixel, self.block, self.weight, r, out)
+        restrict(out, r, self.share, active)
+        add_from(self.pixel, self.block, self.weight, r, out)
 
     @property
     def at_rims(self) -> BoolArray:

@@ -21,13 +21,22 @@ precision. Vectors are padded (see `numerics.compiled`) and zero outside the mas
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from endolab.numerics.arrays import ByteArray, FloatArray, Span
-from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.compiled import PAD, clear_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.galerkin import coarsen
+from endolab.solvers.interpolation import (
+    Interpolation,
+    add_from,
+    add_sorted,
+    prolong_add,
+    restrict,
+)
 from endolab.solvers.normal_equations import (
     CENTRE,
     EE,
@@ -255,11 +264,14 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class _Level:
-    """One grid: its matrix, and room for a right-hand side, a solution and a residual."""
+class _Level(NamedTuple):
+    """One grid: its pixels, its matrix, the way from the coarser one, and room for vectors."""
 
-    structure: Structure
+    active: ByteArray
+    share: FloatArray  # this and the next three: those of `Interpolation`; empty on the coarsest grid
+    pixel: IntArray
+    block: IntArray
+    weight: FloatArray
     matrix: FloatArray
     inverse: FloatArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
     x: FloatArray
@@ -273,7 +285,16 @@ class _Level:
         shape = structure.active.shape
         inverse, x, b, r = np.zeros((4, *shape))
         steps = np.zeros((CYCLE.degree + 1, *shape))
-        return cls(structure, np.empty((entries, *shape)), inverse, x, b, r, steps)
+        nowhere = np.empty(0, np.int64)
+        way = Interpolation(np.empty((0, 0)), nowhere, nowhere, np.empty(0))
+        if not _is_coarsest(structure):
+            way = structure.way
+        matrix = np.empty((entries, *shape))
+        return cls(structure.active, *way, matrix, inverse, x, b, r, steps)
+
+    @property
+    def way(self) -> Interpolation:
+        return Interpolation(self.share, self.pixel, self.block, self.weight)
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
@@ -283,9 +304,67 @@ class _Level:
     def correct(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
         self.steps[0] = 0.0
-        self.structure.way.add(coarse, self.steps[0])
+        self.way.add(coarse, self.steps[0])
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 0)
         _add(self.x, 1.0, self.steps[-1])
+
+
+def _is_coarsest(structure: Structure) -> bool:
+    return structure.pixels <= CYCLE.coarsest
+
+
+MOST_LEVELS = 12  # more than any picture has: each halves rows and columns
+
+# The same loops, for compiled ones to call.
+_begin_alone = _begin.loop
+_smooth_alone = _smooth.loop
+_add_alone = _add.loop
+_restrict_alone = restrict.loop
+_prolong_alone = prolong_add.loop
+
+
+@kernel
+def _cycle_alone(
+    levels: tuple[_Level, ...],
+    depths: Span,
+    turns: Span,
+    numbers: Span,
+    places: IntArray,
+    solution: FloatArray,
+) -> None:
+    """A V-cycle from the first depth to the last, by one core: x of a level from its b.
+
+    On small grids calls from Python would take as long as what they do. `turns` are all of `_smooth`, and
+    `numbers` those of its first polynomials: were they written here, it would be compiled for each anew.
+    """
+    first, last = depths
+    top = turns[0]
+    for depth in range(first, last):
+        at = levels[depth]
+        below = levels[depth + 1]
+        rows = (top, at.x.shape[0])
+        _begin_alone(rows, at.x, at.r, at.b, at.inverse, at.steps)
+        _smooth_alone(rows, turns, at.x, at.r, at.matrix, at.inverse, at.steps, numbers[0])
+        _restrict_alone((top, below.b.shape[0]), below.b, at.r, at.share, below.active)
+        add_from(at.pixel, at.block, at.weight, at.r, below.b)
+    coarsest = levels[last]
+    b = coarsest.b.ravel()
+    x = coarsest.x.reshape(-1)
+    for i in range(places.size):
+        total = 0.0
+        for j in range(places.size):
+            total += solution[i, j] * b[places[j]]
+        x[places[i]] = total
+    for depth in range(last - 1, first - 1, -1):
+        at = levels[depth]
+        below = levels[depth + 1]
+        rows = (top, at.x.shape[0])
+        for i in range(top, rows[1]):
+            clear_row(at.steps[0, i])
+        _prolong_alone(rows, at.steps[0], at.share, below.x)
+        add_sorted(at.block, at.pixel, at.weight, below.x, at.steps[0])
+        _smooth_alone(rows, turns, at.x, at.r, at.matrix, at.inverse, at.steps, numbers[1])
+        _add_alone(rows, at.x, 1.0, at.steps[len(at.steps) - 1])
 
 
 class Multigrid:
@@ -300,43 +379,43 @@ class Multigrid:
         damping: float = 1e-3,
         old: Multigrid | None = None,
     ) -> None:
-        if old is not None and old.levels[0].structure is not coefficients.structure:
-            old = None
-        self.room: FloatArray = (
-            np.empty((3, *coefficients.active.shape)) if old is None else old.room
-        )
-        self.levels: list[_Level] = (
-            [_Level.on(coefficients.structure, coefficients.structure.entries)]
-            if old is None
-            else old.levels
-        )
+        structure = coefficients.structure
+        if old is None or old.structures[0] is not structure:
+            self.room = np.empty((3, *structure.active.shape))
+            self.structures = [structure]
+            while not _is_coarsest(structure):
+                structure = structure.coarser
+                self.structures.append(structure)
+            entries = [self.structures[0].entries, *[len(OFFSETS)] * MOST_LEVELS]
+            self.levels = [
+                _Level.on(*pair) for pair in zip(self.structures, entries, strict=False)
+            ]
+        else:
+            self.room = old.room
+            self.structures = old.structures
+            self.levels = old.levels
         coefficients.matrix(damping, self.levels[0].matrix)
-        depth = 0
-        while self.levels[depth].structure.pixels > CYCLE.coarsest:
-            level = self.levels[depth]
-            _invert_sums(level.inverse, level.matrix, level.structure.active)
-            depth = depth + 1
-            if depth == len(self.levels):
-                self.levels.append(_Level.on(level.structure.coarser, len(OFFSETS)))
-            coarsen(
-                level.matrix,
-                level.structure.way,
-                level.structure.rows,
-                self.levels[depth].matrix,
-            )
-        level = self.levels[depth]
-        self.solution = _invert(level.matrix, level.structure.active)
+        for structure, (level, coarser) in zip(
+            self.structures, pairwise(self.levels), strict=False
+        ):
+            _invert_sums(level.inverse, level.matrix, level.active)
+            coarsen(level.matrix, structure.way, structure.rows, coarser.matrix)
+        coarsest = self.levels[-1]
+        self.solution = _invert(coarsest.matrix, coarsest.active)
+        self.places = np.flatnonzero(coarsest.active)
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
         at = self.levels[depth]
-        if depth == len(self.levels) - 1:
-            known = at.structure.active > 0
-            at.x[known] = self.solution @ at.b[known]
+        last = len(self.levels) - 1
+        if depth == last or _smooth.cores_for(at.x) == 1:
+            # Of one length, so that it is compiled once.
+            filled = (*self.levels, *[self.levels[-1]] * (MOST_LEVELS - last - 1))
+            _cycle_alone(filled, (depth, last), (0, 2), (1, 0), self.places, self.solution)
             return
         at.begin()
         below = self.levels[depth + 1]
-        at.structure.way.adjoint(at.r, below.structure.active, below.b)
+        at.way.adjoint(at.r, below.active, below.b)
         self._cycle(depth + 1)
         at.correct(below.x)
 

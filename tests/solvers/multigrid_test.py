@@ -136,9 +136,7 @@ def random_maps(rng, free, count):
 
 
 def test_prolongation_is_the_adjoint_of_restriction(system, rng):
-    top, below = system[0].levels[:2]
-    top = top.structure
-    below = below.structure
+    top, below = system[0].structures[:2]
     (fine,), (coarse,) = (
         random_maps(rng, top.active > 0, 1),
         random_maps(rng, below.active > 0, 1),
@@ -180,11 +178,13 @@ def interpolation_matrix(structure):
 
 def test_a_coarse_grid_has_the_fine_ones_matrix(system):
     """C = P'AP, readably; what is further than two blocks apart is on the diagonal."""
-    levels = system[0].levels
-    for fine, coarse in pairwise(levels):
-        way, places = interpolation_matrix(fine.structure)
+    solver = system[0]
+    for structure, (fine, coarse) in zip(
+        solver.structures, pairwise(solver.levels), strict=False
+    ):
+        way, places = interpolation_matrix(structure)
         expected = (way.T @ as_sparse(fine.matrix) @ way).toarray()
-        kept = np.flatnonzero(coarse.structure.active)
+        kept = np.flatnonzero(coarse.active)
         found = as_sparse(coarse.matrix)[kept][:, kept].toarray()
         apart = np.abs(places[:, None] - places).max(axis=2)
         off = found - np.where(apart > 2, 0.0, expected)
