@@ -32,7 +32,7 @@ from endolab.solvers.interpolation import Interpolation
 # Which entry of `normal_equations.OFFSETS` couples a pixel to that dy rows down and dx - 2 columns right.
 ENTRY_AT = np.array([[2, 1, 0, 1, 2], [9, 6, 3, 5, 7], [12, 10, 4, 8, 11]])
 # Rows down and columns right of each entry.
-STEPS = np.array([np.argwhere(ENTRY_AT == entry)[-1] - (0, 2) for entry in range(13)])
+STEPS = np.array([np.argwhere(entry == ENTRY_AT)[-1] - (0, 2) for entry in range(13)])
 REACH = 3  # blocks from a pixel's own that it and its neighbours follow, along an axis
 
 

@@ -87,7 +87,7 @@ class Rounds:
 
     uncut: tuple[int, ...] = (4, 2, 2)
     cut: int = 3  # of each trial
-    clean_cut: int = 4  # of each where nothing bounced: a trial is chosen by its energy
+    clean_cut: int = 5  # of each where nothing bounced: a trial is chosen by its energy
     # Of the last round, whose ι is refined per pixel. Earlier that would fit every trial to the colours, so
     # that they could tell the trials apart no more.
     refined: int = 1
@@ -226,26 +226,29 @@ def separate(
     first = merge(colours, _guess(colours, prior), prior.albedo)
     few = SEPARATION_ROUNDS.uncut[0]
     surface = yield from solve_stage(first, provenance, BOUNCED, 1, max_iterations=few)
+    uncut = _LitTrial.of(Trial(surface), colours, prior)
     for number, count in enumerate(SEPARATION_ROUNDS.uncut[1:], 2):
-        ratio, light = estimate_indirect(colours, surface, prior)
-        surface = yield from solve_direct(colours, ratio, light, surface, number, count)
-    if contours is False:
-        ratio, light = estimate_indirect(colours, surface, prior)
-        report = ContourReport(ContourOutcome.NOT_ASKED)
-    else:
-        searched = SearchedPicture(ratio, light.albedo)
-        trials = yield from _try_contours(colours, surface, prior)
-        number += len(trials) - 1
+        ratio = uncut.indirect_ratio
+        searched = SearchedPicture(ratio, uncut.lit.albedo)
+        surface = yield from solve_direct(colours, ratio, uncut.lit, surface, number, count)
+        if uncut.is_clean:  # there is nothing to ask the colours again
+            uncut = replace(uncut, surface=surface)
+            break
+        uncut = _LitTrial.of(Trial(surface), colours, prior)
+    trials: list[Trial] = [uncut]
+    report = ContourReport(ContourOutcome.NOT_ASKED)
+    chosen = 0
+    if contours is not False:
+        trials = yield from _try_contours(colours, uncut, prior)
         chosen, outcome = CHOICE.choose(trials, always=bool(contours))
-        trial = trials[chosen]
-        if not isinstance(trial, _LitTrial):
-            trial = _LitTrial.of(trial, colours, prior)
-        surface = trial.surface
-        ratio = trial.indirect_ratio
-        light = trial.lit
-        report = ContourReport(
-            outcome, min_steepness=trial.min_steepness, searched=searched
-        )
+        steepness = trials[chosen].min_steepness
+        report = ContourReport(outcome, min_steepness=steepness, searched=searched)
+    trial = trials[chosen]
+    surface = trial.surface
+    lit = trial if isinstance(trial, _LitTrial) else uncut
+    ratio = lit.indirect_ratio
+    light = lit.lit
+    number += len(trials) - 1
     if light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, ratio, light)
         surface = yield from solve_direct(
@@ -262,6 +265,11 @@ class _LitTrial(Trial):
     indirect_ratio: FloatArray
     lit: Light
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether no light bounced: then energies alone tell which surface is right."""
+        return self.light is LightOutcome.NONE_BOUNCED
+
     @classmethod
     def of(cls, trial: Trial, colours: Sequence[Problem], prior: AlbedoPrior) -> _LitTrial:
         ratio, light = estimate_indirect(colours, trial.surface, prior)
@@ -277,7 +285,7 @@ class _LitTrial(Trial):
 
 
 def _try_contours(
-    colours: Sequence[Problem], surface: Iterate, prior: AlbedoPrior
+    colours: Sequence[Problem], uncut: _LitTrial, prior: AlbedoPrior
 ) -> Generator[Iterate, None, list[Trial]]:
     """Cut the surface at ever less steep lines; return what is found each time, the uncut surface first.
 
@@ -285,14 +293,12 @@ def _try_contours(
     worse the surface is. The first two are solved side by side, each other one while the colours are asked
     of the one before.
     """
-    trials: list[Trial] = [_LitTrial.of(Trial(surface), colours, prior)]
-    few = SEPARATION_ROUNDS.cut
-    is_clean = trials[0].light is LightOutcome.NONE_BOUNCED
-    if is_clean:  # then their energies alone decide
-        few = SEPARATION_ROUNDS.clean_cut
+    trials: list[Trial] = [uncut]
+    surface = uncut.surface
+    few = SEPARATION_ROUNDS.clean_cut if uncut.is_clean else SEPARATION_ROUNDS.cut
 
     def judge(trial: Trial) -> Trial:
-        return trial if is_clean else _LitTrial.of(trial, colours, prior)
+        return trial if uncut.is_clean else _LitTrial.of(trial, colours, prior)
 
     lines = find_contours(surface.problem.log_d0, surface.problem.mask)
     cut = [
