@@ -15,6 +15,7 @@ from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import mask_array, readonly_copy, real_array
+from endolab.numerics.noise import noise_level
 from endolab.numerics.side_by_side import by_rows
 
 
@@ -276,23 +277,6 @@ def large_parts(region: BoolArray, least: float) -> BoolArray:
     large = stats[:, cv2.CC_STAT_AREA] >= least
     large[0] = False
     return large[labels]
-
-
-def noise_level(image: FloatArray, mask: BoolArray) -> float:
-    """Estimate the standard deviation of a picture's noise, in stored values.
-
-    The difference of two Laplacians, to which surfaces and shading give almost nothing (Immerkær, "Fast
-    noise variance estimation", 1996). The mean is over the lower four fifths of its sizes, so that edges
-    do not count; 0.5586 is that mean for a normal distribution. 0 if no pixel has all its neighbours in
-    the mask.
-    """
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6
-    inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
-    if not inside.any():
-        return 0.0
-    size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
-    nth = int(0.8 * (size.size - 1))  # of stored bytes many are equal, but for rounding
-    return float(np.partition(size, nth)[: nth + 1].mean() / 0.5586)
 
 
 def looks_like_depth(image: FloatArray) -> bool:

@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.frames.frame import FRAME_LIMITS, noise_level, power
+from endolab.frames.frame import FRAME_LIMITS, power
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.noise import noise_level
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from endolab.frames.frame import FRAME_LIMITS, Frame, check_size, large_parts, noise_level
+from endolab.frames.frame import FRAME_LIMITS, Frame, check_size, large_parts
 from endolab.frames.highlights import dilate, find_highlights, inpaint
 from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.noise import noise_level
 
 
 @dataclass(frozen=True)

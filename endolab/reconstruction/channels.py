@@ -16,7 +16,6 @@ from endolab.frames.frame import (
     FRAME_LIMITS,
     Frame,
     check_size,
-    noise_level,
     smooth_light,
     usable_pixels,
 )
@@ -25,6 +24,7 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
+from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import in_background, side_by_side
 from endolab.reconstruction.settings import AUTO, SEPARATED, Settings

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from endolab.frames.frame import noise_level
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.noise import noise_level
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Result

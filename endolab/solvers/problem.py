@@ -14,6 +14,7 @@ from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import excerpt, mask_array, number, readonly_copy, real_array
 from endolab.numerics.derivatives import differences, px_per_reference
+from endolab.numerics.noise import noise_level
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
@@ -112,6 +113,11 @@ class Problem:
         """log d₀ = -½ log I_c, (H, W): the distance if all the surface faced the camera."""
         canonical = self.photometry.canonical(self.image, self.field.cos_alpha)
         return -0.5 * np.log(np.where(self.mask, canonical, np.nan))
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the image's noise, in stored values."""
+        return noise_level(self.image, self.mask)
 
     @cached_property
     def edge_weight(self) -> FloatArray:

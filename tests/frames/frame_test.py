@@ -6,8 +6,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab import datasets
-from endolab.frames.frame import noise_level, smooth_light, usable_pixels
+from endolab.frames.frame import smooth_light, usable_pixels
 from endolab.frames.surround import field_of_view
+from endolab.numerics.noise import noise_level
 
 GAMMA = 2.2
 ALL = np.ones((4, 6), dtype=bool)

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.frame import FRAME_LIMITS, noise_level
+from endolab.frames.frame import FRAME_LIMITS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows, run_ahead
@@ -525,7 +525,7 @@ def merge(
 
 def _noise(problem: Problem) -> float:
     """Return the noise of a channel, that of rounding at least."""
-    return max(noise_level(problem.image, problem.mask), FRAME_LIMITS.rounding)
+    return max(problem.noise, FRAME_LIMITS.rounding)
 
 
 def _signal(problem: Problem) -> float:

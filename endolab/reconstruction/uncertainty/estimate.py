@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.ndimage
 
-from endolab.frames.frame import FRAME_LIMITS, noise_level
+from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, freeze
@@ -30,6 +30,7 @@ from endolab.numerics.iteration import (
     close_observers,
     drive,
 )
+from endolab.numerics.noise import noise_level
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.scale import own_pixel
 from endolab.reconstruction.uncertainty.causes import (
