@@ -43,6 +43,7 @@ from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
     Wall,
+    fill_slants,
     fill_slopes,
     fill_xi,
     linearise,
@@ -336,7 +337,9 @@ class Grid:
 
     def slants(self, v: FloatArray) -> FloatArray:
         """tan² of a map's slope, padded."""
-        return np.asarray(self._slopes(v)[2])
+        out = np.zeros(v.shape)
+        fill_slants(out, v, self.metric, self.link)
+        return out
 
     def structure(self, free: ByteArray, old: Structure | None = None) -> Structure:
         """That of equations for pixels that are free: the old one, if it is of the same."""
