@@ -227,14 +227,17 @@ def separate(
     few = SEPARATION_ROUNDS.uncut[0]
     surface = yield from solve_stage(first, provenance, BOUNCED, 1, max_iterations=few)
     uncut = _LitTrial.of(Trial(surface), colours, prior)
-    for number, count in enumerate(SEPARATION_ROUNDS.uncut[1:], 2):
+    counts = SEPARATION_ROUNDS.uncut[1:]
+    if uncut.is_clean:  # there is nothing to ask the colours again
+        counts = (sum(counts),)
+    for number, count in enumerate(counts, 2):
         ratio = uncut.indirect_ratio
         searched = SearchedPicture(ratio, uncut.lit.albedo)
         surface = yield from solve_direct(colours, ratio, uncut.lit, surface, number, count)
-        if uncut.is_clean:  # there is nothing to ask the colours again
+        if uncut.is_clean:
             uncut = replace(uncut, surface=surface)
-            break
-        uncut = _LitTrial.of(Trial(surface), colours, prior)
+        else:
+            uncut = _LitTrial.of(Trial(surface), colours, prior)
     trials: list[Trial] = [uncut]
     report = ContourReport(ContourOutcome.NOT_ASKED)
     chosen = 0
