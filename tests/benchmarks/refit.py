@@ -72,7 +72,6 @@ ALL = (
     Sweep(FIT, "rounds", (1, 2)),
     Sweep(FIT, "most_misfit", (1e9, 0.07, 0.15)),
     Sweep(SEPARATION_ROUNDS, "ratio_doubt", (0.0, 0.08, 0.3)),
-    Sweep(SEPARATION_ROUNDS, "first_guess", (0.0, 0.3, 0.7)),
     Sweep(SEPARATION_ROUNDS, "uncut", ((4, 2), (6, 3, 3))),
     Sweep(SEPARATION_ROUNDS, "clean_cut", (2, 6)),
     Sweep(CHOICE, "price", (0.0, 0.05, 0.2)),
@@ -80,7 +79,6 @@ ALL = (
     Sweep(CHOICE, "min_steepness", ((0.07,), (0.07, 0.05, 0.035, 0.025, 0.018))),
     Sweep(LINE_SEARCH, "blur", (0.0, 1.0, 2.0)),
     Sweep(LINE_SEARCH, "shallow", (0.0, 0.003, 0.008)),
-    Sweep(LINE_SEARCH, "limb_share", (0.0, 0.1, 0.5)),
 )
 HEADS = (
     "constant",

@@ -40,13 +40,8 @@ class LineSearch:
 
     blur: float = 1.5  # of log d₀
     shallow: float = 0.005  # basins of the slope less deep than this are one
-    # Of the way from a strip's lightest neighbour to its own log d₀: who is nearer is
-    # light.
-    limb_share: float = 0.25
     limb_width: float = 8.0  # a strip that is thinner than this may be a limb
     across: float = 0.1  # share of a line's slope that must lie across it, on the whole
-    # Of a slope that count: what rounding makes of equals does not say which comes first.
-    digits: int = 10
 
 
 LINE_SEARCH = LineSearch()
@@ -177,7 +172,8 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     if min(mask.shape) == 1:
         return steepness
     slope = np.hypot(*np.gradient(smooth)) * unit
-    slope = slope.round(LINE_SEARCH.digits)
+    # In single precision: what rounding makes of equals does not say which comes first.
+    slope = slope.astype(np.float32).astype(np.float64)
     region, count = basins(slope, mask)
     # Of every step that crosses a line: the pixels on either side, as numbers.
     axis, row, column = np.nonzero(
@@ -222,7 +218,7 @@ def _depths(inside: BoolArray, region: IntArray, count: int) -> Any:
 def _joins_a_limb(
     both: Any, region: Any, count: int, log_d0: FloatArray, thin: float
 ) -> BoolArray:
-    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
+    """Which pairs of regions are a thin strip and the lightest of its neighbours, if that is lighter."""
     around = np.pad(region, 1, constant_values=-1)
     sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
     inside = np.all([side == region for side in sides], axis=0)
@@ -232,8 +228,9 @@ def _joins_a_limb(
     lightest = far.copy()
     for end, far_end in (both, both[::-1]):
         np.minimum.at(lightest, end, far[far_end])
-    limit = lightest + LINE_SEARCH.limb_share * (far - lightest)
+    is_limb = is_thin & (lightest < far)
     joins = [
-        is_thin[end] & (far[far_end] < limit[end]) for end, far_end in (both, both[::-1])
+        is_limb[end] & (far[far_end] == lightest[end])
+        for end, far_end in (both, both[::-1])
     ]
     return joins[0] | joins[1]

@@ -45,15 +45,11 @@ class LightFit:
     """
 
     # p; 0.8 to 1.1 for the true surfaces of traced cavities.
-    factor: tuple[float, float] = (
-        0.9,
-        0.2,
-    )
+    factor: tuple[float, float] = (0.9, 0.2)
     lamp: tuple[float, float] = (1.0, 0.3)  # b: all the lamp's, or any share
-    # Of albedos that are given, and where none is; where green's alone is given, the first of `given` and the
-    # second of `unknown`.
-    given: tuple[float, float] = (0.03, 0.03)
-    unknown: tuple[float, float] = (0.35, 0.35)
+    # Width of albedos that are given, and of those that are not.
+    given: float = 0.03
+    unknown: float = 0.35
     # Of the albedos' logarithms in red, green and blue: blood takes green and blue light, hardly red.
     texture: tuple[float, float, float] = (0.05, 0.2, 0.2)
     together: float = 0.8  # correlation of green's texture with blue's
@@ -98,17 +94,17 @@ class AlbedoPrior:
         """Make it of three albedos, of green's alone, or of nothing but that the wall is tissue."""
         tissue = np.array(FIT.tissue)
         if given is None:
-            return cls(tissue, FIT.unknown)
+            return cls(tissue, (FIT.unknown, FIT.unknown))
         albedo = np.asarray(given, dtype=np.float64)
         if albedo.ndim == 1:
-            return cls(albedo, FIT.given)
-        widths = (FIT.given[0], FIT.unknown[1])
+            return cls(albedo, (FIT.given, FIT.given))
+        widths = (FIT.given, FIT.unknown)
         return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * FIT.albedos[1]), widths)
 
     @property
     def is_given(self) -> bool:
         """Whether all three albedos were given."""
-        return self.widths == FIT.given
+        return self.widths[1] == FIT.given
 
     @property
     def light(self) -> Light:

@@ -119,7 +119,7 @@ def measure_light(
         np.square(SURFACE_FIT.model_errors)
     )
     usual = np.array([SURFACE_FIT.gamma[0], *np.log(FIT.tissue)])
-    width = np.array([SURFACE_FIT.gamma[1], *[FIT.unknown[0]] * 3])
+    width = np.array([SURFACE_FIT.gamma[1], *[FIT.unknown] * 3])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))

@@ -92,8 +92,7 @@ class Rounds:
     # that they could tell the trials apart no more.
     refined: int = 1
     ratio_doubt: float = 0.15  # share of ι that may be wrong
-    first_guess: float = 0.5  # s in ι = s a/(1 - s a), before there is a surface
-    # With one ι for all pixels, as at first, lines (jumps of log d₀) are less steep by this factor.
+    # Before indirect light is known, lines (jumps of log d₀) are less steep by this factor.
     guessed_steepness: float = 0.8
     # Median difference of stored values, as a share, up to which two colours are one.
     same_colour: float = 0.01
@@ -223,7 +222,8 @@ def separate(
     provenance = Provenance(preparation=channels[1].report)
     _check_colours(colours)
     prior = AlbedoPrior.of(albedo)
-    first = merge(colours, _guess(colours, prior), prior.albedo)
+    nothing = np.zeros((*colours[1].mask.shape, 3))
+    first = merge(colours, nothing, prior.albedo)
     few = SEPARATION_ROUNDS.uncut[0]
     surface = yield from solve_stage(first, provenance, BOUNCED, 1, max_iterations=few)
     uncut = _LitTrial.of(Trial(surface), colours, prior)
@@ -355,7 +355,9 @@ def separate_from(
     prior = AlbedoPrior.of(albedo)
     if searched is None:
         searched = SearchedPicture(
-            _guess(colours, prior), prior.albedo, SEPARATION_ROUNDS.guessed_steepness
+            np.zeros((*colours[1].mask.shape, 3)),
+            prior.albedo,
+            SEPARATION_ROUNDS.guessed_steepness,
         )
     problem = colours[1]
     outcome = ContourOutcome.NONE_CLEAR
@@ -412,12 +414,6 @@ def solve_direct(
     provenance = surface.provenance
     options |= {"start": start, "max_iterations": count}
     return (yield from solve_stage(problem, provenance, BOUNCED, number, **options))
-
-
-def _guess(colours: Sequence[Problem], prior: AlbedoPrior) -> FloatArray:
-    """Return ι before there is a surface, (H, W, 3): one number a colour."""
-    share = SEPARATION_ROUNDS.first_guess * prior.albedo
-    return np.broadcast_to(share / (1 - share), (*colours[1].mask.shape, 3))
 
 
 def _find_cuts(

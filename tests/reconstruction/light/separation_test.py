@@ -13,6 +13,7 @@ from endolab.reconstruction.channels import make_channels
 from endolab.reconstruction.light.separation import merge, separate
 from endolab.reconstruction.sentences import notes
 from endolab.reconstruction.settings import Settings
+from endolab.solvers.provenance import LightOutcome
 from tests.tools.problems import Shot, finish
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
@@ -64,6 +65,13 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert provenance.contours.steps > 0
     assert "Indirect light removed" in note(separated)
     assert separated.metric
+
+
+def test_a_grey_picture_stored_in_three_colours_says_so(dry):
+    """Though albedos are given: the fit alone would say that the channels disagree, and remove light."""
+    grey = np.repeat(dry.frame.image[..., 1:2], 3, axis=2)
+    result = solved(replace(dry.frame, image=grey), dry.calibration)
+    assert result.provenance.light.outcome is LightOutcome.NO_COLOUR
 
 
 def test_observers_see_every_solve_with_its_stage_and_round(dry):
