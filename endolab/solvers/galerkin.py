@@ -191,9 +191,8 @@ def _add_value(
         return
     pixel = special.pixel[n]
     while n < special.pixel.size and special.pixel[n] == pixel:
-        sums[special.row[n] - top, special.column[n] - first] += (
-            0.5 * value * special.weight[n]
-        )
+        half = 0.5 * value * special.weight[n]
+        sums[special.row[n] - top, special.column[n] - first] += half
         n += 1
 
 
@@ -229,7 +228,6 @@ def _add_special(
     n = special.of_row[i]
     end = special.of_row[i + 1]
     top = PAD + (i - PAD + leads[0]) // 2 - REACH
-    size = sums.shape[0]
     while n < end:
         pixel = special.pixel[n]
         j = pixel - i * share.shape[1]
@@ -237,30 +235,26 @@ def _add_special(
         _add_value(m[0, i, j], share, special, i, j, leads, sums, top, first)
         for entry in range(1, len(m)):
             down, right = STEPS[entry]
-            after = m[entry, i, j]
-            if after != 0:
-                _add_value(
-                    after, share, special, i + down, j + right, leads, sums, top, first
-                )
-            before = m[entry, i - down, j - right]
-            if before != 0:
-                _add_value(
-                    before, share, special, i - down, j - right, leads, sums, top, first
-                )
-        start = n
-        for y in range(size):
-            for x in range(size):
-                if sums[y, x] == 0:
-                    continue
-                n = start
-                while n < end and special.pixel[n] == pixel:
-                    value = special.weight[n] * sums[y, x]
-                    row = special.row[n]
-                    _add_between(value, row, special.column[n], top + y, first + x, out)
-                    n += 1
+            for way in (1, -1):
+                row = i + way * down
+                column = j + way * right
+                value = m[entry, i, j] if way == 1 else m[entry, row, column]
+                if value != 0:
+                    _add_value(value, share, special, row, column, leads, sums, top, first)
+        after = n + 1
+        while after < end and special.pixel[after] == pixel:
+            after += 1
+        for y in range(sums.shape[0]):
+            for x in range(sums.shape[1]):
+                value = sums[y, x]
                 sums[y, x] = 0.0
-        while n < end and special.pixel[n] == pixel:
-            n += 1
+                if value == 0:
+                    continue
+                for k in range(n, after):
+                    part = special.weight[k] * value
+                    row = special.row[k]
+                    _add_between(part, row, special.column[k], top + y, first + x, out)
+        n = after
 
 
 @on_cores(cost=30, turns=2)

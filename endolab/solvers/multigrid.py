@@ -382,14 +382,11 @@ class Multigrid:
         structure = coefficients.structure
         if old is None or old.structures[0] is not structure:
             self.room = np.empty((3, *structure.active.shape))
-            self.structures = [structure]
-            while not _is_coarsest(structure):
-                structure = structure.coarser
-                self.structures.append(structure)
-            entries = [self.structures[0].entries, *[len(OFFSETS)] * MOST_LEVELS]
-            self.levels = [
-                _Level.on(*pair) for pair in zip(self.structures, entries, strict=False)
-            ]
+            self.structures: list[Structure] = [structure]
+            while not _is_coarsest(self.structures[-1]):
+                self.structures.append(self.structures[-1].coarser)
+            self.levels = [_Level.on(structure, structure.entries)]
+            self.levels += [_Level.on(each, len(OFFSETS)) for each in self.structures[1:]]
         else:
             self.room = old.room
             self.structures = old.structures

@@ -3,9 +3,11 @@
 A contour that is really there lets the picture be explained by a much smoother surface. The steeper a line
 of a picture (`lines`), the more likely it is a contour: nine of ten that are steeper than .07 are in traced
 colons, and six to eight of ten that are steeper than .035; among polyps these are two or three of ten. So a
-surface is solved uncut and then cut at ever less steep lines, each from the one before:
+surface is solved uncut and then cut at ever less steep lines. The first two of these start from the uncut
+one, so that two cores can solve them side by side, and others from the one before:
 
-    uncut --> cut at lines > .07 --> cut at lines > .035 --> ... --> which of them?
+    uncut --+--> cut at lines > .07
+            +--> cut at lines > .035 --> cut at lines > .018 --> ...        which of them?
 
 `ContourChoice` answers. Where three colours see one wall, the right surface is the one on whose light they
 agree best; of one channel, the energy tells whether there is anything to be cut at all.

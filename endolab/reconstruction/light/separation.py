@@ -226,32 +226,29 @@ def separate(
     first = merge(colours, nothing, prior.albedo)
     few = SEPARATION_ROUNDS.uncut[0]
     surface = yield from solve_stage(first, provenance, BOUNCED, 1, max_iterations=few)
-    uncut = _LitTrial.of(Trial(surface), colours, prior)
+    trial = _LitTrial.of(surface, colours, prior)
     counts = SEPARATION_ROUNDS.uncut[1:]
-    if uncut.is_clean:  # there is nothing to ask the colours again
+    if trial.is_clean:  # there is nothing to ask the colours again
         counts = (sum(counts),)
     for number, count in enumerate(counts, 2):
-        ratio = uncut.indirect_ratio
-        searched = SearchedPicture(ratio, uncut.lit.albedo)
-        surface = yield from solve_direct(colours, ratio, uncut.lit, surface, number, count)
-        if uncut.is_clean:
-            uncut = replace(uncut, surface=surface)
-        else:
-            uncut = _LitTrial.of(Trial(surface), colours, prior)
-    trials: list[Trial] = [uncut]
+        ratio = trial.indirect_ratio
+        searched = SearchedPicture(ratio, trial.lit.albedo)
+        surface = yield from solve_direct(
+            colours, ratio, trial.lit, trial.surface, number, count
+        )
+        trial = trial.next(surface, colours, prior)
     report = ContourReport(ContourOutcome.NOT_ASKED)
-    chosen = 0
     if contours is not False:
-        trials = yield from _try_contours(colours, uncut, prior)
+        trials = yield from _try_contours(colours, trial, prior)
+        number += len(trials) - 1
         chosen, outcome = CHOICE.choose(trials, always=bool(contours))
-        steepness = trials[chosen].min_steepness
-        report = ContourReport(outcome, min_steepness=steepness, searched=searched)
-    trial = trials[chosen]
+        trial = trials[chosen]
+        report = ContourReport(
+            outcome, min_steepness=trial.min_steepness, searched=searched
+        )
     surface = trial.surface
-    lit = trial if isinstance(trial, _LitTrial) else uncut
-    ratio = lit.indirect_ratio
-    light = lit.lit
-    number += len(trials) - 1
+    ratio = trial.indirect_ratio
+    light = trial.lit
     if light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, ratio, light)
         surface = yield from solve_direct(
@@ -274,11 +271,18 @@ class _LitTrial(Trial):
         return self.light is LightOutcome.NONE_BOUNCED
 
     @classmethod
-    def of(cls, trial: Trial, colours: Sequence[Problem], prior: AlbedoPrior) -> _LitTrial:
-        ratio, light = estimate_indirect(colours, trial.surface, prior)
+    def of(
+        cls,
+        surface: Iterate,
+        colours: Sequence[Problem],
+        prior: AlbedoPrior,
+        min_steepness: float | None = None,
+    ) -> _LitTrial:
+        """Ask the colours of the light on a surface."""
+        ratio, light = estimate_indirect(colours, surface, prior)
         return cls(
-            trial.surface,
-            trial.min_steepness,
+            surface,
+            min_steepness,
             light.outcome,
             light.factor,
             light.misfit,
@@ -286,22 +290,31 @@ class _LitTrial(Trial):
             lit=light,
         )
 
+    def next(
+        self,
+        surface: Iterate,
+        colours: Sequence[Problem],
+        prior: AlbedoPrior,
+        min_steepness: float | None = None,
+    ) -> _LitTrial:
+        """Do so of another surface of the same picture, if there is anything to ask."""
+        if self.is_clean:
+            return replace(self, surface=surface, min_steepness=min_steepness)
+        return self.of(surface, colours, prior, min_steepness)
+
 
 def _try_contours(
     colours: Sequence[Problem], uncut: _LitTrial, prior: AlbedoPrior
-) -> Generator[Iterate, None, list[Trial]]:
+) -> Generator[Iterate, None, list[_LitTrial]]:
     """Cut the surface at ever less steep lines; return what is found each time, the uncut surface first.
 
     The three colours tell which of them is right: they agree less on the light that has not bounced the
     worse the surface is. The first two are solved side by side, each other one while the colours are asked
     of the one before.
     """
-    trials: list[Trial] = [uncut]
+    trials = [uncut]
     surface = uncut.surface
     few = SEPARATION_ROUNDS.clean_cut if uncut.is_clean else SEPARATION_ROUNDS.cut
-
-    def judge(trial: Trial) -> Trial:
-        return trial if uncut.is_clean else _LitTrial.of(trial, colours, prior)
 
     lines = find_contours(surface.problem.log_d0, surface.problem.mask)
     cut = [
@@ -332,7 +345,7 @@ def _try_contours(
             found = yield from begun[index]()
             if index + 1 == len(begun) < len(cut):
                 begun.append(begin(index + 1, found))
-            trials.append(judge(Trial(found, min_steepness)))
+            trials.append(uncut.next(found, colours, prior, min_steepness))
             if not CHOICE.goes_on(trials):
                 break
     return trials
