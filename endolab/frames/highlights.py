@@ -18,6 +18,7 @@ import scipy
 from endolab.frames.frame import FRAME_LIMITS, power
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
+from endolab.numerics.side_by_side import by_rows
 
 
 @dataclass(frozen=True)
@@ -106,16 +107,25 @@ def _white_part(
     light: FloatArray, colour: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Split light into tissue's and white by least squares; the white part and its standard deviation."""
-    weight = 1 / spread**2
-    aa = _sum_colours(weight * colour**2)
-    ab = _sum_colours(weight * colour)
-    bb = _sum_colours(weight)
-    a = _sum_colours(weight * colour * light)
-    b = _sum_colours(weight * light)
-    aa += 1e-12 * bb  # a picture may be all black
-    # 0 where the tissue itself is white.
-    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)
-    return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
+    white, deviation = np.empty((2, *light.shape[:2]))
+
+    def split(rows: slice) -> None:
+        own = colour[rows]
+        weight = 1 / spread[rows] ** 2
+        weighted = weight * own
+        aa = _sum_colours(weighted * own)
+        ab = _sum_colours(weighted)
+        bb = _sum_colours(weight)
+        a = _sum_colours(weighted * light[rows])
+        b = _sum_colours(weight * light[rows])
+        aa += 1e-12 * bb  # a picture may be all black
+        # 0 where the tissue itself is white.
+        determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)
+        white[rows] = (aa * b - ab * a) / determinant
+        deviation[rows] = np.sqrt(aa / determinant)
+
+    by_rows(split, light.shape)
+    return white, deviation
 
 
 def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
