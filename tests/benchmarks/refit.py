@@ -73,7 +73,7 @@ ALL = (
     Sweep(FIT, "most_misfit", (1e9, 0.07, 0.15)),
     Sweep(SEPARATION_ROUNDS, "ratio_doubt", (0.0, 0.08, 0.3)),
     Sweep(SEPARATION_ROUNDS, "uncut", ((4, 2), (6, 3, 3))),
-    Sweep(SEPARATION_ROUNDS, "clean_cut", (2, 6)),
+    Sweep(SEPARATION_ROUNDS, "cut", (2, 4)),
     Sweep(CHOICE, "price", (0.0, 0.05, 0.2)),
     Sweep(CHOICE, "clean_price", (0.1, 0.01, 0.04)),
     Sweep(CHOICE, "min_steepness", ((0.07,), (0.07, 0.05, 0.035, 0.025, 0.018))),
