@@ -3,8 +3,8 @@
 A contour that is really there lets the picture be explained by a much smoother surface. The steeper a line
 of a picture (`lines`), the more likely it is a contour: nine of ten that are steeper than .07 are in traced
 colons, and six to eight of ten that are steeper than .035; among polyps these are two or three of ten. So a
-surface is solved uncut and then cut at ever less steep lines. The first two of these start from the uncut
-one, so that two cores can solve them side by side, and others from the one before:
+surface is solved uncut and then cut at ever less steep lines. Where light bounced, the first two of these
+start from the uncut one, so that two cores can solve them side by side, and others from the one before:
 
     uncut --+--> cut at lines > .07
             +--> cut at lines > .035 --> cut at lines > .018 --> ...        which of them?

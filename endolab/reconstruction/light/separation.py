@@ -238,7 +238,7 @@ def separate(
         trial = trial.next(surface, colours, prior)
     report = ContourReport(ContourOutcome.NOT_ASKED)
     if contours is not False:
-        trials = yield from _try_contours(colours, trial, prior)
+        trials = yield from _try_contours(colours, trial, prior, number)
         number += len(trials) - 1
         chosen, outcome = CHOICE.choose(trials, always=bool(contours))
         trial = trials[chosen]
@@ -303,13 +303,13 @@ class _LitTrial(Trial):
 
 
 def _try_contours(
-    colours: Sequence[Problem], uncut: _LitTrial, prior: AlbedoPrior
+    colours: Sequence[Problem], uncut: _LitTrial, prior: AlbedoPrior, number: int
 ) -> Generator[Iterate, None, list[_LitTrial]]:
     """Cut the surface at ever less steep lines; return what is found each time, the uncut surface first.
 
     The three colours tell which of them is right: they agree less on the light that has not bounced the
     worse the surface is. The first two are solved side by side, each other one while the colours are asked
-    of the one before. Where nothing bounced, each starts from the one before.
+    of the one before. Where nothing bounced, each starts from the one before. `number` is the last round's.
     """
     trials = [uncut]
     surface = uncut.surface
@@ -329,7 +329,7 @@ def _try_contours(
             cut[index][1],
             surface.provenance,
             CONTOURS,
-            len(SEPARATION_ROUNDS.uncut) + 1 + index,
+            number + 1 + index,
             start=start.log_distance,
             max_iterations=few,
         )

@@ -164,6 +164,9 @@ def test_where_nothing_bounces_nothing_is_taken_out():
     )
     worse = shot.errors(result).mean_percent - shot.errors(green).mean_percent
     assert worse < 0.5
+    cut = shot.reconstruct(channel="separated", contours=True)
+    *rounds, _ = (stage.round for stage in cut.stages)
+    assert rounds == [*range(1, len(rounds) + 1)]
     assert "The colours show no indirect light" in note(result)
 
 
