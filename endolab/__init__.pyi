@@ -34,8 +34,8 @@ from .reconstruction.contrast import suggest_lam as suggest_lam
 from .reconstruction.light.known_surface import measure_light as measure_light
 from .reconstruction.light.unknown_light import estimate_light as estimate_light
 from .reconstruction.mesh import make_mesh as make_mesh
-from .reconstruction.reconstruct import iterate as iterate
-from .reconstruction.reconstruct import reconstruct as reconstruct
+from .reconstruction.pipeline import iterate as iterate
+from .reconstruction.pipeline import reconstruct as reconstruct
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
 from .reconstruction.uncertainty.estimate import uncertainty_of as uncertainty_of
 from .solvers.result import Iterate as Iterate

@@ -26,7 +26,7 @@ from endolab.metrics.depth_errors import compare, resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.reconstruct import reconstruct
+from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.result import Result
 from endolab.solvers.solvers import DEFAULT_SOLVER

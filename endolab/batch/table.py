@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
-from endolab.reconstruction.contours.choice import min_steepness_of
+from endolab.reconstruction.light_and_contours import min_steepness_of
 from endolab.reconstruction.sequence import Step
 from endolab.solvers.result import Result
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +39,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
 from endolab.numerics.side_by_side import one_ahead
-from endolab.reconstruction.channels import ReadyFrame, prepare_channels
 from endolab.reconstruction.sequence import (
     Carried,
     Step,
@@ -47,7 +46,6 @@ from endolab.reconstruction.sequence import (
     as_frame,
     reconstruct_sequence,
 )
-from endolab.reconstruction.settings import Settings
 
 if TYPE_CHECKING:
     from endolab.workbench.recording.sequence import SequenceRecorder
@@ -143,15 +141,8 @@ def reconstruct_video(
     carried = None
     try:
         pictures = _pictures(frames, [] if complete else wanted, inside)
-        make_ready = partial(_make_ready, calibration, options)
         goes_ahead = options.get("threads") != 1  # who allows one core gets one
-        coming = (
-            (name, picture, make_ready(name, picture))
-            if goes_ahead and name not in before
-            else (name, picture, None)
-            for name, picture in pictures
-        )
-        for name, picture, ready in one_ahead(coming) if goes_ahead else coming:
+        for name, picture in one_ahead(pictures) if goes_ahead else pictures:
             if name in before:
                 folder.record(name, picture, folder.maps(name))
                 last = name
@@ -161,7 +152,7 @@ def reconstruct_video(
                 ((_, seen),) = _pictures(frames, [last], inside)
                 carried = folder.take_up(last, as_frame(last, seen))
             (step,) = reconstruct_sequence(
-                [(name, ready or picture)], calibration, before=carried, **options
+                [(name, picture)], calibration, before=carried, **options
             )
             result = step.result
             if result is not None and result.status is Status.STOPPED:
@@ -206,22 +197,6 @@ def _pictures(
             yield name, Frame(image, mask, name)
         else:
             yield name, image
-
-
-def _make_ready(
-    calibration: Calibration,
-    options: dict[str, Any],
-    name: str,
-    picture: Frame | FloatArray | None,
-) -> ReadyFrame | None:
-    """Prepare a picture; None if it cannot be: who solves it says why."""
-    try:
-        frame = as_frame(name, picture)
-        channels = prepare_channels(frame, calibration, Settings.of(options))
-        _ = channels.full  # else prepared when it is asked for
-        return ReadyFrame(frame, channels)
-    except (ValueError, OSError, MemoryError):
-        return None
 
 
 @dataclass

@@ -74,7 +74,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import stage_folder
     from endolab.io.datasets.folders import depth_layout
     from endolab.io.images import read_frame
-    from endolab.reconstruction.reconstruct import reconstruct
+    from endolab.reconstruction.pipeline import reconstruct
     from endolab.solvers.solvers import DEFAULT_SOLVER
 
     calibration, keywords = read_solving_options(arguments)
@@ -158,8 +158,7 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     """Sum a result up."""
     import numpy as np
 
-    from endolab.reconstruction.sentences import notes, of_evidence
-    from endolab.reconstruction.warnings import warnings
+    from endolab.reconstruction.report import notes, of_evidence, warnings
     from endolab.workbench.reports.result import summarise_uncertainty
 
     nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])

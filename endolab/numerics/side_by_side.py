@@ -6,11 +6,9 @@ A band's intermediate maps stay in the processor's cache, where those of a whole
 fresh memory and read from it.
 """
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from contextvars import copy_context
-from threading import Event
 from typing import TypeVar
 
 from endolab.numerics.threads import background_core, threads
@@ -78,34 +76,27 @@ def one_ahead(items: Iterator[Item]) -> Iterator[Item]:
         yield item  # type: ignore[misc]
 
 
-@contextmanager
-def run_ahead(
-    steps: Generator[Item, None, Found],
-) -> Iterator[Callable[[], Generator[Item, None, Found]]]:
-    """Run a generator in the background while it is not known yet whether it is wanted.
+def run_together(
+    generators: Sequence[Generator[Item, None, Found]],
+) -> list[Generator[Item, None, Found]]:
+    """Run generators at once, a core each; return generators that yield and return what these did."""
 
-    What is given yields what it yielded, and returns what it returned. It ends at its next item when the
-    context is left.
-    """
-    items: list[Item] = []
-    left = Event()
+    def run(steps: Generator[Item, None, Found]) -> Callable[[], tuple[list[Item], Found]]:
+        def collect() -> tuple[list[Item], Found]:
+            items = []
+            while True:
+                try:
+                    items.append(next(steps))
+                except StopIteration as end:
+                    return items, end.value
 
-    def go() -> Found | None:
-        while not left.is_set():
-            try:
-                items.append(next(steps))
-            except StopIteration as end:
-                return end.value
-        return None
+        return in_background(collect)
 
-    doing = in_background(go)
-
-    def give() -> Generator[Item, None, Found]:
-        found = doing()
+    def replay(
+        wait: Callable[[], tuple[list[Item], Found]],
+    ) -> Generator[Item, None, Found]:
+        items, found = wait()
         yield from items
-        return found  # type: ignore[return-value]
+        return found
 
-    try:
-        yield give
-    finally:
-        left.set()
+    return [replay(wait) for wait in [run(steps) for steps in generators]]

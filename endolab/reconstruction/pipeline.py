@@ -1,30 +1,28 @@
-"""Frame and endoscope in, surface out, in five stages.
+"""Frame and endoscope in, surface out: the one call most people need, and its stages.
 
-    frame, endoscope, settings
+    frame, calibration, settings
        |
-       |  prepare                  `channels`: one channel, or three, in full and on few pixels
+       |  problem of frame         one channel, or three, in full and on few pixels
        v
-    Channels
-       |  remove indirect light    `light`: what came by way of other walls is computed and taken out
+    Problem
+       |  light and contours       light that came by way of other walls is computed and taken out; where a
+       |                           fold hides a wall, the surface is cut
        v
-    Task
-       |  choose contours          `contours`: where a fold hides a wall, the surface is cut; with three
-       |                           colours, the stage before has chosen them already
-       v
-    Task
-       |  solve                    `solvers`: the energy of the paper is minimised
+    Problem
+       |  solve                    the energy of the paper is minimised
        v
     surface
-       |  to scale                 `scale`: millimetres, if a length is known
+       |  to scale                 millimetres, if a length is known
        v
     Result
 
-The second and the third are endolab's own. With ``channel="green", contours=False`` they do nothing, and what
-is left is the method of the paper: one channel, all light taken for the lamp's, a surface without a cut.
+The second is endolab's own. With ``channel="green", contours=False`` it does nothing, and what is left is
+the method of the paper: one channel, all light taken for the lamp's, a surface without a cut.
 
 All that is solved on the way is yielded, so that observers see it.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -34,93 +32,227 @@ from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
-from endolab.reconstruction.channels import (
-    Channels,
-    ReadyFrame,
-    Task,
-    prepare_channels,
+from endolab.numerics.side_by_side import in_background
+from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.light.colours import known_albedo
+from endolab.reconstruction.light_and_contours import (
+    light_and_contours,
+    problem_as_before,
+)
+from endolab.reconstruction.problem_of_frame import (
+    check_frame,
+    on_few_pixels,
+    problem_of_frame,
     start_from,
 )
-from endolab.reconstruction.contours.choice import choose_contours
-from endolab.reconstruction.light.separation import remove_indirect_light
 from endolab.reconstruction.scale import scale_by_length
-from endolab.reconstruction.settings import AUTO, Settings
+from endolab.reconstruction.settings import AUTO, Settings, takes_settings
 from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,
+    Observer,
     Result,
     Solver,
     limit_steps,
-    with_provenance,
+    run,
 )
-from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
+from endolab.solvers.solvers import (
+    check_solver_options,
+    knows_curvature,
+    options_of,
+    solve,
+)
 
-# The solver ends when two steps change distances by less than this share, root mean square. It is more if the
-# surface is cut: pieces that are joined at few pixels creep long after that.
+# The solver ends when two steps change distances by less than this fraction, root mean square. It is more if
+# the surface is cut: pieces that are joined at few pixels creep long after that.
 SETTLED_CUT = 1e-2
 SETTLED_UNCUT = 5e-4
 
 
-def prepare(
-    frame: Frame | ReadyFrame,
+@takes_settings
+def reconstruct(
+    frame: Frame,
     calibration: Calibration,
-    settings: Settings,
-    start: Result | None,
-) -> Channels:
-    """Check what was given, and prepare the frame, if it is not ready."""
+    *,
+    start: Result | None = None,
+    observers: Iterable[Observer] = (),
+    threads: int | None = None,
+    **options: Any,
+) -> Result:
+    """Find the depth map that explains a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        The picture, as `endolab.read_frame` gives it. If its mask leaves nothing out, what surrounds the
+        endoscope's field of view is found and left out.
+    calibration : Calibration
+        Camera and photometry of the endoscope, for pictures of that size.
+    start : Result, optional
+        An earlier result to start from. If it is of the same frame and endoscope, what was found of bounced
+        light and contours stays: with another λ, say, the next result is a step or two away.
+    observers : iterable of callables
+        Each is shown every iterate of every stage (`Iterate.stage`), and at last the answer in mm if a
+        length is given; one that returns True stops the run.
+    threads : int, optional
+        The most cores to use, on which no result depends; all by default, or `ENDOLAB_THREADS` of the
+        environment.
+    **options
+        Those of `Settings`, below; others are the solver's, such as `inflow` of `fast_marching` and
+        `gauss_newton`.
+
+    Returns
+    -------
+    Result
+        Distances in mm, or in relative units (`metric` is False) if the gain is unknown and no
+        length is given.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if frame, calibration or an option cannot be used.
+    MemoryError
+        If the problem is too large for this machine, before anything is computed.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> result = el.reconstruct(sample.frame, sample.calibration, width=96)
+    >>> result.status.name, result.metric, result.distance.shape
+    ('CONVERGED', True, (72, 96))
+    """
+    with limit_threads(threads):
+        settings = Settings.of(options)
+        check_arguments(frame, calibration, settings, start)
+        give_full = _prepare(frame, calibration, settings)
+        stages = solve_in_stages(frame, calibration, settings, start, give_full)
+
+        def to_scale(answer: Iterate) -> Iterate:
+            if answer.stage != SOLUTION:  # it was stopped on the way
+                problem = give_full()
+                report = replace(answer.report, asked=settings.as_dict())
+                problem = replace(problem, report=report, colours=())
+                answer = Iterate.of(problem, start_from(answer, problem))
+            return scale_by_length(answer, **settings.lengths)
+
+        return run(stages, observers, last=to_scale)
+
+
+@takes_settings
+def iterate(
+    frame: Frame, calibration: Calibration, *, start: Result | None = None, **options: Any
+) -> Solver:
+    """Yield the iterates of all stages, up to the solver's own: ``for step in iterate(...): ...``.
+
+    Takes the keywords of `reconstruct` but for those that fix the scale.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> steps = el.iterate(sample.frame, sample.calibration, width=96, channel="green", max_iterations=2)
+    >>> [step.k for step in steps]
+    [0, 1, 2]
+    """
+    settings = Settings.of(options)
+    for name, length in settings.lengths.items():
+        if length is not None:
+            raise ValueError(
+                f"{name} is an option of reconstruct(); iterates have the unit of the gain"
+            )
+    check_arguments(frame, calibration, settings, start)
+    give_full = _prepare(frame, calibration, settings)
+    return solve_in_stages(frame, calibration, settings, start, give_full)
+
+
+def check_arguments(
+    frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
+) -> None:
+    """Raise a ValueError in one sentence if something cannot be used."""
     for name, value, kind, expected in (
-        ("frame", frame, Frame | ReadyFrame, "a Frame"),
+        ("frame", frame, Frame, "a Frame"),
         ("calibration", calibration, Calibration, "a Calibration"),
         ("start", start, Result | np.ndarray | None, "an earlier Result"),
     ):
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
+    check_frame(frame, calibration, settings)
     if start is not None:
         check_solver_options(settings.solver, {"start": start})
-    if isinstance(frame, ReadyFrame):
-        channels = frame.channels
-    else:
-        channels = prepare_channels(frame, calibration, settings)
-    if isinstance(start, Result):
-        shape = channels.middle.problem.mask.shape
-        if start.mask.shape != shape:
-            raise ValueError(f"start has shape {start.mask.shape}, the frame {shape}")
-    return channels
+
+
+def _prepare(
+    frame: Frame, calibration: Calibration, settings: Settings
+) -> Callable[[], Problem]:
+    """Begin to prepare the frame on all its pixels: long before it is needed, if few come first."""
+
+    def full() -> Problem:
+        return problem_of_frame(frame, calibration, settings)
+
+    if on_few_pixels(frame, settings) is not None:
+        return in_background(full)
+    problem = full()
+    return lambda: problem
 
 
 def solve_in_stages(
-    channels: Channels,
-    albedo: FloatArray | None,
+    frame: Frame,
+    calibration: Calibration,
     settings: Settings,
     start: Result | FloatArray | None,
+    give_full: Callable[[], Problem],
 ) -> Solver:
-    """Remove indirect light, choose contours, and solve what is left."""
+    """Take indirect light out, cut the surface where contours are, and solve what is left."""
     before = start if isinstance(start, Result) else None
     contours = settings.contours if settings.searches_contours else False
-    task = yield from remove_indirect_light(channels, albedo, contours, before)
-    task = yield from choose_contours(task, contours, before)
-    return (yield from _solve(task, settings, start))
+    known = None
+    if before is not None:
+        full = give_full()
+        if before.mask.shape != full.mask.shape:
+            raise ValueError(
+                f"start has shape {before.mask.shape}, the frame {full.mask.shape}"
+            )
+        known = problem_as_before(full, before, contours)
+    if before is not None and known is not None:
+        problem = known
+        first: FloatArray | None = start_from(before.iterate, problem)
+    else:
+        few = on_few_pixels(frame, settings)
+        small = give_full() if few is None else problem_of_frame(frame, calibration, few)
+        albedo = known_albedo(calibration)
+        problem, first = yield from light_and_contours(
+            small, give_full, albedo, contours, before
+        )
+    return (yield from _solve(problem, settings, start, first))
 
 
-def _solve(task: Task, settings: Settings, start: Result | FloatArray | None) -> Solver:
-    """Solve the problem that is left."""
-    regulariser = _choose_regulariser(task, settings)
-    problem = replace(task.problem, regulariser=regulariser)
-    first_map = task.start
+def _solve(
+    problem: Problem,
+    settings: Settings,
+    start: Result | FloatArray | None,
+    first: FloatArray | None,
+) -> Solver:
+    """Solve the problem that is left, from a first map of the stage before, or from a start."""
+    regulariser = _choose_regulariser(problem, settings)
+    asked = settings.as_dict() | {"regulariser": regulariser}
+    report = replace(problem.report, asked=asked)
+    problem = replace(problem, regulariser=regulariser, report=report)
     halvings = DESCENT.like_halvings  # as it was found on fewer pixels
     converged_at = None
     if isinstance(start, np.ndarray):
-        first_map = start
+        first = start
         halvings = DESCENT.start_halvings
     elif start is not None:
         if start.status.is_done:
             converged_at = start.energy
-        if first_map is None:
-            first_map = start_from(start.iterate, problem)
+        if first is None:
+            first = start_from(start.iterate, problem)
             halvings = DESCENT.start_halvings
     offered: dict[str, Any] = {
-        "start": first_map,
+        "start": first,
         "halvings": halvings,
         "converged_at": converged_at,
         "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,
@@ -132,35 +264,22 @@ def _solve(task: Task, settings: Settings, start: Result | FloatArray | None) ->
         for name, value in offered.items()
         if name in accepted and value is not None
     }
-    options |= settings.solver_options
-    settings_used = settings.as_dict() | {"regulariser": regulariser}
-    provenance = replace(task.provenance, asked=settings_used)
-    steps = with_provenance(solve(problem, settings.solver, **options), provenance)
+    steps = solve(problem, settings.solver, **{**options, **settings.solver_options})
     if "max_iterations" not in accepted:
         steps = limit_steps(steps, settings.max_iterations)
     return (yield from steps)
 
 
-def _choose_regulariser(task: Task, settings: Settings) -> str:
+def _choose_regulariser(problem: Problem, settings: Settings) -> str:
     """Choose the regulariser of the final surface.
 
     Where indirect light was removed, walls have a texture too; there curvature is no better than the second
     order, and it is slower.
     """
-    removed = task.provenance.albedo is not None
     if (
         settings.regulariser == AUTO
-        and not removed
+        and problem.report.albedo is None
         and knows_curvature(settings.solver, settings.xi)
     ):
         return "curvature"
     return settings.first_regulariser
-
-
-def to_scale(answer: Iterate, channels: Channels, settings: Settings) -> Iterate:
-    """Return the answer in mm, if a length is known; on the frame's pixels, if it was stopped on the way."""
-    if answer.stage != SOLUTION:
-        problem = channels.middle.problem
-        provenance = replace(answer.provenance, asked=settings.as_dict())
-        answer = Iterate.of(problem, start_from(answer, problem), provenance=provenance)
-    return scale_by_length(answer, **settings.lengths)

@@ -14,7 +14,6 @@ import numpy as np
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import number, real_array
-from endolab.solvers.provenance import Scale
 from endolab.solvers.result import SCALED, Iterate, Result
 
 Pixel = tuple[float, float]
@@ -43,18 +42,18 @@ def scale_by_length(
     """
     if median_distance is not None:
         factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
-        return in_unit(iterate, factor, scale=Scale("median distance", median_distance))
+        return in_unit(iterate, factor, scale="median distance", length=median_distance)
     if known_distance is not None:
         factor = factor_of_distance(iterate, *known_distance)
-        scale = Scale("known distance", known_distance)
+        scale: dict[str, Any] = {"scale": "known distance", "length": known_distance}
     elif known_diameter is not None:
         factor = factor_of_diameter(iterate, *known_diameter)
-        scale = Scale("known diameter", known_diameter)
+        scale = {"scale": "known diameter", "length": known_diameter}
     else:
         return iterate
     if scale_of(iterate) == "gain":
-        scale = replace(scale, by_gain=scale.length[0] / factor)
-    return in_unit(iterate, factor, scale=scale)
+        scale["length_by_gain"] = scale["length"][0] / factor
+    return in_unit(iterate, factor, **scale)
 
 
 def factor_of_distance(
@@ -87,30 +86,23 @@ def factor_of_diameter(
     return mm / float(np.linalg.norm(_surface_at(result, start) - _surface_at(result, end)))
 
 
-def in_unit(
-    iterate: Iterate, factor: float, metric: bool = True, scale: Scale | None = None
-) -> Iterate:
-    """Return the same surface in another unit, mm if it is `metric`, fixed by a `scale`.
+def in_unit(iterate: Iterate, factor: float, metric: bool = True, **scale: Any) -> Iterate:
+    """Return the same surface in another unit, mm if it is `metric`; `scale` goes into its report.
 
     Distances are multiplied by the factor; the gain goes with its square, the energy stays.
     """
     old = iterate.problem
-    provenance = iterate.provenance
     photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
-    problem = replace(old, photometry=photometry, metric=metric)
-    if scale is not None:
-        provenance = replace(provenance, scale=scale)
+    report = replace(old.report, **scale)
+    problem = replace(old, photometry=photometry, metric=metric, report=report)
     moved = freeze(iterate.log_distance + np.log(factor))
-    return replace(
-        iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance
-    )
+    return replace(iterate, problem=problem, log_distance=moved, stage=SCALED)
 
 
 def scale_of(result: Result | Iterate) -> str:
-    """How the scale was fixed: "gain", "none" (relative units), or what `Scale.by` says."""
-    scale = result.provenance.scale
-    if scale is not None:
-        return scale.by
+    """How the scale was fixed: "gain", "none" (relative units), or what `Report.scale` says."""
+    if result.report.scale:
+        return result.report.scale
     return "gain" if result.problem.metric else "none"
 
 
@@ -140,8 +132,7 @@ def pixel_name(pixel: Sequence[float]) -> str:
 def own_pixel(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
     own = (result.problem.camera.width, result.problem.camera.height)
-    prepared = result.provenance.preparation
-    full = np.array(own if prepared is None else prepared.picture_size)
+    full = np.array(result.report.picture_size or own)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
         raise ValueError(

@@ -19,12 +19,11 @@ from endolab.model.endoscope import Calibration
 from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.channels import ReadyFrame
-from endolab.reconstruction.reconstruct import reconstruct
+from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
 from endolab.reconstruction.settings import LENGTHS
 from endolab.solvers.problem import Problem
-from endolab.solvers.provenance import ContourOutcome, ContourReport, Provenance, Scale
+from endolab.solvers.provenance import ContourOutcome, Report
 from endolab.solvers.result import Iterate, Result
 from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
@@ -85,6 +84,9 @@ class Carried:
         """
         v = np.log(surface.distance)
         height, width = v.shape
+        report = Report(
+            contours=ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
+        )
         problem = Problem(
             np.zeros(v.shape),
             np.isfinite(v),
@@ -92,12 +94,9 @@ class Carried:
             replace(calibration.photometry, gain=surface.gain),
             metric=surface.metric,
             cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
+            report=report,
         )
-        contours = ContourReport(
-            ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
-        )
-        provenance = Provenance(contours=contours)
-        iterate = Iterate(problem, 0, freeze(v), {}, provenance=provenance)
+        iterate = Iterate(problem, 0, freeze(v), {})
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 
@@ -117,7 +116,7 @@ class Step:
 
 
 def reconstruct_sequence(
-    frames: Iterable[tuple[str, Frame | ReadyFrame | FloatArray | None]],
+    frames: Iterable[tuple[str, Frame | FloatArray | None]],
     calibration: Calibration,
     *,
     before: Carried | None = None,
@@ -165,7 +164,7 @@ def reconstruct_sequence(
         if carried is not None:
             options.pop("median_distance", None)
         try:
-            frame = picture if isinstance(picture, ReadyFrame) else as_frame(name, picture)
+            frame = as_frame(name, picture)
             start = carried if can_start else None
             found, warm = _solve_next(frame, calibration, start, options)
             result = found.result
@@ -197,15 +196,14 @@ def reconstruct_sequence(
 
 
 def _solve_next(
-    frame: Frame | ReadyFrame,
+    frame: Frame,
     calibration: Calibration,
     before: Carried | None,
     options: dict[str, Any],
 ) -> tuple[Carried, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
     photometry = calibration.photometry
-    picture = frame.frame if isinstance(frame, ReadyFrame) else frame
-    light = _light(picture, photometry.gamma)
+    light = _light(frame, photometry.gamma)
     warm = None
     if before is not None:
         start = before.result
@@ -227,12 +225,12 @@ def _solve_next(
 
 def _link(before: Result, result: Result) -> Result:
     """Give a result the scale of the frame before."""
-    scale: Scale | None = Scale("frame before")
+    scale = "frame before"
     factor = scale_between(before, result)
     if result.metric:
         factor = _by_gain(before, result)
-        scale = None if np.isclose(factor, 1) else scale
-    iterate = in_unit(result.iterate, factor, before.metric, scale)
+        scale = result.report.scale if np.isclose(factor, 1) else scale
+    iterate = in_unit(result.iterate, factor, before.metric, scale=scale)
     return replace(result, iterate=iterate)
 
 

@@ -1,6 +1,8 @@
 """A frame to be explained: everything a solver needs."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +17,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import excerpt, mask_array, number, readonly_copy, real_array
 from endolab.numerics.derivatives import differences, px_per_reference
 from endolab.numerics.noise import noise_level
+from endolab.solvers.provenance import Report
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
@@ -52,6 +55,9 @@ class Problem:
     evidence: NDArray[np.int8] | None = None
     # (H, W) or (H, W, 3), the frame as it looked, for people.
     picture: FloatArray | None = None
+    # Red, green and blue of the picture, green being this problem's own; none if they are not to be asked.
+    colours: tuple[Problem, ...] = ()
+    report: Report = field(default_factory=Report, compare=False)  # where it comes from
 
     def __post_init__(self) -> None:
         check_xi(self.xi)

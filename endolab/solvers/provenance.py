@@ -1,33 +1,16 @@
-"""Where a surface comes from: facts that no solver needs, and that reports and the next solve do.
+"""Where a surface comes from, in numbers and enums, which no solver needs: people and the next solve do.
 
-Each stage of a reconstruction adds its own. Sentences are made of them in `reconstruction.sentences`.
+Each stage of a reconstruction adds its own. Sentences are made of them in `reconstruction.report`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 from endolab.numerics.arrays import FloatArray
-
-
-@dataclass(frozen=True)
-class PreparationReport:
-    """How one channel of a frame became a problem."""
-
-    frame: str  # its name
-    picture_size: tuple[int, int]  # columns and rows of the frame that was given, px
-    channel: str
-    width: int  # of the problem, px
-    height: int
-    smooth: float  # standard deviation of the Gaussian that averaged the light first, px
-    highlights: str  # what was done with them
-    # Share of the mask that was given which lies beyond what the endoscope shows.
-    misplaced: float = 0.0
-    # Of picture, mask and endoscope: equal for equal ones.
-    fingerprint: str = field(default="", repr=False)
 
 
 class LightOutcome(Enum):
@@ -38,21 +21,6 @@ class LightOutcome(Enum):
     NONE_BOUNCED = "the colours show none"
     NO_COLOUR = "left in, since the colours tell nothing of it"
     GREY = "left in, since the picture is grey"
-
-
-@dataclass(frozen=True)
-class LightReport:
-    """What was found of indirect light."""
-
-    outcome: LightOutcome
-    reason: str = ""  # why the colours tell nothing, or are not believed
-    albedo: tuple[float, ...] = ()  # of the wall in red, green and blue
-    given: bool = False  # whether the calibration told these albedos
-    percent: tuple[
-        float, ...
-    ] = ()  # medians of indirect over direct light in red, green and blue
-    factor: float = 0.0  # indirect light over what surface and albedos predict
-    lamp: float = 0.0  # share of k that is the lamp's, the rest being the lens's
 
 
 class ContourOutcome(Enum):
@@ -72,74 +40,79 @@ class SearchedPicture:
 
     indirect_ratio: FloatArray  # ι, (h, w, 3)
     albedo: FloatArray  # (3,)
-    share: float = 1.0  # of `min_steepness`: its contours are so much less steep
+    # Of `min_steepness`: its contours are so much less steep.
+    steepness_factor: float = 1.0
 
 
 @dataclass(frozen=True)
-class ContourReport:
-    """Where the surface is cut."""
+class Report:
+    """What was asked for and done on the way from a frame to a surface; empty where nothing was done."""
 
-    outcome: ContourOutcome
-    steps: int = 0  # between neighbours that are cut
+    # Options by name, of the surface that counts.
+    asked: Mapping[str, object] = field(default_factory=dict)
+
+    # The picture
+    frame: str = ""  # its name
+    picture_size: tuple[int, int] | None = (
+        None  # columns, rows of the frame that was given, px
+    )
+    width: int = 0  # of the problem, px
+    height: int = 0
+    # "separated" if it is made of all three colours.
+    channel: str | None = None
+    smooth: float = (
+        0.0  # standard deviation of the Gaussian that averaged the light first, px
+    )
+    highlights: str = ""  # what was done with them
+    # Fraction of the mask that was given which lies beyond what the endoscope shows.
+    misplaced: float = 0.0
+    # Of picture, mask, endoscope and what was done with them: equal for equal ones.
+    fingerprint: str = field(default="", repr=False)
+
+    # Light that bounced
+    light: LightOutcome | None = None
+    reason: str = ""  # why the colours tell nothing, or are not believed
+    wall_albedo: tuple[float, ...] = ()  # in red, green and blue, as given or found
+    albedo_given: bool = False
+    # Medians of indirect over direct light in red, green and blue.
+    indirect_percent: tuple[float, ...] = ()
+    indirect_factor: float = 0.0  # indirect light over what surface and albedos predict
+    lamp: float = 0.0  # fraction of k that is the lamp's, the rest being the lens's
+
+    # Where the surface is cut
+    contours: ContourOutcome | None = None
+    cut_links: int = 0  # between neighbours
     # Of log d₀ per 1/320 of the longer side; None if nothing is cut.
     min_steepness: float | None = None
     searched: SearchedPicture | None = field(default=None, compare=False, repr=False)
 
-
-@dataclass(frozen=True)
-class Scale:
-    """What fixed the unit of distances, other than the gain of the endoscope."""
-
-    by: str  # "known distance", "known diameter", "median distance", or "frame before" of a video
-    # As it was given: mm, (mm, column, row) or (mm, (column, row), (column, row)).
+    # What fixed the unit of distances, other than the gain of the endoscope: "known distance", "known
+    # diameter", "median distance", or "frame before" of a video; and that length as it was given.
+    scale: str = ""
     length: Any = None
-    by_gain: float | None = None  # what the gain says of that length, mm
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """What was asked for and done on the way from a frame to a surface; None of what was not done."""
-
-    # Options by name, of the surface that counts.
-    asked: Mapping[str, object] = field(default_factory=dict)
-    preparation: PreparationReport | None = None
-    light: LightReport | None = None
-    contours: ContourReport | None = None
-    scale: Scale | None = None
+    length_by_gain: float | None = None  # what the gain says of that length, mm
 
     @property
     def albedo(self) -> tuple[float, ...] | None:
         """Of the wall, with which indirect light was removed; None if none was."""
-        removed = (LightOutcome.REMOVED, LightOutcome.COMPUTED)
-        return (
-            self.light.albedo
-            if self.light is not None and self.light.outcome in removed
-            else None
-        )
-
-    @property
-    def channel(self) -> str | None:
-        """The channel that was solved: "separated" if it is made of all three colours."""
-        of_three = (LightOutcome.REMOVED, LightOutcome.COMPUTED, LightOutcome.NONE_BOUNCED)
-        if self.light is not None and self.light.outcome in of_three:
-            return "separated"  # made of all three, indirect light removed
-        return None if self.preparation is None else self.preparation.channel
+        removed = self.light in (LightOutcome.REMOVED, LightOutcome.COMPUTED)
+        return self.wall_albedo if removed else None
 
     @property
     def settings(self) -> dict[str, object]:
-        """What was asked for and done, by name, as reports list it."""
+        """What was asked for and done, by name, as files list it."""
         done: dict[str, object] = {}
-        if self.preparation is not None:
-            done = asdict(self.preparation)
-            del done["fingerprint"]
+        if self.picture_size is not None:
+            names = "frame picture_size width height smooth highlights misplaced"
+            done = {name: getattr(self, name) for name in names.split()}
         if self.contours is not None:
-            done["contours"] = self.contours.steps > 0
+            done["contours"] = self.cut_links > 0
         if self.albedo is not None:
             done["albedo"] = list(self.albedo)
-        if self.scale is not None and self.scale.length is None:
-            done["scale"] = self.scale.by
-        elif self.scale is not None:
-            done[self.scale.by.replace(" ", "_")] = self.scale.length
-        if self.scale is not None and self.scale.by_gain is not None:
-            done["by_gain"] = self.scale.by_gain
+        if self.scale and self.length is None:
+            done["scale"] = self.scale
+        elif self.scale:
+            done[self.scale.replace(" ", "_")] = self.length
+        if self.length_by_gain is not None:
+            done["by_gain"] = self.length_by_gain
         return {**self.asked, **done, "channel": self.channel}

@@ -22,7 +22,7 @@ from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, check_observers, close_observers, drive
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
-from endolab.solvers.provenance import Provenance
+from endolab.solvers.provenance import Report
 
 # the stage whose answer counts, and the same in a known unit
 SOLUTION = "solution"
@@ -47,7 +47,6 @@ class Iterate:
     # Of a reconstruction: "bounced light", "contours", "solution", "scaled".
     stage: str = SOLUTION
     round: int = 0  # of that stage, from 1 where there are several
-    provenance: Provenance = field(default_factory=Provenance)  # of the problem
 
     @classmethod
     def of(
@@ -79,6 +78,11 @@ class Iterate:
     def energy(self) -> float:
         """Sum of the terms."""
         return sum(self.terms.values())
+
+    @property
+    def report(self) -> Report:
+        """What was asked for and done on the way to it."""
+        return self.problem.report
 
     @property
     def mask(self) -> BoolArray:
@@ -153,9 +157,9 @@ class Result:
         return self.iterate.problem
 
     @property
-    def provenance(self) -> Provenance:
-        """Where it comes from: what was asked for, done and noted on the way."""
-        return self.iterate.provenance
+    def report(self) -> Report:
+        """What was asked for and done on the way to it, in numbers and enums."""
+        return self.problem.report
 
     @property
     def iterations(self) -> int:
@@ -244,13 +248,6 @@ def limit_steps(
                 return Status.MAX_ITERATIONS
     finally:
         steps.close()
-
-
-def with_provenance(steps: Solver, provenance: Provenance) -> Solver:
-    """Pass a solver's iterates on with the provenance of their problem."""
-    return limit_steps(
-        steps, change=lambda iterate: replace(iterate, provenance=provenance)
-    )
 
 
 def name_stage(

@@ -17,7 +17,7 @@ import numpy as np
 import endolab as el
 from endolab.metrics.depth_errors import Errors, depth_cuts
 from endolab.model.photometry import CHANNELS
-from endolab.reconstruction.sentences import notes
+from endolab.reconstruction.report import notes
 from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 

@@ -7,7 +7,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.frames.surround import field_of_view, unclear_surround
-from endolab.reconstruction.warnings import warnings
+from endolab.reconstruction.report import warnings
 
 HIGH = 360
 WIDE = 480

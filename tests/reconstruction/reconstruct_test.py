@@ -9,7 +9,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.reconstruction.channels import make_problem
-from endolab.reconstruction.sentences import notes
+from endolab.reconstruction.report import notes
 from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.solvers import SOLVERS, solve
 from tests.tools.problems import Shot

@@ -13,7 +13,7 @@ from endolab.reconstruction.scale import (
     factor_of_distance,
     scale_of,
 )
-from endolab.reconstruction.sentences import meaning
+from endolab.reconstruction.report import meaning
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from tests.tools.problems import Shot

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.warnings import warnings
+from endolab.reconstruction.report import warnings
 
 WIDTH = 160
 

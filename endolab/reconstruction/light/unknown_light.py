@@ -36,14 +36,15 @@ from endolab.frames.frame import Frame
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
-from endolab.model.photometry import CHANNELS, Photometry
+from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, check_observers, close_observers, drive
-from endolab.reconstruction.channels import Channel, make_channels
 from endolab.reconstruction.light.colours import NoColour, known_albedo
-from endolab.reconstruction.light.separation import separate, separate_from
+from endolab.reconstruction.light_and_contours import separate, separate_from
+from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
 from endolab.reconstruction.settings import Settings
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Observer
 
 EXPONENTS = np.linspace(
@@ -245,29 +246,29 @@ def _solve_for_all_k(
         smooth=EXPONENT_SEARCH.smooth,
         highlights="ignore",
     )
-    colours = make_channels(frame, calibration, settings, CHANNELS)
+    check_frame(frame, calibration, settings)
+    problem = problem_of_frame(frame, calibration, settings)
     albedo = known_albedo(calibration)
     first = EXPONENT_SEARCH.first
-    separation = yield from separate(_under(colours, EXPONENTS[first]), albedo, False)
-    surfaces = {first: separation.surface}
+    found = yield from separate(_under(problem, EXPONENTS[first]), albedo, False)
+    surfaces = {first: found.trial.surface}
     for index in (*range(first + 1, len(EXPONENTS)), *reversed(range(first))):
         neighbour = surfaces[index - 1 if index > first else index + 1]
         k = EXPONENTS[index]
-        separation = yield from separate_from(
-            _under(colours, k), albedo, _move_sides(neighbour, k)
+        found = yield from separate_from(
+            _under(problem, k), albedo, _move_sides(neighbour, k)
         )
-        surfaces[index] = separation.surface
+        surfaces[index] = found.trial.surface
     return [surface for _, surface in sorted(surfaces.items())]
 
 
-def _under(colours: Sequence[Channel], k: float) -> list[Channel]:
+def _under(problem: Problem, k: float) -> Problem:
     """Return the same picture under a light of another k."""
-    lit = []
-    for colour in colours:
-        problem = colour.problem
-        photometry = replace(problem.photometry, k=float(k))
-        lit.append(replace(colour, problem=replace(problem, photometry=photometry)))
-    return lit
+    lit = [
+        replace(colour, photometry=replace(colour.photometry, k=float(k)))
+        for colour in problem.colours
+    ]
+    return replace(lit[1], colours=tuple(lit))
 
 
 def _move_sides(surface: Iterate, k: float) -> FloatArray:

@@ -109,7 +109,7 @@ def light_changes(
         yield "k", -prior_sigma.k * np.log(np.maximum(field.cos_alpha, CAUSES.grazing))
     if prior_sigma.gamma:
         yield "gamma", prior_sigma.gamma * np.log(np.maximum(problem.image, 0.5 / 255))
-    removed = iterate.provenance.albedo is not None
+    removed = iterate.report.albedo is not None
     share = prior_sigma.bounced if removed else prior_sigma.left_in
     bounced = share * bounced_light(iterate)
     if bounced.any():
@@ -128,9 +128,9 @@ def light_changes(
 def bounced_light(iterate: Iterate) -> FloatArray:
     """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
     problem = iterate.problem
-    albedo = iterate.provenance.albedo
-    light = iterate.provenance.light
-    if light is not None and light.outcome is LightOutcome.NONE_BOUNCED:
+    albedo = iterate.report.albedo
+    light = iterate.report.light
+    if light is LightOutcome.NONE_BOUNCED:
         return np.zeros(problem.mask.shape)
     if albedo is None:
         facing = np.ones(1)

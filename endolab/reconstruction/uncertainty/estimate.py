@@ -159,7 +159,7 @@ def uncertainty_of(
     if not isinstance(prior_sigma, PriorSigma | None):
         raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
     draws = check_int("draws", draws, SAMPLING.least_draws)
-    check_solver(result.provenance.asked.get("solver"))
+    check_solver(result.report.asked.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = check_observers(observers)
@@ -339,11 +339,11 @@ def _pixels_of_scale(iterate: Iterate) -> IntArray | None:
 
     Each is a row and a column.
     """
-    scale = iterate.provenance.scale
-    if scale is None:
+    report = iterate.report
+    if not report.scale:
         return None if iterate.problem.metric else np.empty((0, 2), int)
-    known = scale.by in ("known distance", "known diameter")
-    pixels = np.reshape(scale.length[1:] if known else (), (-1, 2))
+    known = report.scale in ("known distance", "known diameter")
+    pixels = np.reshape(report.length[1:] if known else (), (-1, 2))
     most = np.array(iterate.mask.shape) - 1
     places = [np.round(own_pixel(iterate, pixel)[::-1]) for pixel in pixels]
     return np.clip(np.reshape(places, (-1, 2)), 0, most).astype(int)
@@ -352,8 +352,7 @@ def _pixels_of_scale(iterate: Iterate) -> IntArray | None:
 def noise_left(result: Result | Iterate) -> tuple[float, float]:
     """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
     shown = result.problem.shown
-    prepared = result.provenance.preparation
-    blur = 0.0 if prepared is None else prepared.smooth
+    blur = result.report.smooth
     green = shown if shown.ndim == 2 else shown[..., 1]
     level = max(noise_level(green, result.mask), FRAME_LIMITS.rounding)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.

@@ -47,13 +47,10 @@ def _halve(iterate: Iterate) -> Iterate:
         picture=np.asarray(
             cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float
         ),
+        report=replace(problem.report, smooth=problem.report.smooth / 2),
     )
-    provenance = iterate.provenance
-    if provenance.preparation is not None:
-        prepared = replace(provenance.preparation, smooth=provenance.preparation.smooth / 2)
-        provenance = replace(provenance, preparation=prepared)
     v = inner(grid.restrict(pad_maps(np.where(iterate.mask, iterate.log_distance, 0.0))))
-    return Iterate.of(smaller, np.where(smaller.mask, v, 0.0), provenance=provenance)
+    return Iterate.of(smaller, np.where(smaller.mask, v, 0.0))
 
 
 def enlarge(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:

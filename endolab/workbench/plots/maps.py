@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.reconstruction.sentences import meaning
+from endolab.reconstruction.report import meaning
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots import style
@@ -352,7 +352,7 @@ def overview(
         f"iteration {iterate.k}",
         f"energy {iterate.energy:.4g}",
     ]
-    if channel := iterate.provenance.channel:
+    if channel := iterate.report.channel:
         words.insert(1, f"channel {channel}")
     if not problem.metric:
         words.append("relative units")

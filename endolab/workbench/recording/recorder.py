@@ -15,7 +15,7 @@ import rerun as rr
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
-from endolab.reconstruction.sentences import notes
+from endolab.reconstruction.report import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limits, in_colour
 from endolab.workbench.recording.layouts import (
@@ -381,7 +381,7 @@ def _settings(iterate: Iterate) -> str:
         "picture": f"{camera.width} x {camera.height} px",
         "camera": camera.model.replace("_", "-"),
         "light": f"{light}, gain = {gain}",
-        **iterate.provenance.settings,
+        **iterate.report.settings,
         "regulariser": f"{problem.regulariser} of {problem.xi}",
         "λ": problem.lam,
         "ε": problem.epsilon,

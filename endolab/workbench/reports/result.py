@@ -13,9 +13,8 @@ from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
 from endolab.reconstruction.mesh import make_mesh
+from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.scale import scale_of
-from endolab.reconstruction.sentences import meaning
-from endolab.reconstruction.warnings import warnings
 from endolab.solvers.result import Result
 from endolab.workbench.plots.maps import overview
 from endolab.workbench.plots.preparation import prepare_figure
@@ -54,7 +53,7 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
         },
         "pixels": known.size,
         "photometry": {name: getattr(photometry, name) for name in ("k", "gamma", "gain")},
-        "settings": result.provenance.settings,
+        "settings": result.report.settings,
     }
     if uncertainty is not None:
         facts["uncertainty"] = summarise_uncertainty(result, uncertainty)

@@ -39,17 +39,17 @@ from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.iteration import Status, Stopped
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import explained_share, noise_of
-from endolab.reconstruction.reconstruct import reconstruct
+from endolab.reconstruction.pipeline import reconstruct
+from endolab.reconstruction.report import warnings
 from endolab.reconstruction.uncertainty.estimate import (
     Uncertainty,
     noise_left,
     uncertainty_of,
 )
-from endolab.reconstruction.warnings import warnings
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import DESCENT, Look, gauss_newton
 from endolab.solvers.problem import Problem
-from endolab.solvers.result import Iterate, Observer, Result, run, with_provenance
+from endolab.solvers.result import Iterate, Observer, Result, run
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 
@@ -381,7 +381,6 @@ class Tuner:
                 is_due = number == self._asked and self._recall(settings) is None
                 if is_due and last and followed and self._follows(settings, last):
                     iterate = followed.follow(_with_energy(last, settings))
-                    iterate = replace(iterate, provenance=last.result.provenance)
                     row = {"k": 0, "energy": iterate.energy, **iterate.terms}
                     seconds = time.perf_counter() - started
                     result = Result(iterate, Status.STOPPED, [row], seconds)
@@ -537,7 +536,7 @@ def solve_warm(
     start = before.iterate.log_distance
     halvings = 0 if answer.stage == Stage.LOOK else DESCENT.like_halvings
     steps = gauss_newton(problem, start=start, settled=PACE.settled, halvings=halvings)
-    result = run(with_provenance(steps, before.provenance), [_watch(is_stale)])
+    result = run(steps, [_watch(is_stale)])
     return Answer(settings, Stage.KEPT, result.seconds, answer.subject, result)
 
 

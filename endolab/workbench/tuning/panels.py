@@ -181,7 +181,7 @@ def _indirect_light(answer: Answer, view: View) -> Panel:
         return Map("Bounced light: with the final answer", None)
     result = answer.result
     share = np.where(result.mask, -100 * np.expm1(-bounced_light(result.iterate)), np.nan)
-    taken = "left in" if result.provenance.albedo is None else "removed"
+    taken = "left in" if result.report.albedo is None else "removed"
     title = f"Bounced light [% of all], {taken}"
     return _value_map(title, share, (0.0, end_of(share)), "magma", "{:.1f} %")
 

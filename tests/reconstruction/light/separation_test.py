@@ -11,7 +11,7 @@ from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.channels import make_channels
 from endolab.reconstruction.light.separation import merge, separate
-from endolab.reconstruction.sentences import notes
+from endolab.reconstruction.report import notes
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import LightOutcome
 from tests.tools.problems import Shot, finish

@@ -9,7 +9,7 @@ from PIL import Image
 
 import endolab as el
 from endolab.io.surfaces import read_depth, write_cloud
-from endolab.reconstruction.sentences import meaning
+from endolab.reconstruction.report import meaning
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
 CAMERA = el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)

@@ -1,0 +1,661 @@
+"""Direct light out of a colour picture, and the surface cut where folds hide walls: one stage.
+
+A wall of albedo a shows I_c = g a/π (E + S), the lamp's light E and light S from other walls. The three
+colours see one E, but the more a colour is reflected, the more of it bounces. From a surface that is known
+roughly follows ι = S/E for each colour (`walls`, `colours`); divided by 1 + ι, the three pictures are three
+measurements of E, which are merged and solved, and ι follows again from a better surface:
+
+                 surface ----> ι of red, green, blue
+                    ^                  |
+                 solve <---- merge the three colours
+
+A contour that is really there lets the picture be explained by a much smoother surface, and sends light to
+the right places. The steeper a line of a picture (`lines`), the more likely it is a contour: nine of ten that
+are steeper than .07 are in traced colons, six to eight of ten that are steeper than .035; among polyps these
+are two or three of ten. So a surface is solved uncut, in rounds, and then cut at ever less steep lines:
+
+    round, round, round --+--> cut at lines > .07
+                          +--> cut at lines > .035 --> cut at lines > .018        which of these four?
+
+`choose` answers. Where three colours see one wall, the right surface is the one on whose light they agree
+best; of one channel, or where nothing bounced, the energy tells. At last the tint of each place tells where ι
+of that surface is still wrong. Albedos that are not given are found from the colours: the tissue looks more
+alike all over the picture the better the bounced light is known.
+
+A cut surface begins as the uncut one: what lies behind an open line comes loose only as far as the energy
+wants. A start on the far side would not do: regions that are held by little stay as far as they are put.
+All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from endolab.frames.frame import FRAME_LIMITS
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.resampling import resample
+from endolab.numerics.side_by_side import by_rows, run_together
+from endolab.reconstruction.contours.lines import find_contours
+from endolab.reconstruction.light.colours import (
+    FIT,
+    AlbedoPrior,
+    Light,
+    NoColour,
+    Patches,
+    all_exact,
+    fit_light,
+    refine_per_pixel,
+)
+from endolab.reconstruction.light.walls import Walls
+from endolab.reconstruction.problem_of_frame import (
+    in_units,
+    resample_surface,
+    start_from,
+)
+from endolab.reconstruction.settings import SEPARATED
+from endolab.solvers.gauss_newton import DESCENT, gauss_newton
+from endolab.solvers.problem import EXACT, NONE, Problem
+from endolab.solvers.provenance import ContourOutcome, LightOutcome, SearchedPicture
+from endolab.solvers.result import Iterate, Result, name_stage
+
+# Stages
+SMOOTH = "smooth"  # one channel, before anything is cut
+BOUNCED = "bounced light"  # three colours, likewise
+CONTOURS = "contours"  # cut
+
+# Steps of each uncut round, of each trial of contours, and of the last round, whose ι is refined per pixel:
+# earlier that would fit every trial to the colours, so that they could tell the trials apart no more. Chosen
+# on rendered and path-traced frames: more change the mean error by less than .03 %.
+UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)
+TRIAL_STEPS = 3
+REFINED_STEPS = 1
+# How steep lines must be to be cut, one trial after the other: log d₀ per 1/320 of the longer side.
+MIN_STEEPNESS = (0.07, 0.035, 0.018)
+# Before indirect light is known, lines are less steep by this factor.
+GUESSED_STEEPNESS = 0.8
+RATIO_DOUBT = 0.15  # fraction of ι that may be wrong
+# The least cut surface is taken whose misfit is at most so many times the least, or as many times more as the
+# colours ask for indirect light.
+MISFIT_LIMIT = 1.08
+# Median difference of stored values, as a fraction, up to which two colours are one.
+SAME_COLOUR = 0.01
+
+
+# Of one channel, which tells nothing.
+NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A surface that is cut, or not, with the light that its colours tell."""
+
+    surface: Iterate
+    light: Light = NO_LIGHT
+    indirect_ratio: FloatArray = field(default_factory=lambda: np.empty(0))  # ι, (H, W, 3)
+    min_steepness: float | None = (
+        None  # of the lines that are cut; None of the uncut surface
+    )
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the colours show no light that bounced."""
+        return self.light.outcome is LightOutcome.NONE_BOUNCED
+
+    @property
+    def cut_length(self) -> float:
+        """How long its cuts are, in heights of the picture."""
+        cuts = self.surface.problem.cuts
+        mask = self.surface.mask
+        return 0.0 if cuts is None else float(cuts.sum()) * max(mask.shape) / mask.sum()
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the stage found on few pixels."""
+
+    trial: Trial  # the surface that was chosen, with its light
+    contours: ContourOutcome
+    searched: SearchedPicture  # where lines were looked for
+
+
+def light_and_contours(
+    small: Problem,
+    give_full: Callable[[], Problem],
+    albedo: FloatArray | None = None,
+    contours: bool | None = None,
+    before: Result | None = None,
+) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+    """Take indirect light out of a picture, and cut its surface at contours; yield every solve's iterates.
+
+    `small` is the frame on few pixels, and `give_full` gives it on all, once that is needed. `albedo` is what
+    is known of the wall's: (3,), green's alone, or None. `contours` says whether to cut the surface, by
+    default if that explains the picture much better. `before` is an earlier result, of another frame say: it
+    makes one round enough, and what it cut is cut without asking.
+
+    Returns the problem of direct light on all pixels, or that of the clearest colour where colours tell
+    nothing; and a log d (H, W) to begin with, if there is one.
+    """
+    reason = ""
+    if small.colours:
+        try:
+            if before is None:
+                found = yield from separate(small, albedo, contours)
+            else:
+                found = yield from _separate_as_before(
+                    small, give_full(), albedo, contours, before
+                )
+            is_given = albedo is not None and albedo.ndim == 1
+            return _direct_light_on_all_pixels(found, give_full(), is_given)
+        except NoColour as error:
+            reason = str(error)
+    full = give_full()
+    if reason:
+        # Of equals the first: green, blue, then red.
+        clearest = max((1, 2, 0), key=lambda c: _signal(full.colours[c]))
+        small, full = small.colours[clearest], full.colours[clearest]
+        report = replace(full.report, light=LightOutcome.NO_COLOUR, reason=reason)
+        full = replace(full, report=report)
+    return (yield from _cut_one_channel(small, full, contours, before))
+
+
+def _cut_one_channel(
+    small: Problem, full: Problem, contours: bool | None, before: Result | None
+) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+    """Cut the surface of one channel where contours are found in its picture, before it is solved."""
+    if full.cuts is not None:
+        return _with_contours(full, ContourOutcome.GIVEN), None
+    if contours is False:
+        return _with_contours(full, ContourOutcome.NOT_ASKED), None
+    if before is not None:
+        steepness = min_steepness_of(before)
+        cut = full if steepness is None else cut_at_contours(full, steepness)
+        outcome = (
+            ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
+        )
+        return _with_contours(cut, outcome, steepness), None
+    uncut = yield from solve_stage(small, SMOOTH)
+    trials = yield from _try_contours(Trial(uncut), (), None)
+    chosen, outcome = choose(trials, always=bool(contours))
+    if chosen.surface.problem.cuts is None:
+        return _with_contours(full, outcome), None
+    cut = cut_at_contours(full)
+    first = start_from(chosen.surface, cut)
+    return _with_contours(cut, outcome, chosen.min_steepness), first
+
+
+def _with_contours(
+    problem: Problem,
+    outcome: ContourOutcome,
+    min_steepness: float | None = None,
+    searched: SearchedPicture | None = None,
+) -> Problem:
+    report = replace(
+        problem.report,
+        contours=outcome,
+        cut_links=0 if problem.cuts is None else int(problem.cuts.sum()),
+        min_steepness=min_steepness,
+        searched=searched,
+    )
+    return replace(problem, report=report)
+
+
+# Three colours --------------------------------------------------------------------------
+
+
+def separate(
+    problem: Problem, albedo: FloatArray | None = None, contours: bool | None = None
+) -> Generator[Iterate, None, Found]:
+    """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds.
+
+    Raises `NoColour` if the colours are one.
+    """
+    colours = problem.colours
+    _check_colours(colours)
+    prior = AlbedoPrior.of(albedo)
+
+    # Uncut
+    ratio = np.zeros((*problem.mask.shape, 3))
+    first = merge(colours, ratio, prior.albedo)
+    surface = yield from solve_stage(first, BOUNCED, 1, max_iterations=UNCUT_ROUNDS[0])
+    trial = _with_light(Trial(surface), colours, prior)
+    counts = UNCUT_ROUNDS[1:]
+    if trial.is_clean:  # there is nothing to ask the colours again
+        counts = (sum(counts),)
+    number = 1
+    for count in counts:
+        number += 1
+        searched = SearchedPicture(trial.indirect_ratio, trial.light.albedo)
+        surface = yield from _solve_direct(colours, trial, number, count)
+        trial = _with_light(replace(trial, surface=surface), colours, prior)
+
+    # Cut at ever less steep lines
+    outcome = ContourOutcome.NOT_ASKED
+    if contours is not False:
+        trials = yield from _try_contours(trial, colours, prior, number + 1)
+        number += len(trials) - 1
+        trial, outcome = choose(trials, always=bool(contours))
+
+    # The best of these, ι refined per pixel
+    if trial.light.outcome is LightOutcome.REMOVED:
+        ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
+        refined = replace(trial, indirect_ratio=ratio)
+        surface = yield from _solve_direct(colours, refined, number + 1, REFINED_STEPS)
+        ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+        trial = Trial(surface, light, ratio, trial.min_steepness)
+    return Found(trial, outcome, searched)
+
+
+def separate_from(
+    problem: Problem,
+    albedo: FloatArray | None,
+    log_distance: FloatArray,
+    min_steepness: float | None = None,
+    searched: SearchedPicture | None = None,
+) -> Generator[Iterate, None, Found]:
+    """Do the same with a surface that is nearly the right one, the last frame's say: one round.
+
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives. If there
+    is a `min_steepness`, it is cut at this frame's lines that are steeper, or at those of the picture that
+    was `searched`.
+    """
+    colours = problem.colours
+    prior = AlbedoPrior.of(albedo)
+    if searched is None:
+        nothing = np.zeros((*problem.mask.shape, 3))
+        searched = SearchedPicture(nothing, prior.albedo, GUESSED_STEEPNESS)
+    outcome = ContourOutcome.NONE_CLEAR
+    if min_steepness is not None:
+        problem = replace(problem, cuts=_find_cuts(colours, searched, min_steepness))
+        if problem.cuts is not None:
+            outcome = ContourOutcome.AS_BEFORE
+    surface = Iterate(problem, 0, log_distance, {})
+    ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+    trial = Trial(surface, light, ratio, min_steepness)
+    halvings = DESCENT.start_halvings  # the camera may have moved
+    surface = yield from _solve_direct(
+        colours, trial, 1, UNCUT_ROUNDS[-1], halvings=halvings
+    )
+    return Found(replace(trial, surface=surface), outcome, searched)
+
+
+def _separate_as_before(
+    small: Problem,
+    full: Problem,
+    albedo: FloatArray | None,
+    contours: bool | None,
+    before: Result,
+) -> Generator[Iterate, None, Found]:
+    """Separate the picture from the surface of an earlier result, another frame's say."""
+    surface = resample_surface(before.iterate, small)
+    steepness = None if contours is False else min_steepness_of(before)
+    # Another frame has other lines; those of the same one stay.
+    is_same = np.array_equal(before.problem.shown, full.shown)
+    searched = before.report.searched if is_same else None
+    found = yield from separate_from(small, albedo, surface, steepness, searched)
+    return replace(found, contours=ContourOutcome.NOT_ASKED) if contours is False else found
+
+
+def problem_as_before(
+    full: Problem, before: Result, contours: bool | None
+) -> Problem | None:
+    """Return the problem that an earlier result solves, if it is of the same picture in colours; else None.
+
+    Light and contours are known then, and only the energy may be another.
+    """
+    old = before.report
+    cuts = before.problem.cuts
+    is_same = (
+        bool(full.colours)
+        and before.status.is_done
+        and old.fingerprint == full.report.fingerprint
+        and old.light not in (None, LightOutcome.NO_COLOUR)
+        and old.contours not in (None, ContourOutcome.GIVEN)
+        and full.cuts is None
+        and contours in (None, cuts is not None)
+    )
+    if not is_same:
+        return None
+    solved = before.problem
+    problem = replace(
+        full,
+        image=solved.image,
+        mask=solved.mask,
+        evidence=solved.evidence,
+        cuts=cuts,
+        colours=(),
+        report=old,
+    )
+    return in_units(problem)
+
+
+def _direct_light_on_all_pixels(
+    found: Found, full: Problem, is_given: bool
+) -> tuple[Problem, FloatArray]:
+    """Return the problem of the light that has not bounced, and a start; whether albedos were given."""
+    colours = full.colours
+    shape = full.mask.shape
+    trial = found.trial
+    light = trial.light
+    problem = merge(colours, resample(trial.indirect_ratio, shape), light.albedo)
+    small = trial.surface.problem
+    if small.cuts is not None:
+        by_energy = found.contours is ContourOutcome.BY_ENERGY
+        if by_energy or small.mask.shape == shape:  # it chose these very lines
+            problem = replace(problem, cuts=enlarge_cuts(small.cuts, shape))
+        else:  # the colours chose how steep they must be
+            steepness = trial.min_steepness or MIN_STEEPNESS[0]
+            problem = replace(problem, cuts=_find_cuts(colours, found.searched, steepness))
+    outcome = found.contours
+    if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
+        outcome = ContourOutcome.GIVEN
+    percent = [
+        100 * float(np.median(s[s > 0])) if (s > 0).any() else 0.0
+        for s in trial.indirect_ratio.T
+    ]
+    report = replace(
+        full.report,
+        channel=SEPARATED,
+        light=light.outcome,
+        reason=light.reason,
+        wall_albedo=tuple(float(value) for value in light.albedo),
+        albedo_given=is_given,
+        indirect_percent=tuple(percent),
+        indirect_factor=light.factor,
+        lamp=light.lamp,
+    )
+    problem = in_units(replace(problem, report=report))
+    problem = _with_contours(problem, outcome, trial.min_steepness, found.searched)
+    return problem, start_from(trial.surface, problem)
+
+
+def estimate_indirect(
+    colours: Sequence[Problem],
+    surface: Iterate,
+    prior: AlbedoPrior,
+    per_pixel: bool = False,
+) -> tuple[FloatArray, Light]:
+    """Return ι (H, W, 3) of a surface, refined if `per_pixel`, and what the colours tell of its light."""
+    if not all_exact(colours).any():
+        raise NoColour("no pixel shows all three of them")
+    green = colours[1]
+    k = green.photometry.k
+    v = surface.log_distance
+    mask = np.any([colour.mask for colour in colours], axis=0) & np.isfinite(v)
+    walls = Walls.of(v, mask, green.field, k, surface.problem.cuts)
+    light = fit_light(Patches.of(colours, walls), prior)
+    ratio = light.indirect_ratio(walls, k)
+    return (refine_per_pixel(colours, ratio, light) if per_pixel else ratio), light
+
+
+def _with_light(
+    trial: Trial, colours: Sequence[Problem], prior: AlbedoPrior | None
+) -> Trial:
+    """Ask the colours of the light on a surface, if there are three and something may have bounced."""
+    if prior is None or trial.is_clean:
+        return trial
+    ratio, light = estimate_indirect(colours, trial.surface, prior)
+    return replace(trial, indirect_ratio=ratio, light=light)
+
+
+def _solve_direct(
+    colours: Sequence[Problem], trial: Trial, number: int, count: int, **options: Any
+) -> Generator[Iterate, None, Iterate]:
+    """Solve again from a surface, without its indirect light: `count` steps at most, as round `number`."""
+    problem = merge(colours, trial.indirect_ratio, trial.light.albedo)
+    surface = trial.surface
+    if surface.problem.cuts is not None:
+        problem = replace(problem, cuts=surface.problem.cuts)
+    v = surface.log_distance
+    start = np.where(np.isfinite(v), v, problem.log_d0)
+    options |= {"start": start, "max_iterations": count}
+    return (yield from solve_stage(problem, BOUNCED, number, **options))
+
+
+def solve_stage(
+    problem: Problem, stage: str, number: int = 0, **options: Any
+) -> Generator[Iterate, None, Iterate]:
+    """Solve a problem as a round of a stage, from the surface of the one before; return the answer.
+
+    A cut one is near: what moves far hangs by few pixels, and coarser grids do not see these.
+    """
+    halvings = 0 if problem.cuts is not None else DESCENT.like_halvings
+    options = {"halvings": halvings} | options
+    return (yield from name_stage(gauss_newton(problem, **options), stage, number))
+
+
+# Contours -------------------------------------------------------------------------------
+
+
+def _try_contours(
+    uncut: Trial, colours: Sequence[Problem], prior: AlbedoPrior | None, number: int = 0
+) -> Generator[Iterate, None, list[Trial]]:
+    """Cut a surface at ever less steep lines; return what is found each time, the uncut surface first.
+
+    Where colours tell which is right, the first two start from the uncut surface, side by side. All others
+    start from the one before. `number` is the first trial's round.
+    """
+    problem = uncut.surface.problem
+    lines = find_contours(problem.log_d0, problem.mask)
+    cut = [
+        (steepness, cut_at_contours(problem, steepness, lines))
+        for steepness in MIN_STEEPNESS
+    ]
+    cut = [(steepness, problem) for steepness, problem in cut if problem.cuts is not None]
+    options: dict[str, Any] = {}
+    if colours:
+        # Where a trial is chosen by its energy, that must be near its end.
+        count = UNCUT_ROUNDS[0] if uncut.is_clean else TRIAL_STEPS
+        options["max_iterations"] = count
+
+    def solve(index: int, start: Iterate) -> Generator[Iterate, None, Iterate]:
+        start_map = start.log_distance
+        problem = cut[index][1]
+        return solve_stage(
+            problem, CONTOURS, number + index, start=start_map, **options
+        )
+
+    trials = [uncut]
+    begun = []
+    if _colours_are_reliable(trials) and not uncut.is_clean:
+        begun = run_together([solve(i, uncut.surface) for i in range(len(cut[:2]))])
+    for index, (steepness, _) in enumerate(cut):
+        steps = begun[index] if index < len(begun) else solve(index, trials[-1].surface)
+        surface = yield from steps
+        trial = replace(uncut, surface=surface, min_steepness=steepness)
+        trials.append(_with_light(trial, colours, prior))
+        if not _goes_on(trials):
+            break
+    return trials
+
+
+def _goes_on(trials: Sequence[Trial]) -> bool:
+    """Whether less steep lines might do better than those that were tried."""
+    if trials[0].is_clean:
+        return True
+    if not _colours_are_reliable(trials):
+        return False
+    return trials[-1].light.misfit <= _misfit_limit(trials, trials)
+
+
+def choose(
+    trials: Sequence[Trial],
+    always: bool = False,
+    price: float = 0.1,
+    clean_price: float = 0.02,
+) -> tuple[Trial, ContourOutcome]:
+    """Return the trial that is taken, and what decided; the uncut one is the first.
+
+    A price is the fraction of the energy that a cut as long as the picture's height must save, if only the
+    energy speaks for it: so gentle folds of a real phantom stay whole. The clean price is that where no light
+    bounced: there the picture is the model's own, and its lines are to be trusted. The uncut surface is not
+    taken if there are to be contours `always`.
+    """
+    uncut, *cut = trials
+    if not cut:
+        return uncut, ContourOutcome.NONE_CLEAR
+    allowed = cut if always else trials
+    outcome = ContourOutcome.BY_ENERGY
+    if uncut.is_clean:
+        chosen = _cheapest(allowed, clean_price)
+    elif not _colours_are_reliable(trials):
+        is_cut = always or is_worth_cutting(cut[0], uncut, price)
+        chosen = cut[0] if is_cut else uncut
+    else:
+        limit = _misfit_limit(trials, allowed)
+        as_good = [trial for trial in allowed if trial.light.misfit <= limit]
+        chosen = as_good[0]
+        if chosen is uncut:  # the colours do not tell it from those that are cut
+            chosen = _cheapest(as_good, price)
+        else:
+            outcome = ContourOutcome.BY_COLOURS
+    return chosen, ContourOutcome.NONE_CLEAR if chosen is uncut else outcome
+
+
+def is_worth_cutting(cut: Trial, uncut: Trial, price: float) -> bool:
+    """Whether cuts save this price."""
+    return cut.surface.energy / uncut.surface.energy + price * cut.cut_length < 1
+
+
+def _cheapest(trials: Sequence[Trial], price: float) -> Trial:
+    """Return the trial whose log energy and cuts cost least."""
+    return min(
+        trials,
+        key=lambda trial: np.log(trial.surface.energy) + price * trial.cut_length,
+    )
+
+
+def _colours_are_reliable(trials: Sequence[Trial]) -> bool:
+    """Whether what the colours say of the first two surfaces can be."""
+    reliable = (LightOutcome.REMOVED, LightOutcome.NONE_BOUNCED)
+    return all(trial.light.outcome in reliable for trial in trials[:2])
+
+
+def _misfit_limit(trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
+    """Return the largest misfit at which a surface is as good as the best of those that are allowed."""
+    least = min(trial.light.misfit for trial in allowed)
+    return MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
+
+
+def cut_at_contours(
+    problem: Problem,
+    min_steepness: float = MIN_STEEPNESS[0],
+    lines: FloatArray | None = None,
+) -> Problem:
+    """Cut the surface at the picture's lines that are steeper than this, if there are any."""
+    if lines is None:
+        lines = find_contours(problem.log_d0, problem.mask)
+    cuts = lines > min_steepness
+    return replace(problem, cuts=cuts if cuts.any() else None)
+
+
+def _find_cuts(
+    colours: Sequence[Problem], searched: SearchedPicture, min_steepness: float
+) -> BoolArray | None:
+    """Return cuts at the contours of the picture that is searched.
+
+    It is the picture without the indirect light of the uncut surface. The ι of a cut one is so large at limbs
+    and behind folds that it would make lines of its own there.
+    """
+    ratio = resample(searched.indirect_ratio, colours[1].mask.shape)
+    picture = merge(colours, ratio, searched.albedo)
+    return cut_at_contours(picture, searched.steepness_factor * min_steepness).cuts
+
+
+def enlarge_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
+    """Return cuts (2, h, w), as `Problem` has them, on more pixels (H, W).
+
+    A pixel halfway between two of the fewer counts as the one nearer to the picture's middle.
+    """
+
+    def source(fewer: int, more: int) -> np.ndarray:
+        middle = np.arange(more) + 0.5 - more / 2
+        return np.floor(fewer / 2 + (1 - 1e-9) * fewer / more * middle).astype(int)
+
+    rows = source(cuts.shape[1], shape[0])
+    columns = source(cuts.shape[2], shape[1])
+    enlarged = cuts[:, rows[:, None], columns]
+    enlarged[0] &= np.diff(columns, append=columns[-1]) > 0
+    enlarged[1] &= np.diff(rows, append=rows[-1])[:, None] > 0
+    return enlarged
+
+
+def min_steepness_of(result: Result) -> float | None:
+    """Return how steep the lines are at which a surface is cut; the steepest, if cuts were given."""
+    if result.problem.cuts is None:
+        return None
+    return result.report.min_steepness or MIN_STEEPNESS[0]
+
+
+# Colours --------------------------------------------------------------------------------
+
+
+def merge(
+    colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatArray
+) -> Problem:
+    """Merge red, green and blue of one picture into one problem of direct light, given ι (H, W, 3).
+
+    It is green's, with the picture that direct light alone would have made. Each colour counts by its
+    noise, its texture and what may be wrong with ι; what is saturated does not.
+    """
+    gamma = colours[1].photometry.gamma
+    mask = np.any([colour.mask for colour in colours], axis=0)
+    kinds = np.full((3, *mask.shape), EXACT, np.int8)
+    for kind, colour in zip(kinds, colours, strict=True):
+        if colour.evidence is not None:
+            kind[:] = colour.evidence
+        kind[~colour.mask] = NONE
+    evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
+    noises = [_noise(colour) for colour in colours]
+    image = np.empty(mask.shape)
+
+    def merge_rows(rows: slice) -> None:
+        total = np.zeros(mask[rows].shape)
+        weights = np.zeros(mask[rows].shape)
+        for c, colour in enumerate(colours):
+            ratio = indirect_ratio[rows, :, c]
+            counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
+            shade = np.maximum(colour.image[rows], noises[c])
+            by_noise = (gamma * noises[c] / shade) ** 2
+            by_ratio = (RATIO_DOUBT * ratio / (1 + ratio)) ** 2
+            weight = np.where(counts, 1 / (by_noise + by_ratio + FIT.texture[c] ** 2), 0.0)
+            log_direct = (
+                gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
+            )
+            total += weight * log_direct
+            weights += weight
+        mean = total / np.where(mask[rows], weights, 1.0)
+        light = np.where(mask[rows], np.exp(mean), 0.0)
+        image[rows] = light ** (1 / gamma)
+
+    by_rows(merge_rows, mask.shape)
+    evidence[~mask] = EXACT
+    return replace(
+        colours[1], image=image, mask=mask, evidence=evidence if evidence.any() else None
+    )
+
+
+def _noise(problem: Problem) -> float:
+    """Return the noise of a channel, that of rounding at least."""
+    return max(problem.noise, FRAME_LIMITS.rounding)
+
+
+def _signal(problem: Problem) -> float:
+    """Return median grey level over noise; less where much is saturated."""
+    image = problem.image[problem.mask]
+    share = np.mean(image < FRAME_LIMITS.bright)
+    return float(np.median(image) * share) / _noise(problem)
+
+
+def _check_colours(colours: Sequence[Problem]) -> None:
+    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
+    mask = np.all([colour.mask for colour in colours], axis=0)
+    if not mask.any():
+        return
+    red, green, blue = (colour.image[mask] for colour in colours)
+    differences = [np.median(np.abs(other / green - 1)) for other in (red, blue)]
+    if max(differences) < SAME_COLOUR:
+        raise NoColour("red, green and blue are one")

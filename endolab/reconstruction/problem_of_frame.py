@@ -1,0 +1,209 @@
+"""A frame and an endoscope become a problem: its channel or colours, which pixels count, the unit.
+
+Nothing is solved. Bounced light and contours are looked for on few pixels first: what is smooth, as light
+that has bounced, and long, as contours, need not be fine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+
+from endolab.frames.frame import (
+    FRAME_LIMITS,
+    Frame,
+    check_size,
+    smooth_light,
+    usable_pixels,
+)
+from endolab.frames.highlights import find_highlights, inpaint
+from endolab.model.endoscope import Calibration
+from endolab.model.photometry import CHANNELS
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.memory import check_memory
+from endolab.numerics.noise import noise_level
+from endolab.numerics.resampling import resample
+from endolab.numerics.side_by_side import side_by_side
+from endolab.reconstruction.settings import AUTO, SEPARATED, Settings
+from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
+from endolab.solvers.provenance import LightOutcome, Report
+from endolab.solvers.result import Iterate
+
+FEW = 240  # px of the longer side
+LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
+# Memory at the peak of a whole run of gauss_newton with its recording and its files, measured at 3 and 9 Mpx.
+RUN_BYTES = 400e6  # of any run
+BYTES_PER_PIXEL = {1: 920, 3: 1400}  # by the number of channels
+
+
+def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings) -> Problem:
+    """Make the problem that the settings ask for: of one channel, or of green with its two `colours`.
+
+    With an unknown gain, one is chosen that makes the median of d₀ one unit.
+    """
+    width, _ = _size_of_problem(frame, settings)
+    picture_size = (frame.width, frame.height)
+    camera = calibration.camera
+    photometry = calibration.photometry
+    if width != frame.width:
+        height = max(1, round(frame.height * width / frame.width))
+        frame = frame.resize(width, height, photometry.gamma)
+        camera = camera.resize(width, height)
+    highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
+    known = frame.pixels_to_use() & camera.field.valid
+    no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
+    mirrored = no_evidence
+    if highlights != "keep":
+        mirrored = no_evidence | find_highlights(frame.image, known, photometry.gamma)
+    if highlights == "ignore":
+        no_evidence = mirrored
+    treated = frame
+    if mirrored.any():
+        treated = replace(frame, image=inpaint(frame.image, mirrored, known))
+    fingerprint = _fingerprint(frame, calibration, settings.smooth, highlights)
+
+    def make(wanted: str | None) -> Problem:
+        name, image = treated.channel(wanted)
+        own = photometry.simplify().channel(name)
+        saturated = image >= FRAME_LIMITS.bright
+        # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
+        # loses nothing on the simple scenes that noise has not taken already.
+        blur = settings.smooth
+        if blur is None:
+            blur = 2 * float(np.sqrt(255 * noise_level(image, known)))
+        image = smooth_light(image, known, photometry.gamma, blur)
+        evidence = np.where(saturated, LOWER_BOUND, EXACT).astype(np.int8)
+        evidence[no_evidence] = NONE
+        called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
+        report = Report(
+            frame=frame.name,
+            picture_size=picture_size,
+            width=camera.width,
+            height=camera.height,
+            channel=name,
+            smooth=blur,
+            highlights=highlights,
+            misplaced=frame.misplaced,
+            fingerprint=fingerprint,
+        )
+        problem = Problem(
+            image=image,
+            mask=usable_pixels(image, known, camera.field.cos_alpha, called),
+            camera=camera,
+            photometry=own if own.gain is not None else replace(own, gain=1.0),
+            metric=own.gain is not None,
+            evidence=evidence if evidence[known].any() else None,
+            picture=frame.image,
+            xi=settings.xi,
+            regulariser=settings.first_regulariser,
+            lam=settings.lam,
+            epsilon=settings.epsilon,
+            threshold=settings.threshold,
+            cuts=settings.cuts,
+            report=report,
+        )
+        return in_units(problem)
+
+    if not settings.uses_colours:
+        return make(settings.used_channel)
+    if frame.image.ndim == 2:
+        problem = make(None)
+        return replace(problem, report=replace(problem.report, light=LightOutcome.GREY))
+    red, green, blue = side_by_side(make, CHANNELS, frame.width * frame.height)
+    return replace(green, colours=(red, green, blue))
+
+
+def make_problem(frame: Frame, calibration: Calibration, **options: object) -> Problem:
+    """Turn one channel of a frame, green by default, into the problem that solvers take.
+
+    `options` are those of `Settings`.
+    """
+    settings = Settings.of(options)
+    if settings.channel in (SEPARATED, AUTO):
+        raise ValueError(
+            f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()"
+        )
+    usual = "grey" if frame.image.ndim == 2 else "green"
+    settings = replace(settings, channel=settings.channel or usual)
+    check_frame(frame, calibration, settings)
+    return problem_of_frame(frame, calibration, settings)
+
+
+def on_few_pixels(frame: Frame, settings: Settings) -> Settings | None:
+    """Return the settings by which light and contours are looked for first; None: on all pixels, or not."""
+    width, height = _size_of_problem(frame, settings)
+    fraction = FEW / max(width, height)
+    is_colour = settings.uses_colours and frame.image.ndim == 3
+    if not (is_colour or settings.searches_contours) or fraction >= 1:
+        return None
+    if fraction * min(width, height) < LEAST_SIDE:
+        return None
+    return replace(settings, width=round(fraction * width), cuts=None)
+
+
+def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> None:
+    """Raise a ValueError or a MemoryError if a frame cannot be solved by these settings."""
+    camera = calibration.camera
+    check_size(frame.name, (frame.width, frame.height), camera)
+    if settings.used_channel == SEPARATED and frame.image.ndim == 2:
+        raise ValueError(
+            f"{frame.name} is grey, and channel='separated' needs its three colours"
+        )
+    width, height = _size_of_problem(frame, settings)
+    height = round(height)
+    if min(width, height) < LEAST_SIDE:
+        least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
+        raise ValueError(
+            f"a frame of {width}x{height} px is too small to be solved: {least}"
+        )
+    channels = 3 if settings.uses_colours and frame.image.ndim == 3 else 1
+    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
+    check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
+    if settings.smooth is not None and settings.smooth > width:
+        most = f"the frame's width of {width} px"
+        raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
+
+
+def _size_of_problem(frame: Frame, settings: Settings) -> tuple[int, float]:
+    width = settings.width or frame.width
+    return width, frame.height * width / frame.width
+
+
+def _fingerprint(frame: Frame, calibration: Calibration, *treated: object) -> str:
+    """Digits that are equal for the same picture of the same endoscope, whatever its gain."""
+    total = hashlib.blake2b(digest_size=16)
+    known = replace(calibration.photometry, gain=None)
+    silent = np.empty(0) if frame.silent is None else frame.silent
+    for part in (frame.image, frame.mask, silent):
+        total.update(np.ascontiguousarray(part).data)
+    described = (frame.name, frame.image.shape, calibration.camera, known, treated)
+    total.update(repr(described).encode())
+    return total.hexdigest()
+
+
+def in_units(problem: Problem) -> Problem:
+    """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
+    if problem.metric:
+        return problem
+    factor = 1 / float(np.median(np.exp(problem.log_d0[problem.mask])))
+    gain = (problem.photometry.gain or 1.0) * factor**2
+    return replace(problem, photometry=replace(problem.photometry, gain=gain))
+
+
+def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
+    """Return log d of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
+    shape = problem.mask.shape
+    known = resample(surface.mask.astype(np.float64), shape)
+    v = resample(np.where(surface.mask, surface.log_distance, 0.0), shape)
+    gain = problem.photometry.gain or 1.0
+    gain_before = surface.problem.photometry.gain or 1.0
+    moved = v / np.where(known > 0, known, 1) + 0.5 * np.log(gain / gain_before)
+    return np.where(known > 0, moved, np.nan)
+
+
+def start_from(surface: Iterate, problem: Problem) -> FloatArray:
+    """Return log d of a surface on a problem's grid, (H, W), and log d₀ where it does not reach."""
+    v = resample_surface(surface, problem)
+    return np.where(np.isnan(v), problem.log_d0, v)

@@ -1,0 +1,242 @@
+"""What the numbers of a result mean, what they rest on, what is doubtful: all sentences about it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from endolab.frames.surround import unclear_surround
+from endolab.reconstruction.contrast import explained_contrast
+from endolab.reconstruction.scale import pixel_name, scale_of
+from endolab.solvers.primal_dual import LARGEST_FALL
+from endolab.solvers.problem import LOWER_BOUND, NONE
+from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
+from endolab.solvers.result import Iterate, Result
+
+GAMMA_STEP = 0.1  # error of γ whose effect is told
+
+
+def meaning(result: Result | Iterate) -> tuple[str, ...]:
+    """Say in a sentence each what the numbers of a result mean and what they rest on.
+
+    The unit and what fixes it; the wall's albedo; light that bounced; γ; pixels that are saturated or
+    say nothing; what was noted on the way.
+    """
+    return (
+        *_of_scale(result),
+        *_of_albedo(result),
+        _of_bounces(result),
+        _of_gamma(result),
+        *of_evidence(result),
+        *notes(result),
+    )
+
+
+def notes(result: Result | Iterate) -> tuple[str, ...]:
+    """Say what was done about indirect light and contours, and why, in a sentence each."""
+    return (*_of_light(result.report), *_of_contours(result.report))
+
+
+def _of_light(report: Report) -> Iterator[str]:
+    if report.light is LightOutcome.GREY:
+        yield (
+            "The picture is grey, so that light which came by way of other walls cannot be told from the "
+            "lamp's: it was left in."
+        )
+    elif report.light is LightOutcome.NO_COLOUR:
+        why = f"The colours tell nothing of bounced light ({report.reason})"
+        yield f"{why}, so {report.channel} is taken as it is."
+    elif report.light is LightOutcome.NONE_BOUNCED:
+        yield "The colours show no indirect light, and none was removed."
+    elif report.light is not None:
+        albedos = ", ".join(f"{value:.2f}" for value in report.wall_albedo)
+        red, green, blue = report.indirect_percent
+        removed = (
+            f"red {red:.0f} %, green {green:.0f} %, blue {blue:.0f} % of the direct light"
+        )
+        if report.light is LightOutcome.COMPUTED:
+            whose = "given albedos" if report.albedo_given else "albedos of tissue"
+            why = f"The colours do not tell how much there is ({report.reason})"
+            yield (
+                f"Indirect light removed: {removed}. {why}, so it was computed with {whose}: {albedos}."
+            )
+        else:
+            whose = "given" if report.albedo_given else "estimated"
+            yield (
+                f"Indirect light removed: {removed} (medians). By the colours it is "
+                f"{report.indirect_factor:.2f} times what the surface predicts with {whose} albedos "
+                f"{albedos}; {100 * report.lamp:.0f} % of k is the lamp's."
+            )
+
+
+def _of_contours(report: Report) -> Iterator[str]:
+    if report.contours in (None, ContourOutcome.NOT_ASKED, ContourOutcome.GIVEN):
+        return
+    if report.cut_links:
+        yield f"Contours: the surface is cut over {report.cut_links:,} px ({report.contours.value})."
+    else:
+        yield "Contours: none is cut, as no line of the picture gives clear evidence."
+
+
+def _of_scale(result: Result | Iterate) -> Iterator[str]:
+    report = result.report
+    kind = scale_of(result)
+    if kind == "gain":
+        yield "Distances are in mm, because the gain of the endoscope is known."
+    elif kind == "median distance":
+        yield f"Distances are in mm, because their median was given as {report.length:g} mm."
+    elif kind == "known distance":
+        mm, *pixel = report.length
+        where = pixel_name(pixel)
+        yield f"Distances are in mm, because the surface at {where} was given as {mm:g} mm away."
+    elif kind == "known diameter":
+        mm, start, end = report.length
+        where = f"{pixel_name(start)} and {pixel_name(end)}"
+        yield f"Distances are in mm, because the points at {where} were given as {mm:g} mm apart."
+    elif result.problem.metric:
+        yield "Distances are in mm, and the scale is carried over from the frame before."
+    elif kind == "none":
+        yield "The gain is unknown: distances show the shape, and their unit is arbitrary."
+    else:
+        yield "The gain is unknown: distances have an arbitrary unit, nearly that of the frame before."
+    if report.length_by_gain is not None:
+        yield f"By the gain of the calibration that length would be {report.length_by_gain:.3g} mm."
+
+
+def _of_albedo(result: Result | Iterate) -> Iterator[str]:
+    yield (
+        "The wall is assumed to reflect the same everywhere; a patch that reflects 10 % more comes out "
+        "5 % too near."
+    )
+    if scale_of(result) == "gain":  # else the value cancels
+        yield (
+            "Distances go with the square root of albedo times gain: "
+            "if that product is really 10 % higher, every distance is 5 % too short."
+        )
+
+
+def _of_bounces(result: Result | Iterate) -> str:
+    albedo = result.report.albedo
+    if albedo is None:
+        return (
+            "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "
+            "about 120 % to red, 30 % to green and 20 % to blue."
+        )
+    values = ", ".join(f"{value:.2g}" for value in albedo)
+    return f"Indirect light was computed with albedos {values} (R, G, B) and removed."
+
+
+def _of_gamma(result: Result | Iterate) -> str:
+    """Tell what an error of γ does: d goes with I^(-γ/2), and the scale keeps the median."""
+    problem = result.problem
+    informative = problem.mask & (problem.image > 0)
+    if problem.evidence is not None:
+        informative = informative & (problem.evidence != NONE)
+    image = problem.image[informative]
+    low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
+    dark, bright = (abs(GAMMA_STEP / 2 * np.log(limit / middle)) for limit in (low, high))
+    gamma = problem.photometry.gamma
+    return (
+        f"If γ were {gamma + GAMMA_STEP:.4g} instead of {gamma:.4g}, the brightest twentieth of the pixels "
+        f"would come out at least {-100 * np.expm1(-bright):.2g} % nearer and the darkest at least "
+        f"{100 * np.expm1(dark):.2g} % farther, with the same median."
+    )
+
+
+def of_evidence(result: Result | Iterate) -> Iterator[str]:
+    """Say how many pixels are saturated, and how many say nothing."""
+    problem = result.problem
+    if problem.evidence is None:
+        return
+    known = problem.evidence[problem.mask]
+
+    def share(what: int) -> str:
+        count = int((known == what).sum())
+        return f"{count} of {known.size} pixels ({100 * count / known.size:.2g} %)"
+
+    if LOWER_BOUND in known:
+        yield f"The sensor is saturated in {share(LOWER_BOUND)}, which count as 'at least this bright'."
+    if NONE in known:
+        yield f"Highlights and overlays hide {share(NONE)}, where the surface is interpolated."
+
+
+# Doubts: nothing is refused, since a frame may be a rare one ------------------------------
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """What frames of endoscopes usually show."""
+
+    # Degrees from the axis to the picture's rim; endoscopes see 35 to 85.
+    least_angle: float = 5.0
+    distances: tuple[float, float] = (2.0, 300.0)  # mm, of the median
+    # Of the picture's variance; frames of cavities have 0.99 and more.
+    explained: float = 0.97
+    # Of what the file can hold; the brightest pixel of a usual frame has 0.8 and more.
+    dim: float = 0.1
+    darkest_albedo: float = 0.05  # of tissue and of phantoms
+
+
+PLAUSIBLE = Plausible()
+
+
+def warnings(result: Result) -> tuple[str, ...]:
+    """List what can hardly be true of a result, a sentence each; usually nothing."""
+    return tuple(_warnings(result))
+
+
+def _warnings(result: Result) -> Iterator[str]:
+    problem = result.problem
+    mask = result.mask
+    widest = float(
+        np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1)))
+    )
+    if widest < PLAUSIBLE.least_angle:
+        yield f"The camera sees only {widest:.2g}° to the side: its focal length may be wrong."
+    median = float(np.median(result.distance[mask]))
+    if result.metric and not PLAUSIBLE.distances[0] <= median <= PLAUSIBLE.distances[1]:
+        yield (
+            f"The median distance is {median:.3g} mm, where endoscopes see {PLAUSIBLE.distances[0]:g} to "
+            f"{PLAUSIBLE.distances[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
+        )
+    fall = result.history[-1].get("fall", 0.0)
+    if fall > LARGEST_FALL:
+        yield (
+            f"The energy still fell by {100 * fall:.2g} % in ten steps when the solver stopped: with more "
+            "iterations the surface may change."
+        )
+    explained = explained_contrast(result)
+    picture = problem.shown
+    if explained < PLAUSIBLE.explained:
+        yield (
+            f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; 99 % is usual. "
+            "This may not be an endoscope's frame, or λ is too large."
+        )
+    if picture.ndim == 3:
+        red, _, blue = (
+            float(np.median(picture[..., channel][mask])) for channel in range(3)
+        )
+        if blue > red:
+            yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
+    brightest = float(picture[mask].max())
+    if brightest < PLAUSIBLE.dim:
+        yield (
+            f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
+            "bits than the file, such as 12 of 16."
+        )
+    misplaced = result.report.misplaced
+    if misplaced:
+        yield (
+            f"{100 * misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was "
+            "left out: the mask may be another camera's."
+        )
+    if unclear_surround(picture, mask):
+        yield (
+            "Corners of the picture have one flat colour and no clear edge: if they surround what the "
+            "endoscope shows, a mask must leave them out."
+        )
+    albedo = float(
+        np.min(getattr(problem.photometry.brdf, "albedo", PLAUSIBLE.darkest_albedo))
+    )
+    if albedo < PLAUSIBLE.darkest_albedo:
+        yield f"An albedo of {albedo:.2g} is too dark for tissue, which has 0.1 to 0.8."
