@@ -156,7 +156,7 @@ def _add_option(add: Callable[..., Any], name: str, facts: Option, swept: bool) 
     if facts.kind == SWITCH:
         add(flag, choices=tuple(SWITCHES), help=facts.help)
         return
-    lists = {"lam": "0.1,1,10", "xi": "d,1/d", "regulariser": "first,curvature"}
+    lists = {"lam": "0.1,1,10", "xi": "d,1/d", "regulariser": "first,second"}
     if swept and name in lists:
         text = f"{facts.help}; several as {lists[name]}"
         add(flag, type=several(READERS[facts.kind]), metavar=facts.form, help=text)

@@ -454,9 +454,7 @@ def _try_contours(
     def solve(index: int, start: Iterate) -> Generator[Iterate, None, Iterate]:
         start_map = start.log_distance
         problem = cut[index][1]
-        return solve_stage(
-            problem, CONTOURS, number + index, start=start_map, **options
-        )
+        return solve_stage(problem, CONTOURS, number + index, start=start_map, **options)
 
     trials = [uncut]
     begun = []

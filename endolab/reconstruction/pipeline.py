@@ -46,7 +46,7 @@ from endolab.reconstruction.problem_of_frame import (
     start_from,
 )
 from endolab.reconstruction.scale import scale_by_length
-from endolab.reconstruction.settings import AUTO, Settings, takes_settings
+from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers.gauss_newton import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
@@ -58,12 +58,7 @@ from endolab.solvers.result import (
     limit_steps,
     run,
 )
-from endolab.solvers.solvers import (
-    check_solver_options,
-    knows_curvature,
-    options_of,
-    solve,
-)
+from endolab.solvers.solvers import check_solver_options, options_of, solve
 
 # The solver ends when two steps change distances by less than this fraction, root mean square. It is more if
 # the surface is cut: pieces that are joined at few pixels creep long after that.
@@ -236,10 +231,8 @@ def _solve(
     first: FloatArray | None,
 ) -> Solver:
     """Solve the problem that is left, from a first map of the stage before, or from a start."""
-    regulariser = _choose_regulariser(problem, settings)
-    asked = settings.as_dict() | {"regulariser": regulariser}
-    report = replace(problem.report, asked=asked)
-    problem = replace(problem, regulariser=regulariser, report=report)
+    asked = settings.as_dict() | {"regulariser": problem.regulariser}
+    problem = replace(problem, report=replace(problem.report, asked=asked))
     halvings = DESCENT.like_halvings  # as it was found on fewer pixels
     converged_at = None
     if isinstance(start, np.ndarray):
@@ -268,18 +261,3 @@ def _solve(
     if "max_iterations" not in accepted:
         steps = limit_steps(steps, settings.max_iterations)
     return (yield from steps)
-
-
-def _choose_regulariser(problem: Problem, settings: Settings) -> str:
-    """Choose the regulariser of the final surface.
-
-    Where indirect light was removed, walls have a texture too; there curvature is no better than the second
-    order, and it is slower.
-    """
-    if (
-        settings.regulariser == AUTO
-        and problem.report.albedo is None
-        and knows_curvature(settings.solver, settings.xi)
-    ):
-        return "curvature"
-    return settings.first_regulariser

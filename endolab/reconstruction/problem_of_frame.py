@@ -97,7 +97,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
             xi=settings.xi,
-            regulariser=settings.first_regulariser,
+            regulariser=settings.used_regulariser,
             lam=settings.lam,
             epsilon=settings.epsilon,
             threshold=settings.threshold,

@@ -89,13 +89,12 @@ class Settings:
     )
     regulariser: str = option(
         AUTO,
-        "first, second, curvature or auto (default): curvature, or second if light bounced",
+        "first or second order; auto (default) is second",
         WORD,
-        choices=(AUTO, "first", "second", "curvature"),
+        choices=(AUTO, "first", "second"),
         form="ORDER",
         group=SURFACE,
-        more="Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost "
-        "nothing then, and tubes little. `auto` is also second for another ξ, and by `primal_dual`",
+        more="Total variation of ξ or of its gradient",
     )
     contours: bool | None = option(
         None,
@@ -232,8 +231,8 @@ class Settings:
         return self.uses_colours if self.contours is None else bool(self.contours)
 
     @property
-    def first_regulariser(self) -> str:
-        """The regulariser of all stages but perhaps the last."""
+    def used_regulariser(self) -> str:
+        """The regulariser."""
         return "second" if self.regulariser == AUTO else self.regulariser
 
     @property
@@ -268,6 +267,8 @@ def _check(part: Field[Any], value: Any) -> Any:
     from endolab.numerics.checks import check_int, number, truth_value
 
     facts: Option = part.metadata["option"]
+    if part.name == "regulariser" and value == "curvature":
+        raise ValueError("regulariser 'curvature' is gone: write 'second'")
     if facts.kind == WORD and (not isinstance(value, str) or value not in facts.choices):
         raise unknown_name(part.name, value, facts.choices)
     if facts.kind == SWITCH:
