@@ -15,7 +15,7 @@ import numpy as np
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.model.surface import XI, to_xi
 from endolab.numerics.derivatives import hessian
-from endolab.reconstruction.channels import make_problem
+from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.synthetic.scenes import Plane
 from scipy.ndimage import minimum_filter
@@ -113,7 +113,7 @@ def lost_scale(free, factor, result):
 def three_colours(by_channel, best, in_tissue, seen):
     off = {}
     for name in ("red", "green", "blue"):
-        yield Part(f"channel of {name}", by_channel[name].provenance.channel, name)
+        yield Part(f"channel of {name}", by_channel[name].report.channel, name)
         off[name] = np.nanmedian(percent(by_channel[name].distance, seen.distance))
     yield Part("best", best, min(off, key=off.get))
     albedo = dict(zip(off, seen.photometry.brdf.albedo, strict=True))
