@@ -31,8 +31,8 @@ from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
 from .reconstruction.contrast import explained_contrast as explained_contrast
 from .reconstruction.contrast import suggest_lam as suggest_lam
-from .reconstruction.light.known_surface import measure_light as measure_light
-from .reconstruction.light.unknown_light import estimate_light as estimate_light
+from .reconstruction.estimate_light import estimate_light as estimate_light
+from .reconstruction.known_surface import measure_light as measure_light
 from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.pipeline import iterate as iterate
 from .reconstruction.pipeline import reconstruct as reconstruct

@@ -177,7 +177,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     from endolab.io.video import open_frames
     from endolab.model.endoscope import Calibration
     from endolab.numerics.iteration import Status
-    from endolab.reconstruction.light.unknown_light import estimate_light
+    from endolab.reconstruction.estimate_light import estimate_light
     from endolab.reconstruction.sequence import as_frame
 
     if arguments.camera in CALIBRATIONS:

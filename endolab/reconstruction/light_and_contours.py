@@ -39,8 +39,7 @@ from endolab.frames.frame import FRAME_LIMITS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows, run_together
-from endolab.reconstruction.contours.lines import find_contours
-from endolab.reconstruction.light.colours import (
+from endolab.reconstruction.colours import (
     FIT,
     AlbedoPrior,
     Light,
@@ -50,13 +49,14 @@ from endolab.reconstruction.light.colours import (
     fit_light,
     refine_per_pixel,
 )
-from endolab.reconstruction.light.walls import Walls
+from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.problem_of_frame import (
     in_units,
     resample_surface,
     start_from,
 )
 from endolab.reconstruction.settings import SEPARATED
+from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import DESCENT, gauss_newton
 from endolab.solvers.problem import EXACT, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, SearchedPicture

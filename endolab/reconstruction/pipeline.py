@@ -34,7 +34,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
 from endolab.numerics.side_by_side import in_background
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.light.colours import known_albedo
+from endolab.reconstruction.colours import known_albedo
 from endolab.reconstruction.light_and_contours import (
     light_and_contours,
     problem_as_before,

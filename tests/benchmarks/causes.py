@@ -21,7 +21,7 @@ from endolab.metrics.depth_errors import compare, depth_cuts
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import pad_maps
 from endolab.reconstruction.channels import in_units, prepare_channels
-from endolab.reconstruction.light.colours import AlbedoPrior, known_albedo
+from endolab.reconstruction.colours import AlbedoPrior, known_albedo
 from endolab.reconstruction.light.separation import estimate_indirect, merge
 from endolab.reconstruction.pipeline import SETTLED_CUT
 from endolab.reconstruction.settings import Settings

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 import endolab as el
-from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
+from endolab.reconstruction.estimate_light import EXPONENT_SEARCH
 from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 

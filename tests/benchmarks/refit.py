@@ -17,10 +17,10 @@ import numpy as np
 import endolab as el
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.contours.lines import LINE_SEARCH
-from endolab.reconstruction.light.colours import FIT
+from endolab.reconstruction.lines import LINE_SEARCH
+from endolab.reconstruction.colours import FIT
 from endolab.reconstruction.light.separation import SEPARATION_ROUNDS
-from endolab.reconstruction.light.walls import WALL_MODEL
+from endolab.reconstruction.walls import WALL_MODEL
 from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 

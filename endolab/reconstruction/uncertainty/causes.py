@@ -16,10 +16,10 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import links, px_per_reference
-from endolab.reconstruction.contours.lines import find_contours
-from endolab.reconstruction.light.walls import Walls
+from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.uncertainty.linearised import Linearised
 from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
+from endolab.reconstruction.walls import Walls
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import LightOutcome
 from endolab.solvers.result import Iterate

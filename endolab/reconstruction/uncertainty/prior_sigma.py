@@ -15,8 +15,8 @@ import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
-from endolab.reconstruction.light.known_surface import SURFACE_FIT
-from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
+from endolab.reconstruction.estimate_light import EXPONENT_SEARCH
+from endolab.reconstruction.known_surface import SURFACE_FIT
 
 
 @dataclass(frozen=True)

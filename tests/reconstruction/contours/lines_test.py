@@ -14,7 +14,7 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.contours.lines import LINE_SEARCH, basins, find_contours
+from endolab.reconstruction.lines import LINE_SEARCH, basins, find_contours
 
 
 def seen(scene, width=320, **options):

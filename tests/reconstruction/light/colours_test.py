@@ -8,7 +8,7 @@ import pytest
 import endolab as el
 from endolab.model.photometry import CHANNELS
 from endolab.reconstruction.channels import make_problem
-from endolab.reconstruction.light.colours import (
+from endolab.reconstruction.colours import (
     AlbedoPrior,
     ColourResiduals,
     Light,
@@ -17,7 +17,7 @@ from endolab.reconstruction.light.colours import (
     fit_light,
     refine_per_pixel,
 )
-from endolab.reconstruction.light.walls import Walls
+from endolab.reconstruction.walls import Walls
 from endolab.solvers.provenance import LightOutcome
 
 ALBEDO = np.array([0.62, 0.30, 0.22])

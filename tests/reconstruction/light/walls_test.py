@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from endolab import datasets
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.light import walls as walls_module
-from endolab.reconstruction.light.walls import Walls, _exchange, bounced_light_and_slope
+from endolab.reconstruction import walls as walls_module
+from endolab.reconstruction.walls import Walls, _exchange, bounced_light_and_slope
 from endolab.synthetic.scenes import Colon
 
 

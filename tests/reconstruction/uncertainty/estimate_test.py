@@ -8,8 +8,8 @@ import pytest
 import endolab as el
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
-from endolab.reconstruction.light.known_surface import SURFACE_FIT
-from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
+from endolab.reconstruction.known_surface import SURFACE_FIT
+from endolab.reconstruction.estimate_light import EXPONENT_SEARCH
 from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field
 from endolab.reconstruction.uncertainty.estimate import (
     SAMPLING,

@@ -30,9 +30,9 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.light.colours import FIT
-from endolab.reconstruction.light.unknown_light import EXPONENTS
-from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope, sectors
+from endolab.reconstruction.colours import FIT
+from endolab.reconstruction.estimate_light import EXPONENTS
+from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
 
 @dataclass(frozen=True)

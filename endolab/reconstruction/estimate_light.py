@@ -40,7 +40,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, check_observers, close_observers, drive
-from endolab.reconstruction.light.colours import NoColour, known_albedo
+from endolab.reconstruction.colours import NoColour, known_albedo
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
 from endolab.reconstruction.settings import Settings

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
+from endolab.reconstruction.walls import Walls, bounced_light_and_slope
 from endolab.solvers.problem import EXACT, Problem
 from endolab.solvers.provenance import LightOutcome
 

@@ -1,1 +1,0 @@
-"""Occluding contours: lines of a picture that may be some, and the choice of those that are cut."""

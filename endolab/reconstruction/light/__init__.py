@@ -1,1 +1,0 @@
-"""Light that came by way of other walls, and the light of an endoscope: both are told by frames."""
