@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.reconstruction import constants
 from endolab.reconstruction.walls import Walls, bounced_light_and_slope
 from endolab.solvers.problem import EXACT, Problem
 from endolab.solvers.provenance import LightOutcome
@@ -36,49 +37,16 @@ from endolab.solvers.provenance import LightOutcome
 LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
 
 
-@dataclass(frozen=True)
-class LightFit:
-    """The constants of the fit, chosen on path-traced cavities, whose truth is known.
-
-    A prior is its middle and its width. Albedos' widths are of logarithms: of green's, and of red's and
-    blue's against green's.
-    """
-
-    # p; 0.8 to 1.1 for the true surfaces of traced cavities.
-    factor: tuple[float, float] = (0.9, 0.2)
-    lamp: tuple[float, float] = (1.0, 0.3)  # b: all the lamp's, or any share
-    # Width of albedos that are given, and of those that are not.
-    given: float = 0.03
-    unknown: float = 0.35
-    # Of the albedos' logarithms in red, green and blue: blood takes green and blue light, hardly red.
-    texture: tuple[float, float, float] = (0.05, 0.2, 0.2)
-    together: float = 0.8  # correlation of green's texture with blue's
-    # Errors of S go on over many patches: so many of them are independent.
-    pieces: float = 20.0
-    # Robust standard deviation, in units of texture: S is never exact.
-    least_spread: float = 0.25
-    largest_factor: float = 2.5
-    # Mean difference of the colours' log E beyond which they say no one E.
-    most_misfit: float = 0.1
-    none_bounced: float = 0.05  # p below which nothing is taken to have bounced
-    rounds: int = 3  # of the robust weights' scale
-    # Of the steps of one round: the damping at first, how many, and the share of the misfit or the change at
-    # which they end.
-    damping: float = 1e-4
-    steps: int = 25
-    precision: float = 1e-5
-    # Width of log ι from place to place, as a share of ι/(1 + ι) in red: the surface's errors are those of
-    # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
-    width_per_pixel: float = 0.5
-    outlier: float = 1.5
-    # Red, green and blue albedo of mucosa, before anything is known.
-    tissue: tuple[float, float, float] = (0.7, 0.35, 0.28)
-    albedos: tuple[float, float] = (0.02, 0.95)  # least and greatest
-    alike: float = 0.1  # albedos that differ by no more, as a share, tell nothing
-    least_patches: int = 30  # patches that show all three colours
-
-
-FIT = LightFit()
+# Widths of the logarithm of albedos that are given, and of those that are not.
+GIVEN = 0.03
+UNKNOWN = 0.35
+TISSUE = (0.7, 0.35, 0.28)  # red, green and blue albedo of mucosa, before anything is known
+LEAST_ALBEDO = 0.02
+MOST_ALBEDO = 0.95
+ALIKE = 0.1  # albedos that differ by no more, as a fraction, tell nothing
+LARGEST_FACTOR = 2.5
+NONE_BOUNCED = 0.05  # p below which nothing is taken to have bounced
+LEAST_PATCHES = 30  # that show all three colours
 
 
 @dataclass(frozen=True)
@@ -92,24 +60,29 @@ class AlbedoPrior:
     @classmethod
     def of(cls, given: ArrayLike | None) -> AlbedoPrior:
         """Make it of three albedos, of green's alone, or of nothing but that the wall is tissue."""
-        tissue = np.array(FIT.tissue)
+        tissue = np.array(TISSUE)
         if given is None:
-            return cls(tissue, (FIT.unknown, FIT.unknown))
+            return cls(tissue, (UNKNOWN, UNKNOWN))
         albedo = np.asarray(given, dtype=np.float64)
         if albedo.ndim == 1:
-            return cls(albedo, (FIT.given, FIT.given))
-        widths = (FIT.given, FIT.unknown)
-        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * FIT.albedos[1]), widths)
+            return cls(albedo, (GIVEN, GIVEN))
+        widths = (GIVEN, UNKNOWN)
+        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * MOST_ALBEDO), widths)
 
     @property
     def is_given(self) -> bool:
         """Whether all three albedos were given."""
-        return self.widths[1] == FIT.given
+        return self.widths[1] == GIVEN
 
     @property
     def light(self) -> Light:
         """What follows if the colours are not heard."""
-        return Light(LightOutcome.COMPUTED, self.albedo, FIT.factor[0], FIT.lamp[0])
+        return Light(
+            LightOutcome.COMPUTED,
+            self.albedo,
+            constants.FACTOR_PRIOR[0],
+            constants.LAMP_PRIOR[0],
+        )
 
     @property
     def whitening(self) -> FloatArray:
@@ -128,9 +101,9 @@ def known_albedo(endoscope: Calibration) -> FloatArray | None:
     """Return albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
     albedo = np.asarray(getattr(endoscope.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     if albedo.ndim == 0:
-        return albedo if FIT.albedos[0] < albedo < FIT.albedos[1] else None
+        return albedo if LEAST_ALBEDO < albedo < MOST_ALBEDO else None
     possible = np.all((albedo > 0) & (albedo < 1))
-    differ = np.ptp(albedo) >= FIT.alike * albedo.max()
+    differ = np.ptp(albedo) >= ALIKE * albedo.max()
     return albedo if possible and differ else None
 
 
@@ -229,10 +202,10 @@ def refine_per_pixel(
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
     whitening = _tint_whitening().T
     tint = wall @ whitening
-    sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)
-    tint = FIT.outlier * np.tanh(tint / (FIT.outlier * sigma))
+    sigma = max(1.48 * float(np.median(np.abs(tint))), constants.LEAST_SPREAD)
+    tint = constants.OUTLIER * np.tanh(tint / (constants.OUTLIER * sigma))
     slope = (ratio / (1 + ratio)) @ whitening / sigma
-    width = FIT.width_per_pixel * ratio[:, 0] / (1 + ratio[:, 0])
+    width = constants.WIDTH_PER_PIXEL * ratio[:, 0] / (1 + ratio[:, 0])
     s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
     corrected = indirect_ratio.copy()
     corrected[exact] *= np.exp(s)[:, None]
@@ -244,8 +217,10 @@ def _tint_whitening() -> FloatArray:
 
     They are independent, of unit variance by texture, and know nothing of E.
     """
-    covariance = np.diag(np.square(FIT.texture))
-    covariance[1, 2] = covariance[2, 1] = FIT.together * FIT.texture[1] * FIT.texture[2]
+    covariance = np.diag(np.square(constants.TEXTURE))
+    covariance[1, 2] = covariance[2, 1] = (
+        constants.TOGETHER * constants.TEXTURE[1] * constants.TEXTURE[2]
+    )
     differences = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
     return np.linalg.solve(
         np.linalg.cholesky(differences @ covariance @ differences.T), differences
@@ -286,7 +261,7 @@ class ColourResiduals:
         """Return (P, 2), and by x (P, 2, 5)."""
         ratio, slopes = self.patches.ratio_and_slopes(x)
         tint = _tint_whitening().T / self.sigma
-        weight = float(np.sqrt(min(FIT.pieces / len(ratio), 1.0)))
+        weight = float(np.sqrt(min(constants.PIECES / len(ratio), 1.0)))
         apart = (self.patches.light - np.log1p(ratio) - x[2:]) @ tint
         slopes = -slopes / (1 + ratio)
         jacobian = np.empty((*apart.shape, len(x)))
@@ -298,7 +273,7 @@ class ColourResiduals:
 
     def _of_prior(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (5,), and by x (5, 5): a line far from the middle for p."""
-        middle, width = np.transpose([FIT.factor, FIT.lamp])
+        middle, width = np.transpose([constants.FACTOR_PRIOR, constants.LAMP_PRIOR])
         whitening = self.prior.whitening
         light = (x[:2] - middle) / width
         by_light = np.diag(1 / width)
@@ -316,7 +291,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
 
     Raises `NoColour` if albedos that are not given come out as good as equal.
     """
-    if len(patches.light) < FIT.least_patches:
+    if len(patches.light) < LEAST_PATCHES:
         return replace(prior.light, reason="too little of the picture shows all three")
 
     def log_direct(x: FloatArray) -> FloatArray:
@@ -324,24 +299,26 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         ratio, _ = patches.ratio_and_slopes(x)
         return patches.light - np.log1p(ratio) - x[2:]
 
-    low = np.array([0.0, 0.0, *np.log(3 * [FIT.albedos[0]])])
-    high = np.array([FIT.largest_factor, 1.0, *np.log(3 * [FIT.albedos[1]])])
-    x = np.array([FIT.factor[0], FIT.lamp[0], *np.log(prior.albedo)])
+    low = np.array([0.0, 0.0, *np.log(3 * [LEAST_ALBEDO])])
+    high = np.array([LARGEST_FACTOR, 1.0, *np.log(3 * [MOST_ALBEDO])])
+    x = np.array(
+        [constants.FACTOR_PRIOR[0], constants.LAMP_PRIOR[0], *np.log(prior.albedo)]
+    )
     sigma = 1.0
-    for _ in range(FIT.rounds):
+    for _ in range(constants.FIT_ROUNDS):
         x = _fit_within(ColourResiduals(patches, prior, sigma), x, low, high)
         tint = np.median(np.abs(log_direct(x) @ _tint_whitening().T))
-        sigma = max(1.48 * float(tint), FIT.least_spread)
+        sigma = max(1.48 * float(tint), constants.LEAST_SPREAD)
     light = log_direct(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[2:])
     estimate = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), misfit)
-    if not prior.is_given and np.ptp(albedo) < FIT.alike * albedo.max():
+    if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():
         raise NoColour("they are as good as equal")
     reason = _why_unlikely(misfit, x <= low, x >= high)
     if reason:
         return replace(prior.light, misfit=misfit, reason=reason)
-    if estimate.factor < FIT.none_bounced:
+    if estimate.factor < NONE_BOUNCED:
         known = prior.light if prior.is_given else estimate
         none = LightOutcome.NONE_BOUNCED
         return replace(known, outcome=none, factor=0.0, misfit=misfit)
@@ -349,7 +326,11 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
 
 
 def _fit_within(
-    residuals: ColourResiduals, x: FloatArray, low: FloatArray, high: FloatArray
+    residuals: ColourResiduals,
+    x: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    precision: float = 1e-5,
 ) -> FloatArray:
     """Fit x by the steps of Levenberg and Marquardt; what would leave its bounds stays at them.
 
@@ -357,8 +338,8 @@ def _fit_within(
     """
     residual, jacobian = residuals(x)
     misfit = residual @ residual
-    damping = FIT.damping
-    for _ in range(FIT.steps):
+    damping = 1e-4
+    for _ in range(25):
         slope = jacobian.T @ residual
         free = np.where(slope > 0, x > low, x < high)
         bend = (jacobian.T @ jacobian)[np.ix_(free, free)]
@@ -374,7 +355,7 @@ def _fit_within(
         x = tried
         residual = residual_there
         jacobian = jacobian_there
-        if fall < FIT.precision * misfit or change < FIT.precision:
+        if fall < precision * misfit or change < precision:
             break
         misfit -= fall
         damping /= 10
@@ -387,6 +368,6 @@ def _why_unlikely(misfit: float, at_low: BoolArray, at_high: BoolArray) -> str:
         return "more light than can have bounced"
     if (at_low | at_high)[2:].any():
         return "albedos that no tissue has"
-    if misfit > FIT.most_misfit:
+    if misfit > constants.MOST_MISFIT:
         return "the channels disagree on the direct light"
     return ""

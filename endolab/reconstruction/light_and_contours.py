@@ -39,8 +39,8 @@ from endolab.frames.frame import FRAME_LIMITS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows, run_together
+from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
-    FIT,
     AlbedoPrior,
     Light,
     NoColour,
@@ -67,24 +67,11 @@ SMOOTH = "smooth"  # one channel, before anything is cut
 BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
 
-# Steps of each uncut round, of each trial of contours, and of the last round, whose ι is refined per pixel:
-# earlier that would fit every trial to the colours, so that they could tell the trials apart no more. Chosen
-# on rendered and path-traced frames: more change the mean error by less than .03 %.
-UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)
-TRIAL_STEPS = 3
-REFINED_STEPS = 1
-# How steep lines must be to be cut, one trial after the other: log d₀ per 1/320 of the longer side.
-MIN_STEEPNESS = (0.07, 0.035, 0.018)
-# Before indirect light is known, lines are less steep by this factor.
-GUESSED_STEEPNESS = 0.8
-RATIO_DOUBT = 0.15  # fraction of ι that may be wrong
-# The least cut surface is taken whose misfit is at most so many times the least, or as many times more as the
-# colours ask for indirect light.
-MISFIT_LIMIT = 1.08
+GUESSED_STEEPNESS = (
+    0.8  # before indirect light is known, lines are less steep by this factor
+)
 # Median difference of stored values, as a fraction, up to which two colours are one.
 SAME_COLOUR = 0.01
-
-
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
@@ -182,7 +169,7 @@ def _cut_one_channel(
     chosen, outcome = choose(trials, always=bool(contours))
     if chosen.surface.problem.cuts is None:
         return _with_contours(full, outcome), None
-    cut = cut_at_contours(full)
+    cut = cut_at_contours(full, constants.MIN_STEEPNESS[0])
     first = start_from(chosen.surface, cut)
     return _with_contours(cut, outcome, chosen.min_steepness), first
 
@@ -220,9 +207,11 @@ def separate(
     # Uncut
     ratio = np.zeros((*problem.mask.shape, 3))
     first = merge(colours, ratio, prior.albedo)
-    surface = yield from solve_stage(first, BOUNCED, 1, max_iterations=UNCUT_ROUNDS[0])
+    surface = yield from solve_stage(
+        first, BOUNCED, 1, max_iterations=constants.UNCUT_ROUNDS[0]
+    )
     trial = _with_light(Trial(surface), colours, prior)
-    counts = UNCUT_ROUNDS[1:]
+    counts = constants.UNCUT_ROUNDS[1:]
     if trial.is_clean:  # there is nothing to ask the colours again
         counts = (sum(counts),)
     number = 1
@@ -243,7 +232,9 @@ def separate(
     if trial.light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
         refined = replace(trial, indirect_ratio=ratio)
-        surface = yield from _solve_direct(colours, refined, number + 1, REFINED_STEPS)
+        surface = yield from _solve_direct(
+            colours, refined, number + 1, constants.REFINED_STEPS
+        )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, trial.min_steepness)
     return Found(trial, outcome, searched)
@@ -277,7 +268,7 @@ def separate_from(
     trial = Trial(surface, light, ratio, min_steepness)
     halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        colours, trial, 1, UNCUT_ROUNDS[-1], halvings=halvings
+        colours, trial, 1, constants.UNCUT_ROUNDS[-1], halvings=halvings
     )
     return Found(replace(trial, surface=surface), outcome, searched)
 
@@ -327,7 +318,7 @@ def problem_as_before(
         evidence=solved.evidence,
         cuts=cuts,
         colours=(),
-        report=old,
+        report=replace(old, scale="", length=None, length_by_gain=None),
     )
     return in_units(problem)
 
@@ -347,7 +338,7 @@ def _direct_light_on_all_pixels(
         if by_energy or small.mask.shape == shape:  # it chose these very lines
             problem = replace(problem, cuts=enlarge_cuts(small.cuts, shape))
         else:  # the colours chose how steep they must be
-            steepness = trial.min_steepness or MIN_STEEPNESS[0]
+            steepness = trial.min_steepness or constants.MIN_STEEPNESS[0]
             problem = replace(problem, cuts=_find_cuts(colours, found.searched, steepness))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
@@ -442,13 +433,13 @@ def _try_contours(
     lines = find_contours(problem.log_d0, problem.mask)
     cut = [
         (steepness, cut_at_contours(problem, steepness, lines))
-        for steepness in MIN_STEEPNESS
+        for steepness in constants.MIN_STEEPNESS
     ]
     cut = [(steepness, problem) for steepness, problem in cut if problem.cuts is not None]
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
-        count = UNCUT_ROUNDS[0] if uncut.is_clean else TRIAL_STEPS
+        count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
         options["max_iterations"] = count
 
     def solve(index: int, start: Iterate) -> Generator[Iterate, None, Iterate]:
@@ -482,15 +473,10 @@ def _goes_on(trials: Sequence[Trial]) -> bool:
 def choose(
     trials: Sequence[Trial],
     always: bool = False,
-    price: float = 0.1,
-    clean_price: float = 0.02,
 ) -> tuple[Trial, ContourOutcome]:
     """Return the trial that is taken, and what decided; the uncut one is the first.
 
-    A price is the fraction of the energy that a cut as long as the picture's height must save, if only the
-    energy speaks for it: so gentle folds of a real phantom stay whole. The clean price is that where no light
-    bounced: there the picture is the model's own, and its lines are to be trusted. The uncut surface is not
-    taken if there are to be contours `always`.
+    The uncut surface is not taken if there are to be contours `always`.
     """
     uncut, *cut = trials
     if not cut:
@@ -498,16 +484,16 @@ def choose(
     allowed = cut if always else trials
     outcome = ContourOutcome.BY_ENERGY
     if uncut.is_clean:
-        chosen = _cheapest(allowed, clean_price)
+        chosen = _cheapest(allowed, constants.CLEAN_PRICE)
     elif not _colours_are_reliable(trials):
-        is_cut = always or is_worth_cutting(cut[0], uncut, price)
+        is_cut = always or is_worth_cutting(cut[0], uncut, constants.PRICE)
         chosen = cut[0] if is_cut else uncut
     else:
         limit = _misfit_limit(trials, allowed)
         as_good = [trial for trial in allowed if trial.light.misfit <= limit]
         chosen = as_good[0]
         if chosen is uncut:  # the colours do not tell it from those that are cut
-            chosen = _cheapest(as_good, price)
+            chosen = _cheapest(as_good, constants.PRICE)
         else:
             outcome = ContourOutcome.BY_COLOURS
     return chosen, ContourOutcome.NONE_CLEAR if chosen is uncut else outcome
@@ -535,12 +521,12 @@ def _colours_are_reliable(trials: Sequence[Trial]) -> bool:
 def _misfit_limit(trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
     """Return the largest misfit at which a surface is as good as the best of those that are allowed."""
     least = min(trial.light.misfit for trial in allowed)
-    return MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
+    return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
 def cut_at_contours(
     problem: Problem,
-    min_steepness: float = MIN_STEEPNESS[0],
+    min_steepness: float,
     lines: FloatArray | None = None,
 ) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
@@ -585,7 +571,7 @@ def min_steepness_of(result: Result) -> float | None:
     """Return how steep the lines are at which a surface is cut; the steepest, if cuts were given."""
     if result.problem.cuts is None:
         return None
-    return result.report.min_steepness or MIN_STEEPNESS[0]
+    return result.report.min_steepness or constants.MIN_STEEPNESS[0]
 
 
 # Colours --------------------------------------------------------------------------------
@@ -618,8 +604,10 @@ def merge(
             counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
             shade = np.maximum(colour.image[rows], noises[c])
             by_noise = (gamma * noises[c] / shade) ** 2
-            by_ratio = (RATIO_DOUBT * ratio / (1 + ratio)) ** 2
-            weight = np.where(counts, 1 / (by_noise + by_ratio + FIT.texture[c] ** 2), 0.0)
+            by_ratio = (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
+            weight = np.where(
+                counts, 1 / (by_noise + by_ratio + constants.TEXTURE[c] ** 2), 0.0
+            )
             log_direct = (
                 gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
             )

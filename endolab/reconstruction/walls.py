@@ -45,29 +45,13 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, Span
 from endolab.numerics.derivatives import gradient
 from endolab.numerics.resampling import resample
 from endolab.numerics.threads import on_cores
+from endolab.reconstruction import constants
 
-
-@dataclass(frozen=True)
-class WallModel:
-    """How a surface becomes patches, and which walls are taken to be where none is seen."""
-
-    patches: int = 500  # of the picture; twice as many change ι by a hundredth
-    grazing: float = 1e-3  # cos α below which a lamp's light no longer falls
-    rim_sectors: int = 20  # of the rim
-    back: float = 2.0  # how far behind the camera the wall goes on, in radii
-    rings: int = 100  # of it at most, as many as a view of 5° to the side needs
-    # A wall must be nearer than a chord by this factor to block it: patches are coarse.
-    nearer: float = 1.1
-    # Of what a patch does not see, how much is a wall; so red and green say one E of
-    # traced colons.
-    hidden: float = 0.75
-    bounces: int = 16  # counted one by one; those after them fall by a constant share
-
-
-WALL_MODEL = WallModel()
-
-
-TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is, or in both
+PATCHES = 500  # of the picture; twice as many change ι by a hundredth
+GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
+RIM_SECTORS = 20
+MOST_RINGS = 100  # behind the camera, as many as a view of 5° to the side needs
+BOUNCES = 16  # counted one by one; those after them fall by a constant factor
 
 
 @on_cores(cost=9)
@@ -90,7 +74,6 @@ def _fill_exchange(
     n0, n1, n2 = n
     down_at, across_at = cell
     inverse = 1 / np.sqrt(x0**2 + x1**2 + x2**2)
-    middle = 0.5 * (limit.shape[0] - 1), 0.5 * (limit.shape[1] - 1)
     facing = np.empty(count)
     for turn in range(rows[0], rows[1]):
         # Row i has i pairs: one from either end in turn.
@@ -124,39 +107,15 @@ def _fill_exchange(
                 k = 1
                 # In a picture 1/distance is nearly linear along a straight chord.
                 while k < steps:
-                    share = k / steps
-                    i_at = row + share * down
-                    j_at = column + share * across
-                    off = middle[0] - i_at
-                    aside = middle[1] - j_at
-                    i_in = int(np.rint(i_at + TOWARDS * off))
-                    j_in = int(np.rint(j_at + TOWARDS * aside))
-                    blocks = limit[i_in, j_in]
-                    if (
-                        min(abs(off), abs(aside)) < TOWARDS
-                    ):  # between two cells that are as near the middle
-                        i_on = len(limit) - 1 - i_in if abs(off) < TOWARDS else i_in
-                        j_on = limit.shape[1] - 1 - j_in if abs(aside) < TOWARDS else j_in
-                        blocks = max(
-                            blocks, limit[i_on, j_in], limit[i_in, j_on], limit[i_on, j_on]
-                        )
-                    if nearness + share * change < blocks:
+                    share = k / steps  # of the chord
+                    i_at = int(row + share * down + 0.5)
+                    j_at = int(column + share * across + 0.5)
+                    if nearness + share * change < limit[i_at, j_at]:
                         break
                     k += 1
                 if k >= steps:
                     factors[i, j] = facing[j] * area[j]
                     factors[j, i] = facing[j] * own
-
-
-def _exchange(
-    x: FloatArray, n: FloatArray, area: FloatArray, cell: IntArray, nearest: FloatArray
-) -> FloatArray:
-    """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
-    factors = np.zeros((len(x), len(x)))
-    columns = [np.ascontiguousarray(a.T) for a in (x, n, cell.astype(np.int64))]
-    limit = 1 / (WALL_MODEL.nearer * nearest)
-    _fill_exchange(factors, columns[0], columns[1], area, columns[2], limit)
-    return factors
 
 
 @dataclass(frozen=True)
@@ -194,11 +153,11 @@ class Walls:
         cosine = 1 / np.sqrt(1 + slant(f_u, f_v, field))
         facing = normals_from_gradient(f_u, f_v, field)
         distance = np.exp(log_distance)
-        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, WALL_MODEL.grazing), 1.0)
+        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, GRAZING), 1.0)
         light = cos_alpha**k
         area = solid * distance**2 / cosine
 
-        step = max(1.0, np.sqrt(mask.sum() / WALL_MODEL.patches))
+        step = max(1.0, np.sqrt(mask.sum() / PATCHES))
         cells = tuple(max(1, round(length / step)) for length in mask.shape)
         layers = [
             mask,
@@ -224,7 +183,15 @@ class Walls:
         areas = np.concatenate([covered, ring_area])
         places = np.argwhere(seen)
         places = np.concatenate([places, places[rim]])
-        exchange = _exchange(points, normals, areas, places, nearest)
+        exchange = np.zeros((len(points), len(points)))
+        _fill_exchange(
+            exchange,
+            np.ascontiguousarray(points.T),
+            np.ascontiguousarray(normals.T),
+            areas,
+            np.ascontiguousarray(places.T),
+            1 / (constants.NEARER * nearest),
+        )
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         return cls(
@@ -244,7 +211,7 @@ class Walls:
         more = k - self.k
         centres = self.points[: self.count]
         cos_alpha = centres[:, 2] / np.linalg.norm(centres, axis=-1)
-        fall = np.maximum(cos_alpha, WALL_MODEL.grazing) ** more
+        fall = np.maximum(cos_alpha, GRAZING) ** more
         beside = _lamp(self.points[self.count :], self.normals[self.count :], k)
         lit = np.concatenate([self.lit[: self.count] * fall, beside])
         return replace(self, lit=lit, direct=self.direct * self.cos_alpha**more, k=k)
@@ -279,9 +246,9 @@ class Walls:
 
     def orders_of(self, lit: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the same of several lamps' E, each (N,)."""
-        hidden = WALL_MODEL.hidden * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
+        hidden = constants.HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
         orders = [self.exchange @ np.stack(lit, axis=1)]
-        for _ in range(WALL_MODEL.bounces - 1):
+        for _ in range(BOUNCES - 1):
             orders.append(self.exchange @ orders[-1] + hidden[:, None] * orders[-1])
         return list(np.moveaxis(np.stack(orders), -1, 0))
 
@@ -356,7 +323,7 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     """
     across = np.hypot(points[:, 0], points[:, 1])
     alpha = np.arctan2(across, points[:, 2])
-    sector = sectors(points, WALL_MODEL.rim_sectors)
+    sector = sectors(points, RIM_SECTORS)
     rim = np.array(
         [max(np.flatnonzero(sector == s), key=alpha.__getitem__) for s in np.unique(sector)]
     )
@@ -367,8 +334,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     step = float(np.median(length))
     deep = 0.0
     if step > 0:
-        deep = (np.median(start[:, 2]) + WALL_MODEL.back * np.median(radius)) / step
-    rings = max(int(np.ceil(min(deep, WALL_MODEL.rings))), 0)
+        deep = (np.median(start[:, 2]) + constants.BACK * np.median(radius)) / step
+    rings = max(int(np.ceil(min(deep, MOST_RINGS))), 0)
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
     back = (np.arange(rings) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
     return (
