@@ -105,48 +105,22 @@ def add_frame(array: Any, fill: float = 0.0) -> FloatArray:
     )
 
 
-def half_size(size: int) -> int:
-    """How many blocks of two stand for so many rows or columns: an even number for an even one.
-
-    Then blocks lie alike from both ends, on every coarser grid as well, and what is computed with them in a
-    mirrored picture is the mirrored thing. For that the first and the last block may have one row of the
-    grid and one beside it. An odd number of rows cannot be shared out so: there the last block has one row.
-    """
-    return (size + 2) // 2 if size % 4 == 2 and size > 2 else (size + 1) // 2
-
-
-@kernel
-def lead(fine: Any, coarse: Any, axis: int) -> int:
-    """How many rows or columns, 0 or 1, the first block reaches beyond the grid; both maps are padded."""
-    return (2 * coarse.shape[axis] - fine.shape[axis] - 2 * PAD) // 2
-
-
 @kernel
 def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
-    down = lead(a, out, 0)
-    across = lead(a, out, 1)
     for i in range(PAD, out.shape[0] - PAD):
         for j in range(PAD, out.shape[1] - PAD):
-            row = 2 * i - PAD - down
-            column = 2 * j - PAD - across
-            falling = a[row, column] + a[row + 1, column + 1]
-            out[i, j] = falling + (a[row, column + 1] + a[row + 1, column])
+            row = 2 * i - PAD
+            column = 2 * j - PAD
+            upper = a[row, column] + a[row, column + 1]
+            out[i, j] = upper + (a[row + 1, column] + a[row + 1, column + 1])
 
 
 def block_sums(a: Any) -> FloatArray:
-    """Sum of a padded map over every 2×2 block, padded; see `half_size`."""
-    height, width = (half_size(size - 2 * PAD) + 2 * PAD for size in a.shape)
+    """Sum of a padded map over every 2×2 block, padded; of an odd number of rows, the last block has one."""
+    height, width = ((size - 2 * PAD + 1) // 2 + 2 * PAD for size in a.shape)
     out = np.zeros((height, width))
     _block_sums(a, out)
     return out
-
-
-def leads(fine: Any) -> tuple[int, int]:
-    """`lead` of the rows and of the columns of a padded map."""
-    down, across = (
-        half_size(size - 2 * PAD) - (size - 2 * PAD) // 2 - size % 2 for size in fine.shape
-    )
-    return down, across
 
 
 def active_blocks(active: Any) -> Any:
@@ -156,8 +130,7 @@ def active_blocks(active: Any) -> Any:
 
 def halve_links(link: Any) -> Any:
     """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
-    outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
-    down, across = leads(link[0])
-    inner(outer)[0, :, across::2] = 0
-    inner(outer)[1, down::2] = 0
+    outer = link.copy()  # of the links from pixel to pixel, those that lead out of a block
+    inner(outer)[0, :, ::2] = 0
+    inner(outer)[1, ::2] = 0
     return np.stack([active_blocks(outer[0]), active_blocks(outer[1])])

@@ -1,7 +1,6 @@
 """Half the pixels of a cut surface: no block of 2×2 pixels mixes the two sides of a cut.
 
-A block that cuts divide stands for its largest fragment alone, of equals that nearer the picture's middle,
-so that a turned picture's blocks are the turned ones. The pixels left out (·) follow a neighbouring block of
+A block that cuts divide stands for its largest fragment alone, of equals the first. The pixels left out (·) follow a neighbouring block of
 their own side, if there is one:
 
     a  a ┆ a ┃ b ┆ b  b           a  a ┆ a  · ┆ b  b
@@ -24,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray
-from endolab.numerics.compiled import PAD, halve_links, kernel, lead, leads
+from endolab.numerics.compiled import PAD, halve_links, kernel
 from endolab.numerics.derivatives import shift
 
 
@@ -33,15 +32,13 @@ def _largest_fragments(
     active: ByteArray,
     link: ByteArray,
     uncut_links: ByteArray,
-    leads: tuple[int, int],
     out: ByteArray,
 ) -> None:
     """Mark the active pixels of each block that are of its largest part."""
     pixels = np.zeros((4, 2), np.int64)
     part = np.zeros(4, np.int64)
-    middle = (active.shape[0] - 1) / 2, (active.shape[1] - 1) / 2
-    for top in range(PAD - leads[0], active.shape[0] - PAD, 2):
-        for first in range(PAD - leads[1], active.shape[1] - PAD, 2):
+    for top in range(PAD, active.shape[0] - PAD, 2):
+        for first in range(PAD, active.shape[1] - PAD, 2):
             pixels[:, 0] = top, top, top + 1, top + 1
             pixels[:, 1] = first, first + 1, first + 1, first
             # Around the block from pixel to pixel: 0 to 1, 1 to 2, 2 to 3, 3 to 0.
@@ -69,20 +66,14 @@ def _largest_fragments(
                             part[k] = part[(k + 1) % 4] = min(part[k], part[(k + 1) % 4])
             largest = 0
             most = 0
-            least = np.inf
             for label in range(4):
                 size = 0
-                away = 0.0
                 for k in range(4):
                     if part[k] == label and active[pixels[k, 0], pixels[k, 1]]:
                         size += 1
-                        away += (pixels[k, 0] - middle[0]) ** 2 + (
-                            pixels[k, 1] - middle[1]
-                        ) ** 2
-                if size > most or (size == most and away < least):
+                if size > most:
                     largest = label
                     most = size
-                    least = away
             for k in range(4):
                 i, j = pixels[k]
                 out[i, j] = active[i, j] if part[k] == largest else 0
@@ -95,7 +86,7 @@ def largest_fragments(
     if link is uncut_links:
         return active
     out = np.zeros_like(active)
-    _largest_fragments(active, link, uncut_links, leads(active), out)
+    _largest_fragments(active, link, uncut_links, out)
     return out
 
 
@@ -144,12 +135,10 @@ def same_side(
     below it, and on the diagonal. A block is reached from block to block, or from pixel to pixel.
     """
     active, across, uncut = blocks
-    down_from = i - PAD + lead(main, active, 0)
-    right_from = j - PAD + lead(main, active, 1)
-    down = 2 * (down_from % 2) - 1
-    right = 2 * (right_from % 2) - 1
-    ci = PAD + down_from // 2
-    cj = PAD + right_from // 2
+    down = 2 * ((i - PAD) % 2) - 1
+    right = 2 * ((j - PAD) % 2) - 1
+    ci = PAD + (i - PAD) // 2
+    cj = PAD + (j - PAD) // 2
     if main[i, j]:
         beside = not _is_cut(across, uncut, ci, cj, 0, right)
         below = not _is_cut(across, uncut, ci, cj, down, 0)

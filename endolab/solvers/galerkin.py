@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, clear_row, kernel, lead
-from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
+from endolab.numerics.compiled import PAD, clear_row, kernel
+from endolab.numerics.threads import on_cores
 from endolab.solvers.interpolation import Interpolation
 
 # Which entry of `normal_equations.OFFSETS` couples a pixel to that dy rows down and dx - 2 columns right.
@@ -75,7 +75,7 @@ def _pixels_of_entry(
 
 @kernel
 def _sum_along(
-    pixels: FloatArray, first: int, even: FloatArray, odd: FloatArray, b: FloatArray
+    pixels: FloatArray, even: FloatArray, odd: FloatArray, b: FloatArray
 ) -> None:
     """Sum a row's `pixels` (5, W), two to the left up to two to the right, into blocks: b (5, w) likewise.
 
@@ -84,7 +84,7 @@ def _sum_along(
     """
     count = b.shape[1] - 2 * PAD
     for c in range(count):
-        j = 2 * c + first
+        j = 2 * c + PAD
         far = pixels[0, j]
         left = pixels[1, j]
         own = pixels[2, j]
@@ -95,7 +95,7 @@ def _sum_along(
         even[2, c + 2] = left + 3 * (own + right) + last
         even[3, c + 2] = right + 3 * last
     for c in range(count):
-        j = 2 * c + first
+        j = 2 * c + PAD
         far = pixels[0, j + 1]
         left = pixels[1, j + 1]
         own = pixels[2, j + 1]
@@ -115,13 +115,13 @@ def _sum_along(
 
 
 @kernel
-def _sum_down(b: FloatArray, i: int, down: int, sums: FloatArray, out: FloatArray) -> None:
-    """Add b (3, 5, w), of the row i of pixels and those 0 to 2 below, to the rows of blocks.
+def _sum_down(b: FloatArray, i: int, rows: Span, sums: FloatArray, out: FloatArray) -> None:
+    """Add b (3, 5, w), of the row i of pixels and those 0 to 2 below, to these rows of blocks.
 
     What couples pixels of one row, b[0], is there in both orders, and counts half in each.
     """
-    own = PAD + (i - PAD + down) // 2
-    is_even = (i - PAD + down) % 2 == 0
+    own = PAD + (i - PAD) // 2
+    is_even = (i - PAD) % 2 == 0
     for ex in range(5):
         for c in range(b.shape[2]):
             half = b[0, ex, c] / 2
@@ -136,11 +136,13 @@ def _sum_down(b: FloatArray, i: int, down: int, sums: FloatArray, out: FloatArra
         row = own if k == 0 else (own - 1 if is_even else own + 1)
         weight = (3 if k == 0 else 1) / 16
         for n in range(3):
-            _add_row(sums[n], row, top + n, weight, out)
+            _add_row(sums[n], row, top + n, weight, rows, out)
 
 
 @kernel
-def _add_row(b: FloatArray, row: int, other: int, weight: float, out: FloatArray) -> None:
+def _add_row(
+    b: FloatArray, row: int, other: int, weight: float, rows: Span, out: FloatArray
+) -> None:
     """Add b (5, w), what couples a row of blocks to another one, and its transpose."""
     down = other - row
     for ex in range(-2, 3):
@@ -148,6 +150,8 @@ def _add_row(b: FloatArray, row: int, other: int, weight: float, out: FloatArray
         later = down > 0 or (down == 0 and ex >= 0)
         entry = ENTRY_AT[abs(down), 2 + (ex if later else -ex)]
         at = row if later else other
+        if not rows[0] <= at < rows[1]:
+            continue
         target = PAD + (0 if later else ex)
         share = 2 * weight if down == 0 and ex == 0 else weight
         for c in range(b.shape[1] - 2 * PAD):
@@ -155,12 +159,12 @@ def _add_row(b: FloatArray, row: int, other: int, weight: float, out: FloatArray
 
 
 @kernel
-def _row_and_weight(i: int, down: int, k: int) -> tuple[int, float]:
+def _row_and_weight(i: int, k: int) -> tuple[int, float]:
     """The block that a pixel's row lies in (k = 0) or beside (k = 1), and its weight."""
-    own = PAD + (i - PAD + down) // 2
+    own = PAD + (i - PAD) // 2
     if k == 0:
         return own, 0.75
-    return own + (1 if (i - PAD + down) % 2 else -1), 0.25
+    return own + (1 if (i - PAD) % 2 else -1), 0.25
 
 
 @kernel
@@ -170,7 +174,6 @@ def _add_value(
     special: Rows,
     i: int,
     j: int,
-    leads: tuple[int, int],
     sums: FloatArray,
     top: int,
     first: int,
@@ -181,9 +184,9 @@ def _add_value(
     """
     if share[i, j] > 0:
         for k in range(2):
-            row, by_row = _row_and_weight(i, leads[0], k)
+            row, by_row = _row_and_weight(i, k)
             for n in range(2):
-                column, by_column = _row_and_weight(j, leads[1], n)
+                column, by_column = _row_and_weight(j, n)
                 sums[row - top, column - first] += value * by_row * by_column
         return
     n = special.of_pixel[i, j]
@@ -198,20 +201,27 @@ def _add_value(
 
 @kernel
 def _add_between(
-    value: float, row: int, column: int, other: int, beside: int, out: FloatArray
+    value: float,
+    row: int,
+    column: int,
+    other: int,
+    beside: int,
+    rows: Span,
+    out: FloatArray,
 ) -> None:
-    """Add what couples a block to that in the row `other`, column `beside`; and its transpose."""
+    """Add what couples a block to that in the row `other`, column `beside`, and its transpose, to these rows."""
+    if other < row or (other == row and beside < column):
+        row, column, other, beside = other, beside, row, column
     down = other - row
     right = beside - column
-    if abs(down) > 2 or abs(right) > 2:
-        out[0, row, column] += abs(value)
-        out[0, other, beside] += abs(value)
-    elif down == 0 and right == 0:
-        out[0, row, column] += 2 * value
-    elif down > 0 or (down == 0 and right > 0):
-        out[ENTRY_AT[down, 2 + right], row, column] += value
-    else:
-        out[ENTRY_AT[-down, 2 - right], other, beside] += value
+    if down > 2 or abs(right) > 2:
+        if rows[0] <= row < rows[1]:
+            out[0, row, column] += abs(value)
+        if rows[0] <= other < rows[1]:
+            out[0, other, beside] += abs(value)
+    elif rows[0] <= row < rows[1]:
+        own = down == 0 and right == 0
+        out[ENTRY_AT[down, 2 + right], row, column] += 2 * value if own else value
 
 
 @kernel
@@ -220,19 +230,19 @@ def _add_special(
     share: FloatArray,
     special: Rows,
     i: int,
-    leads: tuple[int, int],
+    rows: Span,
     sums: FloatArray,
     out: FloatArray,
 ) -> None:
     """Add what the pixels of a row beside cuts and rims couple; `sums` is room for a row of A P."""
     n = special.of_row[i]
     end = special.of_row[i + 1]
-    top = PAD + (i - PAD + leads[0]) // 2 - REACH
+    top = PAD + (i - PAD) // 2 - REACH
     while n < end:
         pixel = special.pixel[n]
         j = pixel - i * share.shape[1]
-        first = PAD + (j - PAD + leads[1]) // 2 - REACH
-        _add_value(m[0, i, j], share, special, i, j, leads, sums, top, first)
+        first = PAD + (j - PAD) // 2 - REACH
+        _add_value(m[0, i, j], share, special, i, j, sums, top, first)
         for entry in range(1, len(m)):
             down, right = STEPS[entry]
             for way in (1, -1):
@@ -240,7 +250,7 @@ def _add_special(
                 column = j + way * right
                 value = m[entry, i, j] if way == 1 else m[entry, row, column]
                 if value != 0:
-                    _add_value(value, share, special, row, column, leads, sums, top, first)
+                    _add_value(value, share, special, row, column, sums, top, first)
         after = n + 1
         while after < end and special.pixel[after] == pixel:
             after += 1
@@ -253,39 +263,33 @@ def _add_special(
                 for k in range(n, after):
                     part = special.weight[k] * value
                     row = special.row[k]
-                    _add_between(part, row, special.column[k], top + y, first + x, out)
+                    _add_between(
+                        part, row, special.column[k], top + y, first + x, rows, out
+                    )
         n = after
 
 
-@on_cores(cost=30, turns=2)
+@on_cores(cost=120)
 def _fill(
-    rows: Span,
-    turns: Span,
-    share: FloatArray,
-    m: FloatArray,
-    special: Rows,
-    out: FloatArray,
+    rows: Span, out: FloatArray, share: FloatArray, m: FloatArray, special: Rows
 ) -> None:
-    """Write Pᵀ A P; `share` is that of `Interpolation`."""
-    leads = lead(share, out[0], 0), lead(share, out[0], 1)
+    """Write these rows of Pᵀ A P, of all pixels that reach them; `share` is that of `Interpolation`."""
+    out[:, rows[0] : rows[1]] = 0.0
     pixels = np.zeros((5, share.shape[1]))
     b, summed = np.zeros((2, 3, 5, out.shape[2]))
     even, odd = np.zeros((2, 4, out.shape[2]))
     around = np.zeros((2 * REACH + 1, 2 * REACH + 1))
-    for turn in range(turns[0], turns[1]):
-        # Every second band: what a row adds to its neighbours' must not meet.
-        for start in range(rows[0] + turn * BAND_ROWS, rows[1], 2 * BAND_ROWS):
-            top, end = rows_within((start, start + BAND_ROWS), PAD, share.shape[0] - PAD)
-            for i in range(top, min(end, rows[1])):
-                for dy in range(3):
-                    for dx in range(-2, 3):
-                        _pixels_of_entry(m, share, i, dy, dx, pixels[dx + 2])
-                    _sum_along(pixels, PAD - leads[1], even, odd, b[dy])
-                _sum_down(b, i, leads[0], summed, out)
-                _add_special(m, share, special, i, leads, around, out)
+    first = PAD + 2 * max(rows[0] - PAD - REACH - 1, 0)
+    last = PAD + 2 * (rows[1] - PAD + REACH + 1)
+    for i in range(first, min(last, share.shape[0] - PAD)):
+        for dy in range(3):
+            for dx in range(-2, 3):
+                _pixels_of_entry(m, share, i, dy, dx, pixels[dx + 2])
+            _sum_along(pixels, even, odd, b[dy])
+        _sum_down(b, i, rows, summed, out)
+        _add_special(m, share, special, i, rows, around, out)
 
 
 def coarsen(m: FloatArray, way: Interpolation, special: Rows, out: FloatArray) -> None:
     """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels."""
-    out[:] = 0.0
-    _fill(way.share, m, special, out)
+    _fill(out, way.share, m, special)

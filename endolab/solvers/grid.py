@@ -34,7 +34,6 @@ from endolab.numerics.compiled import (
     active_blocks,
     block_sums,
     inner,
-    leads,
     pad_maps,
 )
 from endolab.numerics.derivatives import links, shift
@@ -192,8 +191,7 @@ class Grid:
         if self.is_cut:
             missed = (fine.active > 0) & (way.share == 0) & ~way.at_rims
             i, j = np.nonzero(missed)
-            down, across = leads(out)
-            out[i, j] = v[PAD + (i - PAD + down) // 2, PAD + (j - PAD + across) // 2]
+            out[i, j] = v[PAD + (i - PAD) // 2, PAD + (j - PAD) // 2]
             left_out = (fine.active > 0) & (fine.main == 0)
             out[left_out] = np.minimum(out, pad_maps(fine.log_d0))[left_out]
         return np.where(

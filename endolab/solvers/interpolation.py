@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, kernel, lead, leads
+from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.cuts import Cells, nearest_blocks, same_side
 
@@ -36,18 +36,17 @@ Strands = tuple[IntArray, IntArray, FloatArray]
 def prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
-    down = lead(x, step, 0)
-    at = PAD - lead(x, step, 1)
     for i in range(first, last):
-        ci = PAD + (i - PAD + down) // 2
-        ni = 1 if (i - PAD + down) % 2 else -1
+        ci = PAD + (i - PAD) // 2
+        ni = 1 if (i - PAD) % 2 else -1
         for cj in range(step.shape[1] - 2 * PAD):
+            j = PAD + 2 * cj
             nearest = 9 * step[ci, cj + 2]
             beneath = step[ci + ni, cj + 2]
             left = nearest + 3 * (beneath + step[ci, cj + 1]) + step[ci + ni, cj + 1]
             right = nearest + 3 * (beneath + step[ci, cj + 3]) + step[ci + ni, cj + 3]
-            x[i, 2 * cj + at] += share[i, 2 * cj + at] * left
-            x[i, 2 * cj + at + 1] += share[i, 2 * cj + at + 1] * right
+            x[i, j] += share[i, j] * left
+            x[i, j + 1] += share[i, j + 1] * right
 
 
 @on_cores(cost=2)
@@ -57,17 +56,14 @@ def restrict(
     """Adjoint of `prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     taken = np.empty((4, r.shape[1]))
-    down = lead(r, out, 0)
-    at = PAD - lead(r, out, 1)
     for ci in range(first, last):
-        i = 2 * ci - PAD - down
+        i = 2 * ci - PAD
         for k in range(4):
             for j in range(r.shape[1]):
                 taken[k, j] = share[i + k - 1, j] * r[i + k - 1, j]
         a, b, c, d = taken
         for cj in range(out.shape[1] - 2 * PAD):
-            # Of the block's first pixel; what changes places in a turned picture comes first.
-            j = 2 * cj + at
+            j = PAD + 2 * cj  # of the block's first pixel
             amid = 9 * ((b[j] + c[j + 1]) + (b[j + 1] + c[j]))
             beside = (b[j - 1] + c[j + 2]) + (b[j + 2] + c[j - 1])
             beside += (a[j] + d[j + 1]) + (a[j + 1] + d[j])
@@ -124,9 +120,7 @@ def _share(active: ByteArray, main: ByteArray, blocks: Cells) -> FloatArray:
     uncut = blocks.link == blocks.uncut_links
     amid = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
     amid &= uncut[0, :-1, :-1] & uncut[0, 1:, :-1] & uncut[1, :-1, :-1] & uncut[1, :-1, 1:]
-    down, across = leads(active)
-    rows = (np.arange(active.shape[0]) + PAD - 1 + down) // 2
-    columns = (np.arange(active.shape[1]) + PAD - 1 + across) // 2
+    rows, columns = ((np.arange(size) + PAD - 1) // 2 for size in active.shape)
     return amid[rows[:, None], columns] * (active > 0) * (main > 0) / 16
 
 
@@ -140,8 +134,6 @@ def _fill_strands(
     pixel, block, weight = strands
     count = 0
     wide = known.shape[1]
-    top = PAD - lead(active, known, 0)
-    first = PAD - lead(active, known, 1)
     for i in range(PAD, active.shape[0] - PAD):
         for j in range(PAD, active.shape[1] - PAD):
             if not active[i, j] or share[i, j] > 0:
@@ -155,7 +147,7 @@ def _fill_strands(
                 continue
             share_of_each = 1.0 if first_block == last_block else 0.5
             for k in range(first_block, last_block + 1):
-                row, column, down, right = _place(i - top, j - first, k)
+                row, column, down, right = _place(i - PAD, j - PAD, k)
                 own = 1.0
                 centre = row * wide + column
                 for axis, aside, step in ((0, right, 1), (1, down, wide)):
