@@ -1,9 +1,8 @@
-"""The energy and its Gauss-Newton model, compiled.
+"""The energy and its Gauss-Newton model, compiled: what `energy` says, with the derivatives of each step.
 
-The energy stands in the head of `energy.py`, its model readably in tests/solvers/gauss_newton_model.py; the
-tests hold them together. Arrays are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`.
-Loops are over rows without their padding, j, of arrays of their own with it, j + 2, so that they take many
-pixels at once.
+Arrays are padded, see `numerics.compiled`; what each means stands in `grid.Grid`. Loops are over rows without
+their padding, j, of arrays of their own with it, j + 2, so that they take many pixels at once. K are the
+differences of `numerics.stencils`.
 """
 
 from dataclasses import replace
@@ -12,17 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import ByteArray, FloatArray, Span
-from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
+from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.elementary import exp, log
-from endolab.numerics.stencils import square, step_means, step_sums, steps
+from endolab.numerics.stencils import CENTRAL, DOWN, adjoint_row, apply_row, stencil_row
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
-from endolab.solvers.normal_equations import (
-    BY_V,
-    SMOOTHNESS,
-    WEIGHT,
-)
-from endolab.solvers.problem import EXACT, FIRST, LOWER_BOUND
+from endolab.solvers.normal_equations import BY_V, SMOOTHNESS, WEIGHT
+from endolab.solvers.problem import EXACT, LOWER_BOUND
 
 
 class Picture(NamedTuple):
@@ -46,13 +41,15 @@ class Wall(NamedTuple):
 
 
 class Penalties(NamedTuple):
-    """λ, Huber's threshold of the data, ε, the unit of a derivative of ξ, which of `problem.REGULARISERS`."""
+    """λ, Huber's threshold of the data, ε, the unit of a derivative of ξ, the kind of differences."""
 
     lam: float
     threshold: float
     epsilon: float
     scale: float
     kind: int
+    entries: IntArray  # of K
+    central: IntArray  # of ∇
 
 
 @kernel
@@ -92,19 +89,21 @@ def _slopes_row(
     metric: FloatArray,
     link: ByteArray,
     i: int,
-    raised_u: FloatArray,
-    raised_w: FloatArray,
-    slant: FloatArray,
+    t: FloatArray,
+    y: FloatArray,
+    slopes: FloatArray,
 ) -> None:
-    """G⁻¹ ∇v and tan²θ on a row, ∇v being the mean of the differences that there are."""
-    for j in range(slant.size):
-        along, down = step_sums(v, link, i, j + 2)
-        mean_u, mean_w = step_means(link, i, j + 2)
-        u = mean_u * along
-        w = mean_w * down
-        raised_u[j] = metric[0, i, j + 2] * u + metric[1, i, j + 2] * w
-        raised_w[j] = metric[1, i, j + 2] * u + metric[2, i, j + 2] * w
-        slant[j] = raised_u[j] * u + raised_w[j] * w
+    """G⁻¹ ∇v and tan²θ on a row, (3, W); t becomes the weights of ∇, y the gradient."""
+    stencil_row(link, CENTRAL, i, t)
+    apply_row(t, CENTRAL, v, i, y)
+    for j in range(y.shape[1]):
+        u = y[0, j]
+        w = y[2, j]
+        raised_u = metric[0, i, j + 2] * u + metric[1, i, j + 2] * w
+        raised_w = metric[1, i, j + 2] * u + metric[2, i, j + 2] * w
+        slopes[0, j] = raised_u
+        slopes[1, j] = raised_w
+        slopes[2, j] = raised_u * u + raised_w * w
 
 
 @on_cores(cost=3)
@@ -124,30 +123,31 @@ def fill_xi(
 
 @on_cores(cost=3)
 def fill_slopes(
-    rows: Span, v: FloatArray, metric: FloatArray, link: ByteArray, out: FloatArray
+    rows: Span,
+    out: FloatArray,
+    v: FloatArray,
+    metric: FloatArray,
+    link: ByteArray,
 ) -> None:
-    """G⁻¹ ∇v and tan² of the angle between ray and normal, (3, ...)."""
+    """G⁻¹ ∇v and tan² of the angle between ray and normal, (3, ...); of one map, (1, ...), tan² alone."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
+    t = np.zeros((3, len(DOWN), v.shape[1] - 2 * PAD))
+    y, slopes = np.zeros((2, 3, v.shape[1] - 2 * PAD))
     for i in range(first, last):
-        raised_u = out[0, i, PAD:-PAD]
-        raised_w = out[1, i, PAD:-PAD]
-        _slopes_row(v, metric, link, i, raised_u, raised_w, out[2, i, PAD:-PAD])
-
-
-@on_cores(cost=3)
-def fill_slants(
-    rows: Span, out: FloatArray, v: FloatArray, metric: FloatArray, link: ByteArray
-) -> None:
-    """tan² of that angle alone: three maps of fresh memory take ten times as long."""
-    first, last = rows_within(rows, PAD, v.shape[0] - PAD)
-    raised_u, raised_w = np.empty((2, v.shape[1] - 2 * PAD))
-    for i in range(first, last):
-        _slopes_row(v, metric, link, i, raised_u, raised_w, out[i, PAD:-PAD])
+        _slopes_row(v, metric, link, i, t, y, slopes)
+        for k in range(len(out)):
+            copy_row(slopes[3 - len(out) + k], out[k, i, PAD:])
 
 
 @kernel
 def _predict_row(
-    v: FloatArray, picture: Picture, wall: Wall, i: int, rows: FloatArray
+    v: FloatArray,
+    picture: Picture,
+    wall: Wall,
+    i: int,
+    t: FloatArray,
+    y: FloatArray,
+    rows: FloatArray,
 ) -> None:
     """On a row: the residual, how much it counts (0 or 1), the model, and what the last two come from."""
     image, log_scale, metric, _, active, link, evidence = picture
@@ -156,11 +156,9 @@ def _predict_row(
     counts = rows[1]
     model = rows[2]
     slope = rows[3]
-    slant = rows[4]
-    raised_u = rows[5]
-    raised_w = rows[6]
-    shading = rows[7]
-    _slopes_row(v, metric, link, i, raised_u, raised_w, slant)
+    shading = rows[4]
+    slant = rows[7]
+    _slopes_row(v, metric, link, i, t, y, rows[5:8])
     _shade_row(slant, table, step, shading, slope)
     for j in range(model.size):
         log_image = log_scale[i, j + 2] + (shading[j] - 2 * v[i, j + 2]) / gamma
@@ -176,84 +174,15 @@ def _predict_row(
 
 
 @kernel
-def _square_difference(x: FloatArray, link: ByteArray, i: int, j: int) -> float:
-    """Mixed difference of the square to the lower right of a pixel; 0 where a step is missing."""
-    difference = x[i + 1, j + 1] - x[i + 1, j] - x[i, j + 1] + x[i, j]
-    return square(link, i, j) * difference
-
-
-@kernel
-def _fill_differences(
-    x: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray, size: FloatArray
-) -> None:
-    """D x on a row: along it and down, and of the squares to the lower and upper right; and ‖D x‖.
-
-    A pixel has half of the squared mixed difference of each square around it.
-    """
-    along = out[0]
-    down = out[1]
-    lower = out[2]
-    upper = out[3]
+def _sizes_row(y: FloatArray, above: FloatArray, size: FloatArray) -> None:
+    """|K x| on a row, of its differences and those of the row above: see `Differences.norm`."""
     for j in range(size.size):
-        right, left, south, north = steps(link, i, j + 2)
-        here = x[i, j + 2]
-        if kind == FIRST:
-            along[j] = right * (x[i, j + 3] - here)
-            down[j] = south * (x[i + 1, j + 2] - here)
-        else:
-            along[j] = right * left * (x[i, j + 3] - 2 * here + x[i, j + 1])
-            down[j] = south * north * (x[i + 1, j + 2] - 2 * here + x[i - 1, j + 2])
-    if kind == FIRST:
-        for j in range(size.size):
-            size[j] = np.sqrt(along[j] * along[j] + down[j] * down[j])
-        return
-    squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
+        squares = y[1, j] * y[1, j] + above[1, j] * above[1, j]
+        size[j] = y[0, j] * y[0, j] + y[2, j] * y[2, j] + 0.25 * squares
+    for j in range(size.size - 1):
+        size[j + 1] += 0.25 * (y[1, j] * y[1, j] + above[1, j] * above[1, j])
     for j in range(size.size):
-        lower[j] = _square_difference(x, link, i, j + 2)
-        upper[j] = _square_difference(x, link, i - 1, j + 2)
-        squares[j + 1] = lower[j] * lower[j] + upper[j] * upper[j]
-    for j in range(size.size):
-        mixed = 0.5 * (squares[j] + squares[j + 1])
-        size[j] = np.sqrt(along[j] * along[j] + down[j] * down[j] + mixed)
-
-
-@kernel
-def _add_smooth_row(
-    weight: FloatArray, differences: FloatArray, kind: int, i: int, out: FloatArray
-) -> None:
-    """Add the slope of ½ Σ weight ‖D x‖² over a row to a map; spoils the differences."""
-    along = differences[0]
-    down = differences[1]
-    lower = differences[2]
-    upper = differences[3]
-    here = out[i]
-    over = out[i - 1]
-    under = out[i + 1]
-    own = 1.0 if kind == FIRST else 2.0
-    for j in range(weight.size):
-        along[j] *= weight[j]
-        down[j] *= weight[j]
-        here[j + 2] -= own * along[j] + own * down[j]
-        under[j + 2] += down[j]
-    for j in range(weight.size):
-        here[j + 3] += along[j]
-    if kind == FIRST:
-        return
-    for j in range(weight.size):
-        here[j + 1] += along[j]
-        over[j + 2] += down[j]
-    for j in range(weight.size - 1):
-        half = 0.5 * (weight[j] + weight[j + 1])
-        lower[j] *= half
-        upper[j] *= half
-    for j in range(weight.size):
-        under[j + 2] -= lower[j]
-        here[j + 2] += lower[j] - upper[j]
-        over[j + 2] += upper[j]
-    for j in range(weight.size):
-        under[j + 3] += lower[j]
-        here[j + 3] += upper[j] - lower[j]
-        over[j + 3] -= upper[j]
+        size[j] = np.sqrt(size[j])
 
 
 @on_cores(cost=15)
@@ -267,33 +196,33 @@ def _fill_sums(
     out: FloatArray,
 ) -> None:
     """Each band's part of `sums`."""
-    edge = picture[3]
-    link = picture[5]
-    _, threshold, epsilon, scale, kind = penalties
+    _, threshold, epsilon, scale, kind, _, _ = penalties
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
-    differences = np.empty((4, count))
-    sizes = np.empty(count)
-    totals = np.empty((2, count))
-    residual = work[0]
-    counts = work[1]
-    data = totals[0]
-    rough = totals[1]
+    t = np.zeros((3, len(DOWN), count))
+    differences = np.zeros((2, 3, count))
+    y, sums = np.zeros((2, 3, count))
+    size = np.empty(count)
+    data = sums[0]
+    rough = sums[1]
     for start in range(rows[0], rows[1], BAND_ROWS):
         first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
-        totals[:] = 0.0
-        for i in range(first, last):
-            _predict_row(v, picture, wall, i, work)
+        sums[:] = 0.0
+        for i in range(first - 1, last):
+            stencil_row(picture.link, kind, i, t)
+            apply_row(t, kind, xi, i, differences[i % 2])
+            if i < first:
+                continue
+            _sizes_row(differences[i % 2], differences[1 - i % 2], size)
+            _predict_row(v, picture, wall, i, t, y, work)
             for j in range(count):
-                r = abs(residual[j])
+                r = abs(work[0, j])
                 small = min(r, threshold)
-                data[j] += counts[j] * small * (r - 0.5 * small)
-            weight = edge[i]
-            _fill_differences(xi, link, kind, i, differences, sizes)
+                data[j] += work[1, j] * small * (r - 0.5 * small)
             for j in range(count):
-                size = scale * sizes[j]
-                small = min(size, epsilon)
-                rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
+                s = scale * size[j]
+                small = min(s, epsilon)
+                rough[j] += picture.edge[i, j + 2] * small * (s - 0.5 * small) / epsilon
         out[start // BAND_ROWS, 0] = data.sum()
         out[start // BAND_ROWS, 1] = rough.sum()
 
@@ -308,111 +237,83 @@ def sums(
     return float(data), float(rough)
 
 
-@kernel
-def _pull_row(
-    residual: FloatArray,
-    weight: FloatArray,
-    factors: FloatArray,
-    link: ByteArray,
-    i: int,
-    out: FloatArray,
-) -> None:
-    """Subtract Jᵀ W r of a row from a map; `factors` are a and b of J, which it spoils."""
-    by_v = factors[0]
-    by_u = factors[1]
-    by_w = factors[2]
-    here = out[i]
-    up = out[i - 1]
-    down = out[i + 1]
-    for j in range(residual.size):
-        right, left, south, north = steps(link, i, j + 2)
-        mean_u, mean_w = step_means(link, i, j + 2)
-        forced = weight[j] * residual[j]
-        by_u[j] *= forced * mean_u
-        by_w[j] *= forced * mean_w
-        beside = by_u[j] * (left - right)
-        here[j + 2] -= forced * by_v[j] + beside + by_w[j] * (north - south)
-        down[j + 2] -= by_w[j] * south
-        up[j + 2] += by_w[j] * north
-    for j in range(residual.size):
-        here[j + 3] -= by_u[j] * link[0, i, j + 2]
-    for j in range(residual.size):
-        here[j + 1] += by_u[j] * link[0, i, j + 1]
-
-
-@kernel
-def _differentiate_row(
-    rows: FloatArray, gamma: float, threshold: float, factors: FloatArray
-) -> None:
-    """a and b of J on a row, from what `_predict_row` wrote; the counts become the weights W."""
-    residual = rows[0]
-    counts = rows[1]
-    model = rows[2]
-    slope = rows[3]
-    slant = rows[4]
-    raised_u = rows[5]
-    raised_w = rows[6]
-    by_slant = rows[7]
-    by_v = factors[0]
-    by_u = factors[1]
-    by_w = factors[2]
-    for j in range(model.size):
-        by_v[j] = -2 * counts[j] * model[j] / gamma
-    for j in range(model.size):
-        by_slant[j] = -by_v[j] * slope[j] / (1 + slant[j])
-    for j in range(model.size):
-        by_u[j] = by_slant[j] * raised_u[j]
-        by_w[j] = by_slant[j] * raised_w[j]
-    for j in range(model.size):
-        counts[j] *= threshold / max(abs(residual[j]), threshold)
-
-
-@on_cores(cost=10, turns=3)
+@on_cores(cost=20)
 def linearise(
     rows: Span,
-    turns: Span,
+    descent: FloatArray,
+    smooth: FloatArray,
+    parts: FloatArray,
     v: FloatArray,
     xi: FloatArray,
     picture: Picture,
     wall: Wall,
     penalties: Penalties,
-    out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
-    _, _, _, edge, active, link, _ = picture
-    lam, threshold, epsilon, scale, kind = penalties
-    parts, descent, smooth = out
+    """Write these rows of -Jᵀ W r, of Kᵀ Q K ξ, and of the maps of `Coefficients` that do not damp.
+
+    A row of J is a + b ∇, with a = ∂M/∂v and b = ∂M/∂∇v; W and Q are the parabolas that touch the penalties.
+    """
+    lam, threshold, epsilon, scale, kind, entries, central = penalties
+    gamma = wall.gamma
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
-    factors = np.empty((3, count))
-    differences = np.empty((4, count))
-    sizes = np.empty(count)
-    weight = work[1]
-    for turn in range(turns[0], turns[1]):
-        if turn == 0:
-            for i in range(rows[0], rows[1]):
-                clear_row(descent[i])
-                clear_row(smooth[i])
+    t = np.zeros((3, len(DOWN), count))
+    y = np.zeros((3, count))
+    # Of a row and of the one above, whose squares wait for this row's weights:
+    stencils = np.zeros((2, 3, len(DOWN), count))
+    differences = np.zeros((2, 3, count))
+    weights = np.zeros((2, count + 1))
+    size = np.empty(count)
+    descent[rows[0] : rows[1]] = 0.0
+    smooth[rows[0] : rows[1]] = 0.0
+    first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, v.shape[0] - PAD)
+    for i in range(first - 1, last + 1):
+        is_own = rows[0] <= i < rows[1]
+        now = i % 2
+        above = 1 - now
+        q = weights[now]
+        stencil_row(picture.link, kind, i, stencils[now])
+        apply_row(stencils[now], kind, xi, i, differences[now])
+        _sizes_row(differences[now], differences[above], size)
+        for j in range(count):
+            q[j] = lam * picture.active[i, j + 2] * picture.edge[i, j + 2]
+            q[j] *= scale * scale / max(scale * size[j], epsilon)
+        if is_own:
+            copy_row(q[:-1], parts[SMOOTHNESS, i, PAD:])
+        if i > first - 1:
+            # Q K ξ of the row above: a square has a quarter of the weight of each of its pixels.
+            p = weights[above]
+            for j in range(count):
+                square = 0.25 * ((p[j] + q[j + 1]) + (p[j + 1] + q[j]))
+                y[0, j] = p[j] * differences[above, 0, j]
+                y[1, j] = square * differences[above, 1, j]
+                y[2, j] = p[j] * differences[above, 2, j]
+            adjoint_row(stencils[above], entries, y, i - 1, rows, smooth)
+        if not first <= i < last:
             continue
-        # Every second band: what a row adds to its neighbours' must not meet.
-        odd = turn - 1
-        for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
-            first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
-            for i in range(first, last):
-                _predict_row(v, picture, wall, i, work)
-                _differentiate_row(work, wall.gamma, threshold, factors)
-                copy_row(weight, parts[WEIGHT, i, PAD:])
-                for part in range(3):
-                    copy_row(factors[part], parts[BY_V + part, i, PAD:])
-                _pull_row(work[0], weight, factors, link, i, descent)
-                for j in range(count):
-                    weight[j] = active[i, j + 2] * lam * edge[i, j + 2]
-                _fill_differences(xi, link, kind, i, differences, sizes)
-                # the parabola that touches the penalty
-                for j in range(count):
-                    weight[j] *= scale * scale / max(scale * sizes[j], epsilon)
-                copy_row(weight, parts[SMOOTHNESS, i, PAD:])
-                _add_smooth_row(weight, differences, kind, i, smooth)
+        _predict_row(v, picture, wall, i, t, y, work)
+        residual = work[0]
+        weight = work[1]
+        by_v = work[2]
+        for j in range(count):
+            by_v[j] = -2 * weight[j] * work[2, j] / gamma
+            by_slant = -by_v[j] * work[3, j] / (1 + work[7, j])
+            work[5, j] *= by_slant
+            work[6, j] *= by_slant
+            weight[j] *= threshold / max(abs(residual[j]), threshold)
+        if is_own:
+            copy_row(weight, parts[WEIGHT, i, PAD:])
+            copy_row(by_v, parts[BY_V, i, PAD:])
+            copy_row(work[5], parts[BY_V + 1, i, PAD:])
+            copy_row(work[6], parts[BY_V + 2, i, PAD:])
+            for j in range(count):
+                descent[i, j + 2] -= by_v[j] * weight[j] * residual[j]
+        for j in range(count):
+            forced = -weight[j] * residual[j]
+            y[0, j] = forced * work[5, j]
+            y[1, j] = 0.0
+            y[2, j] = forced * work[6, j]
+        adjoint_row(t, central, y, i, rows, descent)
 
 
 def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:

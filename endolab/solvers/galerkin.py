@@ -209,7 +209,7 @@ def _add_between(
     rows: Span,
     out: FloatArray,
 ) -> None:
-    """Add what couples a block to that in the row `other`, column `beside`, and its transpose, to these rows."""
+    """Add what couples a block to that at (`other`, `beside`), and its transpose, to these rows."""
     if other < row or (other == row and beside < column):
         row, column, other, beside = other, beside, row, column
     down = other - row

@@ -37,12 +37,12 @@ from endolab.numerics.compiled import (
     pad_maps,
 )
 from endolab.numerics.derivatives import links, shift
+from endolab.numerics.stencils import CENTRAL, ENTRIES
 from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
     Wall,
-    fill_slants,
     fill_slopes,
     fill_xi,
     linearise,
@@ -298,7 +298,16 @@ class Grid:
             self.evidence,
         )
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        penalties = Penalties(lam, p.threshold, p.epsilon, self.scale, self._kind)
+        kind = REGULARISERS.index(p.regulariser)
+        penalties = Penalties(
+            lam,
+            p.threshold,
+            p.epsilon,
+            self.scale,
+            kind,
+            ENTRIES[kind],
+            ENTRIES[CENTRAL],
+        )
         return picture, wall, penalties
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
@@ -314,14 +323,14 @@ class Grid:
     def _slopes(self, v: FloatArray) -> FloatArray:
         """G⁻¹ ∇v and tan² of a map's slope, (3, ...)."""
         out = np.zeros((3, *v.shape))
-        fill_slopes(v, self.metric, self.link, out)
+        fill_slopes(out, v, self.metric, self.link)
         return out
 
     def slants(self, v: FloatArray) -> FloatArray:
         """tan² of a map's slope, padded."""
-        out = np.zeros(v.shape)
-        fill_slants(out, v, self.metric, self.link)
-        return out
+        out = np.zeros((1, *v.shape))  # three maps of fresh memory take ten times as long
+        fill_slopes(out, v, self.metric, self.link)
+        return out[0]
 
     def structure(self, free: ByteArray, old: Structure | None = None) -> Structure:
         """That of equations for pixels that are free: the old one, if it is of the same."""
@@ -347,7 +356,7 @@ class Grid:
         parts = np.zeros((PARTS, *v.shape)) if old is None else old.parts
         xi, (_, descent, smooth) = self._xi(v), self._room
         sign = 1.0 if self.problem.xi == "d" else -1.0
-        linearise(v, xi, *self._energy(lam), (parts, descent, smooth))
+        linearise(descent, smooth, parts, v, xi, *self._energy(lam))
         np.multiply(xi, sign, out=parts[SLOPE])
         smooth *= parts[SLOPE]
         free = self.free

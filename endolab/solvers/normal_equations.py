@@ -1,9 +1,9 @@
 """The matrix of a Gauss-Newton step, and the same on half the pixels.
 
-With J, W and r the slopes, weights and residuals of the data, ξ the regularised map, X its slope by v, D the
-differences and Q their weights, the step δ solves
+With J, W and r the slopes, weights and residuals of the data, ξ the regularised map, X its slope by v, K the
+differences (`numerics.stencils`) and Q their weights, the step δ solves
 
-    (Jᵀ W J + X Dᵀ Q D X + C) δ = -Jᵀ W r - X Dᵀ Q D ξ,
+    (Jᵀ W J + X Kᵀ Q K X + C) δ = -Jᵀ W r - X Kᵀ Q K ξ,
 
 C being what is charged for slopes and sizes of the step itself. So a pixel (*) is coupled to the twelve that
 the squared central differences and the squared Hessian reach; on coarser grids (`galerkin`), to all that
@@ -15,33 +15,22 @@ those towards later pixels: seven numbers, or with those in brackets thirteen.
       o      o     *     E      EE
     (SWW)    SW    S     SE   (SEE)
     (SW2)  (SSW)   SS  (SSE)  (SE2)
-
-The same matrix, readably: tests/solvers/gauss_newton_model.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cache, cached_property
 
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import (
-    PAD,
-    active_blocks,
-    clear_row,
-    inner,
-    kernel,
-)
-from endolab.numerics.stencils import DOWN, RIGHT, square, step_means, steps
-from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
+from endolab.numerics.compiled import PAD, active_blocks, inner, kernel
+from endolab.numerics.stencils import CENTRAL, DOWN, ENTRIES, RIGHT, stencil_row
+from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.galerkin import Rows
 from endolab.solvers.interpolation import Interpolation
-from endolab.solvers.problem import FIRST
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
@@ -55,210 +44,120 @@ OFFSETS: tuple[tuple[int, int], ...] = (
     (1, -1),
 )
 OFFSETS += ((1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2))  # of coarser grids alone
-# Which of the six of `numerics.stencils` are in the three differences, for each of `problem.REGULARISERS`;
-# those of a row of J, which comes fourth, are the first five.
-CROSS = range(5)
-STENCILS: list[list[Sequence[int]]] = [
-    [(0, 1), (), (0, 3)],
-    [(0, 1, 2), (0, 1, 3, 5), (0, 3, 4)],
-]
-
-
-class Form(NamedTuple):
-    """A regulariser's kind, the entries of its `STENCILS` as (term, pixel), and which products they have."""
-
-    kind: int
-    entries: IntArray
-    products: IntArray
-
-    @classmethod
-    def of(cls, kind: int) -> Form:
-        """List them: the two pixels, the first of which holds the entry, the entry, and the term."""
-        stencils = STENCILS[kind]
-        products = []
-        for k in range(len(DOWN)):
-            for other in range(len(DOWN)):
-                step = (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])
-                if step not in OFFSETS:
-                    continue
-                entry = OFFSETS.index(step)
-                for term, pixels in enumerate([*stencils, CROSS]):
-                    if k in pixels and other in pixels:
-                        products.append((k, other, entry, term))
-        entries = [(term, k) for term in range(3) for k in stencils[term]]
-        return cls(kind, np.array(entries), np.array(products))
-
-
-FORMS = [Form.of(kind) for kind in range(len(STENCILS))]
 # The maps of `Coefficients`, and how many there are.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, SLOPE_DAMPING_U, SLOPE_DAMPING_W, SMOOTHNESS, PARTS = (
     range(9)
 )
+# What is squared, as rows of weights: the three terms of K, J, and links along rows and columns.
+ALONG_ROWS = 4
+ALONG_COLUMNS = 5
+
+
+@cache
+def products_of(kind: int) -> IntArray:
+    """Of each term, which two neighbours bring a product to which entry: (term, first, other, entry)."""
+    pixels: list[set[int]] = [set() for _ in range(6)]
+    for term, k in ENTRIES[kind]:
+        pixels[term].add(int(k))
+    pixels[3] = {int(k) for _, k in ENTRIES[CENTRAL]}
+    pixels[ALONG_ROWS] = {0, 1}
+    pixels[ALONG_COLUMNS] = {0, 3}
+    return np.array(
+        [
+            (term, k, other, OFFSETS.index(step))
+            for term, near in enumerate(pixels)
+            for k in sorted(near)
+            for other in sorted(near)
+            if (step := (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])) in OFFSETS
+        ]
+    )
 
 
 @kernel
-def _add_products(
-    left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray
-) -> None:
-    """Add products of the six pixels' numbers to their entries of m."""
-    for n in range(len(products)):
-        k, other, entry, term = products[n]
-        row = i + DOWN[k]
-        column = PAD + RIGHT[k]
-        for j in range(left.shape[2]):
-            m[entry, row, column + j] += left[term, k, j] * right[term, other, j]
-
-
-@kernel
-def _data_row(
+def _weigh_row(
     parts: FloatArray,
     link: ByteArray,
+    kind: int,
+    entries: IntArray,
     i: int,
-    damping: float,
     t: FloatArray,
     qt: FloatArray,
-    m: FloatArray,
 ) -> None:
-    """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
+    """Write the six terms of a row, K X, J and links, and the same weighted by Q, W and C."""
     count = t.shape[2]
+
+    # J = a + b ∇
+    stencil_row(link, CENTRAL, i, t)
+    for k in range(1, 5):
+        term = 0 if k < 3 else 2
+        part = BY_U if k < 3 else BY_W
+        for j in range(count):
+            t[3, k, j] = parts[part, i, PAD + j] * t[term, k, j]
     for j in range(count):
-        right, left, _, _ = steps(link, i, j + 2)
-        mean_u, _ = step_means(link, i, j + 2)
-        u = parts[BY_U, i, j + 2] * mean_u
-        t[3, 1, j] = u * right
-        t[3, 2, j] = -u * left
-    for j in range(count):
-        _, _, south, north = steps(link, i, j + 2)
-        _, mean_w = step_means(link, i, j + 2)
-        w = parts[BY_W, i, j + 2] * mean_w
-        t[3, 3, j] = w * south
-        t[3, 4, j] = -w * north
-    by_v = parts[BY_V, i]
-    weight = parts[WEIGHT, i]
-    for j in range(count):
-        t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
+        own = parts[BY_V, i, PAD + j] - (t[3, 1, j] + t[3, 2, j])
+        t[3, 0, j] = own - (t[3, 3, j] + t[3, 4, j])
     for k in range(5):
         for j in range(count):
-            qt[3, k, j] = weight[j + 2] * t[3, k, j]
-    for j in range(count):
-        m[CENTRE, i, j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
-    _add_springs(parts[SLOPE_DAMPING_U], link[0], i, 0, 1, m, E)
-    _add_springs(parts[SLOPE_DAMPING_W], link[1], i, 1, 0, m, S)
+            qt[3, k, j] = parts[WEIGHT, i, PAD + j] * t[3, k, j]
 
-
-@kernel
-def _add_springs(
-    damping: FloatArray,
-    link: ByteArray,
-    i: int,
-    down: int,
-    right: int,
-    m: FloatArray,
-    entry: int,
-) -> None:
-    """Add squared differences of a step between a row's pixels and their neighbours down or right."""
-    start = PAD + right
-    count = link.shape[1] - 2 * PAD
-    spring = np.empty(count)
-    for j in range(count):
-        both = damping[i, j + PAD] + damping[i + down, j + start]
-        spring[j] = 0.5 * float(link[i, j + PAD]) * both
-    for j in range(count):
-        m[CENTRE, i, j + PAD] += spring[j]
-        m[entry, i, j + PAD] -= spring[j]
-    for j in range(count):
-        m[CENTRE, i + down, j + start] += spring[j]
-
-
-@kernel
-def _stencils_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
-    """Weights of the six pixels for the gradient or the second differences: those in its `STENCILS`."""
-    own = -1.0 if kind == FIRST else -2.0
-    for j in range(t.shape[2]):
-        right, left, south, north = steps(link, i, j + 2)
-        along = right if kind == FIRST else right * left
-        down = south if kind == FIRST else south * north
-        t[0, 0, j] = own * along
-        t[0, 1, j] = along
-        t[0, 2, j] = along
-        t[2, 0, j] = own * down
-        t[2, 3, j] = down
-        t[2, 4, j] = down
-    if kind == FIRST:
-        return
-    root2 = np.sqrt(2.0)
-    for j in range(t.shape[2]):
-        joined = root2 * square(link, i, j + 2)
-        t[1, 0, j] = joined
-        t[1, 1, j] = -joined
-        t[1, 3, j] = -joined
-        t[1, 5, j] = joined
-
-
-@kernel
-def _smooth_row(
-    parts: FloatArray,
-    link: ByteArray,
-    form: Form,
-    i: int,
-    t: FloatArray,
-    qt: FloatArray,
-) -> None:
-    """Write D X of a row and Q D X."""
-    kind, entries, _ = form
-    _stencils_row(link, kind, i, t)
-    count = t.shape[2]
-    for n in range(len(entries)):
-        term, k = entries[n]
+    # Links, whose weight is the mean of both pixels'
+    for term, k in ((ALONG_ROWS, 1), (ALONG_COLUMNS, 3)):
+        damping = parts[SLOPE_DAMPING_U + term - ALONG_ROWS]
         row = i + DOWN[k]
         column = PAD + RIGHT[k]
         for j in range(count):
-            t[term, k, j] *= parts[SLOPE, row, column + j]
+            joined = float(link[term - ALONG_ROWS, i, PAD + j])
+            spring = 0.5 * joined * (damping[i, PAD + j] + damping[row, column + j])
+            t[term, 0, j] = -1.0
+            t[term, k, j] = 1.0
+            qt[term, 0, j] = -spring
+            qt[term, k, j] = spring
+
+    # K X
+    stencil_row(link, kind, i, t)
     here = parts[SMOOTHNESS, i]
     below = parts[SMOOTHNESS, i + 1]
     for n in range(len(entries)):
         term, k = entries[n]
+        row = i + DOWN[k]
+        column = PAD + RIGHT[k]
         for j in range(count):
             weight = here[j + 2]
             if term == 1:  # a square has a quarter of the weight of each of its pixels
                 weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
+            t[term, k, j] *= parts[SLOPE, row, column + j]
             qt[term, k, j] = weight * t[term, k, j]
 
 
-@on_cores(cost=10, turns=3)
+@on_cores(cost=20)
 def _assemble(
     rows: Span,
-    turns: Span,
     m: FloatArray,
     parts: FloatArray,
     link: ByteArray,
-    form: Form,
+    kind: int,
+    entries: IntArray,
+    products: IntArray,
     damping: float,
 ) -> None:
-    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
-
-    A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
-    forward gradient or the Hessian, X the slope of ξ. Squared differences of the step itself come in
-    with the damping of slopes, a² W once more by `damping`.
-    """
-    products = form[2]
+    """Write these rows of the normal equations into m; a² W comes in once more by `damping`."""
     count = m.shape[2] - 2 * PAD
-    t = np.empty((4, len(DOWN), count))
-    qt = np.empty((4, len(DOWN), count))
-    for turn in range(turns[0], turns[1]):
-        if turn == 0:
-            for i in range(rows[0], rows[1]):
-                for k in range(len(m)):
-                    clear_row(m[k, i])
-            continue
-        # Every second band: what a row adds to its neighbours' must not meet.
-        odd = turn - 1
-        for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
-            first, last = rows_within((start, start + BAND_ROWS), PAD, m.shape[1] - PAD)
-            for i in range(first, last):
-                _smooth_row(parts, link, form, i, t, qt)
-                _data_row(parts, link, i, damping, t, qt, m)
-                _add_products(t, qt, products, i, m)
+    t, qt = np.zeros((2, 6, len(DOWN), count))
+    m[:, rows[0] : rows[1]] = 0.0
+    first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, m.shape[1] - PAD)
+    for i in range(first, last):
+        _weigh_row(parts, link, kind, entries, i, t, qt)
+        for n in range(len(products)):
+            term, k, other, entry = products[n]
+            row = i + DOWN[k]
+            column = PAD + RIGHT[k]
+            if rows[0] <= row < rows[1]:
+                for j in range(count):
+                    m[entry, row, column + j] += t[term, k, j] * qt[term, other, j]
+        if rows[0] <= i < rows[1]:
+            for j in range(PAD, PAD + count):
+                by_v = parts[BY_V, i, j]
+                m[CENTRE, i, j] += damping * parts[WEIGHT, i, j] * by_v * by_v
 
 
 @dataclass(frozen=True)
@@ -334,5 +233,6 @@ class Coefficients:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
         on = self.structure
         m = np.empty((SEE, *self.active.shape)) if out is None else out
-        _assemble(m, self.parts, on.link, FORMS[on.kind], damping)
+        kind = on.kind
+        _assemble(m, self.parts, on.link, kind, ENTRIES[kind], products_of(kind), damping)
         return m

@@ -19,8 +19,7 @@ from endolab.numerics.derivatives import differences, px_per_reference
 from endolab.numerics.noise import noise_level
 from endolab.solvers.provenance import Report
 
-REGULARISERS = ("first", "second")
-FIRST, SECOND = range(2)  # their places, for compiled loops
+REGULARISERS = ("first", "second")  # in the order of the kinds of `numerics.stencils`
 # What a pixel's value says of the surface's: see `Problem`.
 EXACT, LOWER_BOUND, NONE = range(3)
 
