@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, clear_row, kernel
+from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.galerkin import coarsen
 from endolab.solvers.interpolation import (
@@ -74,8 +74,7 @@ CYCLE = Cycle()
 def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) -> None:
     """Row i of the matrix times the k-th of the maps x; out[j] is of column PAD + j.
 
-    Pixels that change places in a mirrored or transposed picture are added first, so that the sum is the
-    same to the last digit. In this and the following loops, j begins at 0 and what is added to it is not
+    In this and the following loops, j begins at 0 and what is added to it is not
     negative: so they compile to instructions that take many pixels at once. Views of rows would do as well,
     but counting who holds a view takes longer than a row, and the cores wait for one another to count.
     k and i are never written as numbers: the loop would be compiled once more for each.
@@ -135,8 +134,7 @@ def _multiply(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None
     row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
         _row_times(m, x, len(x) - 1, i, row)
-        for j in range(row.size):
-            out[i, j + 2] = row[j]
+        copy_row(row, out[i, PAD:])
 
 
 def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
@@ -144,63 +142,52 @@ def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
     _multiply(out, m, x[None])
 
 
-@kernel
-def _smooth_row(
-    m: FloatArray,
-    inverse: FloatArray,
-    steps: FloatArray,
-    x: FloatArray,
-    r: FloatArray,
-    first: int,
-    k: int,
-    i: int,
-    row: FloatArray,
-) -> None:
-    """Go the k-th step in row i, x += step and r -= M step, and write the one that follows."""
-    _row_times(m, steps, k, i, row)
-    n = first + k
-    kept = max(2 * n - 1, 0) / (2 * n + 3)
-    added = (8 * n + 4) / (2 * n + 3)
-    for j in range(row.size):
-        step = steps[k, i, j + 2]
-        x[i, j + 2] += step
-        r[i, j + 2] -= row[j]
-        steps[k + 1, i, j + 2] = kept * step + added * inverse[i, j + 2] * r[i, j + 2]
-
-
-@on_cores(cost=20, turns=2)
+@on_cores(cost=20)
 def _smooth(
     rows: Span,
-    turns: Span,
     x: FloatArray,
     r: FloatArray,
+    left: FloatArray,
     m: FloatArray,
     inverse: FloatArray,
     steps: FloatArray,
-    first: int,
+    n: int,
 ) -> None:
-    """Take smoothing steps, from `steps[0]`; `first` is the number of its polynomial.
+    """Go the n-th step, steps[0], and the next in these rows of x; of the residual r, write what is left.
 
-    A step needs two rows of the one before on either side. So steps follow one another at two rows'
-    distance, while what they read is still near; and where rows are another's to do, each of its steps
-    ends two rows earlier than the one before. What is left there is the second turn's.
+    The second step needs two rows of the first on either side: it follows at two rows' distance, while what
+    it reads is still near. Cores write the rows between theirs both, the same numbers. The step that would
+    follow becomes steps[2].
     """
-    top = PAD
-    end = x.shape[0] - PAD
-    degree = len(steps) - 1
-    row = np.empty(x.shape[1] - 2 * PAD)
-    if turns[0] == 0:
-        for leading in range(rows[0], rows[1] + PAD * degree):
-            for k in range(degree):
-                i = leading - PAD * k
-                above = top if rows[0] == 0 else max(top, rows[0] + PAD * k)
-                below = end if rows[1] == x.shape[0] else min(end, rows[1] - PAD * k)
-                if above <= i < below:
-                    _smooth_row(m, inverse, steps, x, r, first, k, i, row)
-    if turns[1] == 2 and rows[0] > 0:
-        for k in range(1, degree):
-            for i in range(max(top, rows[0] - PAD * k), min(end, rows[0] + PAD * k)):
-                _smooth_row(m, inverse, steps, x, r, first, k, i, row)
+    count = x.shape[1] - 2 * PAD
+    row = np.empty(count)
+    residuals = np.empty((PAD + 1, count))  # after the first step
+    kept = max(2 * n - 1, 0) / (2 * n + 3)
+    added = (8 * n + 4) / (2 * n + 3)
+    kept_next = (2 * n + 1) / (2 * n + 5)
+    added_next = (8 * n + 12) / (2 * n + 5)
+    first, last = rows_within((rows[0] - PAD, rows[1] + PAD), PAD, x.shape[0] - PAD)
+    own_first, own_last = rows_within(rows, PAD, x.shape[0] - PAD)
+    for i in range(first, own_last + PAD):
+        if i < last:
+            _row_times(m, steps, n - n, i, row)
+            k = i % (PAD + 1)
+            for j in range(count):
+                residual = r[i, j + 2] - row[j]
+                residuals[k, j] = residual
+                step = added * inverse[i, j + 2] * residual
+                steps[1, i, j + 2] = kept * steps[0, i, j + 2] + step
+        before = i - PAD
+        if before >= own_first:
+            _row_times(m, steps, 1 + n - n, before, row)
+            k = before % (PAD + 1)
+            for j in range(count):
+                step = steps[1, before, j + 2]
+                x[before, j + 2] += steps[0, before, j + 2] + step
+                rest = residuals[k, j] - row[j]
+                left[before, j + 2] = rest
+                step = kept_next * step + added_next * inverse[before, j + 2] * rest
+                steps[2, before, j + 2] = step
 
 
 @on_cores(cost=0.4)
@@ -215,17 +202,15 @@ def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
 def _begin(
     rows: Span,
     x: FloatArray,
-    r: FloatArray,
     b: FloatArray,
     inverse: FloatArray,
-    steps: FloatArray,
+    step: FloatArray,
 ) -> None:
-    """x = 0, r = b, and the first of the smoothing steps from there."""
+    """x = 0, and the first of the smoothing steps from there."""
     for i in range(rows[0], rows[1]):
         for j in range(x.shape[1]):
             x[i, j] = 0.0
-            r[i, j] = b[i, j]
-            steps[0, i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
+            step[i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
 
 
 @on_cores(cost=10)
@@ -277,20 +262,21 @@ class _Level(NamedTuple):
     x: FloatArray
     b: FloatArray
     r: FloatArray
-    steps: FloatArray  # (`Cycle.degree` + 1, ...), of smoothing
+    left: FloatArray
+    steps: FloatArray  # (3, ...), of smoothing
 
     @classmethod
     def on(cls, structure: Structure, entries: int) -> _Level:
         """Make room for so many numbers of a pixel."""
         shape = structure.active.shape
-        inverse, x, b, r = np.zeros((4, *shape))
-        steps = np.zeros((CYCLE.degree + 1, *shape))
+        maps = np.zeros((5, *shape))
+        steps = np.zeros((3, *shape))
         nowhere = np.empty(0, np.int64)
         way = Interpolation(np.empty((0, 0)), nowhere, nowhere, np.empty(0))
         if not _is_coarsest(structure):
             way = structure.way
         matrix = np.empty((entries, *shape))
-        return cls(structure.active, *way, matrix, inverse, x, b, r, steps)
+        return cls(structure.active, *way, matrix, *maps, steps)
 
     @property
     def way(self) -> Interpolation:
@@ -298,15 +284,15 @@ class _Level(NamedTuple):
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
-        _begin(self.x, self.r, self.b, self.inverse, self.steps)
-        _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
+        _begin(self.x, self.b, self.inverse, self.steps[0])
+        _smooth(self.x, self.b, self.r, self.matrix, self.inverse, self.steps, 1)
 
     def correct(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
         self.steps[0] = 0.0
         self.way.add(coarse, self.steps[0])
-        _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 0)
-        _add(self.x, 1.0, self.steps[-1])
+        _smooth(self.x, self.r, self.left, self.matrix, self.inverse, self.steps, 0)
+        _add(self.x, 1.0, self.steps[2])
 
 
 def _is_coarsest(structure: Structure) -> bool:
@@ -327,24 +313,23 @@ _prolong_alone = prolong_add.loop
 def _cycle_alone(
     levels: tuple[_Level, ...],
     depths: Span,
-    turns: Span,
     numbers: Span,
     places: IntArray,
     solution: FloatArray,
 ) -> None:
     """A V-cycle from the first depth to the last, by one core: x of a level from its b.
 
-    On small grids calls from Python would take as long as what they do. `turns` are all of `_smooth`, and
-    `numbers` those of its first polynomials: were they written here, it would be compiled for each anew.
+    On small grids calls from Python would take as long as what they do. `numbers` are 0 and 1: were they
+    written here, loops would be compiled for each anew.
     """
     first, last = depths
-    top = turns[0]
+    top = numbers[0]
     for depth in range(first, last):
         at = levels[depth]
         below = levels[depth + 1]
         rows = (top, at.x.shape[0])
-        _begin_alone(rows, at.x, at.r, at.b, at.inverse, at.steps)
-        _smooth_alone(rows, turns, at.x, at.r, at.matrix, at.inverse, at.steps, numbers[0])
+        _begin_alone(rows, at.x, at.b, at.inverse, at.steps[0])
+        _smooth_alone(rows, at.x, at.b, at.r, at.matrix, at.inverse, at.steps, numbers[1])
         _restrict_alone((top, below.b.shape[0]), below.b, at.r, at.share, below.active)
         add_from(at.pixel, at.block, at.weight, at.r, below.b)
     coarsest = levels[last]
@@ -363,8 +348,8 @@ def _cycle_alone(
             clear_row(at.steps[0, i])
         _prolong_alone(rows, at.steps[0], at.share, below.x)
         add_sorted(at.block, at.pixel, at.weight, below.x, at.steps[0])
-        _smooth_alone(rows, turns, at.x, at.r, at.matrix, at.inverse, at.steps, numbers[1])
-        _add_alone(rows, at.x, 1.0, at.steps[len(at.steps) - 1])
+        _smooth_alone(rows, at.x, at.r, at.left, at.matrix, at.inverse, at.steps, top)
+        _add_alone(rows, at.x, 1.0, at.steps[2])
 
 
 class Multigrid:
@@ -408,7 +393,7 @@ class Multigrid:
         if depth == last or _smooth.cores_for(at.x) == 1:
             # Of one length, so that it is compiled once.
             filled = (*self.levels, *[self.levels[-1]] * (MOST_LEVELS - last - 1))
-            _cycle_alone(filled, (depth, last), (0, 2), (1, 0), self.places, self.solution)
+            _cycle_alone(filled, (depth, last), (0, 1), self.places, self.solution)
             return
         at.begin()
         below = self.levels[depth + 1]
