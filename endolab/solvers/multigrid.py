@@ -173,21 +173,22 @@ def _smooth(
             _row_times(m, steps, n - n, i, row)
             k = i % (PAD + 1)
             for j in range(count):
-                residual = r[i, j + 2] - row[j]
-                residuals[k, j] = residual
-                step = added * inverse[i, j + 2] * residual
+                residuals[k, j] = r[i, j + 2] - row[j]
+            for j in range(count):
+                step = added * inverse[i, j + 2] * residuals[k, j]
                 steps[1, i, j + 2] = kept * steps[0, i, j + 2] + step
         before = i - PAD
         if before >= own_first:
             _row_times(m, steps, 1 + n - n, before, row)
             k = before % (PAD + 1)
             for j in range(count):
-                step = steps[1, before, j + 2]
-                x[before, j + 2] += steps[0, before, j + 2] + step
-                rest = residuals[k, j] - row[j]
-                left[before, j + 2] = rest
-                step = kept_next * step + added_next * inverse[before, j + 2] * rest
-                steps[2, before, j + 2] = step
+                row[j] = residuals[k, j] - row[j]
+                left[before, j + 2] = row[j]
+            for j in range(count):
+                x[before, j + 2] += steps[0, before, j + 2] + steps[1, before, j + 2]
+            for j in range(count):
+                step = added_next * inverse[before, j + 2] * row[j]
+                steps[2, before, j + 2] = kept_next * steps[1, before, j + 2] + step
 
 
 @on_cores(cost=0.4)
