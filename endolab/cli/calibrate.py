@@ -1,28 +1,13 @@
 """The commands about calibration: target, calibrate, calibrate-light, convert."""
 
-import math
+import os
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from endolab._extras import lacking
-from endolab.cli.solving import Numbers, show_progress
-
-Several = Annotated[tuple[str, ...], Parameter(consume_multiple=True)]
-
-
-def _value(kind: Any, tokens: Sequence[Any]) -> Any:
-    """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation; or ``free``."""
-    if tokens[0].value == "free":
-        return "free"
-    values = tuple(map(float, tokens[0].value.split(",")))
-    if len(values) > 2 or not all(0 < value < math.inf for value in values):
-        raise ValueError("expected a positive number, one and its σ (2.2,0.1), or free")
-    return values if len(values) == 2 else values[0]
-
-
-Value = Annotated[Any, Parameter(converter=_value, n_tokens=1, metavar="X[,σ]")]
+from endolab.cli.solving import Value, show_progress
 
 
 def _size(kind: Any, tokens: Sequence[Any]) -> Any:
@@ -76,7 +61,7 @@ def calibrate(
     camera: str | None = None,
     lens: Literal["auto", "fisheye", "brown"] = "auto",
     every: int = 20,
-    leave_out: Several = (),
+    leave_out: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     channel: Literal["grey", "red", "green", "blue"] = "grey",
     gamma: Value = 2.2,
     brdf: Literal["tabulated", "lambertian"] = "tabulated",
@@ -174,7 +159,7 @@ def calibrate_light(
     overwrite: bool = False,
     frames: int = 8,
     gamma: float = 2.2,
-    albedo: Numbers | None = None,
+    albedo: Value = None,
     k: float = 2.5,
 ) -> None:
     """Ask frames of tissue for the light's fall-off k.
@@ -216,7 +201,7 @@ def calibrate_light(
     names = [video.names[index] for index in spread]
     light: dict[str, Any] = {"gamma": gamma, "otherwise": k}
     if albedo is not None:
-        light["albedo"] = albedo if len(albedo) > 1 else albedo[0]
+        light["albedo"] = albedo
     pictures = video.read(names)
     read = (as_frame(name, image) for name, image in pictures if image is not None)
     output = stage_file(out, overwrite=overwrite)
@@ -269,25 +254,21 @@ def convert(
 
     endolab convert Endoscope_01 --out endoscope.json
     """
-    from pathlib import Path
-
     import endolab as el
     from endolab.io.atomic import stage_file
     from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
 
-    if Path(source).is_dir():
-        source, photometry = find_calibrations(source)
+    if os.path.isdir(source):
+        source, photometry = map(str, find_calibrations(source))
     if photometry is None:
         calibration = el.load_calibration(source, size=size)
-        note = f"`endolab calibrate --camera {out}` measures its light"
     else:
         calibration = read_endomapper(source, photometry)
-        light = calibration.photometry
         fits = calibration.evidence["converted"]["lights"]
         worst = max(fit["worst_distance_percent"] for fit in fits)
-        note = (
-            f"γ {light.gamma:g}, k {light.k:.3g}, distances within {worst:.2g} %, no gain"
+        print(
+            f"the light is a power of a cosine, which makes at most {worst:.2g} % of a distance"
         )
     with stage_file(out, overwrite=overwrite) as temporary:
         el.write_calibration(calibration, temporary)
-    print(f"written to {out}; {note}")
+    print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")

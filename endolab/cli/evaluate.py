@@ -74,32 +74,30 @@ def evaluate(
     """
     import numpy as np
 
-    from endolab.batch.evaluate import evaluate, evaluate_folder
-    from endolab.io.datasets.known_endoscopes import load_calibration
+    import endolab as el
 
-    options: dict[str, Any] = {
-        "kind": kind,
-        "unit": unit,
-        "truth_kind": truth_kind,
-        "truth_unit": truth_unit,
-        "mask": mask,
-        "scale": scale,
-        "max_angle": max_angle,
-    }
-    if calibration is not None:
-        options["camera"] = load_calibration(calibration).camera
     is_folder = os.path.isdir(depth)
-    if is_folder:
-        found, alone = evaluate_folder(depth, truth, **options)
-    else:
-        found, alone = [evaluate(depth, truth, **options)], []
+    compare = el.evaluate_folder if is_folder else el.evaluate
+    made: Any = compare(
+        depth,
+        truth,
+        kind=kind,
+        unit=unit,
+        truth_kind=truth_kind,
+        truth_unit=truth_unit,
+        camera=None if calibration is None else el.load_calibration(calibration).camera,
+        mask=mask,
+        scale=scale,
+        max_angle=max_angle,
+    )
+    found, alone = made if is_folder else ([made], [])
     if as_json:
-        frames = [_facts(made) for made in found]
+        frames = [_facts(one) for one in found]
         content = {"frames": frames, "without_partner": alone} if is_folder else frames[0]
         print(json.dumps(content, indent=2))
         return
-    values = [[getattr(made.errors, name) for name in COLUMNS.values()] for made in found]
-    labels = [made.name for made in found]
+    values = [[getattr(one.errors, name) for name in COLUMNS.values()] for one in found]
+    labels = [one.name for one in found]
     if is_folder:
         values += [np.mean(values, axis=0), np.median(values, axis=0)]
         labels += ["mean", "median"]
@@ -107,13 +105,12 @@ def evaluate(
     print(" " * wide + "".join(f"{name:>11}" for name in COLUMNS))
     for label, row in zip(labels, values, strict=True):
         print(f"{label:<{wide}}" + "".join(f"{value:>11.4g}" for value in row))
-    for made in found:
-        if made.resampled_from:
-            print(f"{made.name}: the truth is resampled to its size")
-        if made.coverage is not None:
-            within = made.coverage
-            one, two = within.within_one, within.within_two
-            print(f"{made.name}: {one:.0f} % within 1 σ, {two:.0f} % within 2 σ (68, 95)")
+    for one in found:
+        if one.resampled_from:
+            print(f"{one.name}: the truth is resampled to its size")
+        if one.coverage is not None:
+            line = "{within_one:.0f} % within 1 σ, {within_two:.0f} % within 2 σ (68 and 95 if right)"
+            print(line.format(**vars(one.coverage)))
     if alone:
         print(f"{len(alone)} without a partner: {', '.join(alone)}")
 

@@ -62,14 +62,8 @@ def lab(*jupyter: str, notebooks: str | None = None, port: int = 8888) -> None:
         )
     with tempfile.TemporaryDirectory(prefix="endolab-lab-") as scratch:
         set_up(scratch)
-        own = {
-            "JUPYTER_CONFIG_PATH": f"{scratch}/etc/jupyter",
-            "JUPYTER_PATH": f"{scratch}/share/jupyter",
-            # Where a notebook that was copied alone finds `checks`.
-            "PYTHONPATH": str(OWN_NOTEBOOKS),
-        }
-        for name, place in own.items():
-            os.environ[name] = os.pathsep.join([place, os.environ.get(name, place)])
+        os.environ["JUPYTER_CONFIG_PATH"] = f"{scratch}/etc/jupyter"
+        os.environ["JUPYTER_PATH"] = f"{scratch}/share/jupyter"
         # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
         os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
         options = [

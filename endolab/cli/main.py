@@ -36,8 +36,7 @@ app = App(
     "endolab",
     help="See how one endoscope frame becomes 3D.",
     version=f"endolab {__version__}",
-    help_format="plaintext",
-    help_formatter="plain",
+    help_format="markdown",
     default_parameter=Parameter(negative=()),
     result_action="return_none",
     exit_on_error=False,
@@ -45,8 +44,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for command in COMMANDS:
-    examples = inspect.getdoc(command).partition("Examples\n--------\n")[2]
-    app.command(command, help_epilogue=f"Examples:\n\n{examples}", sort_key=len(app))
+    examples = str(inspect.getdoc(command)).partition("Examples\n--------\n")[2]
+    app.command(command, help_epilogue=f"Examples:\n\n{examples}")
 
 
 @app.command(name="--completion")
@@ -57,14 +56,12 @@ def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
 
 def to_one_line(error: Exception) -> str:
     """Return what an error says in one printable line, without the middle of what is too long."""
-    from endolab.io.atomic import without_secrets
-    from endolab.model.schema import shorten
+    from endolab.numerics.checks import shorten
 
     text = str(error) or "out of memory"
     if isinstance(error, OSError) and error.strerror:  # the system's own words
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    text = without_secrets(text).replace("overwrite=True", "--overwrite")
-    return shorten(text, 600)
+        text = f"{error.filename}: {error.strerror}"
+    return shorten(text.replace("overwrite=True", "--overwrite"), 600)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -2,7 +2,7 @@
 
 from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -10,18 +10,12 @@ from endolab._extras import lacking
 from endolab.cli.solving import (
     OPTIONS,
     SWEPT,
-    Numbers,
+    Value,
     announce_compiling,
     load,
     show_progress,
 )
 from endolab.reconstruction.settings import takes_settings
-
-if TYPE_CHECKING:
-    from endolab.frames.prepare import Prepared
-    from endolab.model.endoscope import Calibration
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
-    from endolab.solvers.result import Iterate, Result
 
 
 @partial(takes_settings, types=OPTIONS)
@@ -33,7 +27,7 @@ def reconstruct(
     out: str,
     mask: str | None = None,
     settings: str | None = None,
-    albedo: Numbers | None = None,
+    albedo: Value = None,
     overwrite: bool = False,
     uncertainty: bool = False,
     mesh: bool = False,
@@ -103,12 +97,10 @@ def reconstruct(
     for name, value in (of_frame if is_video else of_video).items():
         if value:
             raise ValueError(f"--{name} is of {'one picture' if is_video else 'a video'}")
-    how = {"settings": settings, "albedo": albedo, "threads": threads}
-    known, keywords = load(calibration, [frame], options, **how)
-    writing = {"overwrite": overwrite, "inputs": (frame, calibration, mask, settings)}
+    known, keywords = load(calibration, [frame], options, albedo, threads, settings)
     if is_video:
-        options = keywords | writing | {"every": every or 1, "limit": limit}
-        _reconstruct_video(frame, known, out, options | {"mask": mask})
+        chosen = {"mask": mask, "every": every or 1, "limit": limit, "overwrite": overwrite}
+        _reconstruct_video(frame, known, out, chosen | keywords)
         return
 
     import endolab as el
@@ -120,27 +112,27 @@ def reconstruct(
     picture = el.read_frame(frame, known, mask)
     if depth_layout(frame) or looks_like_depth(picture.image):
         print(f"{frame} may be a depth map, by its name or because it has no noise.")
-    if snapshots is not None or keywords.get("solver") == "fast_marching":
-        keywords["snapshots"] = 12 if snapshots is None else snapshots
+    if snapshots or keywords.get("solver") == "fast_marching":
+        keywords["snapshots"] = snapshots or 12
     unrecorded = lacking("rerun")
     prepared = trusted = None
-    with announce_compiling(), stage_folder(out, **writing) as folder:
+    with announce_compiling(), stage_folder(out, overwrite=overwrite) as folder:
         if prepare:
             prepared = el.prepare(picture, known, highlights="keep")
             picture = prepared.frame
         recording = nullcontext() if unrecorded else el.record(folder / "recording.rrd")
         with recording as recorder, show_progress("it") as show:
 
-            def follow(iterate: Iterate) -> None:
+            def follow(iterate: Any) -> None:
                 show(iterate.k, note=f"{iterate.stage}, energy {iterate.energy:.3e}")
 
-            observers = [follow] if recorder is None else [recorder, follow]
+            observers: list[Any] = [follow] if unrecorded else [recorder, follow]
             result = el.reconstruct(picture, known, observers=observers, **keywords)
             if uncertainty:
                 draws = [lambda progress: show(progress.done, progress.of, "σ")]
                 trusted = el.uncertainty_of(result, known, observers=draws)
-            if recorder is not None and trusted is not None:
-                recorder.add_uncertainty(trusted, result)
+                if recorder is not None:
+                    recorder.add_uncertainty(trusted, result)
         write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
         written = sorted(path.name for path in folder.iterdir())
     _summarise(result, prepared, trusted)
@@ -149,43 +141,33 @@ def reconstruct(
     print(f"written to {out}: {', '.join(written)}")
 
 
-def _summarise(
-    result: "Result", prepared: "Prepared | None", trusted: "Uncertainty | None"
-) -> None:
+def _summarise(result: Any, prepared: Any, trusted: Any) -> None:
     """Print what came out, in a few lines."""
-    import numpy as np
-
     from endolab.reconstruction.sentences import notes, of_evidence
-    from endolab.reconstruction.warnings import warnings
-    from endolab.workbench.reports.result import summarise_uncertainty
+    from endolab.workbench.reports.result import report
 
-    nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])
-    print(f"{result.status.name}: {result.status.value}")
-    print(
-        f"{result.iterations} iterations, {result.seconds:.2f} s, energy {result.energy:.3e}, "
-        f"{result.mask.sum()} pixels"
-    )
-    print(
-        f"distance: median {median:.4g}, 1 % below {nearest:.4g}, 1 % above {farthest:.4g} "
-        f"({result.problem.unit})"
-    )
+    facts = report(result, trusted)
+    for line in (
+        "{status}: {ended}",
+        "{iterations} iterations, {seconds:.2f} s, energy {energy:.3e}, {pixels} pixels",
+        "distance: median {distance[median]:.4g}, from {distance[least]:.4g} "
+        "to {distance[greatest]:.4g} ({unit})",
+    ):
+        print(line.format(**facts))
     if not result.metric:
         print("--median-distance, --known-distance or --known-diameter fixes the scale.")
-    preparation = () if prepared is None else prepared.notes
-    for note in (*preparation, *notes(result), *of_evidence(result), *warnings(result)):
+    if prepared is not None:
+        print("\n".join(prepared.notes))
+    for note in (*notes(result), *of_evidence(result), *facts["warnings"]):
         print(note)
     if trusted is not None:
-        numbers = summarise_uncertainty(result, trusted)
-        sigma = numbers["sigma_percent"]
-        print(
-            f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} "
-            f"to {sigma['90th']:.2g} % for four in five ({numbers['status']})"
-        )
-        print("\n".join(numbers["notes"]))
+        line = "σ of the distance: {median:.2g} % for the median pixel, {10th:.2g} to {90th:.2g} %"
+        print(line.format(**facts["uncertainty"]["sigma_percent"]), "for four in five")
+        print("\n".join(trusted.notes))
 
 
 def _reconstruct_video(
-    source: str, calibration: "Calibration", out: str, options: dict[str, Any]
+    source: str, calibration: Any, out: str, options: dict[str, Any]
 ) -> None:
     from endolab.batch.video import reconstruct_video
 
@@ -214,7 +196,7 @@ def sweep(
     out: str = "sweep.csv",
     truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     jobs: int | None = None,
-    albedo: Numbers | None = None,
+    albedo: Value = None,
     threads: int | None = None,
     **options: Any,
 ) -> None:
@@ -250,8 +232,7 @@ def sweep(
     """
     import endolab as el
 
-    how = {"albedo": albedo, "threads": threads}
-    known, keywords = load(calibration, frames, options, **how)
+    known, keywords = load(calibration, frames, options, albedo, threads)
     with announce_compiling(), show_progress("row") as show:
         rows = el.sweep(
             frames,

@@ -2,9 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Literal
 
 from endolab.cli.solving import show_progress
@@ -80,10 +78,14 @@ def simulate(
     import numpy as np
 
     import endolab as el
+    from endolab.calibration.simulation.sheet_image import Sensor
+    from endolab.calibration.simulation.trajectory import Movement
     from endolab.io.atomic import as_json, stage_folder, write_atomically
+    from endolab.io.descriptions import read_target
     from endolab.io.images import write_image
+    from endolab.io.sheet_video import save_sheet_video
     from endolab.io.surfaces import save_depth
-    from endolab.model.schema import unknown_name
+    from endolab.numerics.checks import unknown_name
 
     if scene not in (*el.SCENES, SHEET):
         raise unknown_name("scene", scene, (*el.SCENES, SHEET))
@@ -91,8 +93,25 @@ def simulate(
     height = round(known.camera.height * width / known.camera.width)
     known = known.resize(width, max(1, height))
     if scene == SHEET:
-        how = {"noise": noise, "bits": bits, "outliers": outliers}
-        _simulate_sheet(out, overwrite, known, target, frames, fold, video, seed, how)
+        sheet = read_target(target)
+        angle = 0.0 if sheet.fold is None else math.radians(fold)
+        with show_progress("frame") as show:
+            save_sheet_video(
+                out,
+                target,
+                known,
+                frames,
+                video=video,
+                overwrite=overwrite,
+                progress=lambda stage, done, total: show(done, total, stage),
+                movement=Movement(fold=angle),
+                sensor=Sensor(noise=noise, bits=bits, outliers=outliers),
+                seed=seed,
+            )
+        source = shlex.quote(f"{out}/sheet.mkv" if video else out)
+        gamma = "" if sheet.fold is None else " --gamma free"
+        given = f"{source} --target {shlex.quote(target)}{gamma}"
+        print(f"written to {out}; next: endolab calibrate {given} --out endoscope.json")
         return
     chosen: dict[str, Any] = {
         "noise": noise,
@@ -114,62 +133,3 @@ def simulate(
     nearest, median, farthest = np.percentile(distance, [0, 50, 100])
     print(f"{scene}: {nearest:.1f} to {farthest:.1f} mm, median {median:.1f} mm")
     print(f"written to {out}: endoscope.json, frame.png, report.json, truth.npz")
-
-
-def _simulate_sheet(
-    out: str,
-    overwrite: bool,
-    known: Any,
-    target: str,
-    frames: int,
-    fold: float,
-    video: bool,
-    seed: int,
-    sensor: dict[str, Any],
-) -> None:
-    """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`."""
-    import numpy as np
-
-    import endolab as el
-    from endolab.calibration.simulation.sheet_image import Sensor
-    from endolab.calibration.simulation.trajectory import Movement
-    from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-    from endolab.io.atomic import as_json, stage_folder, write_atomically
-    from endolab.io.descriptions import read_target
-    from endolab.io.images import write_image
-    from endolab.io.video import write_video
-
-    sheet = read_target(target)
-    angle = 0.0 if sheet.fold is None else math.radians(fold)
-    names = [f"{number:06d}.png" for number in range(frames)]
-    for path in Path(out).glob("*.png"):
-        if path.name not in names:
-            raise ValueError(f"{path} would be one of the frames; choose another folder")
-    theta = np.linspace(0, np.pi / 2, 181)
-    value = PAPER_SHEET.value(np.cos(theta), np.cos(theta))
-    paper = el.TabulatedBRDF(tuple(theta), tuple(value))
-    light = replace(known.photometry, brdf=PAPER_SHEET)
-    poses: list[dict[str, Any]] = []
-
-    def images() -> Iterator[Any]:
-        how = {"movement": Movement(fold=angle), "sensor": Sensor(**sensor), "seed": seed}
-        for frame in simulate_video(sheet, known.camera, light, frames, **how):
-            vectors = [pose.vector.tolist() for pose in frame.poses]
-            poses.append({"gain": frame.gain, "poses": vectors})
-            show(len(poses), frames)
-            yield frame.image
-
-    with show_progress("frame") as show, stage_folder(out, overwrite=overwrite) as folder:
-        if video:
-            write_video(folder / "sheet.mkv", images())
-        else:
-            for name, image in zip(names, images(), strict=True):
-                write_image(folder / name, image)
-        truth = replace(known, photometry=replace(light, brdf=paper)).to_dict()
-        truth |= {"target": target, "fold": angle, "frames": poses}
-        write_atomically(folder / "truth.json", as_json(truth))
-    source = Path(out, "sheet.mkv") if video else Path(out)
-    print(f"written to {out}: {'sheet.mkv' if video else f'{frames} pictures'}, truth.json")
-    gamma = "" if sheet.fold is None else " --gamma free"
-    given = f"{shlex.quote(str(source))} --target {shlex.quote(target)}{gamma}"
-    print(f"next: endolab calibrate {given} --out endoscope.json")

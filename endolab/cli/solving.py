@@ -18,61 +18,60 @@ if TYPE_CHECKING:
 SWITCHES = {"auto": None, "yes": True, "no": False}
 
 
-def _split(kind: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
-    """Read ``0.1,1,10``, or ``d,1/d``."""
+def _several(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
+    """Read ``0.1,1,10``, or words."""
     words = tuple(tokens[0].value.split(","))
-    return words if kind == tuple[str, ...] else tuple(map(float, words))
+    try:
+        return tuple(map(float, words))
+    except ValueError:
+        return words
 
 
-def _diameter(kind: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
+def _value(_: Any, tokens: Sequence[Any]) -> Any:
+    """Read ``0.5``, ``0.7,0.4,0.3``, or ``free``."""
+    values = _several(_, tokens)
+    return values if len(values) > 1 else values[0]
+
+
+def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
     """Read ``MM,COLUMN1,ROW1,COLUMN2,ROW2``."""
-    mm, *pixels = _split(kind, tokens)
+    mm, *pixels = _several(_, tokens)
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
 
 
-Numbers = Annotated[
-    tuple[float, ...], Parameter(converter=_split, n_tokens=1, metavar="A,B,…")
-]
-Words = Annotated[tuple[str, ...], Parameter(converter=_split, n_tokens=1, metavar="A,B,…")]
+Several = Annotated[Any, Parameter(converter=_several, n_tokens=1)]
+Value = Annotated[Any, Parameter(converter=_value, n_tokens=1)]
+Diameter = Annotated[Any, Parameter(converter=_diameter, n_tokens=1)]
 # The command line writes these otherwise than Python does.
 OPTIONS = option_types() | {
     "contours": Literal["auto", "yes", "no"],
-    "known_distance": Numbers,
-    "known_diameter": Annotated[Numbers, Parameter(converter=_diameter)],
+    "known_distance": Several,
+    "known_diameter": Diameter,
 }
-SWEPT = OPTIONS | {"lam": Numbers, "xi": Words, "regulariser": Words}
+SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
 
 
 def load(
     calibration: str,
     sources: Sequence[str],
     options: dict[str, Any],
-    *,
-    settings: str | None = None,
-    albedo: Sequence[float] | None = None,
+    albedo: Any = None,
     threads: int | None = None,
+    settings: str | None = None,
 ) -> tuple[Calibration, dict[str, Any]]:
     """Return the calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""
     from endolab.io.settings import SolvingSettings, read_settings
 
     if threads is not None:
         os.environ["ENDOLAB_THREADS"] = str(threads)
-    known = load_endoscope(calibration, sources)
     kept = SolvingSettings() if settings is None else read_settings(settings)
-    light = dict(kept.photometry)
-    if albedo is not None:
-        light["albedo"] = albedo if len(albedo) > 1 else albedo[0]
-    evidence = known.evidence.get("photometry")
-    if "albedo" not in light and isinstance(evidence, dict) and evidence.get("brdf_of"):
-        print(
-            "The BRDF is the calibration sheet's; --albedo 0.5 takes a matt wall instead."
-        )
+    believed = kept if albedo is None else kept.believe(albedo=albedo)
     if "contours" in options:
         options["contours"] = SWITCHES[options["contours"]]
     keywords = dict(kept.keywords)
-    if any(name in options for name in LENGTHS):  # one alone may fix the scale
+    if options.keys() & LENGTHS:  # one alone may fix the scale
         keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
-    return SolvingSettings(photometry=light).apply(known), keywords | options
+    return believed.apply(load_endoscope(calibration, sources)), keywords | options
 
 
 def load_endoscope(calibration: str, sources: Sequence[str]) -> Calibration:
@@ -113,15 +112,14 @@ def announce_compiling() -> Iterator[None]:
     from numba.core import event
     from tqdm import tqdm
 
-    from endolab.numerics.compiled import COMPILED
-
     class Announcer(event.Listener):
         said = False
 
         def on_start(self, event: object) -> None:
-            when = "only the first run does" if COMPILED["cache"] else "in every run"
             if not self.said:
-                text = f"Compiling for this machine, a minute or so; {when}."
+                text = (
+                    "Compiling for this machine, a minute or so; only the first run does."
+                )
                 tqdm.write(text, file=sys.stderr)
             self.said = True
 

@@ -63,9 +63,9 @@ def tune(
     pictures = find_pictures(frame)
     known = load_endoscope(calibration, [frame])
     first = read_frame(pictures[0], known)
-    if truth is not None and len(pictures) > 1:
-        raise ValueError("--truth is of one frame, and there is a folder of them")
     true = None if truth is None else read_truth(truth, known)
+    if true is not None and len(pictures) > 1:
+        raise ValueError("--truth is of one frame, and there is a folder of them")
 
     def make() -> Any:
         from endolab.workbench.tuning.widget import TunerBox

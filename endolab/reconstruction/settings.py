@@ -7,12 +7,14 @@ Importing this loads no numerics: the command line's help is made of it.
 """
 
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields
 from typing import Annotated, Any, Literal, Self, TypeVar, get_type_hints
 
 from pydantic import Field
-from pydantic.dataclasses import dataclass
+
+from endolab.numerics.checked_types import Whole, checked
 
 AUTO = "auto"  # what the frame's evidence allows
 SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
@@ -25,7 +27,7 @@ Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
 Pixel = tuple[float, float]  # column, row
 
 
-@dataclass(frozen=True)
+@checked
 class Settings:
     """How a frame is solved.
 
@@ -74,7 +76,7 @@ class Settings:
         The solver's own, such as `inflow`.
     """
 
-    width: Annotated[int, Field(ge=1)] | None = None
+    width: Annotated[Whole, Field(ge=1)] | None = None
     lam: Annotated[float, Field(ge=0, le=1e12)] = 1.0
     channel: Literal["auto", "separated", "red", "green", "blue", "grey"] | None = None
     regulariser: Literal["auto", "first", "second", "curvature"] = "auto"
@@ -83,7 +85,7 @@ class Settings:
     solver: Literal["facing", "fast_marching", "gauss_newton", "primal_dual"] = (
         "gauss_newton"
     )
-    max_iterations: Annotated[int, Field(ge=0)] | None = None
+    max_iterations: Annotated[Whole, Field(ge=1)] | None = None
     epsilon: Annotated[float, Field(ge=1e-12, le=1e6)] = 1e-3
     threshold: Annotated[float, Field(ge=1e-9, le=1e6)] = 0.05
     highlights: Literal["keep", "ignore", "inpaint"] | None = None
@@ -150,12 +152,18 @@ def option_types() -> dict[str, Any]:
     return {name: kind for name, kind in types.items() if name not in UNWRITTEN}
 
 
+def describe_option(name: str) -> str:
+    """Say what an option means, in the words of the docstring of `Settings`."""
+    text = inspect.getdoc(Settings) or ""
+    ((words, _),) = re.findall(rf"\n{name} : .*((\n    .*)+)", text)
+    return " ".join(words.split())
+
+
 Function = TypeVar("Function", bound=Callable[..., Any])
-ANCHOR = "**options\n"  # of a docstring, before which the options are listed
 
 
 def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -> Function:
-    """Show the fields of `Settings` in the signature and the docstring of a function with ``**options``.
+    """Show the fields of `Settings` in signature and docstring of a function with ``**options``.
 
     `types` are those of the fields that it takes, if these are all that it takes.
     """
@@ -163,8 +171,11 @@ def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -
     *own, others = signature.parameters.values()
     shown = types or get_type_hints(Settings)
     keywords = [
-        inspect.Parameter(
-            name, others.KEYWORD_ONLY, default=getattr(Settings, name), annotation=kind
+        others.replace(
+            name=name,
+            kind=others.KEYWORD_ONLY,
+            default=getattr(Settings, name),
+            annotation=kind,
         )
         for name, kind in shown.items()
         if name != "solver_options"
@@ -173,7 +184,9 @@ def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -
     function.__signature__ = signature.replace(  # type: ignore[attr-defined]
         parameters=[*own, *keywords, *last]
     )
-    described = inspect.getdoc(Settings).partition("----------\n")[2]
-    described = described.partition("solver_options :")[0]
-    function.__doc__ = inspect.getdoc(function).replace(ANCHOR, described + ANCHOR)
+    listed = str(inspect.getdoc(Settings)).partition("----------\n")[2]
+    listed = listed.partition("solver_options :")[0]
+    function.__doc__ = str(inspect.getdoc(function)).replace(
+        "**options\n", f"{listed}**options\n"
+    )
     return function
