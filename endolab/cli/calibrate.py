@@ -42,12 +42,7 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
     sheet = read_target(name)
     with stage_file(out, overwrite=overwrite) as temporary:
         write_sheet(sheet, temporary)
-    glue = "something flat"
-    if sheet.fold is not None:
-        glue = "two boards, folded by 10 to 30°, away from you"
-    print(
-        f"{describe_target(sheet)}; print at 100 %, check the ruler, and glue it on {glue}"
-    )
+    print(f"{describe_target(sheet)}; print at 100 %, and check the ruler")
     print(f"written to {out}")
 
 

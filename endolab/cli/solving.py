@@ -44,7 +44,7 @@ Value = Annotated[Any, Parameter(converter=_value, n_tokens=1)]
 Diameter = Annotated[Any, Parameter(converter=_diameter, n_tokens=1)]
 # The command line writes these otherwise than Python does.
 OPTIONS = option_types() | {
-    "contours": Literal["auto", "yes", "no"],
+    "contours": Literal["auto", "yes", "no"] | None,
     "known_distance": Several,
     "known_diameter": Diameter,
 }
