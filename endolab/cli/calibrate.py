@@ -210,9 +210,6 @@ def calibrate_light(
         el.write_calibration(found, temporary)
     for reason in estimate.refused.values():
         print(f"left out: {reason}")
-    unread = sorted({*names} - {*estimate.names} - {*estimate.refused})
-    if unread:
-        print(f"cannot be read: {', '.join(unread)}")
     print(estimate.verdict)
     print(f"written to {out}; the gain is unknown, so distances are relative")
 

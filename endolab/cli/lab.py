@@ -11,13 +11,12 @@ from endolab._extras import need
 
 # Of endolab's checkout, where there is one.
 OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
-NOTIFICATIONS = {"fetchNews": "false", "checkForUpdates": False, "doNotDisturbMode": True}
 # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
+PAGE = {"buildCheck": False, "buildAvailable": False}
+NEWS = {"fetchNews": "false", "checkForUpdates": False, "doNotDisturbMode": True}
 SETTINGS = {
-    "page_config": {"buildCheck": False, "buildAvailable": False},
-    "default_setting_overrides": {
-        "@jupyterlab/apputils-extension:notification": NOTIFICATIONS
-    },
+    "page_config": PAGE,
+    "default_setting_overrides": {"@jupyterlab/apputils-extension:notification": NEWS},
 }
 
 

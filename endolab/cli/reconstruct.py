@@ -87,16 +87,10 @@ def reconstruct(
     from endolab.io.video import is_sequence
 
     is_video = is_sequence(frame)
-    of_frame = {
-        "uncertainty": uncertainty,
-        "mesh": mesh,
-        "prepare": prepare,
-        "snapshots": snapshots,
-    }
-    of_video = {"every": every, "limit": limit}
-    for name, value in (of_frame if is_video else of_video).items():
-        if value:
-            raise ValueError(f"--{name} is of {'one picture' if is_video else 'a video'}")
+    of_frame = uncertainty or mesh or prepare or snapshots
+    if of_frame if is_video else every or limit:
+        kinds = "--every and --limit are of a video, --uncertainty, --mesh, --prepare and --snapshots"
+        raise ValueError(f"{kinds} of one picture")
     known, keywords = load(calibration, [frame], options, albedo, threads, settings)
     if is_video:
         chosen = {"mask": mask, "every": every or 1, "limit": limit, "overwrite": overwrite}
@@ -178,12 +172,11 @@ def _reconstruct_video(
     for row in video.rows:
         if row["error"]:
             print(f"not done: {row['error']}")
-    seconds = sum(row["seconds"] for row in done)
-    print(f"{len(done)} of {len(video.rows)} frames, {seconds:.2f} s")
-    if video.done_before:
-        print(f"done by an earlier call: {video.done_before} of them")
     medians = [row["median_distance"] for row in done]
-    print(f"median distance: {min(medians):.4g} to {max(medians):.4g} ({done[0]['unit']})")
+    print(
+        f"{len(done)} of {len(video.rows)} frames, of which {video.done_before} by an earlier call; "
+        f"median distance: {min(medians):.4g} to {max(medians):.4g} ({done[0]['unit']})"
+    )
     print(f"written to {out}: {', '.join(path.name for path in video.paths)}")
 
 

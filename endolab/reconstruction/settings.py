@@ -7,7 +7,6 @@ Importing this loads no numerics: the command line's help is made of it.
 """
 
 import inspect
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields
 from typing import Annotated, Any, Literal, Self, TypeVar, get_type_hints
@@ -152,13 +151,6 @@ def option_types() -> dict[str, Any]:
     return {name: kind for name, kind in types.items() if name not in UNWRITTEN}
 
 
-def describe_option(name: str) -> str:
-    """Say what an option means, in the words of the docstring of `Settings`."""
-    text = inspect.getdoc(Settings) or ""
-    ((words, _),) = re.findall(rf"\n{name} : .*((\n    .*)+)", text)
-    return " ".join(words.split())
-
-
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -169,7 +161,7 @@ def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -
     """
     signature = inspect.signature(function)
     *own, others = signature.parameters.values()
-    shown = types or get_type_hints(Settings)
+    shown = types or option_types() | {"cuts": Any}
     keywords = [
         others.replace(
             name=name,
@@ -178,7 +170,6 @@ def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -
             annotation=kind,
         )
         for name, kind in shown.items()
-        if name != "solver_options"
     ]
     last = [] if types else [others]
     function.__signature__ = signature.replace(  # type: ignore[attr-defined]

@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import Any, get_args
 
-from endolab.reconstruction.settings import Settings, describe_option, option_types
+from endolab.reconstruction.settings import Settings, option_types
 
 
 def knob_specs() -> list[dict[str, Any]]:
@@ -29,7 +29,7 @@ def _derived_specs() -> dict[str, dict[str, Any]]:
         spec: dict[str, Any] = {
             "name": name,
             "label": name.replace("_", " "),
-            "tip": describe_option(name),
+            "tip": "",
             "hidden": True,
         }
         parts = [part for one in (kind, *get_args(kind)) for part in get_args(one)]
