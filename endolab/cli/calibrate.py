@@ -188,9 +188,14 @@ def calibrate_light(
 
     import endolab as el
     from endolab.io.atomic import stage_file
+    from endolab.io.cameras.formats import read_camera
+    from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.sequence import as_frame
 
-    lens = el.load_calibration(camera).camera
+    if camera in CALIBRATIONS:
+        lens = CALIBRATIONS[camera].camera
+    else:
+        lens = read_camera(camera)
     video = el.open_frames(*source)
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
     names = [video.names[index] for index in spread]

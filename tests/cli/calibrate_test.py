@@ -119,7 +119,7 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
         write_image(tmp_path / f"f/{number:03d}.png", frame.image)
     asked = asking(tmp_path / "f", tmp_path / "c.json", "vicalib_small")
     assert call(*asked, "--gamma", "free") == 0
-    assert "the light is not" in capsys.readouterr().out
+    assert "The light is not" in capsys.readouterr().out
     found = el.load_calibration(tmp_path / "c.json")
     assert found.camera.fx == pytest.approx(camera.fx, abs=0.2)
     assert PriorSigma.of(found).k == 1  # nobody measured it
