@@ -40,9 +40,8 @@ class Settings:
         Which colours are solved. `auto` (default): all three, indirect light removed, if the frame allows
         it, and a grey picture as it is; `separated`: always; else this channel as it is (green by default
         with the paper's solvers). What was removed, and why, is said in the notes.
-    regulariser : {"auto", "first", "second", "curvature"}
-        Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends; `auto`: curvature,
-        or second if light bounced, with another ξ, and by `primal_dual`.
+    regulariser : {"auto", "first", "second"}
+        Total variation of ξ, or of its gradient; `auto` is second.
     contours : bool, optional
         Whether folds may hide what is behind them, where the surface is cut; by default if colours or
         energy speak for it, and not in a single channel.
@@ -78,7 +77,7 @@ class Settings:
     width: Annotated[Whole, Field(ge=1)] | None = None
     lam: Annotated[float, Field(ge=0, le=1e12)] = 1.0
     channel: Literal["auto", "separated", "red", "green", "blue", "grey"] | None = None
-    regulariser: Literal["auto", "first", "second", "curvature"] = "auto"
+    regulariser: Literal["auto", "first", "second"] = "auto"
     contours: bool | None = None
     xi: Literal["1/z", "d", "1/d"] = "1/d"
     solver: Literal["facing", "fast_marching", "gauss_newton", "primal_dual"] = (
@@ -131,8 +130,8 @@ class Settings:
         return self.uses_colours if self.contours is None else self.contours
 
     @property
-    def first_regulariser(self) -> str:
-        """The regulariser of all stages but perhaps the last."""
+    def used_regulariser(self) -> str:
+        """The regulariser."""
         return "second" if self.regulariser == AUTO else self.regulariser
 
     @property

@@ -520,12 +520,9 @@ class Tuner:
 def _with_energy(last: Answer, settings: Knobs) -> Problem:
     """The last answer's problem, with the energy that is wished for."""
     energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
-    chosen = ("regulariser", "xi")
-    if all(energy[name] == getattr(last.settings, name) for name in chosen):
-        energy["regulariser"] = last.result.problem.regulariser
-    else:
-        energy["regulariser"] = settings.first_regulariser
-    return replace(last.result.problem, **energy)
+    return replace(
+        last.result.problem, **energy | {"regulariser": settings.used_regulariser}
+    )
 
 
 def solve_warm(

@@ -776,6 +776,5 @@ def _compared_settings(settings: Knobs, knob: str) -> dict[str, Knobs]:
     if knob == "lam":
         values |= values_of_lam(settings.lam)
     else:
-        orders = ["first", "second"] + ["curvature"] * (settings.xi == "1/d")
-        values |= {order: order for order in orders}
+        values |= {order: order for order in ("first", "second")}
     return {label: replace(settings, **{knob: value}) for label, value in values.items()}

@@ -12,7 +12,7 @@ from tests.solvers.gauss_newton_model import GaussNewtonModel
 from tests.tools.problems import at_truth
 
 
-@pytest.fixture(params=["first", "second", "curvature"])
+@pytest.fixture(params=["first", "second"])
 def tiny(request, rng, monkeypatch):
     """A worn tube of 16x12 px linearised at a rough map, solved exactly; and its readable twin."""
     exact = replace(LINEAR_SOLVE, precision=1e-9, most_steps=1000)

@@ -143,7 +143,7 @@ def test_what_should_be_known_is_a_sentence(engine, answer, smoother, cut_answer
 
 def test_the_line_tells_what_is_explained_and_which_way_to_go(engine, answer, smoother):
     line = summary(answer)
-    assert line.startswith("λ 1 · curvature (auto) · explains ")
+    assert line.startswith("λ 1 · second order (auto) · explains ")
     assert "grey levels · converged in" in line
     smoothest = engine.solve_cold(replace(answer.settings, lam=1e4))
     tried = [Tried.of(answer), Tried.of(smoother), Tried.of(smoothest)]
