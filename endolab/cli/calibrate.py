@@ -19,6 +19,9 @@ def _size(kind: Any, tokens: Sequence[Any]) -> Any:
 def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
     """Draw a calibration sheet to print, at true size.
 
+    - endolab target vicalib_folded --out sheet.pdf
+    - endolab target target.json --out sheet.svg
+
     Parameters
     ----------
     name : str
@@ -27,12 +30,6 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
         A PDF or SVG.
     overwrite : bool
         Replace what is there.
-
-    Examples
-    --------
-    endolab target vicalib_folded --out sheet.pdf
-
-    endolab target target.json --out sheet.svg
     """
     from endolab.calibration.session import describe_target
     from endolab.io.atomic import stage_file
@@ -66,6 +63,10 @@ def calibrate(
 ) -> None:
     """Make an endoscope.json of frames of a target.
 
+    - endolab calibrate v.mp4 --target vicalib_folded --gamma free --out cal.json
+    - endolab calibrate pictures/*.png --target chessboard --out cal.json
+    - endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json
+
     Parameters
     ----------
     source : paths
@@ -97,14 +98,6 @@ def calibrate(
         each kind of patch.
     record : bool
         Write a recording for the Rerun viewer too.
-
-    Examples
-    --------
-    endolab calibrate v.mp4 --target vicalib_folded --gamma free --out cal.json
-
-    endolab calibrate pictures/*.png --target chessboard --out cal.json
-
-    endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json
     """
     from endolab.batch.calibrate import calibrate_to_files, report_folder
     from endolab.calibration.summary import account
@@ -159,6 +152,9 @@ def calibrate_light(
 ) -> None:
     """Ask frames of tissue for the light's fall-off k.
 
+    - endolab calibrate-light video.mp4 --camera camera.json --out endoscope.json
+    - endolab calibrate-light a.png b.png --camera paper --out endoscope.json
+
     Parameters
     ----------
     source : paths
@@ -177,12 +173,6 @@ def calibrate_light(
         Of the wall's green, or R,G,B, if known.
     k : float
         If it is not found.
-
-    Examples
-    --------
-    endolab calibrate-light video.mp4 --camera camera.json --out endoscope.json
-
-    endolab calibrate-light a.png b.png --camera paper --out endoscope.json
     """
     import numpy as np
 
@@ -192,10 +182,7 @@ def calibrate_light(
     from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.sequence import as_frame
 
-    if camera in CALIBRATIONS:
-        lens = CALIBRATIONS[camera].camera
-    else:
-        lens = read_camera(camera)
+    lens = CALIBRATIONS[camera].camera if camera in CALIBRATIONS else read_camera(camera)
     video = el.open_frames(*source)
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
     names = [video.names[index] for index in spread]
@@ -230,6 +217,10 @@ def convert(
 ) -> None:
     """Make an endoscope.json of another program's calibration.
 
+    - endolab convert camchain.yaml#cam1 --out endoscope.json
+    - endolab convert opencv.xml --size 1440x1080 --out endoscope.json
+    - endolab convert Endoscope_01 --out endoscope.json
+
     Parameters
     ----------
     source : path
@@ -242,14 +233,6 @@ def convert(
         Of the pictures, px, if the file does not say.
     overwrite : bool
         Replace what is there.
-
-    Examples
-    --------
-    endolab convert camchain.yaml#cam1 --out endoscope.json
-
-    endolab convert opencv.xml --size 1440x1080 --out endoscope.json
-
-    endolab convert Endoscope_01 --out endoscope.json
     """
     import endolab as el
     from endolab.io.atomic import stage_file

@@ -37,6 +37,11 @@ def evaluate(
 ) -> None:
     """Compare a depth map, or those of a folder, with the truth.
 
+    - endolab evaluate result/depth.npz sim/truth.npz
+    - endolab evaluate result/depth.npz sim/truth.npz --max-angle 60 --json
+    - endolab evaluate result/depth.npz 0001_depth.png --scale median
+    - endolab evaluate predictions truths --unit 1000 --calibration cal.json
+
     Parameters
     ----------
     depth : path
@@ -61,16 +66,6 @@ def evaluate(
         Only pixels this near the axis, degrees.
     as_json : bool
         Print JSON.
-
-    Examples
-    --------
-    endolab evaluate result/depth.npz sim/truth.npz
-
-    endolab evaluate result/depth.npz sim/truth.npz --max-angle 60 --json
-
-    endolab evaluate result/depth.npz 0001_depth.png --scale median
-
-    endolab evaluate predictions truths --unit 1000 --calibration cal.json
     """
     import numpy as np
 

@@ -38,6 +38,9 @@ def set_up(prefix: str) -> None:
 def lab(*jupyter: str, notebooks: str | None = None, port: int = 8888) -> None:
     """Open JupyterLab on the notebooks.
 
+    - endolab lab
+    - endolab lab --notebooks mine --port 9000 -- --no-browser
+
     Parameters
     ----------
     jupyter : str
@@ -46,12 +49,6 @@ def lab(*jupyter: str, notebooks: str | None = None, port: int = 8888) -> None:
         Other notebooks than endolab's own; their parent is shown too.
     port : int
         Where to listen, or on the next that is free.
-
-    Examples
-    --------
-    endolab lab
-
-    endolab lab --notebooks mine --port 9000 -- --no-browser
     """
     need("jupyterlab")
     folder = OWN_NOTEBOOKS if notebooks is None else Path(notebooks).resolve()

@@ -40,6 +40,12 @@ def reconstruct(
 ) -> None:
     """Make a surface of a frame, or of each frame of a video.
 
+    - endolab reconstruct frame.png --calibration endoscope.json --out result
+    - endolab reconstruct frame.png --calibration paper --width 480 --out quick
+    - endolab reconstruct frame.png --calibration c3vd --channel green --out r
+    - endolab reconstruct a.png --calibration paper --settings tuned.json --out r
+    - endolab reconstruct video.mp4 --calibration paper --every 5 --out video
+
     Parameters
     ----------
     frame : path
@@ -71,18 +77,6 @@ def reconstruct(
     threads : int
         Cores at most; by default ENDOLAB_THREADS, or all.
     **options
-
-    Examples
-    --------
-    endolab reconstruct frame.png --calibration endoscope.json --out result
-
-    endolab reconstruct frame.png --calibration paper --width 480 --out quick
-
-    endolab reconstruct frame.png --calibration c3vd --channel green --out r
-
-    endolab reconstruct a.png --calibration paper --settings tuned.json --out r
-
-    endolab reconstruct video.mp4 --calibration paper --every 5 --out video
     """
     from endolab.io.video import is_sequence
 
@@ -197,6 +191,10 @@ def sweep(
 
     Of --lam, --xi and --regulariser several values can be given, each with each.
 
+    - endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d
+    - endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv
+    - endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz
+
     Parameters
     ----------
     frames : paths
@@ -214,14 +212,6 @@ def sweep(
     threads : int
         Cores at most; by default ENDOLAB_THREADS, or all.
     **options
-
-    Examples
-    --------
-    endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d
-
-    endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv
-
-    endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz
     """
     import endolab as el
 

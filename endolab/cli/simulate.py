@@ -32,6 +32,10 @@ def simulate(
 ) -> None:
     """Render a scene: a frame with its truth.
 
+    - endolab simulate colon --out sim
+    - endolab simulate tube --calibration simple --width 320 --noise 0 --out sim
+    - endolab simulate sheet --target vicalib_folded --video --out v
+
     Parameters
     ----------
     scene : str
@@ -66,14 +70,6 @@ def simulate(
         Of a calibration video: share of the pixels that are wrong.
     video : bool
         Of a calibration video: write one video instead of pictures.
-
-    Examples
-    --------
-    endolab simulate colon --out sim
-
-    endolab simulate tube --calibration simple --width 320 --noise 0 --out sim
-
-    endolab simulate sheet --target vicalib_folded --video --out v
     """
     import numpy as np
 

@@ -30,6 +30,10 @@ def tune(
 ) -> None:
     """Open the tuner in the browser.
 
+    - endolab tune frame.png --calibration endoscope.json
+    - endolab tune frames --calibration c3vd --width 480
+    - endolab tune a.png --calibration endoscope.json --truth truth.npz
+
     Parameters
     ----------
     frame : path
@@ -46,14 +50,6 @@ def tune(
         Of a proxy in front of it, such as https://lab.example.org, whose pages may come too.
     no_browser : bool
         Print the link, and open no browser.
-
-    Examples
-    --------
-    endolab tune frame.png --calibration endoscope.json
-
-    endolab tune frames --calibration c3vd --width 480
-
-    endolab tune a.png --calibration endoscope.json --truth truth.npz
     """
     need("ipywidgets", "anywidget", "tornado")
     from endolab.cli.solving import load_endoscope
