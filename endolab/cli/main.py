@@ -75,8 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"endolab: {to_one_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:
-        said = str(error) or "interrupted; nothing was written"
-        print(f"endolab: {said}", file=sys.stderr)
+        text = str(error) or "interrupted; nothing was written"
+        print(f"endolab: {text}", file=sys.stderr)
         return 130  # as shells know it
     return 0
 

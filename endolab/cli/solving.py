@@ -113,15 +113,15 @@ def announce_compiling() -> Iterator[None]:
     from tqdm import tqdm
 
     class Announcer(event.Listener):
-        said = False
+        is_first = True
 
         def on_start(self, event: object) -> None:
-            if not self.said:
+            if self.is_first:
                 text = (
                     "Compiling for this machine, a minute or so; only the first run does."
                 )
                 tqdm.write(text, file=sys.stderr)
-            self.said = True
+            self.is_first = False
 
         def on_end(self, event: object) -> None:
             pass

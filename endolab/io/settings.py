@@ -25,7 +25,7 @@ class SolvingSettings:
     keywords : mapping
         Of `endolab.reconstruct`, those that are options of `Settings`.
     photometry : mapping
-        What is believed of the light: see `Belief`.
+        What is believed of the light: see `LightBelief`.
     """
 
     keywords: Mapping[str, Any] = field(default_factory=dict)
@@ -44,7 +44,7 @@ class SolvingSettings:
 
 
 @checked
-class Belief:
+class LightBelief:
     """What may be believed of the light; an albedo is a matt wall's, one number or three, for the BRDF."""
 
     k: float | None = None
@@ -58,7 +58,7 @@ class _File(Settings):
     """What a file may hold."""
 
     endolab_settings: Literal[1] = field(kw_only=True)
-    photometry: Belief = Belief()
+    photometry: LightBelief = LightBelief()
 
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:

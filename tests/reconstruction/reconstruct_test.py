@@ -177,7 +177,7 @@ def test_where_a_run_converged_it_stays(how):
         ({"width": 3.5}, "width"),
         ({"width": 81}, "81x61 px"),
         ({"width": 7}, "7x5 px"),
-        ({"lam": "auto"}, "lam must be a number"),
+        ({"lam": "auto"}, "lam"),
         ({"start": 3}, "start"),
         ({"inflow": np.zeros((3, 3))}, "inflow"),
         ({"contours": "no"}, "contours"),
