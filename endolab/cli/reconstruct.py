@@ -85,7 +85,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
         )
     solver = keywords.setdefault("solver", DEFAULT_SOLVER)
     if arguments.uncertainty:
-        from endolab.reconstruction.uncertainty.estimate import check_solver
+        from endolab.reconstruction.uncertainty import check_solver
 
         check_solver(solver)
     if solver == "fast_marching" or arguments.snapshots is not None:
@@ -139,7 +139,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
 
 def _uncertainty(result: Any, calibration: Any) -> Any:
     """How far a result can be trusted; None if the user had no patience for it."""
-    from endolab.reconstruction.uncertainty.estimate import uncertainty_of
+    from endolab.reconstruction.uncertainty import uncertainty_of
 
     with progress_bar("draw", "uncertainty") as bar:
 
