@@ -54,12 +54,16 @@ class PriorSigma:
         evidence = getattr(calibration, "evidence", None) or {}
         is_unmeasured = _at(evidence, "photometry", "nominal") is True
         is_unmeasured |= "unknown_light" in evidence
-        measured = {
-            "k": _error(evidence, "photometry", "standard_errors", "k")
-            or _error(evidence, "unknown_light", "standard_error"),
-            "gamma": _error(evidence, "photometry", "standard_errors", "gamma"),
+        stated = (
+            ("k", _at(evidence, "unknown_light", "standard_error")),
+            ("k", _at(evidence, "photometry", "standard_errors", "k")),
+            ("gamma", _at(evidence, "photometry", "standard_errors", "gamma")),
+        )
+        measured = {  # a fixed γ's 0 says nothing
+            name: float(error)
+            for name, error in stated
+            if isinstance(error, int | float) and 0 < error < np.inf
         }
-        measured = {name: error for name, error in measured.items() if error}
         assumed = UNMEASURED if is_unmeasured else {"k": cls.k, "gamma": cls.gamma}
         assumed = {name: error for name, error in assumed.items() if name not in measured}
         notes = _notes(measured, assumed, is_unmeasured)
@@ -71,12 +75,6 @@ def _at(value: Any, *keys: str) -> Any:
     for key in keys:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value
-
-
-def _error(evidence: Any, *keys: str) -> float:
-    """A standard error that is stated; 0 if none is, or for what was fixed."""
-    error = _at(evidence, *keys)
-    return float(error) if isinstance(error, int | float) and 0 < error < np.inf else 0.0
 
 
 def _notes(

@@ -35,7 +35,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_erosion, distance_transform_edt, maximum_filter1d
+from scipy.ndimage import binary_erosion, distance_transform_edt, label, maximum_filter1d
 
 from endolab.frames.frame import FRAME_LIMITS
 from endolab.model.endoscope import Calibration
@@ -43,7 +43,7 @@ from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.derivatives import px_per_reference, shift
+from endolab.numerics.derivatives import links, px_per_reference, shift
 from endolab.numerics.iteration import (
     Status,
     Stopped,
@@ -177,39 +177,36 @@ def uncertainty_of(
         status = drive(
             steps, watching, lambda *step: None, lambda step: step.done >= LEAST_DRAWS
         )
-        # Islands of which the picture says nothing stay where they are, however bright it is.
-        lost = np.abs(surface.to_picture(surface.by_light)) < 1e-9
     done = len(answers["texture"])
     if done < LEAST_DRAWS:
         raise Stopped(
             "how far the result can be trusted: stopped before there was anything to tell"
         )
     mask = iterate.mask
+    lost = islands_without_evidence(surface)
     fixed = pixels_of_scale(iterate)
-
-    def sigma(square: FloatArray) -> FloatArray:
-        known = np.minimum(np.sqrt(square), LARGEST_SIGMA)
-        return enlarge(np.where(lost, LARGEST_SIGMA, known), mask, whole.mask)
-
-    of_all = np.zeros(mask.shape)
-    of_shape: dict[str, FloatArray] = {}
+    squares: dict[str, FloatArray] = {}  # of the shape
     scales: dict[str, float] = {}
+    of_all = np.zeros(mask.shape)
     for cause, maps in answers.items():
         changes = np.stack(maps)
         common = changes[:, mask].mean(axis=1)[:, None, None]
         known = changes[:, fixed].mean(axis=1)[:, None, None] if fixed.any() else 0.0
         of_all += np.mean((changes - known) ** 2, axis=0)
-        of_shape[cause] = np.mean((changes - common) ** 2, axis=0)
+        squares[cause] = np.mean((changes - common) ** 2, axis=0)
         scales[cause] = float(np.sqrt(np.mean((common - known) ** 2)))
+    several = np.stack([of_all, sum(squares.values(), 0 * of_all), *squares.values()])
+    several = np.where(lost, LARGEST_SIGMA, np.minimum(np.sqrt(several), LARGEST_SIGMA))
+    sigma, sigma_shape, *causes = enlarge(several, mask, whole.mask)
     parts = enlarge(shares, mask, whole.mask)
     source = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
     return Uncertainty(
-        sigma=whole.distance * sigma(of_all),
-        sigma_shape=whole.distance * sigma(np.sum([*of_shape.values()], axis=0)),
+        sigma=whole.distance * sigma,
+        sigma_shape=whole.distance * sigma_shape,
         sigma_scale=float(np.linalg.norm([*scales.values()])),
         shares=parts,
         dominant_source=source.astype(np.uint8),
-        causes={cause: sigma(square) for cause, square in of_shape.items()},
+        causes=dict(zip(squares, causes, strict=True)),
         scales=scales,
         draws=done,
         status=status,
@@ -330,7 +327,7 @@ def shares_of(
     )
     border = np.clip(follow_inflow(surface)(np.ones(mask.shape)), 0.0, 1.0)
     data = (1 - border) * np.clip(recovered / np.maximum(true, 1e-12), 0.0, 1.0)
-    shares = mask * np.stack([data, border, 1 - border - data])
+    shares = np.where(mask, np.stack([data, border, 1 - border - data]), 0.0)
     return shares, [*np.subtract(bumps, answers)]
 
 
@@ -350,9 +347,10 @@ def _mean_weight(blur: float) -> float:
 
 def _blur(a: FloatArray, sigma: float) -> FloatArray:
     """In single precision, to three σ: a draw need not be finer."""
-    size = 2 * int(np.ceil(3 * sigma)) + 1
-    single = a.astype(np.float32)
-    blurred = cv2.GaussianBlur(single, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+    size = (2 * int(np.ceil(3 * sigma)) + 1,) * 2
+    blurred = cv2.GaussianBlur(
+        a.astype(np.float32), size, sigma, borderType=cv2.BORDER_CONSTANT
+    )
     return np.asarray(blurred, dtype=np.float64)
 
 
@@ -494,6 +492,16 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     level = max(noise_level(green, result.mask), FRAME_LIMITS.rounding)
     smooth = 0.0 if prepared is None else prepared.smooth
     return level * _mean_weight(smooth), smooth
+
+
+def islands_without_evidence(surface: Linearised) -> BoolArray:
+    """Pixels, (H, W), of islands of which the picture says nothing."""
+    mask = surface.problem.mask
+    steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
+    steps[::2, ::2] = mask
+    steps[::2, 1::2], steps[1::2, ::2] = links(mask, surface.problem.cuts)
+    island = label(steps)[0][::2, ::2]
+    return mask & ~np.isin(island, island[surface.weight > 0])
 
 
 def pixels_of_scale(iterate: Iterate) -> BoolArray:
