@@ -17,7 +17,7 @@ from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.reconstruction.uncertainty import Uncertainty
     from endolab.solvers.result import Result
     from endolab.synthetic.rendering import Rendered
 

@@ -12,7 +12,7 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.cli import main as cli
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_image
-from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
+from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.synthetic.scenes import Tube
 
 FRAMES = 24

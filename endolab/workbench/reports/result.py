@@ -23,7 +23,7 @@ from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
 
 if TYPE_CHECKING:
     from endolab.frames.prepare import Prepared
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.reconstruction.uncertainty import Uncertainty
 
 
 def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, Any]:

@@ -40,7 +40,7 @@ from endolab.numerics.iteration import Status, Stopped
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import explained_share, noise_of
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.reconstruction.uncertainty.estimate import (
+from endolab.reconstruction.uncertainty import (
     Uncertainty,
     noise_left,
     uncertainty_of,
