@@ -18,9 +18,10 @@ from endolab.calibration.targets import (
 )
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Calibration, camera_from_dict, camera_to_dict
+from endolab.model.endoscope import Calibration, CameraFile
 from endolab.model.photometry import Photometry
 from endolab.model.schema import Section, quote, unknown_name
+from endolab.numerics.checked_types import from_content, to_content
 
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
@@ -31,12 +32,13 @@ NOMINAL = Photometry(k=2.5, gamma=2.2)
 
 def read_camera(path: PathLike) -> Camera:
     """Read the camera of an `endoscope.json`, which may hold nothing else."""
-    return camera_from_dict(read_json(path, "calibration file"), str(Path(path)))
+    content = read_json(path, "calibration file")
+    return from_content(CameraFile, content, str(Path(path))).camera
 
 
 def write_camera(camera: Camera, path: PathLike) -> None:
     """Write an `endoscope.json` that holds a camera alone, whole or not at all."""
-    write_atomically(path, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
+    write_atomically(path, as_json({"endolab": 1, "camera": to_content(camera)}))
 
 
 def read_calibration(path: PathLike) -> Calibration:
@@ -45,19 +47,7 @@ def read_calibration(path: PathLike) -> Calibration:
 
 
 def write_calibration(calibration: Calibration, path: PathLike) -> None:
-    """Write `endoscope.json`, whole or not at all.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        Of a Lambertian or tabulated BRDF.
-    path : path
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if it cannot be written, or the BRDF is of another kind.
-    """
+    """Write `endoscope.json`, whole or not at all; OSError or ValueError in one sentence, if it cannot be."""
     write_atomically(path, as_json(calibration.to_dict()))
 
 
