@@ -112,15 +112,14 @@ def _sentence(error: ValidationError, content: Any, names: Sequence[str] = ()) -
     for fault in error.errors():
         path = ""
         parent = inside = content
+        missing = fault["loc"][-1] if fault["type"] == "missing" else None
         for step in fault["loc"]:
             if inside is content and isinstance(step, int) and step < len(names):
                 step = names[step]
             if isinstance(inside, list | tuple) and isinstance(step, int):
                 path += f"[{step}]"
                 inside = inside[step] if step < len(inside) else None
-            elif isinstance(inside, dict) and (
-                step in inside or fault["type"] == "missing"
-            ):
+            elif isinstance(inside, dict) and (step in inside or step == missing):
                 path += f".{step}"
                 parent, inside = inside, inside.get(step)
             # Else it is the name of one of several types.
@@ -158,4 +157,6 @@ def _complaint(fault: Any, parent: Any) -> str:
     text = re.sub(r"^\w+ should", " must", fault["msg"])
     if not text.startswith(" must") or "dictionary or object" in text:
         text = " is not of the right kind"
+    if "equal to" in text:
+        text = f" must be at {'least' if 'ge' in facts else 'most'} {min(facts.values()):g}"
     return f"{text}, got {excerpt(fault['input'])}"
