@@ -30,7 +30,8 @@ class Calibration:
     @classmethod
     def from_dict(cls, content: Any, name: str = "calibration") -> Self:
         """Check the content of an `endoscope.json`; errors name the file (or `name`) and the key."""
-        return from_content(cls, content, name)
+        calibration: Self = from_content(cls, content, name)
+        return calibration
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of an `endoscope.json`."""

@@ -89,7 +89,7 @@ class OneOf:
         return handler.generate_schema(Annotated[union, Field(discriminator=self.key)])
 
 
-def from_content(kind: type[Kind], content: Any, name: str) -> Kind:
+def from_content(kind: Any, content: Any, name: str) -> Any:
     """Make a value of a checked type of parsed JSON; ValueError names the file (or `name`) and the key."""
     # Half of a pair of surrogates, which JSON may escape, is no text.
     text = json.dumps(content, ensure_ascii=False).encode(errors="replace")
