@@ -23,7 +23,7 @@ from endolab.frames.frame import check_size
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int
+from endolab.numerics.checks import check_int, check_kinds
 
 Progress = Callable[[str, int, int], None]
 # One pose a panel, None for one that was not located.
@@ -247,6 +247,7 @@ def check_names(leave_out: Collection[str], names: Collection[str]) -> None:
             )
 
 
+@check_kinds(target=Target)
 def calibrate(
     frames: Named,
     target: Target,

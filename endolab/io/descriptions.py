@@ -12,7 +12,7 @@ from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration, CameraFile
 from endolab.model.photometry import Photometry
 from endolab.numerics.checked_types import from_content, to_content
-from endolab.numerics.checks import unknown_name
+from endolab.numerics.checks import PATH, check_kinds, unknown_name
 
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
@@ -37,6 +37,7 @@ def read_calibration(path: PathLike) -> Calibration:
     return Calibration.from_dict(read_json(path, "calibration file"), str(Path(path)))
 
 
+@check_kinds(calibration=Calibration, path=PATH)
 def write_calibration(calibration: Calibration, path: PathLike) -> None:
     """Write `endoscope.json`, whole or not at all; OSError or ValueError in one sentence, if it cannot be."""
     write_atomically(path, as_json(calibration.to_dict()))
