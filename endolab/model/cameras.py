@@ -55,6 +55,11 @@ class RayField:
         """Cosine of the angle α between each ray and the axis: the rays' z."""
         return self.rays[..., 2]
 
+    def every(self, step: int) -> Self:
+        """Return the field of every `step`-th row and column."""
+        maps = (self.rays, self.jacobian, self.inverse_metric, self.valid)
+        return type(self)(*(whole[::step, ::step] for whole in maps))
+
 
 @checked
 class Camera:
