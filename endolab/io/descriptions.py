@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from endolab.calibration.targets import TARGETS, Target, target_from_dict
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Calibration, CameraFile
+from endolab.model.endoscope import Calibration, camera_from_dict
 from endolab.model.photometry import Photometry
-from endolab.numerics.checked_types import from_content, to_content
+from endolab.numerics.checked_types import to_content
 from endolab.numerics.checks import PATH, check_kinds, unknown_name
 
 if TYPE_CHECKING:
@@ -23,8 +23,7 @@ NOMINAL = Photometry(k=2.5, gamma=2.2)
 
 def read_camera(path: PathLike) -> Camera:
     """Read the camera of an `endoscope.json`, which may hold nothing else."""
-    content = read_json(path, "calibration file")
-    return from_content(CameraFile, content, str(Path(path))).camera
+    return camera_from_dict(read_json(path, "calibration file"), str(Path(path)))
 
 
 def write_camera(camera: Camera, path: PathLike) -> None:

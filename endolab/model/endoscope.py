@@ -43,10 +43,14 @@ class Calibration:
 
 
 @checked
-class CameraFile:
-    """An `endoscope.json` of which only the camera counts, and which may hold nothing else."""
-
+class _CameraFile:
+    camera: AnyCamera
     endolab: Literal[1] = 1
-    camera: AnyCamera = field(kw_only=True)
     photometry: Any = None
     evidence: Any = None
+
+
+def camera_from_dict(content: Any, name: str) -> Camera:
+    """Check the camera of an `endoscope.json`, which may hold nothing else."""
+    file: _CameraFile = from_content(_CameraFile, content, name)
+    return file.camera

@@ -144,8 +144,12 @@ def _complaint(fault: Any, parent: Any) -> str:
         # Of all types, what that one holds to which most of the keys beside this one belong.
         fields = [kind.__pydantic_fields__ for kind in _checked]
         known = [[part.alias or name for name, part in one.items()] for one in fields]
-        names = max(known, key=lambda names: len(parent.keys() & set(names)))
-        meant = nearest(fault["loc"][-1], names)
+        given = fault["loc"][-1]
+        names = max(
+            known,
+            key=lambda names: (len(parent.keys() & set(names)), nearest(given, names)),
+        )
+        meant = nearest(given, names)
         return " is unknown; " + (
             f"did you mean {meant}?" if meant else f"expected {', '.join(names)}"
         )

@@ -28,9 +28,8 @@ from endolab.io.cameras.readers import (
 )
 from endolab.io.descriptions import NOMINAL
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Calibration, CameraFile
+from endolab.model.endoscope import Calibration, camera_from_dict
 from endolab.model.schema import shorten, unknown_name
-from endolab.numerics.checked_types import from_content
 
 
 @dataclass(frozen=True)
@@ -143,9 +142,7 @@ def _choose(path: PathLike, size: Size | None) -> tuple[Any, Camera | None, dict
 def read_camera(path: PathLike, size: Size | None = None) -> Camera:
     """Read the camera of a calibration file of any kind; parameters as of `read_calibration`."""
     document, camera, _ = _choose(path, size)
-    if camera is not None:
-        return camera
-    return from_content(CameraFile, document, str(Path(path))).camera
+    return camera_from_dict(document, str(Path(path))) if camera is None else camera
 
 
 def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:

@@ -60,8 +60,8 @@ class Painter:
         points = (distance[:, None] * self._rays).astype(np.float32)
         # OpenCV's ways to bytes take a tenth of NumPy's time; nan becomes 0.
         problem = self.problem
-        facing = normals(v, problem.field, problem.mask, self._step)
-        facing = cv2.convertScaleAbs(facing, alpha=127.5, beta=127.5)
+        towards = normals(v, problem.field, problem.mask, self._step)
+        facing = cv2.convertScaleAbs(towards, alpha=127.5, beta=127.5)
         return {
             "depth": depth_map(np.exp(v[self.thin]), self.problem.metric),
             "normals": rr.Image(facing),
