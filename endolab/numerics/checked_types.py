@@ -89,7 +89,7 @@ class OneOf:
         return handler.generate_schema(Annotated[union, Field(discriminator=self.key)])
 
 
-def from_content(kind: type[Kind], content: Any, name: str) -> Kind:
+def from_content(kind: Any, content: Any, name: str) -> Any:
     """Make a value of a checked type of parsed JSON; ValueError names the file (or `name`) and the key."""
     # Half of a pair of surrogates, which JSON may escape, is no text.
     text = json.dumps(content, ensure_ascii=False).encode(errors="replace")
@@ -112,15 +112,14 @@ def _sentence(error: ValidationError, content: Any, names: Sequence[str] = ()) -
     for fault in error.errors():
         path = ""
         parent = inside = content
+        missing = fault["loc"][-1] if fault["type"] == "missing" else None
         for step in fault["loc"]:
             if inside is content and isinstance(step, int) and step < len(names):
                 step = names[step]
             if isinstance(inside, list | tuple) and isinstance(step, int):
                 path += f"[{step}]"
                 inside = inside[step] if step < len(inside) else None
-            elif isinstance(inside, dict) and (
-                step in inside or fault["type"] == "missing"
-            ):
+            elif isinstance(inside, dict) and (step in inside or step == missing):
                 path += f".{step}"
                 parent, inside = inside, inside.get(step)
             # Else it is the name of one of several types.
@@ -145,8 +144,12 @@ def _complaint(fault: Any, parent: Any) -> str:
         # Of all types, what that one holds to which most of the keys beside this one belong.
         fields = [kind.__pydantic_fields__ for kind in _checked]
         known = [[part.alias or name for name, part in one.items()] for one in fields]
-        names = max(known, key=lambda names: len(parent.keys() & set(names)))
-        meant = nearest(fault["loc"][-1], names)
+        given = fault["loc"][-1]
+        names = max(
+            known,
+            key=lambda names: (len(parent.keys() & set(names)), nearest(given, names)),
+        )
+        meant = nearest(given, names)
         return " is unknown; " + (
             f"did you mean {meant}?" if meant else f"expected {', '.join(names)}"
         )
@@ -158,4 +161,6 @@ def _complaint(fault: Any, parent: Any) -> str:
     text = re.sub(r"^\w+ should", " must", fault["msg"])
     if not text.startswith(" must") or "dictionary or object" in text:
         text = " is not of the right kind"
+    if "equal to" in text:
+        text = f" must be at {'least' if 'ge' in facts else 'most'} {min(facts.values()):g}"
     return f"{text}, got {excerpt(fault['input'])}"

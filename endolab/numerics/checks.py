@@ -1,10 +1,13 @@
 """What a caller gave, as a number, a count or an array, or one sentence that says what it was instead."""
 
 import difflib
+import functools
+import inspect
 import json
 import math
-from collections.abc import Iterable
-from typing import Any
+import os
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -50,6 +53,32 @@ def shorten(text: str, most: int = LONGEST_VALUE) -> str:
     if len(text) > most:
         text = f"{text[: most // 2]} … {text[-most // 2 :]}"
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+PATH = (str, os.PathLike)
+
+
+def check_kinds(**kinds: type | tuple[type, ...]) -> Callable[[Function], Function]:
+    """Make a function refuse arguments of other types than these in one sentence; None is not looked at."""
+
+    def decorate(function: Function) -> Function:
+        signature = inspect.signature(function)
+
+        @functools.wraps(function)
+        def checked(*args: Any, **kwargs: Any) -> Any:
+            given = signature.bind_partial(*args, **kwargs).arguments
+            for name, kind in kinds.items():
+                value = given.get(name)
+                if value is not None and not isinstance(value, kind):
+                    wanted = kind if isinstance(kind, tuple) else (kind,)
+                    names = " or ".join(one.__name__ for one in wanted)
+                    raise ValueError(f"{name} must be {names}, got {excerpt(value)}")
+            return function(*args, **kwargs)
+
+        return checked  # type: ignore[return-value]
+
+    return decorate
 
 
 def excerpt(value: object) -> str:
