@@ -55,12 +55,13 @@ def _read_value(text: str) -> float | tuple[float, ...] | str:
 
 def _target(arguments: argparse.Namespace) -> None:
     from endolab.calibration.session import describe_target
-    from endolab.io.atomic import check_file
+    from endolab.io.atomic import check_new
     from endolab.io.descriptions import read_target
     from endolab.workbench.reports.target_sheet import write_sheet
 
     target = read_target(arguments.name)
-    check_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name])
+    if not arguments.overwrite:
+        check_new(arguments.out)
     write_sheet(target, arguments.out)
     glue = "something flat"
     if target.fold is not None:
@@ -73,10 +74,10 @@ def _target(arguments: argparse.Namespace) -> None:
 
 def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     """Write a simulated calibration video with its truth."""
+    from endolab.batch.calibrate import save_sheet_video
     from endolab.calibration.simulation.sheet_image import Sensor
     from endolab.calibration.simulation.trajectory import Movement
     from endolab.io.descriptions import read_target
-    from endolab.io.sheet_video import save_sheet_video
 
     target = arguments.target or "vicalib_small"
     frames = arguments.frames or 300
@@ -97,7 +98,6 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
             frames,
             video=bool(arguments.video),
             overwrite=arguments.overwrite,
-            inputs=[arguments.calibration, target],
             progress=bar,
             movement=Movement(fold=0.0 if is_flat else math.radians(angle)),
             sensor=sensor,
@@ -151,7 +151,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             frames,
             target,
             arguments.out,
-            inputs=[arguments.target, arguments.camera],
             progress=bar,
             camera=camera,
             reflectance=given or [None] * patches,
@@ -193,8 +192,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
         light["albedo"] = arguments.albedo
     pictures = frames.read(names)
     read = (as_frame(name, image) for name, image in pictures if image is not None)
-    inputs = [arguments.camera, *arguments.source]
-    output = stage_file(arguments.out, overwrite=arguments.overwrite, inputs=inputs)
+    output = stage_file(arguments.out, overwrite=arguments.overwrite)
     with output as temporary, _bar() as bar:
         estimate = estimate_light(
             read, camera, progress=lambda done, _: bar("light", done, many), **light
@@ -220,8 +218,6 @@ def _size(text: str) -> tuple[int, int]:
 
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import stage_file
-    from endolab.io.cameras.formats import split_choice
-    from endolab.io.cameras.writers import write_camera_for
     from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
     from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.descriptions import write_calibration
@@ -229,8 +225,7 @@ def _convert(arguments: argparse.Namespace) -> None:
     source = arguments.source
     photometry = arguments.photometry
     out = Path(arguments.out)
-    program = arguments.to
-    if program == "endolab" and out.suffix != ".json":
+    if out.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {out.name}")
     if Path(source).is_dir():
         if photometry is not None:
@@ -238,19 +233,13 @@ def _convert(arguments: argparse.Namespace) -> None:
                 f"{source} is a folder, where both files are looked for; name no other"
             )
         source, photometry = find_calibrations(source)
-    inputs = [split_choice(source)[0], photometry]
-    with stage_file(out, overwrite=arguments.overwrite, inputs=inputs) as temporary:
+    with stage_file(out, overwrite=arguments.overwrite) as temporary:
         if photometry is None:
             calibration = load_calibration(source, size=arguments.size)
         else:
             calibration = read_endomapper(source, photometry)
-        if program == "endolab":
-            write_calibration(calibration, temporary)
-        else:
-            write_camera_for(program, calibration.camera, temporary)
-    if program != "endolab":
-        print(f"written to {out}: the camera alone, for {program}'s files hold no light")
-    elif photometry is None:
+        write_calibration(calibration, temporary)
+    if photometry is None:
         print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")
     else:
         _print_light(calibration)
@@ -369,10 +358,9 @@ def add_calibration_commands(commands: Any) -> None:
         commands,
         "convert",
         _convert,
-        "another program's calibration in, endoscope.json out, or the other way round",
+        "another program's calibration in, endoscope.json out",
         "endolab convert camchain.yaml#cam1 --out endoscope.json",
         "endolab convert opencv.xml --size 1440x1080 --out endoscope.json",
-        "endolab convert endoscope.json --to colmap --out cameras.txt",
         "endolab convert Endoscope_01 --out endoscope.json",
     )
     option = command.add_argument
@@ -380,9 +368,7 @@ def add_calibration_commands(commands: Any) -> None:
     option("source", metavar="IN", help=text)
     text = "of EndoMapper, the light"
     option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=text)
-    choices = ("endolab", "opencv", "kalibr", "colmap", "ros")
-    option("--to", choices=choices, default="endolab", help="whose file is written")
     text = "of the pictures, px, if the file does not say"
     option("--size", type=_size, metavar="COLUMNSxROWS", help=text)
-    option("--out", required=True, metavar="FILE")
+    option("--out", required=True, metavar="CAL.json")
     add_overwrite(option)

@@ -25,7 +25,6 @@ from endolab.cli.calibrate import (
 from endolab.cli.options import add_command, add_overwrite, integer, number, wide
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
-from endolab.io.atomic import without_secrets
 
 # Of `simulate`, but for its calibration video.
 FRAME_OPTIONS = ("texture", "fog", "highlights")
@@ -73,11 +72,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
     given = {name: getattr(arguments, name) for name in names}
     chosen = {name: value for name, value in given.items() if value is not None}
-    replacing = {
-        "overwrite": arguments.overwrite,
-        "inputs": [arguments.calibration],
-    }
-    with stage_folder(arguments.out, **replacing) as folder:
+    with stage_folder(arguments.out, overwrite=arguments.overwrite) as folder:
         rendered = render(
             SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen
         )
@@ -85,8 +80,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
         used = replace(calibration, photometry=rendered.photometry)
         write_calibration(used, folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
-        # It lists no files: what is solved in the same folder takes no truth away.
-        facts = {"endolab": 1, "scene": arguments.scene, "files": []} | chosen
+        facts = {"endolab": 1, "scene": arguments.scene} | chosen
         write_atomically(folder / "report.json", as_json(facts))
     known = rendered.distance[rendered.mask]
     print(
@@ -350,7 +344,6 @@ def to_one_line(error: object) -> str:
     text = str(error) or "out of memory"
     if isinstance(error, OSError) and error.strerror:  # the system's own words
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    text = without_secrets(text)
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
     return shorten(text, 600)  # what was typed may be as long as it likes
 

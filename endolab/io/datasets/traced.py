@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from endolab.frames.frame import Frame, check_size
-from endolab.io.archives import read_arrays
 from endolab.io.atomic import PathLike, name_damage
 from endolab.io.datasets.sample import Sample
+from endolab.io.surfaces import read_arrays
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray

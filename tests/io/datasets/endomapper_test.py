@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import endolab as el
-from endolab import datasets
 from endolab.cli import main as cli
 from endolab.io.cameras.formats import read_camera
 from endolab.io.datasets import endomapper
@@ -134,75 +133,44 @@ def test_a_light_at_the_centre_becomes_k(write):
     assert vignetted.k == pytest.approx(plain.k + 0.5)
 
 
-def refused(read, path, message):
-    """In one sentence that names the file."""
-    with pytest.raises(ValueError, match=rf"^{path}: [^\n]*{message}[^\n]*$"):
-        read(path)
-
-
 @pytest.mark.parametrize(
-    ("old", "new", "place"),
+    ("old", "new", "word"),
     [
-        ("kb4", "w", "camera_model"),
+        ("kb4", "w", "no lens"),
         ("<width> 1440 </width>", "", "width"),
-        ("1440 <", "14.5 <", "width"),
-        ("1440 <", "wide <", "width"),
-        ("717.6911; ", "", "params"),
-        ("717.6911", "nan", "params"),
-        ("717.6911", "-717", "fx"),
+        ("717.6911; ", "", "8 finite numbers"),
+        ("717.6911", "nan", "finite"),
         ("rig>", "cameras>", "Vicalib"),
-        ("</rig>", "", "XML"),
-    ],
-)
-def test_a_camera_that_cannot_be_used(write, old, new, place):
-    refused(read_camera, write(old, new, photometry="")[0], place)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "place"),
-    [
-        ('"gamma"', '"lut"', "camera_model"),
-        ("[ 2.2 ]", "[ 2.2; 2.1 ]", "gamma"),
-        ("[ 2.2 ]", "[ 0 ]", "gamma"),
-        ('"sls"', '"point"', "light_model"),
-        ("2.767302", "-1", "exponent"),
-        ("1.000000", "0", "weight"),
-        ("<mu> 2.767302 </mu>", "", "light_model.mu"),
-        ("-0.003612", "-3.612", "P: .*metres"),
+        ('"gamma"', '"lut"', "gamma"),
+        ("[ 2.2 ]", "[ 2.2; 2.1 ]", ""),
+        ('"sls"', '"point"', "sls"),
+        ("<mu> 2.767302 </mu>", "", "mu is missing"),
+        ("-0.003612", "-3.612", "at most 0.05 m"),
         ("0.999938", "-0.999938", "D: "),
     ],
 )
-def test_a_light_that_cannot_be_used(write, old, new, place):
-    camera = datasets.load_calibration("paper").camera
-    refused(
-        lambda path: endomapper.read_photometry(path, camera), write(old, new)[1], place
-    )
-
-
-BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</rig>'
+def test_what_cannot_be_used_is_one_sentence(write, old, new, word):
+    with pytest.raises(ValueError, match=rf"^[^\n]*metrical\.xml: [^\n]*{word}[^\n]*$"):
+        endomapper.read_endomapper(*write(old, new))
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        BOMB.encode(),
-        BOMB.encode("utf-16"),
-        BOMB.encode("utf-7"),
-        b"<rig>" + b" " * 1_000_000 + b"</rig>",
-        b"<rig>" * 90_000 + b"</rig>" * 70_000,
-        b"<rig>" * 70_000 + b"</rig>" * 70_000,
+        '<!DOCTYPE rig [<!ENTITY a SYSTEM "/etc/hostname">]><rig>&a;</rig>',
+        "<rig>" * 90_000 + "</rig>" * 70_000,
+        "<rig>" * 70_000 + "</rig>" * 70_000,
     ],
-    ids=["bomb", "16", "7", "large", "open", "deep"],
+    ids=["entity", "open", "deep"],
 )
 def test_files_that_are_not_read(tmp_path, content):
     path = tmp_path / "a_geometrical.xml"
-    path.write_bytes(content)
-    refused(read_camera, path, "XML")
+    path.write_text(content)
+    with pytest.raises(ValueError, match=rf"^{path}: [^\n]*XML[^\n]*$"):
+        read_camera(path)
 
 
-def test_files_that_are_not_there_and_several_of_a_kind(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.xml"):
-        read_camera(tmp_path / "none.xml")
+def test_a_folder_without_its_file_or_with_two(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"_geometrical\.xml"):
         endomapper.find_calibrations(tmp_path)
     for name in ("Endoscope_01", "Endoscope_02"):

@@ -10,11 +10,6 @@ from endolab import datasets
 from endolab.io.datasets import folders
 from endolab.metrics.depth_errors import compare
 
-UCL = el.Pinhole(
-    256, 256, 128.0, 128.0, 127.5, 127.5
-)  # 90° wide, for the sake of a number
-SERIES = "T1_L2_1_resized"
-
 
 def write(folder, name, stored):
     """Write a picture, colours in OpenCV's order, into a folder that may be new."""
@@ -46,27 +41,12 @@ def write_simcol3d(folder):
     write(folder, "Depth_0007.png", depth)
 
 
-def write_ucl2019(folder):
-    """A frame of UCL 2019 at z = 4 cm, with one pixel unknown and one too far."""
-    depth = np.full((256, 256), 51, np.uint8)
-    depth[0, 0] = 0
-    depth[0, 1] = 255
-    colour = np.full((256, 256, 3), 51, np.uint8)
-    colour[..., 2] = 255
-    write(folder, f"{SERIES}_Depth_0012.png", depth)
-    write(folder, f"{SERIES}_FrameBuffer_0012.png", colour)
-
-
 LOAD = {
     "c3vd": lambda folder, index=42: datasets.read_c3vd(folder, index),
     "simcol3d": lambda folder, index=7: datasets.read_simcol3d(folder, index),
-    "ucl2019": lambda folder, index=12: datasets.read_ucl2019(
-        folder, SERIES, index, UCL
-    ),
 }
-WRITE = {"c3vd": write_c3vd, "simcol3d": write_simcol3d, "ucl2019": write_ucl2019}
+WRITE = {"c3vd": write_c3vd, "simcol3d": write_simcol3d}
 COLOUR = {"c3vd": "0042_color.png", "simcol3d": "FrameBuffer_0007.png"}
-COLOUR["ucl2019"] = f"{SERIES}_FrameBuffer_0012.png"
 every_layout = pytest.mark.parametrize("layout", LOAD)
 
 
@@ -81,11 +61,6 @@ def test_known_endoscopes(name):
     corner = (whole.camera.width - 0.5, whole.camera.height - 0.5)
     shrunk = half.camera.unproject((119.5, height - 0.5))
     assert_allclose(shrunk, whole.camera.unproject(corner), atol=1e-9)
-
-
-def test_an_unknown_endoscope():
-    with pytest.raises(ValueError, match="pig"):
-        datasets.load_calibration("pig")
 
 
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
@@ -117,18 +92,6 @@ def test_a_frame_of_simcol3d(tmp_path):
     )
 
 
-def test_a_frame_of_ucl2019(tmp_path):
-    write_ucl2019(tmp_path)
-    sample = LOAD["ucl2019"](tmp_path)
-    assert sample.frame.name == COLOUR["ucl2019"]
-    assert_allclose(sample.frame.image[5, 5], (1.0, 0.2, 0.2))
-    assert sample.frame.mask.all()
-    assert np.isnan(sample.distance[0, :2]).all()
-    side = 127.5 / 128  # the lower right corner, off the axis by as much across as down
-    assert sample.distance[255, 255] == pytest.approx(40.0 * np.sqrt(1 + 2 * side**2))
-    assert sample.calibration.camera == UCL
-
-
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
@@ -145,19 +108,12 @@ def test_true_z_goes_by_the_name(tmp_path, name, unit):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("0001_depth.png", 0, "unit"),
-        ("a_depth.png", 9, "uint16"),
-        ("Depth_0001.png", 200, "unit"),  # mm
-        ("Depth_0001.png", 65535, "65280"),
-        ("a_Depth_0001.png", 1, "unit"),
-    ],
+    ("name", "value"),
+    [("0001_depth.png", 0), ("Depth_0001.png", 200), ("Depth_0001.png", 65535)],
 )
-def test_depth_in_another_unit(tmp_path, name, value, message):
-    kind = np.uint8 if name.startswith("a_") else np.uint16
-    write(tmp_path, name, np.full((256, 256), value, kind))
-    with pytest.raises(ValueError, match=rf"^{tmp_path}/{name}.*{message}"):
+def test_depth_in_another_unit(tmp_path, name, value):
+    write(tmp_path, name, np.full((256, 256), value, np.uint16))
+    with pytest.raises(ValueError, match=rf"^{tmp_path}/{name}: expected"):
         datasets.true_z(tmp_path / name)
 
 
@@ -173,17 +129,12 @@ def test_colours_of_another_size(tmp_path, layout):
 @every_layout
 def test_a_folder_tells_its_layout(tmp_path, layout):
     name = COLOUR[layout]
-    camera = UCL if layout == "ucl2019" else None
     WRITE[layout](tmp_path)
     (tmp_path / "notes.txt").write_text("a frame")
-    folder = folders.open_dataset(tmp_path, camera)
+    folder = folders.open_dataset(tmp_path)
     assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
     assert [sample.frame.name for sample in folder] == [name]
     assert_array_equal(folder[0].distance, folder[name].distance)
-    with pytest.raises(ValueError, match="7"):
-        folder["7"]
-    with pytest.raises(ValueError, match="camera"):
-        folders.open_dataset(tmp_path, UCL if camera is None else None)
 
 
 LAID = {  # where three frames of a sequence lie: colour, depth, the camera
@@ -248,12 +199,7 @@ def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind)
         dataset[1]
 
 
-def test_a_folder_of_no_known_layout(tmp_path):
-    with pytest.raises(FileNotFoundError, match="none"):
-        folders.open_dataset(tmp_path / "none")
-    (tmp_path / "1_colour.png").touch()
-    with pytest.raises(ValueError, match="C3VD"):
-        folders.open_dataset(tmp_path)
+def test_a_folder_of_two_layouts(tmp_path):
     (tmp_path / "0001_color.png").touch()
     (tmp_path / "FrameBuffer_0001.png").touch()
     with pytest.raises(ValueError, match="c3vd and simcol3d"):
