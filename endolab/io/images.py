@@ -92,11 +92,14 @@ def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
     check_memory(columns * rows * DECODED, f"{path}: a picture of {columns}x{rows} px")
     with name_damage(path, PICTURE), quiet(), warnings.catch_warnings(action="ignore"):
         is_deep = ";16" in str(picture.tile[0].args)  # of which Pillow makes 8 bits
-        exif = picture.getexif()
+        is_tiff = picture.format == "TIFF"
+        # Of a PNG, Pillow would decode all of it to look for what is not at hand.
+        exif = picture.getexif() if is_tiff or "exif" in picture.info else {}
         is_turned = exif.get(ORIENTATION, 1) != 1
         exif[ORIENTATION] = 1  # else Pillow turns a TIFF
-        picture.load()
         if is_deep:
+            if is_tiff:
+                picture.load()
             stored = np.asarray(
                 cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
             )
@@ -111,7 +114,7 @@ def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
         if sorted(stored.shape[:2]) != sorted(picture.size):
             raise ValueError
     if is_turned:
-        if is_deep and picture.format == "TIFF":  # which OpenCV turns
+        if is_deep and is_tiff:  # which OpenCV turns
             raise ValueError(
                 f"{path}: a TIFF of 16 bits that is marked as turned is not read"
             )

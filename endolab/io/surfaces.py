@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,14 +39,14 @@ def save_depth(
     With `uncertainty` also sigma and sigma_shape (H, W), and dominant_source, uint8: 0 outside, 1 data,
     2 border or contour, 3 prior.
     """
-    maps = {name: getattr(surface, name) for name in ("distance", "z", "normals")}
+    maps = {"distance": surface.distance, "z": surface.z, "normals": surface.normals}
+    more: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
     if uncertainty is not None:
-        maps |= {name: getattr(uncertainty, name) for name in ("sigma", "sigma_shape")}
-    maps = {name: values.astype(np.float32) for name, values in maps.items()}
-    if uncertainty is not None:
-        maps["dominant_source"] = uncertainty.dominant_source
+        maps |= {"sigma": uncertainty.sigma, "sigma_shape": uncertainty.sigma_shape}
+        more["dominant_source"] = uncertainty.dominant_source
+    more |= {name: values.astype(np.float32) for name, values in maps.items()}
     content = io.BytesIO()
-    np.savez_compressed(content, mask=surface.mask, metric=metric, **maps)
+    np.savez_compressed(content, **more)
     write_atomically(path, content.getvalue())
 
 

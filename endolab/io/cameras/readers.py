@@ -25,39 +25,29 @@ C3VD = "C3VD's a0 to a4"
 BROWN = "brown"
 FISHEYE = "fisheye"
 
-# Of each format, its lenses by name: their kind, and how many coefficients they have, or parameters.
-LENSES: dict[str, dict[str, tuple[str, int]]] = {
-    KALIBR: {
-        "none": (BROWN, 0),
-        "radtan": (BROWN, 4),
-        "equi": (FISHEYE, 4),
-        "equidistant": (FISHEYE, 4),
-    },
-    OPENCV: {
-        "plumb_bob": (BROWN, 5),
-        "rational_polynomial": (BROWN, 8),
-        "equidistant": (FISHEYE, 4),
-        "fisheye": (FISHEYE, 4),
-    },
+# Of each format, its lenses by name: how many coefficients they have, or parameters.
+LENSES: dict[str, dict[str, int]] = {
+    KALIBR: {"none": 0, "radtan": 4, "equi": 4, "equidistant": 4},
+    OPENCV: {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4},
     COLMAP: {
-        "SIMPLE_PINHOLE": (BROWN, 3),
-        "PINHOLE": (BROWN, 4),
-        "SIMPLE_RADIAL": (BROWN, 4),
-        "RADIAL": (BROWN, 5),
-        "OPENCV": (BROWN, 8),
-        "FULL_OPENCV": (BROWN, 12),
-        "SIMPLE_FISHEYE": (FISHEYE, 3),
-        "FISHEYE": (FISHEYE, 4),
-        "SIMPLE_RADIAL_FISHEYE": (FISHEYE, 4),
-        "RADIAL_FISHEYE": (FISHEYE, 5),
-        "OPENCV_FISHEYE": (FISHEYE, 8),
+        "SIMPLE_PINHOLE": 3,
+        "PINHOLE": 4,
+        "SIMPLE_RADIAL": 4,
+        "RADIAL": 5,
+        "OPENCV": 8,
+        "FULL_OPENCV": 12,
+        "SIMPLE_FISHEYE": 3,
+        "FISHEYE": 4,
+        "SIMPLE_RADIAL_FISHEYE": 4,
+        "RADIAL_FISHEYE": 5,
+        "OPENCV_FISHEYE": 8,
     },
     VICALIB: {
-        "calibu_fu_fv_u0_v0": (BROWN, 4),
-        "calibu_fu_fv_u0_v0_k1_k2": (BROWN, 6),
-        "calibu_fu_fv_u0_v0_k1_k2_k3": (BROWN, 7),
-        "calibu_fu_fv_u0_v0_rational6": (BROWN, 10),
-        "calibu_fu_fv_u0_v0_kb4": (FISHEYE, 8),
+        "calibu_fu_fv_u0_v0": 4,
+        "calibu_fu_fv_u0_v0_k1_k2": 6,
+        "calibu_fu_fv_u0_v0_k1_k2_k3": 7,
+        "calibu_fu_fv_u0_v0_rational6": 10,
+        "calibu_fu_fv_u0_v0_kb4": 8,
     },
 }
 MATRIX = re.compile(
@@ -90,10 +80,12 @@ def numbers(value: Any, count: int | None = None) -> tuple[float, ...]:
 
 
 def _lens(form: str, name: Any) -> tuple[str, int]:
+    """Return the kind of a lens and how many coefficients it has, or parameters."""
     if name not in LENSES[form]:
         known = ", ".join(LENSES[form])
         raise ValueError(f"no lens {shorten(str(name))} is known here, which are {known}")
-    return LENSES[form][name]
+    is_fisheye = re.search("fisheye|equi|kb4", name, re.IGNORECASE)
+    return FISHEYE if is_fisheye else BROWN, LENSES[form][name]
 
 
 def _size(part: dict[str, Any], given: Size | None) -> Sequence[float]:

@@ -32,8 +32,6 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.model.schema import shorten
 
-FARTHEST_LIGHT = 0.05  # from the optical centre, m
-
 
 # The light ----------------------------------------------------------------------------------
 def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
@@ -59,8 +57,8 @@ def _light(part: dict[str, Any], rays: np.ndarray) -> tuple[SpotLight, dict[str,
     sigma, mu = numbers([part["sigma"], part["mu"]])
     position = numbers(part["P"], 3)
     direction = numbers(part["D"], 3)
-    if part["type"] != "sls" or math.hypot(*position) > FARTHEST_LIGHT:
-        raise ValueError(f"expected an sls at most {FARTHEST_LIGHT:g} m off, found {part}")
+    if math.hypot(*position) > 0.05:  # m
+        raise ValueError(f"P: expected a light at most 0.05 m off, found {position}")
     cos_psi = rays @ np.asarray(direction)
     # Up to 60° off the light's direction sheets are seen well, so the light is known.
     lit = cos_psi[cos_psi > math.cos(math.radians(60.0))]
@@ -92,10 +90,11 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     try:
         rig = document["rig"]
         model = rig["camera"]["camera_model"]
-        if model["type"] != "gamma":
-            raise ValueError(f"expected a camera_model gamma, found {model['type']}")
-        k, gamma = numbers([model.get("vignetting", 0.0), model["gamma"]])
         found = rig["light"] if isinstance(rig["light"], list) else [rig["light"]]
+        kinds = (model["type"], {light["light_model"]["type"] for light in found})
+        if kinds != ("gamma", {"sls"}):
+            raise ValueError(f"expected a camera_model gamma and an sls, found {kinds}")
+        k, gamma = numbers([model.get("vignetting", 0.0), model["gamma"]])
         made = [_light(light["light_model"], rays) for light in found]
         evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
         lights = tuple(light for light, _ in made)
