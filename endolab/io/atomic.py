@@ -53,8 +53,8 @@ def _stage(home: Path, target: Path) -> Iterator[Path]:
             staging = Path(folder, target.name)
             yield staging
     except OSError as error:
-        said = f"cannot write {target}: {error.strerror}" if error.errno else str(error)
-        raise type(error)(said.replace(str(staging), str(target))) from error
+        message = f"cannot write {target}: {error.strerror}" if error.errno else str(error)
+        raise type(error)(message.replace(str(staging), str(target))) from error
 
 
 @contextmanager

@@ -64,10 +64,8 @@ def read_depth_map(
     source = Path(path)
     held = "z"
     if source.suffix.lower() == ".npz":
-        with (
-            name_damage(source, WHAT),
-            np.load(io.BytesIO(read_bytes(source)), allow_pickle=False) as archive,
-        ):
+        content = io.BytesIO(read_bytes(source))
+        with name_damage(source, WHAT), np.load(content, allow_pickle=False) as archive:
             names = archive.files
         if {"distance", "z"} <= {*names}:
             maps = read_depth(source)
