@@ -57,11 +57,12 @@ def read_depth(
 
     ValueError or OSError in one sentence, if it is something else, or holds what no surface has.
     """
-    known = ("distance", "z", "normals", "sigma", "sigma_shape", "metric")
-    maps = read_arrays(path, DEPTH_FILE, known)
+    lengths = ("distance", "z", "normals", "sigma", "sigma_shape")
+    others = ("mask", "metric", "dominant_source")
+    maps = read_arrays(path, DEPTH_FILE, (*lengths, *others))
     with name_damage(path, DEPTH_FILE):
         size = maps["distance"].shape
-        for name in {*needed, *maps} - {"metric"}:
+        for name in {*needed, *maps}.difference(others):
             values = np.asarray(maps[name], np.float32)
             maps[name] = np.where(np.abs(values) < 1e12, values, np.nan)  # in any unit
             if values.shape != (*size, 3)[: 3 if name == "normals" else 2]:

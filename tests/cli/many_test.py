@@ -88,7 +88,6 @@ def test_a_sweep_goes_on_and_tells_what_became_of_it(call, here):
     [
         ("reconstruct film --out o --mesh", "--mesh"),
         ("reconstruct film 0.png --out o", "sweep"),
-        ("reconstruct nothing://x --out o", "nothing://x"),
         ("sweep film/0.png --out cal.json", "cal.json"),
     ],
 )
