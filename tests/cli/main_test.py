@@ -228,7 +228,7 @@ def test_a_depth_map_that_is_given_as_a_frame_is_suspected(
     sim, solve, tmp_path, capsys
 ):
     write_image(tmp_path / "1.png", maps(sim / "truth.npz")["z"] / 100, 16)
-    how = f"--calibration {sim}/endoscope.json --solver facing --out o"
+    how = f"--calibration {sim}/endoscope.json --solver facing --out o --overwrite"
     for frame, suspected in (("1.png", True), (sim / "frame.png", False)):
         assert call(f"reconstruct {frame} {how}") == 0
         assert ("depth map" in capsys.readouterr().out) == suspected
