@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.frames.frame import check_size
-from endolab.io.atomic import PathLike, as_path
+from endolab.io.atomic import PathLike
 from endolab.io.datasets.folders import depth_layout, true_z
 from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
 from endolab.io.images import read_mask
@@ -166,7 +166,7 @@ def evaluate_folder(
     OSError, ValueError
         In one sentence, as for `evaluate`, or if there is no pair.
     """
-    sides = [_find_maps(as_path(folder)) for folder in (predictions, truths)]
+    sides = [_find_maps(Path(folder)) for folder in (predictions, truths)]
     if not sides[0].keys() & sides[1].keys():
         sides = [_by_number(maps) for maps in sides]
     left, right = sides

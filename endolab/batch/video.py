@@ -23,12 +23,10 @@ from endolab.batch.table import (
 )
 from endolab.frames.frame import Frame
 from endolab.io.atomic import (
-    REPORT,
     PathLike,
     as_json,
-    check_folder,
-    read_report,
-    stage_folder,
+    check_new,
+    read_json,
     write_atomically,
 )
 from endolab.io.images import read_mask
@@ -53,6 +51,7 @@ if TYPE_CHECKING:
     from endolab.workbench.recording.sequence import SequenceRecorder
 
 TABLE = "frames.csv"
+REPORT = "report.json"
 VIDEO_FILES = ("frames", TABLE, "recording.rrd", REPORT)
 
 # After which what is done stays.
@@ -79,7 +78,6 @@ def reconstruct_video(
     every: int = 1,
     limit: int | None = None,
     overwrite: bool = False,
-    inputs: tuple[PathLike | None, ...] = (),
     progress: Callable[[int, int, Row], object] | None = None,
     **options: Any,
 ) -> VideoSummary:
@@ -100,8 +98,6 @@ def reconstruct_video(
         Of the frames every `every`-th is taken, `limit` at most.
     overwrite : bool
         Begin anew in a folder that holds something else, whose files of the same names are replaced.
-    inputs : tuple of path
-        Files that were read for this, and are never replaced; the source and the mask are not either.
     progress : callable, optional
         ``progress(done, total, row)`` is called after each frame.
     **options
@@ -130,11 +126,7 @@ def reconstruct_video(
         "mask": None if mask is None else str(mask),
         "calibration": replace(calibration, evidence={}).to_dict(),
     }
-    replacing = {
-        "overwrite": overwrite,
-        "inputs": [source, mask, *inputs],
-    }
-    folder = _Folder(Path(out), frames, calibration, made_with, replacing)
+    folder = _Folder(Path(out), frames, calibration, made_with, overwrite)
     folder.find_done()
     before = [name for name in wanted if folder.is_done(name)]
     complete = len(before) == len(wanted) and folder.recording.exists()
@@ -232,7 +224,7 @@ class _Folder:
     frames: Frames
     calibration: Calibration
     made_with: dict[str, Any]  # of another folder's frames nothing is taken
-    replacing: dict[str, Any]  # what may be replaced; see `stage_folder`
+    overwrite: bool
     rows: dict[str, Row] = field(default_factory=dict)  # of the table, by the frame's name
     recorder: SequenceRecorder | None = None
 
@@ -242,20 +234,19 @@ class _Folder:
         ValueError in one sentence, if they were made with anything else, OSError, if the folder is somebody
         else's, and this is not to be replaced.
         """
-        may_replace = self.replacing["overwrite"]
         try:
             if (self.path / TABLE).is_file():
                 self._check_settings()
                 self._read_done()
         except ValueError:
-            if not may_replace:
+            if not self.overwrite:
                 raise
-        if not self.rows and not may_replace:
-            check_folder(self.path)
+        if not self.rows and not self.overwrite:
+            check_new(self.path)
 
     def _check_settings(self) -> None:
         now = json.loads(json.dumps(self.made_with))
-        if read_report(self.path).get("settings") != now:
+        if read_json(self.path / REPORT, "report").get("settings") != now:
             raise ValueError(
                 f"{self.path} holds frames of another video, or made with other settings; "
                 "choose another folder, or begin anew with overwrite=True"
@@ -307,8 +298,8 @@ class _Folder:
         # That of a broken frame is in the table when the next is written.
         if result is not None:
             if not any(map(self.is_done, self.rows)):
-                with stage_folder(self.path, **self.replacing) as staging:
-                    self._write(staging, {})
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._write(self.path, {})
             self._depth(step.name).parent.mkdir(parents=True, exist_ok=True)
             save_depth(self._depth(step.name), result, result.metric)
             self._write(self.path, rows)
@@ -330,7 +321,6 @@ class _Folder:
             "done": len(done),
             "unit": done[0]["unit"] if done else None,
             "settings": self.made_with,
-            "files": VIDEO_FILES,
         }
         write_atomically(folder / REPORT, as_json(content))
 

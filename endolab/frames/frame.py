@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from endolab.frames.surround import SURROUND, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
-from endolab.numerics.checks import mask_array, readonly_copy, real_array
+from endolab.numerics.checks import mask_array, readonly_copy, real_array, unknown_name
 from endolab.numerics.noise import noise_level
 from endolab.numerics.side_by_side import by_rows
 

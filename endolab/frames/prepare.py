@@ -9,9 +9,8 @@ from endolab.frames.frame import FRAME_LIMITS, Frame, check_size, large_parts
 from endolab.frames.highlights import dilate, find_highlights, inpaint
 from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import check_kinds
+from endolab.numerics.checks import check_kinds, unknown_name
 from endolab.numerics.noise import noise_level
 
 

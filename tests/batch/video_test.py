@@ -219,7 +219,6 @@ def test_other_settings_want_another_folder(film, out, shots, change):
         reconstruct_video(**now, out=out, limit=1)
     assert (out / "frames.csv").read_bytes() == written
     assert reconstruct_video(**now, out=out, limit=1, overwrite=True).done_before == 0
-    assert len(names(out / "frames")) == 1
 
 
 def test_files_of_others_are_not_replaced_unasked(film, out):
@@ -230,23 +229,12 @@ def test_files_of_others_are_not_replaced_unasked(film, out):
     assert [path.name for path in out.rglob("*.*")] == ["notes.txt"]
 
 
-def test_one_frame_takes_the_place_of_a_video(film, out, shots):
-    reconstruct_video(film, UNKNOWN, out, limit=3, **QUICK)
-    (out / "frames/notes.txt").write_text("mine")
-    result = el.reconstruct(el.Frame(shots[0].image, shots[0].mask), UNKNOWN, **QUICK)
-    el.save_result(result, out)
-    assert names(out / "frames") == ["notes.txt"]
-    assert "frames.csv" not in names(out)
-    reconstruct_video(film, UNKNOWN, out, limit=1, **QUICK)
-    assert names(out) == OUTPUTS
-
-
-def test_a_run_that_is_interrupted_leaves_nothing_of_the_one_before(film, out):
+def test_a_run_that_is_interrupted_lists_nothing_of_the_one_before(film, out):
     reconstruct_video(film, UNKNOWN, out, limit=3, **QUICK)
     again = {"limit": 3, "overwrite": True, "lam": 2.0} | QUICK
     with pytest.raises(MemoryError, match="1 of 3"):
         reconstruct_video(film, UNKNOWN, out, progress=after(1, MemoryError()), **again)
-    assert names(out / "frames") == ["frame_0"]
+    assert [row["frame"] for row in table(out)] == ["frame_0.png"]
     assert recorded(out) == [0]
 
 

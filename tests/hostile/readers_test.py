@@ -16,7 +16,6 @@ import endolab as el
 from endolab.batch.sweep import read_table
 from endolab.io.datasets import traced
 from endolab.io.datasets.folders import true_z
-from endolab.io.datasets.scared import read_scared_depth
 from endolab.io.depth_maps import read_depth_map
 from endolab.io.descriptions import read_target
 from endolab.io.images import read_image, read_mask
@@ -51,7 +50,6 @@ READERS = {
     "other.npz": read_depth_map,
     "other.npy": read_depth_map,
     "other.tiff": read_depth_map,
-    "points.tiff": read_scared_depth,
     "traced.npz": traced.read,
     "run.rrd": read_recording,
     "endoscope.json": el.load_calibration,

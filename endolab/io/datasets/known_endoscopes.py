@@ -10,8 +10,7 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
-from endolab.model.schema import unknown_name
-from endolab.numerics.checks import PATH, check_kinds, number
+from endolab.numerics.checks import PATH, check_kinds, number, unknown_name
 
 # Evidence of a light that was taken from the paper.
 NOMINAL_EVIDENCE = {"photometry": {"nominal": True}}
