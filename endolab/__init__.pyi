@@ -3,7 +3,6 @@
 from . import metrics as metrics
 from .batch.evaluate import evaluate as evaluate
 from .batch.evaluate import evaluate_folder as evaluate_folder
-from .batch.live import reconstruct_live as reconstruct_live
 from .batch.sweep import sweep as sweep
 from .batch.video import reconstruct_video as reconstruct_video
 from .calibration.session import calibrate as calibrate

@@ -184,15 +184,13 @@ def load_endoscope(arguments: argparse.Namespace) -> Any:
     """Load what --calibration names; pictures are as large as the first frame, if it does not say."""
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
-    from endolab.io.video import is_stream, open_frames
+    from endolab.io.video import open_frames
 
     try:
         return load_calibration(arguments.calibration)
     except MissingSize:
         source = getattr(arguments, "frame", None) or arguments.frames
         sources = [source] if isinstance(source, str) else source
-        if is_stream(sources[0]):
-            raise
         frames = open_frames(*sources)
         ((_, image),) = frames.read(frames.names[:1])
         if image is None:

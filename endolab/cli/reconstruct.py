@@ -1,8 +1,7 @@
-"""The commands that solve: reconstruct, of a frame, a video or a camera, and sweep."""
+"""The commands that solve: reconstruct, of a frame or a video, and sweep."""
 
 import argparse
-import time
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ SNAPSHOTS = 12  # of a march, in its recording
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
-    from endolab.io.video import is_sequence, is_stream
+    from endolab.io.video import is_sequence
 
     source, *others = arguments.frame
     if others:
@@ -32,17 +31,8 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             f"reconstruct takes {wanted}, got {len(others) + 1}; sweep takes pictures that are apart"
         )
     arguments.frame = source
-    if arguments.out is None and not arguments.live:
-        raise ValueError("--out is missing: the folder for the results")
     of_one_frame = ("mesh", "prepare", "uncertainty", "snapshots")
-    if arguments.live or is_stream(source):
-        _refuse(
-            arguments,
-            (*of_one_frame, "every"),
-            "a camera, whose frames are taken as they come",
-        )
-        _reconstruct_live(arguments)
-    elif is_sequence(source):
+    if is_sequence(source):
         _refuse(arguments, of_one_frame, "a folder or a video")
         _reconstruct_video(arguments)
     else:
@@ -228,7 +218,6 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
             arguments.out,
             mask=arguments.mask,
             overwrite=arguments.overwrite,
-            inputs=(arguments.calibration, arguments.settings),
             every=arguments.every or 1,
             limit=arguments.limit,
             progress=show,
@@ -257,91 +246,13 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     print(f"written to {arguments.out}: {', '.join(written)}")
 
 
-def _reconstruct_live(arguments: argparse.Namespace) -> None:
-    """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
-    from endolab.batch.live import (
-        LIVE_COLUMNS,
-        LIVE_WIDTH,
-        live_row,
-        live_summary,
-        log_steps,
-        reconstruct_live,
-    )
-    from endolab.batch.table import write_rows
-    from endolab.io.atomic import as_json, stage_folder, write_atomically
-    from endolab.io.surfaces import save_depth
-
-    calibration, keywords = read_solving_options(arguments)
-    if keywords.get("regulariser") == "auto":
-        del keywords["regulariser"]  # that of a live view
-    width = keywords.get("width") or min(LIVE_WIDTH, calibration.camera.width)
-    rows: list[dict[str, Any]] = []
-    dropped = 0
-    last = None
-    with ExitStack() as ending:
-        sinks: list[Any] = []
-        if arguments.out is not None:
-            folder = ending.enter_context(stage_folder(arguments.out, **_where(arguments)))
-        if not lacking("rerun"):
-            from endolab.workbench.recording.stream import Sink
-
-            if arguments.out is not None:
-                sinks.append(ending.enter_context(Sink(folder / "recording.rrd")))
-            if arguments.live:
-                try:
-                    sinks.append(ending.enter_context(Sink()))
-                except OSError as error:
-                    if arguments.out is None:
-                        raise
-                    print(error)
-        channel = keywords.get("channel") or "green"
-        print(f"live: {width} px wide, channel {channel}; Ctrl-C ends it", flush=True)
-        started = time.perf_counter()
-        keywords |= {"mask": arguments.mask, "limit": arguments.limit}
-        steps = reconstruct_live(arguments.frame, calibration, **keywords)
-        try:
-            with announce_compiling(), progress_bar("frame", "live") as bar, closing(steps):
-                for step in log_steps(steps, sinks):
-                    rows.append(live_row(step))
-                    last = step.result or last
-                    dropped += step.dropped
-                    bar.set_postfix_str(
-                        f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False
-                    )
-                    bar.update()
-                    if arguments.out is None and all(
-                        sink.is_viewer_closed for sink in sinks
-                    ):
-                        break  # the window is closed
-        except KeyboardInterrupt:  # which is how it ends
-            if arguments.out is not None and not rows:
-                raise
-        summary = live_summary(rows, time.perf_counter() - started)
-        if arguments.out is not None:
-            if not rows:
-                raise ValueError(f"{arguments.frame} gave no frame")
-            write_rows(folder / "frames.csv", LIVE_COLUMNS, rows)
-            write_atomically(
-                folder / "report.json", as_json({"endolab": 1, "live": summary})
-            )
-            if last is not None:
-                save_depth(folder / "depth.npz", last, last.metric)
-    print(summary)
-    if arguments.out is not None:
-        what = "depth.npz (the last frame's), frames.csv (a row for each frame taken), recording.rrd"
-        print(f"written to {arguments.out}: {what}")
-
-
 def _sweep(arguments: argparse.Namespace) -> None:
     from endolab.batch.sweep import sweep
 
     calibration, keywords = read_solving_options(arguments)
-    made = 0
     with announce_compiling(), progress_bar("row", "sweep") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
-            nonlocal made
-            made += 1
             bar.total = total
             bar.set_postfix_str(f"{row['frame']} λ {row['lam']:g}", refresh=False)
             bar.update(done - bar.n)
@@ -351,6 +262,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
             calibration,
             truth=arguments.truth,
             table=arguments.out,
+            overwrite=arguments.overwrite,
             n_jobs=arguments.jobs,
             progress=show,
             **keywords,
@@ -362,8 +274,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
         where = f"{row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}"
         print(f"not done: {where}: {row['error']}")
     print(f"{len(rows) - len(failed)} of {len(rows)} rows")
-    if made < len(rows):
-        print(f"made by an earlier call: {len(rows) - made} of them")
     print(f"written to {arguments.out}")
 
 
@@ -380,12 +290,11 @@ def add_reconstruct_commands(commands: Any) -> None:
         "endolab reconstruct frame.png --calibration c3vd --channel green --out r",
         "endolab reconstruct a.png --calibration paper --settings tuned.json --out r",
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
-        "endolab reconstruct 0 --calibration endoscope.json --live",
     )
-    text = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video; or a camera's number or URL"
+    text = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video"
     command.add_argument("frame", nargs="+", metavar="FRAME", help=text)
     most_used = command.add_argument_group("most used").add_argument
-    most_used("--out", metavar="DIR", help="folder for the results; --live does without")
+    most_used("--out", required=True, metavar="DIR", help="folder for the results")
     add_solving_options(command, most_used)
     option = command.add_argument_group("output").add_argument
     add_overwrite(option)
@@ -399,11 +308,9 @@ def add_reconstruct_commands(commands: Any) -> None:
     text = f"of fast_marching in the recording (default {SNAPSHOTS})"
     option("--snapshots", type=integer, metavar="N", help=text)
     add_threads(option)
-    option = command.add_argument_group("a video or a camera").add_argument
+    option = command.add_argument_group("a video").add_argument
     option("--every", type=count, metavar="N", help="every N-th frame only")
     option("--limit", type=count, metavar="N", help="N frames at most")
-    text = "show the newest frame's surface as it comes; by default 320 px wide and from green alone"
-    option("--live", action="store_true", help=text)
 
     command = add_command(
         commands,
@@ -423,6 +330,7 @@ def add_reconstruct_commands(commands: Any) -> None:
     )
     add_solving_options(command, most_used, swept=True)
     option = command.add_argument_group("output").add_argument
+    add_overwrite(option)
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
     text = "at once (default 1); -1: as many as cores"
     option("--jobs", type=integer, metavar="N", help=text)

@@ -6,7 +6,6 @@ from typing import Any
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.channels import ReadyFrame
 from endolab.reconstruction.light.colours import known_albedo
 from endolab.reconstruction.pipeline import prepare, solve_in_stages, to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
@@ -15,7 +14,7 @@ from endolab.solvers.result import Observer, Result, Solver, run
 
 @takes_settings
 def reconstruct(
-    frame: Frame | ReadyFrame,
+    frame: Frame,
     calibration: Calibration,
     *,
     start: Result | None = None,

@@ -20,7 +20,6 @@ ROOT = Path(__file__).resolve().parents[2]
 KNOWN = "--calibration endoscope.json"
 WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 9))
 RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd", "report.json"}
-LIVE = {"depth.npz", "frames.csv", "recording.rrd", "report.json"}
 SIMULATED = {"endoscope.json", "frame.png", "truth.npz"}
 # Of each command: its words, what it writes, and the files that come together or not at all.
 COMMANDS = {
@@ -30,7 +29,6 @@ COMMANDS = {
         RESULT,
     ),
     "video": (f"reconstruct pictures {KNOWN}", "out", None),
-    "live": (f"reconstruct file://{{given}}/video.mkv {KNOWN}", "out", LIVE),
     "sweep": (f"sweep frame.png {KNOWN} --lam {WEIGHTS}", "out.csv", None),
     "calibrate": ("calibrate sheet --target vicalib_small", "out.json", None),
     "simulate": ("simulate colon --width 320", "out", SIMULATED),
