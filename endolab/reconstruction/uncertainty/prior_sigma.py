@@ -15,8 +15,9 @@ import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
-from endolab.reconstruction.light.known_surface import SURFACE_FIT
 from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
+
+GAMMA_ERROR = 0.2  # standard deviation of the γ of cameras
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,7 @@ class PriorSigma:
         errors = _standard_errors(evidence)
         nominal = _is_nominal(evidence)
         if nominal:
-            stated = replace(
-                stated, k=EXPONENT_SEARCH.usual_error, gamma=SURFACE_FIT.gamma[1]
-            )
+            stated = replace(stated, k=EXPONENT_SEARCH.usual_error, gamma=GAMMA_ERROR)
         notes = []
         if errors:
             listed = ", ".join(f"{name} ± {value:.2g}" for name, value in errors.items())
