@@ -29,7 +29,6 @@ from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
 from .reconstruction.contrast import explained_contrast as explained_contrast
 from .reconstruction.contrast import suggest_lam as suggest_lam
-from .reconstruction.light.known_surface import measure_light as measure_light
 from .reconstruction.light.unknown_light import estimate_light as estimate_light
 from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.reconstruct import iterate as iterate

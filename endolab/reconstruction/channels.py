@@ -90,14 +90,6 @@ class Channels:
 
 
 @dataclass(frozen=True)
-class ReadyFrame:
-    """A frame that is prepared already, as while the one before was solved."""
-
-    frame: Frame
-    channels: Channels
-
-
-@dataclass(frozen=True)
 class Task:
     """What one stage hands to the next: a problem to solve, and what was done for it."""
 

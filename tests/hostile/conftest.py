@@ -86,7 +86,6 @@ def given(tmp_path_factory):
         np.savez("other.npz", depth=z, other=z)
         np.save("other.npy", z)
         cv2.imwrite("other.tiff", z)
-        assert run(f"sweep frame.png {known} table.csv") == 0
         _make_pictures(cv2.imread("frame.png"))
         assert run(f"reconstruct pictures {known} video") == 0
         sheet = "--width 240 --frames 6 --target vicalib_small"

@@ -13,7 +13,6 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 import endolab as el
-from endolab.batch.sweep import read_table
 from endolab.io.datasets import traced
 from endolab.io.datasets.folders import true_z
 from endolab.io.depth_maps import read_depth_map
@@ -55,7 +54,6 @@ READERS = {
     "endoscope.json": el.load_calibration,
     "target.json": read_target,
     "settings.json": read_settings,
-    "table.csv": read_table,
     "rig.xml": el.load_calibration,
 } | dict.fromkeys(PICTURES, read_image)
 READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
