@@ -233,8 +233,9 @@ def primal_dual(
         v = sign * (np.log(_single(x)) - log_factor)
 
         if step % every == 0 or step == max_iterations:
-            terms = grid.terms(pad_maps(np.where(mask, v, 0.0)), problem.lam)
-            iterate = replace(Iterate.of(problem, v, iterate, terms), k=step)
+            found = np.where(mask, v.astype(np.float64), 0.0)
+            terms = grid.terms(pad_maps(found), problem.lam)
+            iterate = replace(Iterate.of(problem, found, iterate, terms), k=step)
             yield iterate
             energies.append(iterate.energy)
             half = min(energies[: len(energies) // 2 + 1])
