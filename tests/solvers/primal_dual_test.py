@@ -70,7 +70,7 @@ def test_it_leaves_the_energys_minimum():
         start = lowest.iterate.log_distance
         steps = primal_dual(problem, start, patch=patch, max_iterations=400)
         result = el.run(steps)
-            assert 1.5 * lowest.energy < energies(result)[-1] < 6 * lowest.energy
+        assert 1.5 * lowest.energy < energies(result)[-1] < 6 * lowest.energy
 
 
 @every_variant
