@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.frames.surround import SURROUND, field_of_view
+from endolab.frames.surround import SURE, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
@@ -39,6 +39,7 @@ class FrameLimits:
 
 
 FRAME_LIMITS = FrameLimits()
+ROUNDING = 0.3 / 255  # noise: that of rounding to 8 bits
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ class Frame:
     def _pixels_to_use(self) -> BoolArray:
         if self.mask.all():
             return freeze(field_of_view(self.image))
-        field = field_of_view(self.image, SURROUND.sure)
+        field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
         reach = 2 * round(FRAME_LIMITS.edge * min(field.shape)) + 1
         around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
