@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.frames.frame import FRAME_LIMITS, Frame, check_size
+from endolab.frames.frame import SATURATED, Frame, check_size
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
@@ -165,7 +165,7 @@ class _Patches:
             )
         height = max(1, round(frame.height * SURFACE_FIT.width / frame.width))
         small = frame.resize(SURFACE_FIT.width, height, SURFACE_FIT.gamma[0])
-        clipped = frame.image.max(axis=-1) >= FRAME_LIMITS.bright
+        clipped = frame.image.max(axis=-1) >= SATURATED
         clipped = cv2.resize(
             clipped.astype(float), (small.width, height), interpolation=cv2.INTER_AREA
         )

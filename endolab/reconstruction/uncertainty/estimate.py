@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.ndimage
 
-from endolab.frames.frame import FRAME_LIMITS
+from endolab.frames.frame import ROUNDING
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, freeze
@@ -355,7 +355,7 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     prepared = result.provenance.preparation
     blur = 0.0 if prepared is None else prepared.smooth
     green = shown if shown.ndim == 2 else shown[..., 1]
-    level = max(noise_level(green, result.mask), FRAME_LIMITS.rounding)
+    level = max(noise_level(green, result.mask), ROUNDING)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     if blur < SAMPLING.sharp:
         return level, 0.0
