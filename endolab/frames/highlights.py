@@ -15,6 +15,7 @@ import scipy
 from endolab.frames.frame import ROUNDING, power
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
+from endolab.numerics.side_by_side import by_rows
 
 STEEPEST = (
     0.7  # change of log light over twice a highlight's width that still counts as a slope
@@ -41,7 +42,7 @@ def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
     return image[mask][nearest - 1]
 
 
-def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
+def _palest_colour(light: np.ndarray, wide: float) -> FloatArray:
     """Colour of the palest quarter of the tissue around each pixel, over its red, (H, W, 3)."""
     from skimage.filters import rank
 
@@ -67,20 +68,26 @@ def _white_part(
     With u = colour/spread and v = 1/spread, v⊥ = v - u (u·v)/(u·u) is white that the tissue's colour is not;
     the white part is v⊥·l / v⊥·v⊥, of variance 1 / v⊥·v⊥.
     """
-    own = colour / spread
-    white = 1 / spread
+    part, certainty = np.empty((2, *light.shape[:2]))
 
     def dot(one: FloatArray, other: FloatArray) -> FloatArray:
-        return np.asarray(np.einsum("ijk,ijk->ij", one, other))
+        product = one * other  # NumPy's own sum takes several times as long for three
+        return product[..., 0] + product[..., 1] + product[..., 2]
 
-    least = 1e-9 * dot(white, white)  # where the tissue itself is white
-    white -= own * (dot(own, white) / dot(own, own))[..., None]
-    squared = np.maximum(dot(white, white), least)
-    part = dot(white, light / spread) / squared
-    return part, part * np.sqrt(squared)
+    def split(rows: slice) -> None:
+        own = colour[rows] / spread[rows]
+        white = 1 / spread[rows]
+        least = 1e-9 * dot(white, white)  # where the tissue itself is white
+        white -= own * (dot(own, white) / dot(own, own))[..., None]
+        squared = np.maximum(dot(white, white), least)
+        part[rows] = dot(white, light[rows] / spread[rows]) / squared
+        certainty[rows] = part[rows] * np.sqrt(squared)
+
+    by_rows(split, light.shape)
+    return part, certainty
 
 
-def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
+def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
     log_tissue = np.log(np.maximum(tissue, 1e-4))
     brightest = log_tissue
@@ -126,16 +133,15 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     demand = 2.5  # without colour, which is half the evidence
     if image.ndim == 3:
         colour = _palest_colour(calm, wide)
-        if (
-            np.median(np.minimum.reduce(cv2.split(colour))[mask]) < 0.8
-        ):  # tissue is not white
+        darkest = np.minimum.reduce(cv2.split(colour))
+        if np.median(darkest[mask]) < 0.8:  # else tissue can't be told from lamps
             white, certainty = _white_part(light, colour, spread)
             demand = 1.0
         # Blue and green differ most between lamp and tissue; red may be saturated.
         light, calm = ((a[..., 1] + a[..., 2]) / 2 for a in (light, calm))
         spread = np.hypot(spread[..., 1], spread[..., 2]) / 2
 
-    def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
+    def evidence(base: np.ndarray, over: float, sigmas: float) -> BoolArray:
         excess = light - base
         stray = 0.02  # scatters into every pixel: in the dark, ratios say little
         much = np.minimum(excess, white) > demand * over * (base + stray)
@@ -148,11 +154,13 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         opened = cv2.GaussianBlur(opened, (0, 0), max(0.25 * reach, 0.5))
         base = _extrapolate(opened, 2 * max(1, round(reach)))
         certain = evidence(base, seed, 4.0)
-        rim = dilate(certain, wide / 320) & evidence(opened, skirt, 2.0)
-        faint = rim | evidence(base, skirt, 2.0)
-        mirrored |= scipy.ndimage.binary_propagation(
-            certain & faint, np.ones((3, 3)), faint
-        )
+        skirts = [evidence(base, skirt, 2.0)]
+        if seed < 1:  # a faint rim
+            skirts += [dilate(certain, wide / 320) & evidence(opened, skirt, 2.0)]
+        for faint in skirts:
+            mirrored |= scipy.ndimage.binary_propagation(
+                certain & faint, np.ones((3, 3)), faint
+            )
     # Small holes are the highlights' own tops, where even white is clipped.
     closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, _square(1))
     return (closed > 0) & mask

@@ -122,11 +122,13 @@ def _contrast(picture: SingleArray) -> SingleArray:
     )
     colours = np.median(corners, axis=1)
     spread = np.percentile(np.abs(corners - colours[:, None]).max(axis=-1), 90, axis=1)
+    noise = 3 + 2 * spread.astype(np.float32)
+    alike = np.abs(colours[:, None] - colours).max(axis=-1) <= noise[:, None]
     contrast = np.full(picture.shape[:2], 255, np.float32)
-    for colour, noise in zip(colours, 3 + 2 * spread.astype(np.float32), strict=True):
-        alike = np.abs(colours - colour).max(axis=-1) <= noise
-        if noise <= 23 and (alike.sum() > 1 or colour.max() <= 8):
-            apart = np.abs(picture - colour).max(axis=-1) - noise
+    for corner in np.flatnonzero(noise <= 23):
+        first = alike[corner].argmax() == corner
+        if first and (alike[corner].sum() > 1 or colours[corner].max() <= 8):
+            apart = np.abs(picture - colours[corner]).max(axis=-1) - noise[corner]
             contrast = np.minimum(contrast, np.maximum(apart, 0))
     return contrast
 
@@ -157,14 +159,15 @@ def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) ->
     points = np.concatenate(contours)[:, 0].astype(np.float32)
     along = np.roll(points, -4, axis=0) - np.roll(points, 4, axis=0)
     length = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1)
-    inwards = along[:, ::-1] * np.float32([1, -1]) / length
+    inwards = along[:, ::-1] * (1, -1) / length
     inner = ((points > 1) & (points < np.array(outline.shape[::-1]) - 2)).all(axis=-1)
     if not inner.any():
         return Field(outline, points[:0], points[:0], 0.0)
     points = points[inner]
-    px = np.arange(-RISE, 2 * RISE + 1, dtype=np.float32)  # into the field
+    px = np.arange(-RISE, 2 * RISE + 1)  # into the field
     at = points[:, None] + px[:, None] * inwards[inner, None]
-    profiles = np.asarray(cv2.remap(contrast, at, None, cv2.INTER_LINEAR))
+    x, y = np.moveaxis(at.astype(np.float32), -1, 0)
+    profiles = np.asarray(cv2.remap(contrast, x, y, cv2.INTER_LINEAR))
     before, after, soon, end, beyond = profiles[:, [8, 12, 15, 20, 30]].T
     edge = (
         (before <= least + 1)
