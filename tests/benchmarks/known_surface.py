@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 from endolab.reconstruction.uncertainty.prior_sigma import GAMMA_ERROR
 
-from endolab.frames.frame import FRAME_LIMITS, Frame
+from endolab.frames.frame import SATURATED, Frame
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
@@ -81,7 +81,7 @@ class _Patches:
     def __init__(self, frame: Frame, distance: FloatArray, camera: Camera) -> None:
         height = max(1, round(frame.height * WIDTH / frame.width))
         small = frame.resize(WIDTH, height, GAMMA)
-        clipped = (frame.image.max(axis=-1) >= FRAME_LIMITS.bright).astype(float)
+        clipped = (frame.image.max(axis=-1) >= SATURATED).astype(float)
         clipped = cv2.resize(clipped, (WIDTH, height), interpolation=cv2.INTER_AREA)
         known = resample_truth(distance, (height, WIDTH))
         field = camera.resize(WIDTH, height).field
