@@ -6,7 +6,7 @@ A band's intermediate maps stay in the processor's cache, where those of a whole
 fresh memory and read from it.
 """
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from typing import TypeVar
@@ -65,15 +65,6 @@ def in_background(function: Callable[[], Found]) -> Callable[[], Found]:
     doing = pool.submit(copy_context().run, alone)
     pool.shutdown(wait=False)
     return doing.result
-
-
-def one_ahead(items: Iterator[Item]) -> Iterator[Item]:
-    """Yield items, of which the next is made in the background while one is used."""
-    end = object()
-    coming = in_background(lambda: next(items, end))
-    while (item := coming()) is not end:
-        coming = in_background(lambda: next(items, end))
-        yield item  # type: ignore[misc]
 
 
 def run_together(

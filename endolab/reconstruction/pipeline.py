@@ -31,7 +31,7 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import excerpt
+from endolab.numerics.checks import check_kinds
 from endolab.numerics.side_by_side import in_background
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import known_albedo
@@ -66,6 +66,7 @@ SETTLED_CUT = 1e-2
 SETTLED_UNCUT = 5e-4
 
 
+@check_kinds(frame=Frame, calibration=Calibration, start=Result)
 @takes_settings
 def reconstruct(
     frame: Frame,
@@ -136,6 +137,7 @@ def reconstruct(
         return run(stages, observers, last=to_scale)
 
 
+@check_kinds(frame=Frame, calibration=Calibration, start=Result)
 @takes_settings
 def iterate(
     frame: Frame, calibration: Calibration, *, start: Result | None = None, **options: Any
@@ -167,13 +169,6 @@ def check_arguments(
     frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
 ) -> None:
     """Raise a ValueError in one sentence if something cannot be used."""
-    for name, value, kind, expected in (
-        ("frame", frame, Frame, "a Frame"),
-        ("calibration", calibration, Calibration, "a Calibration"),
-        ("start", start, Result | np.ndarray | None, "an earlier Result"),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
     check_frame(frame, calibration, settings)
     if start is not None:
         check_solver_options(settings.solver, {"start": start})

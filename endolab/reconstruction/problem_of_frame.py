@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from endolab.frames.frame import (
-    FRAME_LIMITS,
+    SATURATED,
     Frame,
     check_size,
     smooth_light,
@@ -67,7 +67,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     def make(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)
         own = photometry.simplify().channel(name)
-        saturated = image >= FRAME_LIMITS.bright
+        saturated = image >= SATURATED
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = settings.smooth
@@ -125,8 +125,8 @@ def make_problem(frame: Frame, calibration: Calibration, **options: object) -> P
         raise ValueError(
             f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()"
         )
-    usual = "grey" if frame.image.ndim == 2 else "green"
-    settings = replace(settings, channel=settings.channel or usual)
+    if settings.channel is None:
+        settings = replace(settings, channel="grey" if frame.image.ndim == 2 else "green")
     check_frame(frame, calibration, settings)
     return problem_of_frame(frame, calibration, settings)
 

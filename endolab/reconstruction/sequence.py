@@ -8,7 +8,7 @@ little and rigidly. `scale_between` weighs the one against the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.model.thinned import ThinnedMaps
+from endolab.model.surface import normals
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
@@ -50,15 +50,6 @@ LINKING = Linking()
 
 
 @dataclass(frozen=True)
-class Surface:
-    """What is kept of a frame that was done: with it the next goes on."""
-
-    distance: FloatArray  # (H, W), at its linked scale, mm or relative; nan where unknown
-    gain: float  # that belongs to this scale
-    metric: bool  # whether distances are in mm
-
-
-@dataclass(frozen=True)
 class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
@@ -72,33 +63,31 @@ class Carried:
     @classmethod
     def take_up(
         cls,
-        surface: Surface,
+        distance: FloatArray,
+        row: Mapping[str, Any],
         frame: Frame,
         calibration: Calibration,
-        min_steepness: float,
-        least: float,
     ) -> Self:
-        """Take up a surface that was kept: of a frame, with the energy `least`.
+        """Take up a frame's surface, (H, W), nan where unknown, that was kept at its linked scale.
 
-        It was cut at lines steeper than `min_steepness`; 0 if it was not cut.
+        The row says its gain, unit, energy, and the `min_steepness` of the lines where it was cut, or 0.
         """
-        v = np.log(surface.distance)
-        height, width = v.shape
-        report = Report(
-            contours=ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
-        )
+        height, width = distance.shape
+        min_steepness = row["min_steepness"] or None
+        report = Report(contours=ContourOutcome.AS_BEFORE, min_steepness=min_steepness)
         problem = Problem(
-            np.zeros(v.shape),
-            np.isfinite(v),
+            np.zeros(distance.shape),
+            np.isfinite(distance),
             calibration.camera.resize(width, height),
-            replace(calibration.photometry, gain=surface.gain),
-            metric=surface.metric,
-            cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
+            replace(calibration.photometry, gain=row["gain"]),
+            metric=row["unit"] == "mm",
+            cuts=np.zeros((2, height, width), dtype=bool) if min_steepness else None,
             report=report,
         )
-        iterate = Iterate(problem, 0, freeze(v), {})
+        v = freeze(np.log(distance, dtype=np.float64))
+        iterate = Iterate(problem, 0, v, {})
         result = Result(iterate, Status.CONVERGED, [], 0.0)
-        return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
+        return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
 
 
 @dataclass(frozen=True)
@@ -293,8 +282,7 @@ def scale_between(before: Result, result: Result) -> float:
         return by_gain
     old = before.distance[thin]
     new = result.distance[thin]
-    maps = ThinnedMaps(field, before.mask, None, step)
-    n = maps.normals(before.iterate.log_distance)
+    n = normals(before.iterate.log_distance, field, before.mask, step)
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):

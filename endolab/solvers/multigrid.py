@@ -270,14 +270,16 @@ class _Level(NamedTuple):
     def on(cls, structure: Structure, entries: int) -> _Level:
         """Make room for so many numbers of a pixel."""
         shape = structure.active.shape
-        maps = np.zeros((5, *shape))
+        inverse, x, b, r, left = np.zeros((5, *shape))
         steps = np.zeros((3, *shape))
         nowhere = np.empty(0, np.int64)
         way = Interpolation(np.empty((0, 0)), nowhere, nowhere, np.empty(0))
         if not _is_coarsest(structure):
             way = structure.way
         matrix = np.empty((entries, *shape))
-        return cls(structure.active, *way, matrix, *maps, steps)
+        return cls(
+            structure.active, *way, matrix, inverse, x, b, r, left, steps
+        )
 
     @property
     def way(self) -> Interpolation:

@@ -14,15 +14,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from endolab.reconstruction.channels import in_units, prepare_channels
+from endolab.reconstruction.light.separation import estimate_indirect, merge
 from matplotlib.figure import Figure
 
 import endolab as el
 from endolab.metrics.depth_errors import compare, depth_cuts
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import pad_maps
-from endolab.reconstruction.channels import in_units, prepare_channels
 from endolab.reconstruction.colours import AlbedoPrior, known_albedo
-from endolab.reconstruction.light.separation import estimate_indirect, merge
 from endolab.reconstruction.pipeline import SETTLED_CUT
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import model_image

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from endolab.reconstruction.contours.choice import CHOICE
+from endolab.reconstruction.light.separation import SEPARATION_ROUNDS
 
 import endolab as el
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.lines import LINE_SEARCH
 from endolab.reconstruction.colours import FIT
-from endolab.reconstruction.light.separation import SEPARATION_ROUNDS
+from endolab.reconstruction.lines import LINE_SEARCH
 from endolab.reconstruction.walls import WALL_MODEL
 from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import endolab as el
+from endolab.reconstruction.report import meaning
 from endolab.reconstruction.scale import (
     check_scale,
     factor_of_diameter,
     factor_of_distance,
     scale_of,
 )
-from endolab.reconstruction.report import meaning
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from tests.tools.problems import Shot

@@ -41,7 +41,7 @@ from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import explained_share, noise_of
 from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.report import warnings
-from endolab.reconstruction.uncertainty.estimate import (
+from endolab.reconstruction.uncertainty import (
     Uncertainty,
     noise_left,
     uncertainty_of,

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-
-import endolab as el
 from endolab.reconstruction.channels import Task, make_problem
 from endolab.reconstruction.contours.choice import (
     choose_contours,
     enlarge_cuts,
     solve_cut,
 )
+
+import endolab as el
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.provenance import ContourOutcome, Provenance
 from endolab.solvers.result import name_stage

@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 import pytest
+from endolab.reconstruction.channels import make_problem
+from endolab.reconstruction.contours.choice import CHOICE
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
 from skimage.morphology import h_minima
@@ -12,8 +14,6 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
-from endolab.reconstruction.channels import make_problem
-from endolab.reconstruction.contours.choice import CHOICE
 from endolab.reconstruction.lines import LINE_SEARCH, basins, find_contours
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from endolab.reconstruction.channels import make_problem
 
 import endolab as el
 from endolab.model.photometry import CHANNELS
-from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.colours import (
     AlbedoPrior,
     ColourResiduals,

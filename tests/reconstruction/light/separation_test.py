@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from endolab.reconstruction.channels import make_channels
+from endolab.reconstruction.light.separation import merge, separate
 
 import endolab as el
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.channels import make_channels
-from endolab.reconstruction.light.separation import merge, separate
 from endolab.reconstruction.report import notes
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import LightOutcome

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import endolab as el
-from endolab.io.surfaces import read_depth, write_cloud
+from endolab.io.surfaces import read_depth
 from endolab.reconstruction.report import meaning
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
@@ -92,8 +92,3 @@ def test_the_cloud_opens_in_open3d(tmp_path, result, open3d):
     np.testing.assert_allclose(cloud.normals, result.normals[inside], atol=1e-6)
     colours = result.problem.picture[inside]
     np.testing.assert_allclose(cloud.colors, colours, atol=0.51 / 255)
-
-
-def test_an_empty_cloud(tmp_path):
-    write_cloud(tmp_path / "c.ply", *np.zeros((3, 0, 3)))
-    assert b"element vertex 0\n" in (tmp_path / "c.ply").read_bytes()
