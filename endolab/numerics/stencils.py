@@ -23,6 +23,7 @@ from endolab.numerics.threads import on_cores, rows_within
 DOWN = (0, 0, 0, 1, -1, 1)
 RIGHT = (0, 1, -1, 0, 0, 1)
 FIRST, SECOND, CENTRAL = range(3)
+ROOT_2 = 2**0.5
 # Of each kind, which weights are not 0 everywhere: (term, neighbour).
 ENTRIES = [
     np.array([(0, 0), (0, 1), (2, 0), (2, 3)]),
@@ -33,62 +34,72 @@ ENTRIES = [
 ]
 
 
+# Of each kind, with r = 1 where there is a link ahead, else 0, and l likewise behind: the weight of the pixel
+# ahead is r (a + b l), of that behind l (c + d r), and of the pixel itself what makes their sum 0.
+COEFFICIENTS = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 1.0), (1.0, -0.5, -1.0, 0.5))
+
+
+@kernel
+def _weights(
+    link: ByteArray, i: int, j: int, a: float, b: float, c: float, d: float
+) -> tuple[float, float, float, float]:
+    """Weights of the pixels to the right, left, below and above, by a kind's coefficients."""
+    right = float(link[0, i, j])
+    left = float(link[0, i, j - 1])
+    south = float(link[1, i, j])
+    north = float(link[1, i - 1, j])
+    return (
+        right * (a + b * left),
+        left * (c + d * right),
+        south * (a + b * north),
+        north * (c + d * south),
+    )
+
+
+@kernel
+def _square(link: ByteArray, i: int, j: int) -> float:
+    """√2 where the four pixels from column j and row i to the right and below are joined, 0 elsewhere."""
+    upper = float(link[0, i, j]) * link[1, i, j]
+    return ROOT_2 * (upper * link[0, i + 1, j] * link[1, i, j + 1])
+
+
 @kernel
 def stencil_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
     """Write the weights of a row's differences, (3, 6, W); those that are not of its `ENTRIES` stay."""
-    right = t[0, 1]
-    left = t[0, 2]
-    south = t[2, 3]
-    north = t[2, 4]
-    for j in range(right.size):
-        right[j] = link[0, i, j + PAD]
-        left[j] = link[0, i, j + PAD - 1]
-        south[j] = link[1, i, j + PAD]
-        north[j] = link[1, i - 1, j + PAD]
-    if kind == CENTRAL:
-        for j in range(right.size):
-            mean = 1 - 0.5 * (right[j] * left[j])
-            right[j] *= mean
-            left[j] *= -mean
-            mean = 1 - 0.5 * (south[j] * north[j])
-            south[j] *= mean
-            north[j] *= -mean
-    elif kind == FIRST:
-        left[:] = 0.0
-        north[:] = 0.0
-    else:
-        for j in range(right.size):
-            right[j] = left[j] = right[j] * left[j]
-            south[j] = north[j] = south[j] * north[j]
-    for j in range(right.size):
-        t[0, 0, j] = -(right[j] + left[j])
-        t[2, 0, j] = -(south[j] + north[j])
-    if kind != SECOND:
-        return
-    root2 = np.sqrt(2.0)
+    a, b, c, d = COEFFICIENTS[kind]
     for j in range(t.shape[2]):
-        upper = float(link[0, i, j + PAD]) * link[1, i, j + PAD]
-        square = root2 * (upper * link[0, i + 1, j + PAD] * link[1, i, j + PAD + 1])
-        t[1, 0, j] = square
-        t[1, 1, j] = -square
-        t[1, 3, j] = -square
-        t[1, 5, j] = square
+        right, left, south, north = _weights(link, i, j + PAD, a, b, c, d)
+        t[0, 0, j] = -(right + left)
+        t[0, 1, j] = right
+        t[0, 2, j] = left
+        t[2, 0, j] = -(south + north)
+        t[2, 3, j] = south
+        t[2, 4, j] = north
+    if kind == SECOND:
+        for j in range(t.shape[2]):
+            square = _square(link, i, j + PAD)
+            t[1, 0, j] = square
+            t[1, 1, j] = -square
+            t[1, 3, j] = -square
+            t[1, 5, j] = square
 
 
 @kernel
-def apply_row(t: FloatArray, kind: int, x: FloatArray, i: int, y: FloatArray) -> None:
-    """Write the differences of a row of x, y = K x, (3, W): weights of a term sum to 0."""
+def apply_row(link: ByteArray, kind: int, x: FloatArray, i: int, y: FloatArray) -> None:
+    """Write the differences of a row of x, y = K x, (3, W)."""
+    a, b, c, d = COEFFICIENTS[kind]
     for j in range(y.shape[1]):
+        right, left, south, north = _weights(link, i, j + PAD, a, b, c, d)
         here = x[i, j + PAD]
-        right = t[0, 1, j] * (x[i, j + PAD + 1] - here)
-        y[0, j] = right + t[0, 2, j] * (x[i, j + PAD - 1] - here)
-        below = t[2, 3, j] * (x[i + 1, j + PAD] - here)
-        y[2, j] = below + t[2, 4, j] * (x[i - 1, j + PAD] - here)
+        along = right * (x[i, j + PAD + 1] - here)
+        y[0, j] = along + left * (x[i, j + PAD - 1] - here)
+        down = south * (x[i + 1, j + PAD] - here)
+        y[2, j] = down + north * (x[i - 1, j + PAD] - here)
     if kind == SECOND:
         for j in range(y.shape[1]):
             upper = x[i, j + PAD] - x[i, j + PAD + 1]
             lower = x[i + 1, j + PAD] - x[i + 1, j + PAD + 1]
-            y[1, j] = t[1, 0, j] * (upper - lower)
+            y[1, j] = _square(link, i, j + PAD) * (upper - lower)
 
 
 @kernel
@@ -107,11 +118,9 @@ def adjoint_row(
 
 @on_cores(cost=10)
 def _apply(rows: Span, y: FloatArray, x: FloatArray, link: ByteArray, kind: int) -> None:
-    t = np.zeros((3, len(DOWN), x.shape[1] - 2 * PAD))
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     for i in range(first, last):
-        stencil_row(link, kind, i, t)
-        apply_row(t, kind, x, i, y[:, i, PAD:-PAD])
+        apply_row(link, kind, x, i, y[:, i, PAD:-PAD])
 
 
 @on_cores(cost=10)

@@ -89,13 +89,11 @@ def _slopes_row(
     metric: FloatArray,
     link: ByteArray,
     i: int,
-    t: FloatArray,
     y: FloatArray,
     slopes: FloatArray,
 ) -> None:
-    """G⁻¹ ∇v and tan²θ on a row, (3, W); t becomes the weights of ∇, y the gradient."""
-    stencil_row(link, CENTRAL, i, t)
-    apply_row(t, CENTRAL, v, i, y)
+    """G⁻¹ ∇v and tan²θ on a row, (3, W); y becomes the gradient."""
+    apply_row(link, CENTRAL, v, i, y)
     for j in range(y.shape[1]):
         u = y[0, j]
         w = y[2, j]
@@ -131,12 +129,13 @@ def fill_slopes(
 ) -> None:
     """G⁻¹ ∇v and tan² of the angle between ray and normal, (3, ...); of one map, (1, ...), tan² alone."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
-    t = np.zeros((3, len(DOWN), v.shape[1] - 2 * PAD))
-    y, slopes = np.zeros((2, 3, v.shape[1] - 2 * PAD))
+    y = np.zeros((3, v.shape[1] - 2 * PAD))
+    slopes = np.zeros((3, v.shape[1] - 2 * PAD))
     for i in range(first, last):
-        _slopes_row(v, metric, link, i, t, y, slopes)
+        _slopes_row(v, metric, link, i, y, slopes)
         for k in range(len(out)):
-            copy_row(slopes[3 - len(out) + k], out[k, i, PAD:])
+            for j in range(y.shape[1]):
+                out[k, i, j + 2] = slopes[3 - len(out) + k, j]
 
 
 @kernel
@@ -145,7 +144,6 @@ def _predict_row(
     picture: Picture,
     wall: Wall,
     i: int,
-    t: FloatArray,
     y: FloatArray,
     rows: FloatArray,
 ) -> None:
@@ -158,7 +156,7 @@ def _predict_row(
     slope = rows[3]
     shading = rows[4]
     slant = rows[7]
-    _slopes_row(v, metric, link, i, t, y, rows[5:8])
+    _slopes_row(v, metric, link, i, y, rows[5:8])
     _shade_row(slant, table, step, shading, slope)
     for j in range(model.size):
         log_image = log_scale[i, j + 2] + (shading[j] - 2 * v[i, j + 2]) / gamma
@@ -174,15 +172,15 @@ def _predict_row(
 
 
 @kernel
-def _sizes_row(y: FloatArray, above: FloatArray, size: FloatArray) -> None:
+def _sizes_row(
+    y: FloatArray, above: FloatArray, squares: FloatArray, size: FloatArray
+) -> None:
     """|K x| on a row, of its differences and those of the row above: see `Differences.norm`."""
     for j in range(size.size):
-        squares = y[1, j] * y[1, j] + above[1, j] * above[1, j]
-        size[j] = y[0, j] * y[0, j] + y[2, j] * y[2, j] + 0.25 * squares
-    for j in range(size.size - 1):
-        size[j + 1] += 0.25 * (y[1, j] * y[1, j] + above[1, j] * above[1, j])
+        squares[j + 1] = 0.25 * (y[1, j] * y[1, j] + above[1, j] * above[1, j])
     for j in range(size.size):
-        size[j] = np.sqrt(size[j])
+        own = y[0, j] * y[0, j] + y[2, j] * y[2, j]
+        size[j] = np.sqrt(own + (squares[j] + squares[j + 1]))
 
 
 @on_cores(cost=15)
@@ -199,30 +197,33 @@ def _fill_sums(
     _, threshold, epsilon, scale, kind, _, _ = penalties
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
-    t = np.zeros((3, len(DOWN), count))
     differences = np.zeros((2, 3, count))
-    y, sums = np.zeros((2, 3, count))
+    y = np.zeros((3, count))
+    data = np.zeros(count)
+    rough = np.zeros(count)
+    squares = np.zeros(count + 1)
     size = np.empty(count)
-    data = sums[0]
-    rough = sums[1]
+    residual = work[0]
+    counts = work[1]
+    edge = picture.edge
     for start in range(rows[0], rows[1], BAND_ROWS):
         first, last = rows_within((start, start + BAND_ROWS), PAD, v.shape[0] - PAD)
-        sums[:] = 0.0
+        data[:] = 0.0
+        rough[:] = 0.0
         for i in range(first - 1, last):
-            stencil_row(picture.link, kind, i, t)
-            apply_row(t, kind, xi, i, differences[i % 2])
+            apply_row(picture.link, kind, xi, i, differences[i % 2])
             if i < first:
                 continue
-            _sizes_row(differences[i % 2], differences[1 - i % 2], size)
-            _predict_row(v, picture, wall, i, t, y, work)
+            _sizes_row(differences[i % 2], differences[1 - i % 2], squares, size)
+            _predict_row(v, picture, wall, i, y, work)
             for j in range(count):
-                r = abs(work[0, j])
+                r = abs(residual[j])
                 small = min(r, threshold)
-                data[j] += work[1, j] * small * (r - 0.5 * small)
+                data[j] += counts[j] * small * (r - 0.5 * small)
             for j in range(count):
                 s = scale * size[j]
                 small = min(s, epsilon)
-                rough[j] += picture.edge[i, j + 2] * small * (s - 0.5 * small) / epsilon
+                rough[j] += edge[i, j + 2] * small * (s - 0.5 * small) / epsilon
         out[start // BAND_ROWS, 0] = data.sum()
         out[start // BAND_ROWS, 1] = rough.sum()
 
@@ -260,10 +261,12 @@ def linearise(
     t = np.zeros((3, len(DOWN), count))
     y = np.zeros((3, count))
     # Of a row and of the one above, whose squares wait for this row's weights:
-    stencils = np.zeros((2, 3, len(DOWN), count))
     differences = np.zeros((2, 3, count))
     weights = np.zeros((2, count + 1))
+    squares = np.zeros(count + 1)
     size = np.empty(count)
+    active = picture.active
+    edge = picture.edge
     descent[rows[0] : rows[1]] = 0.0
     smooth[rows[0] : rows[1]] = 0.0
     first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, v.shape[0] - PAD)
@@ -272,11 +275,10 @@ def linearise(
         now = i % 2
         above = 1 - now
         q = weights[now]
-        stencil_row(picture.link, kind, i, stencils[now])
-        apply_row(stencils[now], kind, xi, i, differences[now])
-        _sizes_row(differences[now], differences[above], size)
+        apply_row(picture.link, kind, xi, i, differences[now])
+        _sizes_row(differences[now], differences[above], squares, size)
         for j in range(count):
-            q[j] = lam * picture.active[i, j + 2] * picture.edge[i, j + 2]
+            q[j] = lam * active[i, j + 2] * edge[i, j + 2]
             q[j] *= scale * scale / max(scale * size[j], epsilon)
         if is_own:
             copy_row(q[:-1], parts[SMOOTHNESS, i, PAD:])
@@ -288,10 +290,11 @@ def linearise(
                 y[0, j] = p[j] * differences[above, 0, j]
                 y[1, j] = square * differences[above, 1, j]
                 y[2, j] = p[j] * differences[above, 2, j]
-            adjoint_row(stencils[above], entries, y, i - 1, rows, smooth)
+            stencil_row(picture.link, kind, i - 1, t)
+            adjoint_row(t, entries, y, i - 1, rows, smooth)
         if not first <= i < last:
             continue
-        _predict_row(v, picture, wall, i, t, y, work)
+        _predict_row(v, picture, wall, i, y, work)
         residual = work[0]
         weight = work[1]
         by_v = work[2]
@@ -313,6 +316,7 @@ def linearise(
             y[0, j] = forced * work[5, j]
             y[1, j] = 0.0
             y[2, j] = forced * work[6, j]
+        stencil_row(picture.link, CENTRAL, i, t)
         adjoint_row(t, central, y, i, rows, descent)
 
 

@@ -274,7 +274,9 @@ def _fill(
     rows: Span, out: FloatArray, share: FloatArray, m: FloatArray, special: Rows
 ) -> None:
     """Write these rows of Pᵀ A P, of all pixels that reach them; `share` is that of `Interpolation`."""
-    out[:, rows[0] : rows[1]] = 0.0
+    for k in range(len(out)):
+        for i in range(rows[0], rows[1]):
+            clear_row(out[k, i])
     pixels = np.zeros((5, share.shape[1]))
     b, summed = np.zeros((2, 3, 5, out.shape[2]))
     even, odd = np.zeros((2, 4, out.shape[2]))

@@ -55,20 +55,17 @@ def restrict(
 ) -> None:
     """Adjoint of `prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
-    taken = np.empty((4, r.shape[1]))
+    sums = np.empty(r.shape[1])  # of the four rows around a block
     for ci in range(first, last):
         i = 2 * ci - PAD
-        for k in range(4):
-            for j in range(r.shape[1]):
-                taken[k, j] = share[i + k - 1, j] * r[i + k - 1, j]
-        a, b, c, d = taken
+        for j in range(r.shape[1]):
+            inner_rows = share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j]
+            outer_rows = share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
+            sums[j] = 3 * inner_rows + outer_rows
         for cj in range(out.shape[1] - 2 * PAD):
-            j = PAD + 2 * cj  # of the block's first pixel
-            amid = 9 * ((b[j] + c[j + 1]) + (b[j + 1] + c[j]))
-            beside = (b[j - 1] + c[j + 2]) + (b[j + 2] + c[j - 1])
-            beside += (a[j] + d[j + 1]) + (a[j + 1] + d[j])
-            corners = (a[j - 1] + d[j + 2]) + (a[j + 2] + d[j - 1])
-            out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + 3 * beside + corners)
+            j = PAD + 2 * cj
+            total = 3 * (sums[j] + sums[j + 1]) + (sums[j - 1] + sums[j + 2])
+            out[ci, cj + 2] = coarse[ci, cj + 2] * total
 
 
 @kernel

@@ -27,15 +27,11 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
+from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.galerkin import coarsen
 from endolab.solvers.interpolation import (
     Interpolation,
-    add_from,
-    add_sorted,
-    prolong_add,
-    restrict,
 )
 from endolab.solvers.normal_equations import (
     CENTRE,
@@ -277,9 +273,7 @@ class _Level(NamedTuple):
         if not _is_coarsest(structure):
             way = structure.way
         matrix = np.empty((entries, *shape))
-        return cls(
-            structure.active, *way, matrix, inverse, x, b, r, left, steps
-        )
+        return cls(structure.active, *way, matrix, inverse, x, b, r, left, steps)
 
     @property
     def way(self) -> Interpolation:
@@ -300,59 +294,6 @@ class _Level(NamedTuple):
 
 def _is_coarsest(structure: Structure) -> bool:
     return structure.pixels <= CYCLE.coarsest
-
-
-MOST_LEVELS = 12  # more than any picture has: each halves rows and columns
-
-# The same loops, for compiled ones to call.
-_begin_alone = _begin.loop
-_smooth_alone = _smooth.loop
-_add_alone = _add.loop
-_restrict_alone = restrict.loop
-_prolong_alone = prolong_add.loop
-
-
-@kernel
-def _cycle_alone(
-    levels: tuple[_Level, ...],
-    depths: Span,
-    numbers: Span,
-    places: IntArray,
-    solution: FloatArray,
-) -> None:
-    """A V-cycle from the first depth to the last, by one core: x of a level from its b.
-
-    On small grids calls from Python would take as long as what they do. `numbers` are 0 and 1: were they
-    written here, loops would be compiled for each anew.
-    """
-    first, last = depths
-    top = numbers[0]
-    for depth in range(first, last):
-        at = levels[depth]
-        below = levels[depth + 1]
-        rows = (top, at.x.shape[0])
-        _begin_alone(rows, at.x, at.b, at.inverse, at.steps[0])
-        _smooth_alone(rows, at.x, at.b, at.r, at.matrix, at.inverse, at.steps, numbers[1])
-        _restrict_alone((top, below.b.shape[0]), below.b, at.r, at.share, below.active)
-        add_from(at.pixel, at.block, at.weight, at.r, below.b)
-    coarsest = levels[last]
-    b = coarsest.b.ravel()
-    x = coarsest.x.reshape(-1)
-    for i in range(places.size):
-        total = 0.0
-        for j in range(places.size):
-            total += solution[i, j] * b[places[j]]
-        x[places[i]] = total
-    for depth in range(last - 1, first - 1, -1):
-        at = levels[depth]
-        below = levels[depth + 1]
-        rows = (top, at.x.shape[0])
-        for i in range(top, rows[1]):
-            clear_row(at.steps[0, i])
-        _prolong_alone(rows, at.steps[0], at.share, below.x)
-        add_sorted(at.block, at.pixel, at.weight, below.x, at.steps[0])
-        _smooth_alone(rows, at.x, at.r, at.left, at.matrix, at.inverse, at.steps, top)
-        _add_alone(rows, at.x, 1.0, at.steps[2])
 
 
 class Multigrid:
@@ -392,11 +333,8 @@ class Multigrid:
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
         at = self.levels[depth]
-        last = len(self.levels) - 1
-        if depth == last or _smooth.cores_for(at.x) == 1:
-            # Of one length, so that it is compiled once.
-            filled = (*self.levels, *[self.levels[-1]] * (MOST_LEVELS - last - 1))
-            _cycle_alone(filled, (depth, last), (0, 1), self.places, self.solution)
+        if depth + 1 == len(self.levels):
+            at.x.flat[self.places] = self.solution @ at.b.flat[self.places]
             return
         at.begin()
         below = self.levels[depth + 1]

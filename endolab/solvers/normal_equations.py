@@ -25,7 +25,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, active_blocks, inner, kernel
+from endolab.numerics.compiled import PAD, active_blocks, clear_row, inner, kernel
 from endolab.numerics.stencils import CENTRAL, DOWN, ENTRIES, RIGHT, stencil_row
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.cuts import coarser_links, largest_fragments
@@ -106,12 +106,12 @@ def _weigh_row(
         row = i + DOWN[k]
         column = PAD + RIGHT[k]
         for j in range(count):
-            joined = float(link[term - ALONG_ROWS, i, PAD + j])
-            spring = 0.5 * joined * (damping[i, PAD + j] + damping[row, column + j])
+            both = damping[i, PAD + j] + damping[row, column + j]
+            qt[term, k, j] = 0.5 * float(link[term - ALONG_ROWS, i, PAD + j]) * both
+        for j in range(count):
+            qt[term, 0, j] = -qt[term, k, j]
             t[term, 0, j] = -1.0
             t[term, k, j] = 1.0
-            qt[term, 0, j] = -spring
-            qt[term, k, j] = spring
 
     # K X
     stencil_row(link, kind, i, t)
@@ -122,11 +122,14 @@ def _weigh_row(
         row = i + DOWN[k]
         column = PAD + RIGHT[k]
         for j in range(count):
-            weight = here[j + 2]
-            if term == 1:  # a square has a quarter of the weight of each of its pixels
-                weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
             t[term, k, j] *= parts[SLOPE, row, column + j]
-            qt[term, k, j] = weight * t[term, k, j]
+        if term == 1:  # a square has a quarter of the weight of each of its pixels
+            for j in range(count):
+                weight = (here[j + 2] + below[j + 3]) + (here[j + 3] + below[j + 2])
+                qt[term, k, j] = 0.25 * weight * t[term, k, j]
+        else:
+            for j in range(count):
+                qt[term, k, j] = here[j + 2] * t[term, k, j]
 
 
 @on_cores(cost=20)
@@ -142,8 +145,11 @@ def _assemble(
 ) -> None:
     """Write these rows of the normal equations into m; a² W comes in once more by `damping`."""
     count = m.shape[2] - 2 * PAD
-    t, qt = np.zeros((2, 6, len(DOWN), count))
-    m[:, rows[0] : rows[1]] = 0.0
+    t = np.zeros((6, len(DOWN), count))
+    qt = np.zeros((6, len(DOWN), count))
+    for k in range(len(m)):
+        for i in range(rows[0], rows[1]):
+            clear_row(m[k, i])
     first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, m.shape[1] - PAD)
     for i in range(first, last):
         _weigh_row(parts, link, kind, entries, i, t, qt)
