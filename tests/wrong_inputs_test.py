@@ -313,16 +313,16 @@ def test_what_is_wrong_is_one_sentence(row, folder, monkeypatch, capfd):
         if callable(call):
             with pytest.raises((ValueError, OSError, TypeError)) as caught:
                 call()
-            said = str(caught.value)
+            sentence = str(caught.value)
         else:
             try:
                 code = main(call.split())
             except SystemExit as end:
                 code = end.code
-            out, said = capfd.readouterr()
-            assert (code, out, said[:9]) == (2, "", "endolab: ")
-            said = said.removesuffix("\n")
-        assert row.word in said
-        assert "\n" not in said
-        assert len(said) < 700
+            out, sentence = capfd.readouterr()
+            assert (code, out, sentence[:9]) == (2, "", "endolab: ")
+            sentence = sentence.removesuffix("\n")
+        assert row.word in sentence
+        assert "\n" not in sentence
+        assert len(sentence) < 700
     assert contents(folder) == before
