@@ -9,11 +9,10 @@ from numpy.testing import assert_array_equal
 from endolab.numerics.side_by_side import (
     WORTH_THREADS,
     by_rows,
-    in_background,
     one_ahead,
     side_by_side,
 )
-from endolab.numerics.threads import free_cores, limit_threads, threads
+from endolab.numerics.threads import limit_threads, threads
 
 
 @pytest.mark.parametrize(
@@ -66,22 +65,3 @@ def test_the_next_item_is_made_while_one_is_used(all_cores):
         next(items)
     with limit_threads(1):  # one after the other
         assert list(one_ahead(iter("abc"))) == ["a", "b", "c"]
-
-
-def test_loops_leave_a_core_to_what_goes_on_in_the_background(all_cores):
-    if threads() == 1:
-        pytest.skip("this machine has one core")
-    begun, may_end = Event(), Event()
-
-    def work():
-        begun.set()
-        may_end.wait(20)
-        return "done"
-
-    before = threads()
-    ask = in_background(work)
-    assert begun.wait(20)
-    assert free_cores() == before - 1
-    may_end.set()
-    assert ask() == "done"
-    assert free_cores() == before

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
-from skimage.morphology import h_minima
-from skimage.segmentation import watershed
 
 import endolab as el
 from endolab import datasets
@@ -14,7 +12,7 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.contours.lines import LINE_SEARCH, basins, find_contours
+from endolab.reconstruction.contours.lines import find_contours
 
 
 def seen(scene, width=320, **options):
@@ -90,17 +88,6 @@ def test_a_step_is_one_closed_line_one_step_thin():
     region = ndimage.label(fine)[0][::2, ::2]
     assert np.abs((region == region[60, 75]) ^ inside).sum() < 30
     assert region[60, 75] == region[60, 60] != region[0, 0]
-
-
-def test_basins_are_those_of_scikit_image():
-    """Of few values none of which is twice there, so that all agree on who is flooded first."""
-    slope = ndimage.gaussian_filter(np.random.default_rng(0).random((60, 80)), 2)
-    region, count = basins(slope, np.ones(slope.shape, bool))
-    pits, number = ndimage.label(h_minima(slope, LINE_SEARCH.shallow))
-    expected = watershed(slope, pits)
-    assert abs(count - number) <= 0.05 * number
-    both = np.unique(region * (number + 1) + expected, return_counts=True)[1]
-    assert np.sort(both)[-number:].sum() > 0.97 * slope.size
 
 
 def test_a_limb_is_cut_on_its_far_side():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.numerics.iteration import Status
 from endolab.reconstruction.light.unknown_light import estimate_light
 
 FISHEYE = el.load_calibration("paper", width=120).camera
@@ -105,22 +104,3 @@ def test_frames_that_cannot_be_used_are_named(tube, of_tube):
     assert "small is 120x50 px" in found.refused["small"]
     assert (found.names, found.k) == (("tube",), of_tube.k)
     assert seen == [(1, "small"), (2, "tube"), (3, "dark")]
-
-
-def test_observers_see_every_solve_and_may_stop_it(tube):
-    steps = []
-    done = []
-
-    def stop_in_the_second(step):
-        steps.append(step)
-        return len(done) == 1
-
-    watch = {
-        "observers": [stop_in_the_second],
-        "progress": lambda *state: done.append(state),
-    }
-    found = estimate_light([tube, tube], FISHEYE, **watch)
-    assert (found.names, found.status) == (("tube",), Status.STOPPED)
-    assert {step.problem.photometry.k for step in steps} == {*found.exponents}
-    with pytest.raises(ValueError, match="stopped"):
-        estimate_light([tube], FISHEYE, observers=[lambda step: True])

@@ -21,7 +21,7 @@ from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
-from endolab.solvers.provenance import LightOutcome, LightReport, Provenance, Scale
+from endolab.solvers.provenance import Provenance, Scale
 from endolab.solvers.result import Iterate, run
 from tests.tools.problems import finish, problem_of
 
@@ -207,23 +207,6 @@ def test_another_choice_moves_a_surface_as_a_whole_run_does(choice):
     assert np.all(found[~problem.mask] == 0)
 
 
-def test_light_that_bounced_and_was_left_in_counts_whole(curved):
-    """In a single colour nobody knows how much there is; where the colours were asked, they do."""
-    problem, _, result, uncertainty = curved
-    here = problem.mask
-    half = uncertainty_of(
-        result, prior_sigma=PriorSigma(left_in=0.5), draws=SAMPLING.least_draws
-    ).causes["bounced light"]
-    assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
-    asked = replace(
-        result.iterate,
-        provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED)),
-    )
-    assert (
-        "bounced light" not in uncertainty_of(asked, draws=SAMPLING.least_draws).causes
-    )
-
-
 def test_what_a_picture_does_not_say_is_the_priors():
     """A band that says nothing, wider than bumps: the prior decides its middle, which is less sure."""
     problem, _ = problem_of("curved", 120)
@@ -301,20 +284,3 @@ def test_doubts_are_the_standard_errors_of_the_calibration(photometry, k, gamma)
     prior_sigma = PriorSigma.of(replace(known, evidence={"photometry": photometry}))
     assert (prior_sigma.k, prior_sigma.gamma) == (k, gamma)
     assert f"± {k:.2g}" in " ".join(prior_sigma.notes)
-
-
-def test_what_cannot_be_asked_is_refused(curved):
-    _, _, result, _ = curved
-    marched = replace(
-        result.iterate, provenance=Provenance({"solver": "fast_marching"})
-    )
-    for given, options, named in (
-        (marched, {}, "'fast_marching' minimises no energy"),
-        (3, {}, "result must be"),
-        (result, {"draws": 1}, "draws"),
-        (result, {"prior_sigma": 0.1}, "prior_sigma must be"),
-    ):
-        with pytest.raises(ValueError, match=named):
-            uncertainty_of(given, **options)
-    with pytest.raises(ValueError, match="the doubt about k"):
-        PriorSigma(k=-1)

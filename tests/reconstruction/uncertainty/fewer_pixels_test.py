@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.reconstruction.uncertainty.estimate import uncertainty_of
-from endolab.reconstruction.uncertainty.fewer_pixels import MOST_COLUMNS, enlarge, thin
+from endolab.reconstruction.uncertainty.fewer_pixels import MOST_COLUMNS, thin
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import PreparationReport, Provenance
@@ -21,17 +21,6 @@ def large():
     mask[:50, :90] = False
     problem = replace(problem, mask=mask)
     return run(gauss_newton(problem, max_iterations=10))
-
-
-def test_a_frame_is_halved_until_it_is_small(large):
-    small = thin(large.iterate)
-    assert small.mask.shape[1] == 202
-    assert thin(small) is small
-    back = enlarge(np.where(small.mask, small.distance, 0.0), small.mask, large.mask)
-    inside = large.mask
-    assert np.isnan(back[~inside]).all()
-    assert np.abs(back / large.distance - 1)[inside].max() < 0.05
-    assert np.abs(back / large.distance - 1)[inside].mean() < 5e-3  # measured 0.003
 
 
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
