@@ -124,6 +124,7 @@ OPTIONS = [
 PICTURES = [
     picture("flat.png", np.full((48, 64, 3), 120), "constant"),
     picture("black.png", np.zeros((48, 64, 3)), "black.png"),
+    picture("white.png", np.full((48, 64, 3), 255), "saturated"),
     picture("words.png", b"hello", "words.png"),
     picture("half.png", half("frame.png"), "half.png"),
     picture("float.tif", np.ones((48, 64), np.float32), "float.tif"),

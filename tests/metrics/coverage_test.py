@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from endolab.metrics.coverage import coverage_of, log_score
+from endolab.metrics.coverage import coverage_of
 
 SHAPE = (300, 400)
 
@@ -33,12 +33,6 @@ def test_a_sigma_that_is_off_is_charged_for(factor):
     assert [off.within_one, off.within_two] == pytest.approx(expected, abs=0.5)
     assert off.log_score > honest.log_score + 0.2
     assert off.spearman == pytest.approx(honest.spearman)
-
-
-@pytest.mark.parametrize(("error", "sigma"), [(0.0, 1.0), (0.3, 0.1), (1e-3, 1e-3)])
-def test_the_score_is_scipys_density(error, sigma):
-    law = scipy.stats.norm(0, sigma)
-    assert log_score(np.array(error), sigma) == pytest.approx(-law.logpdf(error))
 
 
 def test_the_scale_is_taken_out_of_both():

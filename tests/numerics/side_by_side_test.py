@@ -63,5 +63,3 @@ def test_the_next_item_is_made_while_one_is_used(all_cores):
             assert begun[number + 1].wait(20)
     with pytest.raises(ZeroDivisionError):
         next(items)
-    with limit_threads(1):  # one after the other
-        assert list(one_ahead(iter("abc"))) == ["a", "b", "c"]

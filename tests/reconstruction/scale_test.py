@@ -13,7 +13,6 @@ from endolab.reconstruction.scale import (
 )
 from endolab.reconstruction.sentences import meaning
 from endolab.solvers.energy import energy_terms
-from endolab.solvers.problem import LOWER_BOUND, NONE
 from tests.tools.problems import Shot
 
 CAMERA = el.Pinhole(200, 150, 110.0, 110.0, 99.5, 74.5)
@@ -125,12 +124,3 @@ def test_what_gamma_does_is_what_it_does(shot, relative):
     low, middle, high = (np.nanmean(change[pixels]) for pixels in near)
     assert 100 * np.expm1(middle - high) == pytest.approx(nearer, rel=0.1)
     assert 100 * np.expm1(low - middle) == pytest.approx(farther, rel=0.1)
-
-
-def test_pixels_that_say_less_are_counted(relative):
-    evidence = np.zeros(relative.mask.shape, np.int8)
-    evidence[:10, :30] = LOWER_BOUND
-    evidence[20:22, :75] = NONE
-    result = posed(relative, evidence=evidence)
-    assert "300 of 30000 pixels (1 %)" in note(result, "saturated")
-    assert "150 of 30000 pixels (0.5 %)" in note(result, "Highlights")

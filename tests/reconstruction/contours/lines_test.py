@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 from scipy import ndimage
 
 import endolab as el
@@ -120,12 +120,3 @@ def test_tiny_pictures_and_empty_masks(shape):
         assert find_contours(
             np.arange(mask.size, dtype=float).reshape(shape), mask
         ).shape == (2, *shape)
-
-
-def test_a_mirrored_picture_has_the_same_lines():
-    _, problem = seen("colon")
-    lines = find_contours(problem.log_d0, problem.mask)
-    across, down = find_contours(problem.log_d0[:, ::-1], problem.mask[:, ::-1])
-    # of each pixel the step to its right, which was the step from its left
-    across = np.append(across[:, -2::-1], np.zeros((len(across), 1)), axis=1)
-    assert_allclose(np.stack([across, down[:, ::-1]]), lines, atol=1e-9)

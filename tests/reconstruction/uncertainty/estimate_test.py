@@ -21,7 +21,7 @@ from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
-from endolab.solvers.provenance import Provenance, Scale
+from endolab.solvers.provenance import LightOutcome, LightReport, Provenance, Scale
 from endolab.solvers.result import Iterate, run
 from tests.tools.problems import finish, problem_of
 
@@ -135,7 +135,7 @@ def test_gain_and_albedo_move_all_pixels_alike(curved):
 
 
 def test_a_known_length_takes_the_scale_away(curved):
-    problem, _, result, _ = curved
+    _, _, result, _ = curved
     prior_sigma = replace(CERTAIN, gain=0.3, k=0.2)
     for scale in (
         Scale("median distance", 40.0),
@@ -146,11 +146,6 @@ def test_a_known_length_takes_the_scale_away(curved):
         assert uncertainty.scales["gain"] < 1e-12
     here = uncertainty.sigma[20, 30] / result.distance[20, 30]
     assert here < 1e-12
-    relative_unit = replace(problem, metric=False)
-    uncertainty = uncertainty_of(
-        Iterate.of(relative_unit, result.iterate.log_distance), prior_sigma=prior_sigma
-    )
-    assert uncertainty.sigma_scale < 1e-12
 
 
 def test_the_causes_add_up(curved):
@@ -222,6 +217,16 @@ def test_what_a_picture_does_not_say_is_the_priors():
     assert np.median(sigma[here]) > 1.5 * np.median(sigma[beside])
     assert uncertainty.shares.sum(axis=0)[result.mask] == pytest.approx(1)
     assert np.all(uncertainty.dominant_source[~result.mask] == OUTSIDE)
+
+
+def test_light_that_bounced_is_a_cause_unless_the_colours_were_asked(curved):
+    """In a single colour nobody knows how much there is."""
+    _, _, result, uncertainty = curved
+    light = LightReport(LightOutcome.NONE_BOUNCED)
+    asked = replace(result.iterate, provenance=Provenance(light=light))
+    few = uncertainty_of(asked, draws=SAMPLING.least_draws)
+    assert "bounced light" in uncertainty.causes
+    assert "bounced light" not in few.causes
 
 
 @pytest.mark.parametrize("apart", ["hole", "cuts"])
