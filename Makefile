@@ -23,10 +23,10 @@ lab: $(READY) ## open JupyterLab on the notebooks
 
 demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it with its truth
 	$(BIN)/endolab simulate colon --out demo --overwrite
-	$(BIN)/endolab reconstruct demo/frame.png --calibration demo/endoscope.json --out demo/result
+	$(BIN)/endolab reconstruct demo/frame.png --calibration demo/endoscope.json --out demo/result --overwrite
 	$(BIN)/endolab evaluate demo/result/depth.npz demo/truth.npz
 	@if [ -f "$(FRAME)" ]; then \
-	  set -x; $(BIN)/endolab reconstruct "$(FRAME)" --calibration c3vd --width 640 --out demo/real; \
+	  set -x; $(BIN)/endolab reconstruct "$(FRAME)" --calibration c3vd --width 640 --out demo/real --overwrite; \
 	fi
 	@echo 'Look at:'
 	@ls demo/frame.png demo/result/overview.png

@@ -37,7 +37,7 @@ from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.reconstruct import iterate as iterate
 from .reconstruction.reconstruct import reconstruct as reconstruct
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
-from .reconstruction.uncertainty.estimate import uncertainty_of as uncertainty_of
+from .reconstruction.uncertainty import uncertainty_of as uncertainty_of
 from .solvers.result import Iterate as Iterate
 from .solvers.result import Result as Result
 from .solvers.result import run as run

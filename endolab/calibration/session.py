@@ -18,12 +18,12 @@ from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
-from endolab.calibration.targets import Charuco, CircleGrid, Target
+from endolab.calibration.targets import Charuco, Target
 from endolab.frames.frame import check_size
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int
+from endolab.numerics.checks import check_int, check_kinds
 
 Progress = Callable[[str, int, int], None]
 # One pose a panel, None for one that was not located.
@@ -108,52 +108,39 @@ def detect_all(
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
 
-    If it is in none of them, its `variants` are tried; `printed_target` tells which it is. `progress` is told
-    the stage, what is done and the total, 0 if it is not known. Returns the detections by name, and width and
-    height, px, which all frames must share, and which must be those of the `camera` that is to look at them;
-    None if none could be read. Those that `leave_out` names are not looked at.
+    `progress` is told the stage, what is done and the total, 0 if it is not known. Returns the detections by
+    name, and width and height, px, which all frames must share, and which must be those of the `camera` that
+    is to look at them; None if none could be read. Those that `leave_out` names are not looked at.
     """
     size = None
     first = ""
-    undetected: dict[str, Detection] = {}
-    for printed in (target, *target.variants):
-        detections: dict[str, Detection] = {}
-        total = length_hint(frames)
-        for number, (name, image) in enumerate(frames):
-            if name in leave_out:
-                detections[name] = Detection(*no_features(LEFT_OUT_REASON))
-            elif image is None:
-                detections[name] = Detection(*no_features("it cannot be read"))
-            else:
-                found = image.shape[1], image.shape[0]
-                if size is None:
-                    size = found
-                    first = name
-                    if camera is not None:
-                        check_size(
-                            name,
-                            size,
-                            camera,
-                            "camera",
-                        )
-                elif found != size:
-                    raise ValueError(
-                        f"the frames differ in size: {first} is {size[0]}x{size[1]} px, {name} is "
-                        f"{found[0]}x{found[1]} px; leave_out (--leave-out) can name those to do without"
+    detections: dict[str, Detection] = {}
+    total = length_hint(frames)
+    for number, (name, image) in enumerate(frames):
+        if name in leave_out:
+            detections[name] = Detection(*no_features(LEFT_OUT_REASON))
+        elif image is None:
+            detections[name] = Detection(*no_features("it cannot be read"))
+        else:
+            found = image.shape[1], image.shape[0]
+            if size is None:
+                size = found
+                first = name
+                if camera is not None:
+                    check_size(
+                        name,
+                        size,
+                        camera,
+                        "camera",
                     )
-                detections[name] = detect(image, printed)
-            progress("detecting", number + 1, total)
-        if any(len(detection.ids) for detection in detections.values()):
-            return detections, size
-        undetected = undetected or detections
-    return undetected, size
-
-
-def printed_target(detections: Mapping[str, Detection], target: Target) -> Target:
-    """Say what the sheet is in most of the frames in which it was found."""
-    found = (detection for detection in detections.values() if len(detection.ids))
-    votes = Counter(detection.target or target for detection in found)
-    return votes.most_common(1)[0][0]
+            elif found != size:
+                raise ValueError(
+                    f"the frames differ in size: {first} is {size[0]}x{size[1]} px, {name} is "
+                    f"{found[0]}x{found[1]} px; leave_out (--leave-out) can name those to do without"
+                )
+            detections[name] = detect(image, target)
+        progress("detecting", number + 1, total)
+    return detections, size
 
 
 def choose_views(
@@ -240,17 +227,10 @@ def _nothing_found_error(detections: Mapping[str, Detection], target: Target) ->
 
 def describe_target(target: Target) -> str:
     """Say what a target is, in a few words."""
-    known = {
-        "dots": "dots of two sizes",
-        "circles": "circles in an asymmetric grid",
-        "aprilgrid": "tags of an AprilGrid",
-    }
-    what = known.get(target.kind, f"squares of a {target.kind} board")
-    if isinstance(target, CircleGrid) and target.symmetric:
-        what = "circles in a symmetric grid"
+    is_dots = target.kind == "dots"
+    what = "dots of two sizes" if is_dots else f"squares of a {target.kind} board"
     more = {
         "folded": target.fold is not None,
-        "white on black": target.inverted,
         "of the pattern before OpenCV 4.6": isinstance(target, Charuco) and target.legacy,
     }
     words = [f"{target.spacing:g} mm apart", *(word for word in more if more[word])]
@@ -267,6 +247,7 @@ def check_names(leave_out: Collection[str], names: Collection[str]) -> None:
             )
 
 
+@check_kinds(target=Target)
 def calibrate(
     frames: Named,
     target: Target,
@@ -336,7 +317,6 @@ def calibrate(
     kept = {name: found for name, found in detections.items() if name not in leave_out}
     if size is None or not any(len(detection.ids) for detection in kept.values()):
         raise _nothing_found_error(kept, target)
-    target = printed_target(kept, target)
     geometry = None
     if camera is None:
         chosen = choose_views(kept, every)

@@ -6,19 +6,20 @@ each with a pose of its own, and keeps the coordinates that it had before.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import cv2
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
 
-from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import check_int, number
+from endolab.numerics.checked_types import OneOf, Whole, checked, from_content
+
+Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
 
 
 # Ink ------------------------------------------------------------------------------------
@@ -32,8 +33,6 @@ class Ink:
     rectangles: FloatArray = field(default_factory=lambda: rows_of([], 4))
     # Centre x, y, radius, and reflectance relative to the white of the paper.
     greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
-    # The shapes are bare and the paper around them is black.
-    inverted: bool = False
 
 
 def rows_of(values: ArrayLike, columns: int) -> FloatArray:
@@ -89,8 +88,7 @@ def darkness(
         column = span(x - left, width, columns)
         covers = np.outer(cover(y - top, height, row), cover(x - left, width, column))
         dark[np.ix_(row, column)] += covers * (1 - black)
-    # Rounded, for shares of a cell that is bare do not add up to 1 exactly.
-    return np.round(1 - black - dark, 5) if ink.inverted else dark
+    return dark
 
 
 # Targets --------------------------------------------------------------------------------
@@ -100,53 +98,34 @@ def _lattice(columns: int, rows: int) -> FloatArray:
     return np.column_stack([column.ravel(), row.ravel()])
 
 
-@dataclass(frozen=True)
+@checked
 class Target:
     """A flat printed target; use one of its kinds."""
 
-    columns: int  # of features (dots, circles) or of squares (chessboard, ChArUco)
-    rows: int
-    spacing: float  # between neighbours, or the side of a square, mm
-    margin: float = 10.0  # white paper around the features, mm
+    endolab_target: Literal[1] = field(default=1, kw_only=True, repr=False)  # of the file
+    kind: str = field(kw_only=True, repr=False)
+    # Of dots, or of squares (chessboard, ChArUco).
+    columns: Annotated[Whole, Field(ge=2, le=100)]
+    rows: Annotated[Whole, Field(ge=2, le=100)]
+    spacing: Length  # between neighbours, or the side of a square, mm
+    margin: Length = 10.0  # white paper around the features, mm
     # The sheet is folded between this many columns on the left and the rest.
-    fold: int | None = None
-    # White on black paper, where others are black on white.
-    inverted: bool = False
+    fold: Annotated[Whole, Field(ge=0)] | None = None
 
-    kind: ClassVar[str]
-    least: ClassVar[int] = 2  # columns and rows
     found_whole: ClassVar[bool] = False  # or not at all
-    switches: ClassVar[tuple[str, ...]] = ("inverted",)  # fields that `variants` turn
 
-    def __post_init__(self) -> None:
-        for name in ("columns", "rows"):
-            number(name, check_int(name, getattr(self, name), self.least), most=100)
-        for name in ("spacing", "margin"):
-            check_range(name, getattr(self, name), "length")
-        for part in fields(self):
-            value = getattr(self, part.name)
-            if part.type is bool and not isinstance(value, bool):
-                raise ValueError(f"{part.name} must be true or false, got {value!r}")
-        if self.fold is None:
-            return
-        if self.found_whole:
+    @model_validator(mode="after")
+    def _check_fold(self) -> Self:
+        if self.fold is not None and self.found_whole:
             raise ValueError("fold is of dots and ChArUco, other targets are flat")
-        check_int("fold", self.fold)
-        right = self.panel_of(self.points[: self.columns])
-        if min(np.sum(right == 0), np.sum(right)) < 2:
-            raise ValueError(
-                f"fold must leave two columns of features on each side, got {self.fold} "
-                f"of {self.columns} columns"
-            )
-
-    @property
-    def variants(self) -> list["Target"]:
-        """What the sheet may be instead, if it is not found as it is described."""
-        variants: list[Target] = []
-        for name in self.switches:
-            with suppress(ValueError):  # no such sheet can be so
-                variants.append(replace(self, **{name: not getattr(self, name)}))
-        return variants
+        if self.fold_x is not None:
+            right = np.unique(self.points[:, 0]) > self.fold_x
+            if min(np.sum(~right), np.sum(right)) < 2:
+                raise ValueError(
+                    f"fold must leave two columns of features on each side, got {self.fold} "
+                    f"of {self.columns} columns"
+                )
+        return self
 
     @property
     def points(self) -> FloatArray:
@@ -223,37 +202,26 @@ class Target:
         return rows_of(places, 3)
 
 
-@dataclass(frozen=True)
+@checked
 class DotGrid(Target):
     """A square grid of dots of two sizes that spell a code: Vicalib's sheets (github.com/arpg/vicalib)."""
 
-    small: float = 0.0  # radius, mm
-    large: float = 0.0  # radius, mm
+    kind: Literal["dots"] = field(default="dots", kw_only=True, repr=False)
+    small: Length = field(kw_only=True)  # radius, mm
+    large: Length = field(kw_only=True)  # radius, mm
     # Of the code: top bits of the words of a Mersenne Twister (MT19937). Vicalib's own is 71.
-    seed: int = 71
+    seed: Annotated[Whole, Field(ge=0, le=2**32 - 1)] = 71
     # Reflectance of grey discs printed in every second cell; they tell γ.
-    greys: float | None = None
+    greys: Annotated[float, Field(ge=0.001, le=0.999)] | None = None
 
-    kind: ClassVar[str] = "dots"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_range("small", self.small, "length")
+    @model_validator(mode="after")
+    def _check_radii(self) -> Self:
         if not self.small < self.large < self.spacing / 2:
             raise ValueError(
                 f"the radii must be small < large < spacing / 2, got small {self.small}, "
                 f"large {self.large}, spacing {self.spacing}"
             )
-        number("seed", check_int("seed", self.seed), most=2**32 - 1)
-        if self.greys is not None:
-            number(
-                "greys",
-                self.greys,
-                0.001,
-                0.999,
-            )
-            if self.inverted:
-                raise ValueError("inverted is of targets without greys")
+        return self
 
     @cached_property
     def code(self) -> IntArray:
@@ -279,7 +247,7 @@ class DotGrid(Target):
     def ink(self) -> Ink:  # noqa: D102
         discs = np.column_stack([self.points[:, :2], self.radii])
         if self.greys is None:
-            return Ink(discs, inverted=self.inverted)
+            return Ink(discs)
         radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
         cells = _lattice(self.columns - 1, self.rows - 1)
         centres = (cells[cells.sum(axis=1) % 2 == 0] + 0.5) * self.spacing
@@ -289,54 +257,12 @@ class DotGrid(Target):
         return Ink(discs, greys=np.column_stack([centres, looks]))
 
 
-@dataclass(frozen=True)
-class CircleGrid(Target):
-    """A grid of equal circles, as OpenCV's: asymmetric, every second row is shifted, or symmetric.
+@checked
+class Board(Target):
+    """Black and white squares, `columns` × `rows`; the features are their inner corners."""
 
-    `columns` counts the circles of a row, `spacing` is the distance between rows; the circles of
-    a row lie twice as far apart, in a symmetric grid as far.
-    """
-
-    radius: float = 0.0  # mm
-    symmetric: bool = False
-
-    kind: ClassVar[str] = "circles"
-    found_whole: ClassVar[bool] = True
-    switches: ClassVar[tuple[str, ...]] = ("symmetric", "inverted")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        number(
-            "radius",
-            self.radius,
-            0.001,
-            (0.49 if self.symmetric else 0.7) * self.spacing,
-        )
-
-    @cached_property
-    def points(self) -> FloatArray:  # noqa: D102
-        column, row = _lattice(self.columns, self.rows).T
-        if self.symmetric:
-            return np.stack([column, row, 0 * row], axis=-1) * self.spacing
-        return np.stack([2 * column + row % 2, row, 0 * row], axis=-1) * self.spacing
-
-    @property
-    def radii(self) -> FloatArray:  # noqa: D102
-        return np.full(len(self.points), self.radius)
-
-    @cached_property
-    def ink(self) -> Ink:  # noqa: D102
-        discs = np.column_stack([self.points[:, :2], self.radii])
-        return Ink(discs, inverted=self.inverted)
-
-
-@dataclass(frozen=True)
-class Chessboard(Target):
-    """A chessboard of `columns` × `rows` squares; its features are the inner corners."""
-
-    kind: ClassVar[str] = "chessboard"
-    least: ClassVar[int] = 4
-    found_whole: ClassVar[bool] = True
+    columns: Annotated[Whole, Field(ge=4, le=100)]
+    rows: Annotated[Whole, Field(ge=4, le=100)]
 
     @property
     def first_black(self) -> int:
@@ -357,32 +283,53 @@ class Chessboard(Target):
         squares = _lattice(self.columns, self.rows)
         black = squares[squares.sum(axis=1) % 2 == self.first_black]
         rectangles = np.column_stack([black - 1, np.ones(black.shape)]) * self.spacing
-        return Ink(rectangles=rectangles, inverted=self.inverted)
+        return Ink(rectangles=rectangles)
 
 
-@dataclass(frozen=True)
-class Charuco(Chessboard):
+@checked
+class Chessboard(Board):
+    """A chessboard of `columns` × `rows` squares."""
+
+    kind: Literal["chessboard"] = field(default="chessboard", kw_only=True, repr=False)
+
+    found_whole: ClassVar[bool] = True
+
+
+@checked
+class Charuco(Board):
     """A chessboard with ArUco markers in its white squares."""
 
-    marker: float = 0.0  # side, mm
+    kind: Literal["charuco"] = field(default="charuco", kw_only=True, repr=False)
+    marker: Length = field(kw_only=True)  # side, mm
     dictionary: str = "DICT_5X5_250"  # its name in OpenCV
-    first_id: int = 0  # of the markers, which are numbered from it
+    first_id: Annotated[Whole, Field(ge=0)] = 0  # of the markers, numbered from it
     # The pattern before OpenCV 4.6: with an even number of rows, the upper left square is white.
     legacy: bool = False
 
-    kind: ClassVar[str] = "charuco"
-    found_whole: ClassVar[bool] = False
-    switches: ClassVar[tuple[str, ...]] = ("legacy", "inverted")
+    @model_validator(mode="after")
+    def _check_markers(self) -> Self:
+        if self.marker > 0.99 * self.spacing:
+            raise ValueError(
+                f"marker must be smaller than a square of {self.spacing:g}, got {self.marker:g}"
+            )
+        if not (
+            self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)
+        ):
+            raise ValueError(
+                f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}"
+            )
+        needed = self.first_id + self.columns * self.rows // 2
+        most = len(self._markers.bytesList)
+        if needed > most:
+            raise ValueError(
+                f"dictionary {self.dictionary} has {most} markers, the board needs {needed} "
+                f"with first_id {self.first_id}"
+            )
+        return self
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        number(
-            "marker",
-            self.marker,
-            0.001,
-            0.99 * self.spacing,
-        )
-        check_dictionary(self.dictionary, self.first_id, self.columns * self.rows // 2)
+    @property
+    def _markers(self) -> cv2.aruco.Dictionary:
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
 
     @property
     def first_black(self) -> int:  # noqa: D102
@@ -397,7 +344,7 @@ class Charuco(Chessboard):
             size,
             self.spacing,
             self.marker,
-            dictionary_of(self.dictionary),
+            self._markers,
             ids,
         )
         board.setLegacyPattern(self.legacy)
@@ -406,113 +353,16 @@ class Charuco(Chessboard):
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
         board = self.board
-        corners = [np.asarray(c)[:, :2].min(axis=0) for c in board.getObjPoints()]
-        markers = draw_markers(
-            board.getDictionary(),
-            np.ravel(board.getIds()),
-            np.array(corners) - self.spacing,
-            self.marker,
-        )
-        rectangles = np.concatenate([super().ink.rectangles, markers])
-        return Ink(rectangles=rectangles, inverted=self.inverted)
-
-
-def check_dictionary(name: str, first_id: int, markers: int) -> None:
-    """Refuse a name that is none of OpenCV's dictionaries, or one of too few markers."""
-    if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
-        raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {name!r}")
-    needed = check_int("first_id", first_id) + markers
-    most = len(dictionary_of(name).bytesList)
-    if needed > most:
-        raise ValueError(
-            f"dictionary {name} has {most} markers, the board needs {needed} with first_id {first_id}"
-        )
-
-
-def dictionary_of(name: str) -> cv2.aruco.Dictionary:
-    """Return OpenCV's markers of a name."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-
-
-def draw_markers(
-    dictionary: cv2.aruco.Dictionary,
-    ids: IntArray,
-    corners: FloatArray,
-    side: float,
-    border: int = 1,
-) -> FloatArray:
-    """Give the black cells of markers as rectangles, (n, 4), mm; `border`: cells of their black rim."""
-    bits = dictionary.markerSize + 2 * border
-    cell = side / bits
-    boxes = []
-    for name, corner in zip(ids, corners, strict=True):
-        picture = dictionary.generateImageMarker(int(name), bits, borderBits=border)
-        places = corner + np.argwhere(picture == 0)[:, ::-1] * cell
-        boxes.append(np.column_stack([places, np.full(places.shape, cell)]))
-    return np.concatenate(boxes)
-
-
-@dataclass(frozen=True)
-class AprilGrid(Target):
-    """A grid of AprilTags, as Kalibr's: `columns` × `rows` tags, `spacing` apart; features are their corners.
-
-    The tags are numbered from the lower left, row by row (github.com/ethz-asl/kalibr). Kalibr's `tagSize`
-    is `marker`, and its `tagSpacing` the white between tags over that, so `spacing` is (1 + tagSpacing)
-    times tagSize. White on black is not read: tags run into the squares there, and corners are 3 px off.
-    """
-
-    marker: float = 0.0  # side of a tag, mm
-    dictionary: str = "DICT_APRILTAG_36h11"  # its name in OpenCV
-    first_id: int = 0
-    border: int = 2  # cells of a tag's black rim: Kalibr's 2, or 1
-    # Black squares between the tags, whose corners meet theirs.
-    squares: bool = True
-
-    kind: ClassVar[str] = "aprilgrid"
-    found_whole: ClassVar[bool] = True  # or in part, but it cannot be folded
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        number(
-            "marker",
-            self.marker,
-            0.001,
-            0.99 * self.spacing,
-        )
-        number("border", check_int("border", self.border, 1), most=2)
-        check_dictionary(self.dictionary, self.first_id, self.columns * self.rows)
-        if self.inverted:
-            raise ValueError("inverted is not of AprilGrids")
-
-    @property
-    def tag_corners(self) -> IntArray:
-        """Rows of `points` of a tag's corners, (tags, 4), by its number; clockwise from the upper left."""
-        ids = np.arange(len(self.points)).reshape(self.rows, 2, self.columns, 2)
-        by_tag = ids[::-1].transpose(0, 2, 1, 3).reshape(-1, 4)
-        return by_tag[:, [0, 1, 3, 2]]
-
-    @cached_property
-    def points(self) -> FloatArray:  # noqa: D102
-        column, row = _lattice(2 * self.columns, 2 * self.rows).T
-        places = np.stack([column, row, 0 * row], axis=-1)
-        return places // 2 * self.spacing + places % 2 * self.marker
-
-    @cached_property
-    def ink(self) -> Ink:  # noqa: D102
-        corners = self.points[self.tag_corners[:, 0], :2]
-        boxes = [
-            draw_markers(
-                dictionary_of(self.dictionary),
-                self.first_id + np.arange(len(corners)),
-                corners,
-                self.marker,
-                self.border,
-            )
-        ]
-        gap = self.spacing - self.marker
-        if self.squares:
-            places = _lattice(self.columns + 1, self.rows + 1) * self.spacing - gap
-            boxes.append(np.column_stack([places, np.full(places.shape, gap)]))
+        bits = self._markers.markerSize + 2  # with a black rim
+        cell = self.marker / bits
+        boxes = [super().ink.rectangles]
+        for name, corners in zip(
+            np.ravel(board.getIds()), board.getObjPoints(), strict=True
+        ):
+            picture = self._markers.generateImageMarker(int(name), bits)
+            corner = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
+            places = corner + np.argwhere(picture == 0)[:, ::-1] * cell
+            boxes.append(np.column_stack([places, np.full(places.shape, cell)]))
         return Ink(rectangles=np.concatenate(boxes))
 
 
@@ -532,5 +382,24 @@ TARGETS: dict[str, Target] = {
     "vicalib_grey": DotGrid(**_VICALIB_SMALL, greys=0.5),  # type: ignore[arg-type]
     "charuco": Charuco(12, 8, 7.0, marker=5.2),
     "chessboard": Chessboard(12, 8, 7.0),
-    "circles": CircleGrid(4, 11, 7.0, radius=2.5),
 }
+
+AnyTarget = Annotated[Target, OneOf(DotGrid, Chessboard, Charuco, key="kind")]
+
+
+def target_from_dict(content: Any, name: str) -> Target:
+    """Check the description of a target; errors name the file (or `name`) and the key."""
+    if isinstance(content, dict):
+        if content.get("kind") in ("circles", "aprilgrid") or content.get("inverted"):
+            raise ValueError(
+                f"{name}: circle grids, AprilGrids and targets that are white on black are no "
+                "longer found; film a chessboard, charuco or one of the vicalib sheets"
+            )
+        # A description of 0.2.0 says that it is not inverted; null is a default.
+        content = {
+            key: value
+            for key, value in content.items()
+            if key != "inverted" and value is not None
+        }
+    target: Target = from_content(AnyTarget, content, name)
+    return target

@@ -1,388 +1,254 @@
-"""The commands about calibration: target, calibrate, calibrate-light, convert, and simulate's sheet."""
+"""The commands about calibration: target, calibrate, calibrate-light, convert."""
 
-import argparse
-import math
-import shlex
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+import os
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
 
 from endolab._extras import lacking
-from endolab.cli.options import (
-    add_command,
-    add_overwrite,
-    albedo,
-    count,
-    number,
-    progress_bar,
-    several,
-)
-
-SHEET = "sheet"  # the scene of `simulate` that is a video of a target
-# What only that can be told.
-SHEET_OPTIONS = ("target", "frames", "fold", "outliers", "video")
+from endolab.cli.solving import Value, show_progress
 
 
-@contextmanager
-def _bar() -> Iterator[Callable[[str, int, int], None]]:
-    """Show the progress of one stage after the other on stderr."""
-    with progress_bar("frame") as bar:
-
-        def show(
-            stage: str,
-            done: int,
-            total: int,
-        ) -> None:
-            if done <= bar.n:
-                bar.reset(total)
-            bar.set_description(stage)
-            bar.update(done - bar.n)
-
-        yield show
+def _size(kind: Any, tokens: Sequence[Any]) -> Any:
+    """Read ``1440x1080``."""
+    columns, rows = map(int, tokens[0].value.split("x"))
+    return columns, rows
 
 
-def _read_value(text: str) -> float | tuple[float, ...] | str:
-    """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation; or ``free``."""
-    if text == "free":
-        return text
-    values = tuple(several(number)(text))
-    if len(values) > 2 or not all(0 < value < math.inf for value in values):
-        either = "a positive number, one and its standard deviation (2.2,0.1) or free"
-        raise argparse.ArgumentTypeError(f"expected {either}, found {text!r}")
-    return values if len(values) == 2 else values[0]
+def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
+    """Draw a calibration sheet to print, at true size.
 
+    - endolab target vicalib_folded --out sheet.pdf
+    - endolab target target.json --out sheet.svg
 
-def _target(arguments: argparse.Namespace) -> None:
+    Parameters
+    ----------
+    name : str
+        vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard; or TARGET.json.
+    out : path
+        A PDF or SVG.
+    overwrite : bool
+        Replace what is there.
+    """
     from endolab.calibration.session import describe_target
-    from endolab.io.atomic import check_file
+    from endolab.io.atomic import stage_file
     from endolab.io.descriptions import read_target
     from endolab.workbench.reports.target_sheet import write_sheet
 
-    target = read_target(arguments.name)
-    check_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name])
-    write_sheet(target, arguments.out)
-    glue = "something flat"
-    if target.fold is not None:
-        glue = "two boards, folded by 10 to 30°, away from you"
-    print(
-        f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}"
-    )
-    print(f"written to {arguments.out}")
+    sheet = read_target(name)
+    with stage_file(out, overwrite=overwrite) as temporary:
+        write_sheet(sheet, temporary)
+    print(f"{describe_target(sheet)}; print at 100 %, and check the ruler")
+    print(f"written to {out}")
 
 
-def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
-    """Write a simulated calibration video with its truth."""
-    from endolab.calibration.simulation.sheet_image import Sensor
-    from endolab.calibration.simulation.trajectory import Movement
-    from endolab.io.descriptions import read_target
-    from endolab.io.sheet_video import save_sheet_video
+def calibrate(
+    source: tuple[str, ...],
+    /,
+    *,
+    target: str,
+    out: str,
+    overwrite: bool = False,
+    camera: str | None = None,
+    lens: Literal["auto", "fisheye", "brown"] = "auto",
+    every: int = 20,
+    leave_out: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
+    channel: Literal["grey", "red", "green", "blue"] = "grey",
+    gamma: Value = 2.2,
+    brdf: Literal["tabulated", "lambertian"] = "tabulated",
+    gain: Literal["free", "locked"] = "free",
+    reflectance: list[Value] | None = None,
+    record: bool = False,
+) -> None:
+    """Make an endoscope.json of frames of a target.
 
-    target = arguments.target or "vicalib_small"
-    frames = arguments.frames or 300
-    is_flat = read_target(target).fold is None
-    if arguments.fold is not None and is_flat:
-        raise ValueError(f"--fold is of a folded target, and {target} is flat")
-    angle = 20.0 if arguments.fold is None else arguments.fold
-    sensor = Sensor(
-        noise=arguments.noise,
-        bits=arguments.bits,
-        outliers=arguments.outliers or 0.0,
-    )
-    with _bar() as bar:
-        save_sheet_video(
-            arguments.out,
-            target,
-            calibration,
-            frames,
-            video=bool(arguments.video),
-            overwrite=arguments.overwrite,
-            inputs=[arguments.calibration, target],
-            progress=bar,
-            movement=Movement(fold=0.0 if is_flat else math.radians(angle)),
-            sensor=sensor,
-            seed=arguments.seed,
-        )
-    out = Path(arguments.out)
-    source = out / "sheet.mkv" if arguments.video else out
-    what = source.name if arguments.video else f"{frames} pictures"
-    print(f"written to {out}: {what}, truth.json")
-    gamma = "" if is_flat else " --gamma free"
-    known = f"{shlex.quote(str(source))} --target {shlex.quote(target)}{gamma}"
-    print(f"next: endolab calibrate {known} --out endoscope.json")
+    - endolab calibrate v.mp4 --target vicalib_folded --gamma free --out cal.json
+    - endolab calibrate pictures/*.png --target chessboard --out cal.json
+    - endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json
 
-
-def _calibrate(arguments: argparse.Namespace) -> None:
+    Parameters
+    ----------
+    source : paths
+        A video, a folder of pictures, or pictures.
+    target : str
+        Its name, as for `target`, or TARGET.json.
+    out : path
+        The calibration; the report goes into CAL_report beside it.
+    overwrite : bool
+        Replace what is there.
+    camera : path
+        Calibrate the light only, with the camera of this file.
+    lens : str
+        auto: what predicts frames held out best.
+    every : int
+        One frame of a video in N goes into the geometry.
+    leave_out : str
+        Frames, by their names in the report, that the calibration is to do without.
+    channel : str
+        Whose response.
+    gamma : float
+        A number, a number and its standard deviation (2.2,0.1), or free.
+    brdf : str
+        Of the paper.
+    gain : str
+        Free, or the same in all frames.
+    reflectance : float
+        Of a grey patch relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free; once for
+        each kind of patch.
+    record : bool
+        Write a recording for the Rerun viewer too.
+    """
     from endolab.batch.calibrate import calibrate_to_files, report_folder
     from endolab.calibration.summary import account
     from endolab.io.cameras.formats import read_camera
     from endolab.io.descriptions import read_target
     from endolab.io.video import open_frames
-    from endolab.model.cameras import BrownConrady, KannalaBrandt
 
-    frames = open_frames(*arguments.source)
-    target = read_target(arguments.target)
-    camera = None if arguments.camera is None else read_camera(arguments.camera)
-    if not isinstance(camera, KannalaBrandt | BrownConrady | None):
+    sheet = read_target(target)
+    patches = len(set(sheet.ink.greys[:, 3]))
+    known = [None if value == "free" else value for value in reflectance or []]
+    if known and len(known) != patches:
         raise ValueError(
-            f"{arguments.camera}: camera.model: expected kannala_brandt or brown_conrady, "
-            f"found {camera.model}"
+            f"the target has {patches} kinds of grey, --reflectance {len(known)}"
         )
-    # Checked before a long search for the target.
-    patches = len(set(target.ink.greys[:, 3]))
-    given = [None if known == "free" else known for known in arguments.reflectance]
-    if given and len(given) != patches:
-        raise ValueError(
-            f"the target has {patches} kinds of grey patches, but --reflectance says {len(given)}"
-        )
-    names = (
-        "lens",
-        "every",
-        "channel",
-        "leave_out",
-        "record",
-        "overwrite",
-        "gamma",
-        "brdf",
-        "gain",
-    )
-    with _bar() as bar:
+    with show_progress("frame") as show:
         session = calibrate_to_files(
-            frames,
-            target,
-            arguments.out,
-            inputs=[arguments.target, arguments.camera],
-            progress=bar,
-            camera=camera,
-            reflectance=given or [None] * patches,
-            **{name: getattr(arguments, name) for name in names},
+            open_frames(*source),
+            sheet,
+            out,
+            overwrite=overwrite,
+            camera=None if camera is None else read_camera(camera),
+            lens=lens,
+            every=every,
+            leave_out=leave_out,
+            channel=channel,
+            gamma=gamma,
+            brdf=brdf,
+            gain=gain,
+            reflectance=known or [None] * patches,
+            record=record,
+            progress=lambda stage, done, total: show(done, total, stage),
         )
     print("\n".join(account(session)))
     if session.light is None:
-        print(
-            "The camera is calibrated and the light is not: k 2.5 and γ 2.2 of another endoscope stand in."
-        )
+        print("The light is not calibrated: k 2.5 and γ 2.2 of another endoscope stand in.")
     pageless = lacking("jinja2")
     page = f"there is no report.html: {pageless}" if pageless else "see its report.html"
-    print(f"written to {arguments.out}, and to {report_folder(arguments.out)}; {page}")
+    print(f"written to {out}, and to {report_folder(out)}; {page}")
 
 
-def _calibrate_light(arguments: argparse.Namespace) -> None:
+def calibrate_light(
+    source: tuple[str, ...],
+    /,
+    *,
+    camera: str,
+    out: str,
+    overwrite: bool = False,
+    frames: int = 8,
+    gamma: float = 2.2,
+    albedo: Value = None,
+    k: float = 2.5,
+) -> None:
+    """Ask frames of tissue for the light's fall-off k.
+
+    - endolab calibrate-light video.mp4 --camera camera.json --out endoscope.json
+    - endolab calibrate-light a.png b.png --camera paper --out endoscope.json
+
+    Parameters
+    ----------
+    source : paths
+        A video, a folder of pictures, or pictures.
+    camera : path
+        A calibration of any kind, of which the camera is taken.
+    out : path
+        The calibration.
+    overwrite : bool
+        Replace what is there.
+    frames : int
+        So many, spread evenly; each takes some seconds.
+    gamma : float
+        Which frames don't tell.
+    albedo : floats
+        Of the wall's green, or R,G,B, if known.
+    k : float
+        If it is not found.
+    """
     import numpy as np
 
+    import endolab as el
     from endolab.io.atomic import stage_file
     from endolab.io.cameras.formats import read_camera
-    from endolab.io.datasets.known_endoscopes import CALIBRATIONS, load_calibration
-    from endolab.io.descriptions import write_calibration
-    from endolab.io.video import open_frames
-    from endolab.model.endoscope import Calibration
-    from endolab.numerics.iteration import Status
-    from endolab.reconstruction.light.unknown_light import estimate_light
+    from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.sequence import as_frame
 
-    if arguments.camera in CALIBRATIONS:
-        camera = load_calibration(arguments.camera).camera
-    else:
-        camera = read_camera(arguments.camera)
-    frames = open_frames(*arguments.source)
-    many = min(arguments.frames, len(frames))
-    spread = np.linspace(0, len(frames) - 1, many).round().astype(int)
-    names = [frames.names[index] for index in spread]
-    light: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
-    if arguments.albedo is not None:
-        light["albedo"] = arguments.albedo
-    pictures = frames.read(names)
+    lens = CALIBRATIONS[camera].camera if camera in CALIBRATIONS else read_camera(camera)
+    video = el.open_frames(*source)
+    spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
+    names = [video.names[index] for index in spread]
+    light: dict[str, Any] = {"gamma": gamma, "otherwise": k}
+    if albedo is not None:
+        light["albedo"] = albedo
+    pictures = video.read(names)
     read = (as_frame(name, image) for name, image in pictures if image is not None)
-    inputs = [arguments.camera, *arguments.source]
-    output = stage_file(arguments.out, overwrite=arguments.overwrite, inputs=inputs)
-    with output as temporary, _bar() as bar:
-        estimate = estimate_light(
-            read, camera, progress=lambda done, _: bar("light", done, many), **light
+    output = stage_file(out, overwrite=overwrite)
+    with output as temporary, show_progress("frame") as show:
+        estimate = el.estimate_light(
+            read, lens, progress=lambda done, _: show(done, len(names)), **light
         )
-        if estimate.status is Status.STOPPED:
+        if estimate.status is el.Status.STOPPED:
             raise KeyboardInterrupt
-        found = Calibration(camera, estimate.photometry, estimate.evidence)
-        write_calibration(found, temporary)
+        found = el.Calibration(lens, estimate.photometry, estimate.evidence)
+        el.write_calibration(found, temporary)
     for reason in estimate.refused.values():
         print(f"left out: {reason}")
-    unread = sorted({*names} - {*estimate.names} - {*estimate.refused})
-    if unread:
-        print(f"cannot be read: {', '.join(unread)}")
     print(estimate.verdict)
-    print(f"written to {arguments.out}; the gain is unknown, so distances are relative")
+    print(f"written to {out}; the gain is unknown, so distances are relative")
 
 
-def _size(text: str) -> tuple[int, int]:
-    """Read ``1440x1080``."""
-    columns, _, rows = text.partition("x")
-    return count(columns), count(rows)
+def convert(
+    source: str,
+    photometry: str | None = None,
+    /,
+    *,
+    out: str,
+    size: Annotated[Any, Parameter(converter=_size, n_tokens=1)] = None,
+    overwrite: bool = False,
+) -> None:
+    """Make an endoscope.json of another program's calibration.
 
+    - endolab convert camchain.yaml#cam1 --out endoscope.json
+    - endolab convert opencv.xml --size 1440x1080 --out endoscope.json
+    - endolab convert Endoscope_01 --out endoscope.json
 
-def _convert(arguments: argparse.Namespace) -> None:
+    Parameters
+    ----------
+    source : path
+        A calibration of any kind; or EndoMapper's folder Endoscope_XX.
+    photometry : path
+        Of EndoMapper, the light.
+    out : path
+        The calibration.
+    size : COLUMNSxROWS
+        Of the pictures, px, if the file does not say.
+    overwrite : bool
+        Replace what is there.
+    """
+    import endolab as el
     from endolab.io.atomic import stage_file
-    from endolab.io.cameras.formats import split_choice
-    from endolab.io.cameras.writers import write_camera_for
     from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
-    from endolab.io.datasets.known_endoscopes import load_calibration
-    from endolab.io.descriptions import write_calibration
 
-    source = arguments.source
-    photometry = arguments.photometry
-    out = Path(arguments.out)
-    program = arguments.to
-    if program == "endolab" and out.suffix != ".json":
-        raise ValueError(f"the calibration's name ends in .json, got {out.name}")
-    if Path(source).is_dir():
-        if photometry is not None:
-            raise ValueError(
-                f"{source} is a folder, where both files are looked for; name no other"
-            )
-        source, photometry = find_calibrations(source)
-    inputs = [split_choice(source)[0], photometry]
-    with stage_file(out, overwrite=arguments.overwrite, inputs=inputs) as temporary:
-        if photometry is None:
-            calibration = load_calibration(source, size=arguments.size)
-        else:
-            calibration = read_endomapper(source, photometry)
-        if program == "endolab":
-            write_calibration(calibration, temporary)
-        else:
-            write_camera_for(program, calibration.camera, temporary)
-    if program != "endolab":
-        print(f"written to {out}: the camera alone, for {program}'s files hold no light")
-    elif photometry is None:
-        print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")
+    if os.path.isdir(source):
+        source, photometry = map(str, find_calibrations(source))
+    if photometry is None:
+        calibration = el.load_calibration(source, size=size)
     else:
-        _print_light(calibration)
-        print(f"written to {out}; the gain is unknown, so distances are relative")
-
-
-def _print_light(calibration: Any) -> None:
-    """Say how well EndoMapper's light could be expressed."""
-    light = calibration.photometry
-    fits = calibration.evidence["converted"]["lights"]
-    worst = max(fit["worst_distance_percent"] for fit in fits)
-    lights = len(light.lights) or "one at the optical centre"
-    print(f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {lights}")
-    print(
-        f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance"
-    )
-
-
-def add_sheet_options(add: argparse.ArgumentParser) -> None:
-    """Add what `simulate sheet` can be told."""
-    option = add.add_argument_group("a calibration video (SCENE sheet)").add_argument
-    option("--target", metavar="NAME", help="as for target (default vicalib_small)")
-    option("--frames", type=count, metavar="N", help="how many (default 300)")
-    option("--fold", type=number, metavar="DEG", help="of a folded target (default 20)")
-    option("--outliers", type=number, metavar="SHARE", help="of the pixels that are wrong")
-    text = "write one video instead of pictures"
-    option("--video", action="store_true", default=None, help=text)
-
-
-def _add_pictures_and_out(command: argparse.ArgumentParser, about_out: str | None) -> None:
-    """Add the pictures that a calibration is made of, and the file that it is written to."""
-    option = command.add_argument
-    text = "a video, a folder of pictures, or pictures"
-    option("source", nargs="+", metavar="SOURCE", help=text)
-    option("--out", required=True, metavar="CAL.json", help=about_out)
-    add_overwrite(option)
-
-
-def add_calibration_commands(commands: Any) -> None:
-    """Add the parsers of `target`, `calibrate` and `convert`."""
-    command = add_command(
-        commands,
-        "target",
-        _target,
-        "a calibration sheet to print, at true size",
-        "endolab target vicalib_folded --out sheet.pdf",
-        "endolab target target.json --out sheet.svg",
-    )
-    option = command.add_argument
-    names = "vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles"
-    option("name", metavar="NAME", help=f"{names}, or TARGET.json")
-    option("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
-    add_overwrite(option)
-
-    command = add_command(
-        commands,
-        "calibrate",
-        _calibrate,
-        "frames of a target in, endoscope.json out",
-        "endolab calibrate v.mp4 --target vicalib_folded --gamma free --out cal.json",
-        "endolab calibrate pictures/*.png --target chessboard --out cal.json",
-        "endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json",
-    )
-    _add_pictures_and_out(command, "the report goes into CAL_report beside it")
-    option = command.add_argument
-    option("--target", required=True, help="its name, as for target, or TARGET.json")
-    text = "calibrate the light only, with the camera of this file"
-    option("--camera", metavar="CAL.json", help=text)
-    text = "auto (default: what predicts frames held out best), fisheye or brown"
-    option("--lens", choices=("auto", "fisheye", "brown"), default="auto", help=text)
-    text = "one frame of a video in N goes into the geometry (default 20)"
-    option("--every", type=count, default=20, metavar="N", help=text)
-    text = "frames, by their names in the report, that the calibration is to do without"
-    option("--leave-out", nargs="+", action="extend", default=[], metavar="NAME", help=text)
-    text = "whose response: grey (default), red, green or blue"
-    option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=text)
-    text = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
-    option("--gamma", type=_read_value, default=2.2, metavar="γ", help=text)
-    text = "of the paper: tabulated (default) or lambertian"
-    option("--brdf", choices=("tabulated", "lambertian"), default="tabulated", help=text)
-    text = "free (default), or locked: the same in all frames"
-    option("--gain", choices=("free", "locked"), default="free", help=text)
-    text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
-    known: dict[str, Any] = {
-        "type": _read_value,
-        "action": "append",
-        "default": [],
-        "metavar": "R",
-    }
-    option("--reflectance", help=text, **known)
-    text = "write a recording for the Rerun viewer too"
-    option("--record", action="store_true", help=text)
-
-    command = add_command(
-        commands,
-        "calibrate-light",
-        _calibrate_light,
-        "the light's fall-off k, asked of frames of tissue",
-        "endolab calibrate-light video.mp4 --camera camera.json --out endoscope.json",
-        "endolab calibrate-light a.png b.png --camera paper --out endoscope.json",
-    )
-    _add_pictures_and_out(command, None)
-    option = command.add_argument
-    text = "endoscope.json, of which the camera is taken; or a known endoscope's name"
-    option("--camera", required=True, metavar="CAL", help=text)
-    text = "so many, spread evenly (default 8); each takes some seconds"
-    option("--frames", type=count, default=8, metavar="N", help=text)
-    text = "which frames don't tell (default 2.2)"
-    option("--gamma", type=number, default=2.2, metavar="γ", help=text)
-    text = "of the wall's green, or R,G,B, if known"
-    option("--albedo", type=albedo, metavar="A", help=text)
-    text = "if it is not found (default 2.5)"
-    option("--k", type=number, default=2.5, metavar="K", help=text)
-
-    command = add_command(
-        commands,
-        "convert",
-        _convert,
-        "another program's calibration in, endoscope.json out, or the other way round",
-        "endolab convert camchain.yaml#cam1 --out endoscope.json",
-        "endolab convert opencv.xml --size 1440x1080 --out endoscope.json",
-        "endolab convert endoscope.json --to colmap --out cameras.txt",
-        "endolab convert Endoscope_01 --out endoscope.json",
-    )
-    option = command.add_argument
-    text = "a calibration of any kind; or EndoMapper's folder Endoscope_XX"
-    option("source", metavar="IN", help=text)
-    text = "of EndoMapper, the light"
-    option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=text)
-    choices = ("endolab", "opencv", "kalibr", "colmap", "ros")
-    option("--to", choices=choices, default="endolab", help="whose file is written")
-    text = "of the pictures, px, if the file does not say"
-    option("--size", type=_size, metavar="COLUMNSxROWS", help=text)
-    option("--out", required=True, metavar="FILE")
-    add_overwrite(option)
+        calibration = read_endomapper(source, photometry)
+        fits = calibration.evidence["converted"]["lights"]
+        worst = max(fit["worst_distance_percent"] for fit in fits)
+        print(
+            f"the light is a power of a cosine, which makes at most {worst:.2g} % of a distance"
+        )
+    with stage_file(out, overwrite=overwrite) as temporary:
+        el.write_calibration(calibration, temporary)
+    print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")

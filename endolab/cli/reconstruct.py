@@ -1,429 +1,234 @@
-"""The commands that solve: reconstruct, of a frame, a video or a camera, and sweep."""
+"""The commands that solve: reconstruct, of a frame or a video, and sweep."""
 
-import argparse
-import time
-from contextlib import ExitStack, closing, nullcontext
-from pathlib import Path
-from typing import Any
+from contextlib import nullcontext
+from functools import partial
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from endolab._extras import lacking
-from endolab.cli.options import (
-    add_command,
-    add_overwrite,
-    add_solving_options,
-    add_threads,
+from endolab.cli.solving import (
+    OPTIONS,
+    SWEPT,
+    Value,
     announce_compiling,
-    count,
-    integer,
-    progress_bar,
-    read_solving_options,
+    load,
+    show_progress,
 )
-
-SNAPSHOTS = 12  # of a march, in its recording
-
-
-def _reconstruct(arguments: argparse.Namespace) -> None:
-    from endolab.io.video import is_sequence, is_stream
-
-    source, *others = arguments.frame
-    if others:
-        wanted = "one picture, one folder of a video's frames, or one video"
-        raise ValueError(
-            f"reconstruct takes {wanted}, got {len(others) + 1}; sweep takes pictures that are apart"
-        )
-    arguments.frame = source
-    if arguments.out is None and not arguments.live:
-        raise ValueError("--out is missing: the folder for the results")
-    of_one_frame = ("mesh", "prepare", "uncertainty", "snapshots")
-    if arguments.live or is_stream(source):
-        _refuse(
-            arguments,
-            (*of_one_frame, "every"),
-            "a camera, whose frames are taken as they come",
-        )
-        _reconstruct_live(arguments)
-    elif is_sequence(source):
-        _refuse(arguments, of_one_frame, "a folder or a video")
-        _reconstruct_video(arguments)
-    else:
-        _refuse(arguments, ("every", "limit"), "one picture")
-        _reconstruct_frame(arguments)
+from endolab.reconstruction.settings import takes_settings
 
 
-def _refuse(arguments: argparse.Namespace, options: tuple[str, ...], kind: str) -> None:
-    for option in options:
-        if getattr(arguments, option):
-            raise ValueError(f"--{option} is not of {kind}")
+@partial(takes_settings, types=OPTIONS)
+def reconstruct(
+    frame: str,
+    /,
+    *,
+    calibration: str,
+    out: str,
+    mask: str | None = None,
+    settings: str | None = None,
+    albedo: Value = None,
+    overwrite: bool = False,
+    uncertainty: bool = False,
+    mesh: bool = False,
+    prepare: bool = False,
+    snapshots: int | None = None,
+    every: int | None = None,
+    limit: int | None = None,
+    threads: int | None = None,
+    **options: Any,
+) -> None:
+    """Make a surface of a frame, or of each frame of a video.
 
+    - endolab reconstruct frame.png --calibration endoscope.json --out result
+    - endolab reconstruct frame.png --calibration paper --width 480 --out quick
+    - endolab reconstruct frame.png --calibration c3vd --channel green --out r
+    - endolab reconstruct a.png --calibration paper --settings tuned.json --out r
+    - endolab reconstruct video.mp4 --calibration paper --every 5 --out video
 
-def _where(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Say what may be replaced in the folder of results, and what never."""
-    inputs = [
-        arguments.frame,
-        arguments.calibration,
-        arguments.mask,
-        arguments.settings,
-    ]
-    return {"overwrite": arguments.overwrite, "inputs": inputs}
+    Parameters
+    ----------
+    frame : path
+        PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video.
+    calibration : path
+        endoscope.json, a known endoscope's name, or another program's file.
+    out : path
+        Folder for the results.
+    mask : path
+        A picture, bright where the frame is to be used.
+    settings : path
+        Settings that the tuner exported; options given here win.
+    albedo : floats
+        Of a matt wall, or R,G,B, in place of the calibration's BRDF.
+    overwrite : bool
+        Write even where there are files of others.
+    uncertainty : bool
+        Add σ, the standard deviation of every pixel's distance; one to three times as long.
+    mesh : bool
+        Write mesh.ply too: triangles, cut at folds.
+    prepare : bool
+        Leave out the dark lumen, find highlights, and draw it all: preparation.png.
+    snapshots : int
+        Of fast_marching in the recording (12).
+    every : int
+        Of a video, every N-th frame only.
+    limit : int
+        Of a video, N frames at most.
+    threads : int
+        Cores at most; by default ENDOLAB_THREADS, or all.
+    **options
+    """
+    from endolab.io.video import is_sequence
 
+    is_video = is_sequence(frame)
+    of_frame = uncertainty or mesh or prepare or snapshots
+    if of_frame if is_video else every or limit:
+        kinds = "--every and --limit are of a video, --uncertainty, --mesh, --prepare and --snapshots"
+        raise ValueError(f"{kinds} of one picture")
+    known, keywords = load(calibration, [frame], options, albedo, threads, settings)
+    if is_video:
+        chosen = {"mask": mask, "every": every or 1, "limit": limit, "overwrite": overwrite}
+        _reconstruct_video(frame, known, out, chosen | keywords)
+        return
 
-# One frame ------------------------------------------------------------------------------
-def _reconstruct_frame(arguments: argparse.Namespace) -> None:
+    import endolab as el
     from endolab.frames.frame import looks_like_depth
-    from endolab.frames.prepare import prepare
     from endolab.io.atomic import stage_folder
     from endolab.io.datasets.folders import depth_layout
-    from endolab.io.images import read_frame
-    from endolab.reconstruction.reconstruct import reconstruct
-    from endolab.solvers.solvers import DEFAULT_SOLVER
+    from endolab.workbench.reports.result import write_files
 
-    calibration, keywords = read_solving_options(arguments)
-    frame = read_frame(arguments.frame, calibration, arguments.mask)
-    if depth_layout(arguments.frame) or looks_like_depth(frame.image):
-        print(
-            f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise."
-        )
-    solver = keywords.setdefault("solver", DEFAULT_SOLVER)
-    if arguments.uncertainty:
-        from endolab.reconstruction.uncertainty.estimate import check_solver
-
-        check_solver(solver)
-    if solver == "fast_marching" or arguments.snapshots is not None:
-        keywords["snapshots"] = (
-            SNAPSHOTS if arguments.snapshots is None else arguments.snapshots
-        )
+    picture = el.read_frame(frame, known, mask)
+    if depth_layout(frame) or looks_like_depth(picture.image):
+        print(f"{frame} may be a depth map, by its name or because it has no noise.")
+    if snapshots or keywords.get("solver") == "fast_marching":
+        keywords["snapshots"] = snapshots or 12
     unrecorded = lacking("rerun")
-    if not unrecorded:
-        from endolab.workbench.recording.recorder import record
-    with announce_compiling(), stage_folder(arguments.out, **_where(arguments)) as folder:
-        prepared = (
-            prepare(frame, calibration, highlights="keep") if arguments.prepare else None
-        )
-        with (
-            nullcontext() if unrecorded else record(folder / "recording.rrd") as recorder,
-            progress_bar("it", "solving", keywords.get("snapshots")) as bar,
-        ):
+    prepared = trusted = None
+    with announce_compiling(), stage_folder(out, overwrite=overwrite) as folder:
+        if prepare:
+            prepared = el.prepare(picture, known, highlights="keep")
+            picture = prepared.frame
+        recording = nullcontext() if unrecorded else el.record(folder / "recording.rrd")
+        with recording as recorder, show_progress("it") as show:
 
-            def show(iterate: Any) -> None:
-                name = (
-                    "solving"
-                    if iterate.round == 0
-                    else f"{iterate.stage}, round {iterate.round}"
-                )
-                bar.set_description(name, refresh=False)
-                bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
-                bar.update(iterate.k - bar.n)  # the start is none
+            def follow(iterate: Any) -> None:
+                show(iterate.k, note=f"{iterate.stage}, energy {iterate.energy:.3e}")
 
-            observers: list[Any] = [show] if recorder is None else [recorder, show]
-            picture = frame if prepared is None else prepared.frame
-            result = reconstruct(picture, calibration, observers=observers, **keywords)
-            uncertainty = (
-                _uncertainty(result, calibration) if arguments.uncertainty else None
-            )
-            if recorder is not None and uncertainty is not None:
-                recorder.add_uncertainty(uncertainty, result)
-
-        from endolab.workbench.reports.result import (
-            write_files,
-        )  # now, as drawing takes half a second to load
-
-        write_files(
-            result, folder, mesh=arguments.mesh, prepared=prepared, uncertainty=uncertainty
-        )
+            observers: list[Any] = [follow] if unrecorded else [recorder, follow]
+            result = el.reconstruct(picture, known, observers=observers, **keywords)
+            if uncertainty:
+                draws = [lambda progress: show(progress.done, progress.of, "σ")]
+                trusted = el.uncertainty_of(result, known, observers=draws)
+                if recorder is not None:
+                    recorder.add_uncertainty(trusted, result)
+        write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
         written = sorted(path.name for path in folder.iterdir())
-    _tell(result, solver, prepared, uncertainty)
+    _summarise(result, prepared, trusted)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
-    print(f"written to {arguments.out}: {', '.join(written)}")
+    print(f"written to {out}: {', '.join(written)}")
 
 
-def _uncertainty(result: Any, calibration: Any) -> Any:
-    """How far a result can be trusted; None if the user had no patience for it."""
-    from endolab.reconstruction.uncertainty.estimate import uncertainty_of
-
-    with progress_bar("draw", "uncertainty") as bar:
-
-        def show(progress: Any) -> None:
-            bar.total = progress.of
-            bar.update(progress.done - bar.n)
-
-        try:
-            return uncertainty_of(result, calibration, observers=[show])
-        except KeyboardInterrupt:
-            print("How far it can be trusted was not found out: interrupted.")
-            return None
-
-
-def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
-    """Sum a result up."""
-    import numpy as np
-
+def _summarise(result: Any, prepared: Any, trusted: Any) -> None:
+    """Print what came out, in a few lines."""
     from endolab.reconstruction.sentences import notes, of_evidence
-    from endolab.reconstruction.warnings import warnings
-    from endolab.workbench.reports.result import summarise_uncertainty
+    from endolab.workbench.reports.result import report
 
-    nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])
-    steps = f"{result.iterations} iteration" + "s" * (result.iterations != 1)
-    energy = f"energy {result.history[0]['energy']:.3e} to {result.energy:.3e}"
-    print(f"{result.status.name}: {result.status.value}")
-    print(
-        f"{solver}, {steps}, {result.seconds:.2f} s, {energy}, {int(result.mask.sum())} pixels"
-    )
-    unit = result.problem.unit
-    print(
-        f"distance: median {median:.4g}, 1 % below {nearest:.4g}, 1 % above {farthest:.4g} ({unit})"
-    )
+    facts = report(result, trusted)
+    for line in (
+        "{status}: {ended}",
+        "{iterations} iterations, {seconds:.2f} s, energy {energy:.3e}, {pixels} pixels",
+        "distance: median {distance[median]:.4g}, from {distance[least]:.4g} "
+        "to {distance[greatest]:.4g} ({unit})",
+    ):
+        print(line.format(**facts))
     if not result.metric:
-        ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
-        print(f"The gain is unknown, so distances have no unit; {ways}")
-    preparation = () if prepared is None else prepared.notes
-    for note in (*preparation, *notes(result), *of_evidence(result), *warnings(result)):
+        print("--median-distance, --known-distance or --known-diameter fixes the scale.")
+    if prepared is not None:
+        print("\n".join(prepared.notes))
+    for note in (*notes(result), *of_evidence(result), *facts["warnings"]):
         print(note)
-    if uncertainty is not None:
-        numbers = summarise_uncertainty(result, uncertainty)
-        sigma = numbers["sigma_percent"]
-        scale = numbers["sigma_scale_percent"]
-        shared = (
-            f" An error of the scale, common to all, makes {scale:.2g} %."
-            if result.metric
-            else ""
-        )
-        print(
-            f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} to "
-            f"{sigma['90th']:.2g} % for four in five.{shared}"
-        )
-        shares = ", ".join(
-            f"{name} {100 * share:.0f} %"
-            for name, share in numbers["dominant_source"].items()
-        )
-        print("\n".join([f"Pixels decided by: {shares}.", *numbers["notes"]]))
-        if numbers["status"] == "STOPPED":
-            print(f"σ was stopped after {numbers['draws']} draws.")
+    if trusted is not None:
+        line = "σ of the distance: {median:.2g} % for the median pixel, {10th:.2g} to {90th:.2g} %"
+        print(line.format(**facts["uncertainty"]["sigma_percent"]), "for four in five")
+        print("\n".join(trusted.notes))
 
 
-# Many frames ----------------------------------------------------------------------------
-def _reconstruct_video(arguments: argparse.Namespace) -> None:
+def _reconstruct_video(
+    source: str, calibration: Any, out: str, options: dict[str, Any]
+) -> None:
     from endolab.batch.video import reconstruct_video
-    from endolab.io.datasets.folders import depth_layout
 
-    calibration, keywords = read_solving_options(arguments)
-    depths = sorted(
-        path.name for path in Path(arguments.frame).glob("*") if depth_layout(path)
-    )
-    if depths:
-        print(
-            f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}."
-        )
-    with announce_compiling(), progress_bar("frame", "video") as bar:
-
-        def show(done: int, total: int, row: dict[str, Any]) -> None:
-            bar.total = total
-            if not row["error"]:
-                bar.set_postfix_str(f"energy {row['energy']:.3e}", refresh=False)
-            bar.update(done - bar.n)
-
-        video = reconstruct_video(
-            arguments.frame,
-            calibration,
-            arguments.out,
-            mask=arguments.mask,
-            overwrite=arguments.overwrite,
-            inputs=(arguments.calibration, arguments.settings),
-            every=arguments.every or 1,
-            limit=arguments.limit,
-            progress=show,
-            **keywords,
-        )
+    with announce_compiling(), show_progress("frame") as show:
+        options["progress"] = lambda done, total, row: show(done, total, row["frame"])
+        video = reconstruct_video(source, calibration, out, **options)
     done = [row for row in video.rows if not row["error"]]
     for row in video.rows:
         if row["error"]:
             print(f"not done: {row['error']}")
-    seconds = sum(row["seconds"] for row in done)
-    warm = sum(row["warm"] for row in done)
+    medians = [row["median_distance"] for row in done]
     print(
-        f"{len(done)} of {len(video.rows)} frames, {warm} started from the last, {seconds:.2f} s"
+        f"{len(done)} of {len(video.rows)} frames, of which {video.done_before} by an earlier call; "
+        f"median distance: {min(medians):.4g} to {max(medians):.4g} ({done[0]['unit']})"
     )
-    if video.done_before:
-        print(f"done by an earlier call: {video.done_before} of them")
-    middle = [row["median_distance"] for row in done]
-    print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
-    if done[0]["unit"] != "mm":
-        print(
-            "The gain is unknown: distances have no unit, but nearly the same one in all frames."
-        )
-    written = [path.name for path in video.paths]
-    if "recording.rrd" not in written:
-        print(f"There is no recording.rrd: {lacking('rerun')}.")
-    print(f"written to {arguments.out}: {', '.join(written)}")
+    print(f"written to {out}: {', '.join(path.name for path in video.paths)}")
 
 
-def _reconstruct_live(arguments: argparse.Namespace) -> None:
-    """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
-    from endolab.batch.live import (
-        LIVE_COLUMNS,
-        LIVE_WIDTH,
-        live_row,
-        live_summary,
-        log_steps,
-        reconstruct_live,
-    )
-    from endolab.batch.table import write_rows
-    from endolab.io.atomic import as_json, stage_folder, write_atomically
-    from endolab.io.surfaces import save_depth
+@partial(takes_settings, types=SWEPT)
+def sweep(
+    frames: tuple[str, ...],
+    /,
+    *,
+    calibration: str,
+    out: str = "sweep.csv",
+    truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
+    jobs: int | None = None,
+    albedo: Value = None,
+    threads: int | None = None,
+    **options: Any,
+) -> None:
+    """Make one table of errors and energies of many frames and settings.
 
-    calibration, keywords = read_solving_options(arguments)
-    if keywords.get("regulariser") == "auto":
-        del keywords["regulariser"]  # that of a live view
-    width = keywords.get("width") or min(LIVE_WIDTH, calibration.camera.width)
-    rows: list[dict[str, Any]] = []
-    dropped = 0
-    last = None
-    with ExitStack() as ending:
-        sinks: list[Any] = []
-        if arguments.out is not None:
-            folder = ending.enter_context(stage_folder(arguments.out, **_where(arguments)))
-        if not lacking("rerun"):
-            from endolab.workbench.recording.stream import Sink
+    Of --lam, --xi and --regulariser several values can be given, each with each.
 
-            if arguments.out is not None:
-                sinks.append(ending.enter_context(Sink(folder / "recording.rrd")))
-            if arguments.live:
-                try:
-                    sinks.append(ending.enter_context(Sink()))
-                except OSError as error:
-                    if arguments.out is None:
-                        raise
-                    print(error)
-        channel = keywords.get("channel") or "green"
-        print(f"live: {width} px wide, channel {channel}; Ctrl-C ends it", flush=True)
-        started = time.perf_counter()
-        keywords |= {"mask": arguments.mask, "limit": arguments.limit}
-        steps = reconstruct_live(arguments.frame, calibration, **keywords)
-        try:
-            with announce_compiling(), progress_bar("frame", "live") as bar, closing(steps):
-                for step in log_steps(steps, sinks):
-                    rows.append(live_row(step))
-                    last = step.result or last
-                    dropped += step.dropped
-                    bar.set_postfix_str(
-                        f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False
-                    )
-                    bar.update()
-                    if arguments.out is None and all(
-                        sink.is_viewer_closed for sink in sinks
-                    ):
-                        break  # the window is closed
-        except KeyboardInterrupt:  # which is how it ends
-            if arguments.out is not None and not rows:
-                raise
-        summary = live_summary(rows, time.perf_counter() - started)
-        if arguments.out is not None:
-            if not rows:
-                raise ValueError(f"{arguments.frame} gave no frame")
-            write_rows(folder / "frames.csv", LIVE_COLUMNS, rows)
-            write_atomically(
-                folder / "report.json", as_json({"endolab": 1, "live": summary})
-            )
-            if last is not None:
-                save_depth(folder / "depth.npz", last, last.metric)
-    print(summary)
-    if arguments.out is not None:
-        what = "depth.npz (the last frame's), frames.csv (a row for each frame taken), recording.rrd"
-        print(f"written to {arguments.out}: {what}")
+    - endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d
+    - endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv
+    - endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz
 
+    Parameters
+    ----------
+    frames : paths
+        PNG, JPEG or TIFF, 8 or 16 bits.
+    calibration : path
+        endoscope.json, a known endoscope's name, or another program's file.
+    out : path
+        The table.
+    truth : paths
+        truth.npz of each frame.
+    jobs : int
+        How many at once (1); -1: as many as cores.
+    albedo : floats
+        Of a matt wall, or R,G,B, in place of the calibration's BRDF.
+    threads : int
+        Cores at most; by default ENDOLAB_THREADS, or all.
+    **options
+    """
+    import endolab as el
 
-def _sweep(arguments: argparse.Namespace) -> None:
-    from endolab.batch.sweep import sweep
-
-    calibration, keywords = read_solving_options(arguments)
-    made = 0
-    with announce_compiling(), progress_bar("row", "sweep") as bar:
-
-        def show(done: int, total: int, row: dict[str, Any]) -> None:
-            nonlocal made
-            made += 1
-            bar.total = total
-            bar.set_postfix_str(f"{row['frame']} λ {row['lam']:g}", refresh=False)
-            bar.update(done - bar.n)
-
-        rows = sweep(
-            arguments.frames,
-            calibration,
-            truth=arguments.truth,
-            table=arguments.out,
-            n_jobs=arguments.jobs,
-            progress=show,
+    known, keywords = load(calibration, frames, options, albedo, threads)
+    with announce_compiling(), show_progress("row") as show:
+        rows = el.sweep(
+            frames,
+            known,
+            truth=truth,
+            table=out,
+            n_jobs=jobs,
+            progress=lambda done, total, row: show(done, total, row["frame"]),
             **keywords,
         )
     failed = [row for row in rows if row["error"]]
     if len(failed) == len(rows):
         raise ValueError(f"no row could be made; the first: {failed[0]['error']}")
     for row in failed:
-        where = f"{row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}"
-        print(f"not done: {where}: {row['error']}")
-    print(f"{len(rows) - len(failed)} of {len(rows)} rows")
-    if made < len(rows):
-        print(f"made by an earlier call: {len(rows) - made} of them")
-    print(f"written to {arguments.out}")
-
-
-# Parsers --------------------------------------------------------------------------------
-def add_reconstruct_commands(commands: Any) -> None:
-    """Add the commands `reconstruct` and `sweep` to a parser."""
-    command = add_command(
-        commands,
-        "reconstruct",
-        _reconstruct,
-        "a frame or a video and a calibration in, surfaces out",
-        "endolab reconstruct frame.png --calibration endoscope.json --out result",
-        "endolab reconstruct frame.png --calibration paper --width 480 --out quick",
-        "endolab reconstruct frame.png --calibration c3vd --channel green --out r",
-        "endolab reconstruct a.png --calibration paper --settings tuned.json --out r",
-        "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
-        "endolab reconstruct 0 --calibration endoscope.json --live",
-    )
-    text = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video; or a camera's number or URL"
-    command.add_argument("frame", nargs="+", metavar="FRAME", help=text)
-    most_used = command.add_argument_group("most used").add_argument
-    most_used("--out", metavar="DIR", help="folder for the results; --live does without")
-    add_solving_options(command, most_used)
-    option = command.add_argument_group("output").add_argument
-    add_overwrite(option)
-    text = "add σ, the standard deviation of every pixel's distance; takes one to three times as long"
-    option("--uncertainty", action="store_true", help=text)
-    option(
-        "--mesh", action="store_true", help="write mesh.ply too: triangles, cut at folds"
-    )
-    text = "leave out the dark lumen, find highlights, and draw it all: preparation.png"
-    option("--prepare", action="store_true", help=text)
-    text = f"of fast_marching in the recording (default {SNAPSHOTS})"
-    option("--snapshots", type=integer, metavar="N", help=text)
-    add_threads(option)
-    option = command.add_argument_group("a video or a camera").add_argument
-    option("--every", type=count, metavar="N", help="every N-th frame only")
-    option("--limit", type=count, metavar="N", help="N frames at most")
-    text = "show the newest frame's surface as it comes; by default 320 px wide and from green alone"
-    option("--live", action="store_true", help=text)
-
-    command = add_command(
-        commands,
-        "sweep",
-        _sweep,
-        "many frames and settings in, one table of errors and energies out",
-        "endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d",
-        "endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv",
-        "endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz",
-    )
-    command.add_argument(
-        "frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits"
-    )
-    most_used = command.add_argument_group("most used").add_argument
-    most_used(
-        "--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)"
-    )
-    add_solving_options(command, most_used, swept=True)
-    option = command.add_argument_group("output").add_argument
-    option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
-    text = "at once (default 1); -1: as many as cores"
-    option("--jobs", type=integer, metavar="N", help=text)
-    add_threads(option)
+        print(f"not done: {row['frame']}, λ {row['lam']:g}: {row['error']}")
+    print(f"{len(rows) - len(failed)} of {len(rows)} rows, written to {out}")

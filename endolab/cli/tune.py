@@ -2,57 +2,80 @@
 
 from __future__ import annotations
 
-import argparse
 import os
-import sys
+import socket
 import threading
 import webbrowser
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 from endolab._extras import need
-from endolab.cli.options import add_command, integer, load_endoscope, wide
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
     from endolab.numerics.arrays import FloatArray
 
 
-def _tune(arguments: argparse.Namespace) -> None:
+def tune(
+    frame: str,
+    /,
+    *,
+    calibration: str,
+    truth: str | None = None,
+    width: int = 320,
+    port: int = 8877,
+    origin: str | None = None,
+    no_browser: bool = False,
+) -> None:
+    """Open the tuner in the browser.
+
+    - endolab tune frame.png --calibration endoscope.json
+    - endolab tune frames --calibration c3vd --width 480
+    - endolab tune a.png --calibration endoscope.json --truth truth.npz
+
+    Parameters
+    ----------
+    frame : path
+        PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these.
+    calibration : path
+        endoscope.json, a known endoscope's name, or another program's file.
+    truth : path
+        truth.npz of the frame, or its depth map of a published data set.
+    width : int
+        Of the frame to begin with, px.
+    port : int
+        Where to listen, or on the next that is free.
+    origin : str
+        Of a proxy in front of it, such as https://lab.example.org, whose pages may come too.
+    no_browser : bool
+        Print the link, and open no browser.
+    """
     need("ipywidgets", "anywidget", "tornado")
-    from endolab.cli.lab import free_port
+    from endolab.cli.solving import load_endoscope
     from endolab.io.images import read_frame
-
-    port = free_port(arguments.port)
-
     from endolab.workbench.tuning.server import Page
 
-    calibration = load_endoscope(arguments)
-    pictures = find_pictures(arguments.frame)
-    first = read_frame(pictures[0], calibration)
-    truth = None
-    if arguments.truth is not None:
-        if len(pictures) > 1:
-            raise ValueError("--truth is of one frame, and there is a folder of them")
-        truth = read_truth(arguments.truth, calibration)
+    pictures = find_pictures(frame)
+    known = load_endoscope(calibration, [frame])
+    first = read_frame(pictures[0], known)
+    true = None if truth is None else read_truth(truth, known)
+    if true is not None and len(pictures) > 1:
+        raise ValueError("--truth is of one frame, and there is a folder of them")
 
     def make() -> Any:
         from endolab.workbench.tuning.widget import TunerBox
 
-        return TunerBox(first, calibration, truth, width=arguments.width, pictures=pictures)
+        return TunerBox(first, known, true, width=width, pictures=pictures)
+
+    page = Page(make, f"{first.name} · endolab", free_port(port), origin)
 
     def announce() -> None:
-        taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
-        print(f"tuner: {page.link}{taken}")
-        if page.origin is not None:
-            print(f"through the proxy: {page.origin}{urlsplit(page.link).path}")
+        print(f"tuner: {page.link}")
         print("It ends when its page is closed, or by Ctrl-C.", flush=True)
-        if arguments.browser:
-            threading.Thread(target=_open, args=(page.link,), daemon=True).start()
+        if not no_browser:
+            threading.Thread(target=webbrowser.open, args=(page.link,), daemon=True).start()
 
-    page = Page(make, f"{first.name} · endolab", port, arguments.origin)
     with suppress(KeyboardInterrupt):  # which is how it ends
         page.run(announce)
     print("ended", flush=True)
@@ -92,46 +115,9 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
     return truth / np.where(cosine > 0, cosine, np.nan) if is_z else truth
 
 
-def _open(link: str) -> None:
-    if not webbrowser.open(link):
-        print("There is no browser that could be opened; open the link.", file=sys.stderr)
-
-
-def add_tune_command(commands: Any) -> None:
-    """Add the command `tune` to a parser."""
-    command = add_command(
-        commands,
-        "tune",
-        _tune,
-        "the tuner in the browser",
-        "endolab tune frame.png --calibration endoscope.json",
-        "endolab tune frames --calibration c3vd --width 480",
-        "endolab tune a.png --calibration endoscope.json --truth truth.npz",
-    )
-    option = command.add_argument
-    option(
-        "frame",
-        metavar="FRAME",
-        help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these",
-    )
-    text = "endoscope.json, or a known endoscope's name"
-    option("--calibration", required=True, metavar="CAL", help=text)
-    option(
-        "--truth",
-        metavar="T",
-        help="truth.npz of the frame, or its depth map of a published data set",
-    )
-    option(
-        "--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)"
-    )
-    option(
-        "--port",
-        type=integer,
-        default=8877,  # apart from JupyterLab's
-        metavar="N",
-        help="the next free one (default 8877)",
-    )
-    text = "of a proxy in front of it, such as https://lab.example.org, whose pages may come too"
-    option("--origin", metavar="URL", help=text)
-    text = "print the link, and open no browser"
-    option("--no-browser", action="store_false", dest="browser", help=text)
+def free_port(first: int) -> int:
+    """Find the first port from `first` on that nobody listens to."""
+    for port in range(first, 65536):
+        with suppress(OSError, OverflowError), socket.create_server(("127.0.0.1", port)):
+            return port
+    raise ValueError(f"--port must be below 65536, got {first}")

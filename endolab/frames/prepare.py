@@ -11,6 +11,7 @@ from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import check_kinds
 from endolab.numerics.noise import noise_level
 
 
@@ -131,6 +132,7 @@ def _share(part: BoolArray, whole: BoolArray) -> str:
     return f"{100 * part[whole].mean():.2g} % of what the endoscope shows"
 
 
+@check_kinds(frame=Frame, calibration=Calibration)
 def prepare(
     frame: Frame,
     calibration: Calibration,

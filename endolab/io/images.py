@@ -16,7 +16,9 @@ import numpy as np
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
 from endolab.io.damaged import END, ENOUGH, JPEG, PNG, SCAN, bare_png, mend
 from endolab.io.quiet import quiet
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import PATH, check_kinds
 from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
     from endolab.frames.frame import Frame
-    from endolab.model.endoscope import Calibration
 
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
@@ -231,6 +232,7 @@ def read_mask(path: PathLike) -> BoolArray:
     return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
 
 
+@check_kinds(path=PATH, calibration=Calibration, mask=PATH)
 def read_frame(
     path: PathLike, calibration: Calibration | None = None, mask: PathLike | None = None
 ) -> Frame:

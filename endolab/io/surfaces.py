@@ -15,9 +15,10 @@ from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.mesh import Mesh
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import PATH, check_kinds
 
 if TYPE_CHECKING:
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.reconstruction.uncertainty import Uncertainty
     from endolab.solvers.result import Result
     from endolab.synthetic.rendering import Rendered
 
@@ -93,6 +94,7 @@ def write_cloud(
     write_atomically(path, as_ply(points, normals, colours))
 
 
+@check_kinds(path=PATH, mesh=Mesh)
 def write_mesh(path: PathLike, mesh: Mesh) -> None:
     """Write a mesh with its colours and normals.
 

@@ -9,9 +9,9 @@ best there is for this very picture, is what it has to beat.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import spearmanr
+from scipy.stats import norm, spearmanr
 
-from endolab.metrics.depth_errors import scale_to, valid_in_all
+from endolab.metrics.depth_errors import known_in_all, scale_to
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
@@ -61,35 +61,20 @@ def coverage_of(
     ValueError
         If the sizes differ, if no pixel is known in all three, or if `scale` is neither.
     """
-    (distance, sigma, truth), known = valid_in_all(
-        mask, distance=distance, sigma=sigma, truth=truth
-    )
-    if not known.any():
-        raise ValueError("no pixel has an estimate, a σ and a true distance")
+    known = known_in_all(mask, distance=distance, sigma=sigma, truth=truth)
     factor = scale_to(truth[known], distance[known], scale)
     error = np.abs(1 - truth[known] / (factor * distance[known]))
-    share = sigma[known] / distance[known]
-    rms = float(np.sqrt(np.mean(error**2)))
-    return Coverage(
-        pixels=int(known.sum()),
-        scale=factor,
-        sigma_percent=float(100 * np.median(share)),
-        within_one=float(100 * np.mean(error <= share)),
-        within_two=float(100 * np.mean(error <= 2 * share)),
-        spearman=spearman(share, error),
-        log_score=float(np.mean(log_score(error, share))),
-        constant_percent=100 * rms,
-        constant_log_score=float(np.mean(log_score(error, rms))),
-    )
-
-
-def spearman(a: FloatArray, b: FloatArray) -> float:
-    """Correlation of the ranks of two samples; nan if one is constant."""
-    return float(spearmanr(a, b).statistic) if np.ptp(a) > 0 < np.ptp(b) else float("nan")
-
-
-def log_score(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
-    """-log of a normal density of this σ at this error; -inf of no error with no σ."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(error == 0, 0.0, error / sigma)
-        return np.asarray(0.5 * np.log(2 * np.pi) + np.log(sigma) + 0.5 * z**2)
+    relative = sigma[known] / distance[known]
+    rms = np.sqrt(np.mean(error**2))
+    constant = np.ptp(relative) == 0 or np.ptp(error) == 0
+    found = {
+        "scale": factor,
+        "sigma_percent": 100 * np.median(relative),
+        "within_one": 100 * np.mean(error <= relative),
+        "within_two": 100 * np.mean(error <= 2 * relative),
+        "spearman": np.nan if constant else spearmanr(relative, error).statistic,
+        "log_score": -np.mean(norm.logpdf(error, scale=relative)),
+        "constant_percent": 100 * rms,
+        "constant_log_score": -np.mean(norm.logpdf(error, scale=rms)),
+    }
+    return Coverage(int(known.sum()), **{name: float(a) for name, a in found.items()})

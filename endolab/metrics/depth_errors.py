@@ -5,12 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import mask_array, real_array
 from endolab.numerics.derivatives import forward_gradient, links
-
-SCALES = ("none", "median", "medians")
 
 
 @dataclass(frozen=True)
@@ -48,7 +44,7 @@ def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     distance : (H, W) float array
         True distances, any unit; nan (or 0, or anything else that has no logarithm) where unknown.
     threshold : float
-        The least jump of log distance that counts, positive.
+        The least jump of log distance that counts.
 
     Returns
     -------
@@ -56,8 +52,6 @@ def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
         Whether the step from a pixel to its right (first) and lower (second) neighbour is such a
         jump, as `Problem.cuts` takes it; False where either distance is unknown.
     """
-    if not threshold > 0:
-        raise ValueError(f"threshold must be positive, got {threshold}")
     known = np.isfinite(distance) & (distance > 0)
     log_distance = np.log(np.where(known, distance, 1.0))
     return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
@@ -83,66 +77,48 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     ValueError
         If the two are not of one picture, for their proportions differ.
     """
-    truth = truth.astype(np.float64)
     height, width = truth.shape[:2]
     rows, columns = shape
     if (height, width) == shape:
-        return truth
-    if (
-        abs(rows - height * columns / width) > 1
-        and abs(columns - width * rows / height) > 1
-    ):
+        return truth.astype(np.float64)
+    if abs(rows * width - columns * height) > max(width, height):
         raise ValueError(
             f"the depth map is {columns}x{rows} px, the truth {width}x{height} px, of other proportions"
         )
+    maps = truth.reshape(height, width, -1).astype(np.float64)
+    known = np.isfinite(maps).all(axis=-1, keepdims=True)
+    parts = np.dstack([np.where(known, maps, 0.0), known])
     interpolation = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
-
-    def mean(a: FloatArray) -> FloatArray:
-        return np.asarray(
-            cv2.resize(a, (columns, rows), interpolation=interpolation), dtype=np.float64
-        )
-
-    known: BoolArray = np.all(np.isfinite(truth).reshape(height, width, -1), axis=-1)
-    share = mean(known.astype(np.float64))
-    share[share < 0.5] = np.nan
+    parts = np.asarray(cv2.resize(parts, (columns, rows), interpolation=interpolation))
+    mean = parts[..., :-1] / np.where(parts[..., -1:] < 0.5, np.nan, parts[..., -1:])
     if truth.ndim == 2:
-        return mean(np.where(known, truth, 0.0)) / share
-    normals = mean(np.where(known[..., None], truth, 0.0)) / share[..., None]
-    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+        return mean[..., 0]
+    return mean / np.linalg.norm(mean, axis=-1, keepdims=True)
 
 
-def of_shape(shape: tuple[int, ...], **maps: FloatArray) -> list[FloatArray]:
-    """Maps of this shape as arrays of real numbers, or a ValueError that names the first that is none."""
-    arrays = {name: real_array(name, given) for name, given in maps.items()}
-    for name, array in arrays.items():
-        if array.shape != shape:
-            raise ValueError(f"{name} has shape {array.shape}, the depth map {shape}")
-    return [*arrays.values()]
-
-
-def valid_in_all(
-    mask: BoolArray | None, **maps: FloatArray
-) -> tuple[list[FloatArray], BoolArray]:
-    """Maps of distances, (H, W), and which pixels of a mask are positive and finite in all of them."""
+def known_in_all(mask: BoolArray | None, **maps: FloatArray) -> BoolArray:
+    """Pixels of a mask that are positive and finite in all maps, (H, W), of which there must be one."""
     shape = np.shape(next(iter(maps.values())))
-    arrays = of_shape(shape, **maps)
-    if len(shape) != 2:
-        raise ValueError(f"a depth map has rows and columns, got shape {shape}")
-    known = np.ones(shape, dtype=bool) if mask is None else mask_array("mask", mask)
-    if known.shape != shape:
-        raise ValueError(f"mask has shape {known.shape}, the depth map {shape}")
-    return arrays, np.logical_and.reduce(
-        [known, *(np.isfinite(array) & (array > 0) for array in arrays)]
-    )
+    known = np.ones(shape, dtype=bool)
+    for name, given in (maps if mask is None else maps | {"mask": mask}).items():
+        if np.shape(given) != shape:
+            raise ValueError(f"{name} has shape {np.shape(given)}, the depth map {shape}")
+        known &= np.isfinite(given) & (given > 0)
+    if not known.any():
+        raise ValueError(f"no pixel is known in all of {', '.join(maps)}")
+    return known
 
 
 def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:
     """What distances are multiplied by first; see `compare`."""
-    if scale not in SCALES:
-        raise unknown_name("scale", scale, SCALES)
-    if scale == "medians":
-        return float(np.median(truth) / np.median(distance))
-    return float(np.median(truth / distance)) if scale == "median" else 1.0
+    factors = {
+        "none": 1.0,
+        "median": np.median(truth / distance),
+        "medians": np.median(truth) / np.median(distance),
+    }
+    if scale not in factors:
+        raise ValueError(f"unknown scale {scale!r}; there are {', '.join(factors)}")
+    return float(factors[scale])
 
 
 def compare(
@@ -187,35 +163,27 @@ def compare(
     >>> errors.median_percent < 5
     True
     """
-    (distance, truth), known = valid_in_all(mask, distance=distance, truth=truth)
-    cos_alpha = of_shape(distance.shape, cos_alpha=cos_alpha)[0]
-    if not known.any():
-        raise ValueError("no pixel has both an estimate and a true distance")
-    if np.any(np.isinf(cos_alpha[known])):
-        raise ValueError("cos_alpha must be finite where both distances are known")
+    known = known_in_all(mask, distance=distance, truth=truth)
     true = truth[known]
     factor = scale_to(true, distance[known], scale)
     estimate = factor * distance[known]
     error = np.abs(estimate - true)
     ratio = np.maximum(estimate / true, true / estimate)
-    within = [float(100 * np.mean(ratio < 1.25**power)) for power in (1, 2, 3)]
     degrees = np.array([np.nan])
     if normals is not None and true_normals is not None:
-        vectors = {"normals": normals, "true_normals": true_normals}
-        normals, true_normals = of_shape((*distance.shape, 3), **vectors)
         degrees = angle_between(normals[known], true_normals[known])
-    return Errors(
-        pixels=int(known.sum()),
-        scale=factor,
-        mean_mm=float(error.mean()),
-        median_mm=float(np.median(error)),
-        rmse_mm=float(np.sqrt(np.mean(error**2))),
-        mean_percent=float(100 * np.mean(error / true)),
-        median_percent=float(100 * np.median(error / true)),
-        rmse_z_mm=float(np.sqrt(np.mean((error * cos_alpha[known]) ** 2))),
-        mean_degrees=float(np.mean(degrees)),
-        median_degrees=float(np.median(degrees)),
-        within_125=within[0],
-        within_125_squared=within[1],
-        within_125_cubed=within[2],
-    )
+    found = {
+        "scale": factor,
+        "mean_mm": error.mean(),
+        "median_mm": np.median(error),
+        "rmse_mm": np.sqrt(np.mean(error**2)),
+        "mean_percent": 100 * np.mean(error / true),
+        "median_percent": 100 * np.median(error / true),
+        "rmse_z_mm": np.sqrt(np.mean((error * cos_alpha[known]) ** 2)),
+        "mean_degrees": np.mean(degrees),
+        "median_degrees": np.median(degrees),
+        "within_125": 100 * np.mean(ratio < 1.25),
+        "within_125_squared": 100 * np.mean(ratio < 1.25**2),
+        "within_125_cubed": 100 * np.mean(ratio < 1.25**3),
+    }
+    return Errors(int(known.sum()), **{name: float(value) for name, value in found.items()})

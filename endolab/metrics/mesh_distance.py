@@ -24,7 +24,6 @@ class SurfaceDistance:
     percentile_95: float
 
 
-# Open3D ---------------------------------------------------------------------------------
 def load_open3d() -> Any:
     """Import Open3D, or say in one sentence why it cannot be."""
     need("open3d")
@@ -35,17 +34,6 @@ def load_open3d() -> Any:
             f"Open3D does not import ({error}); on Debian install libusb-1.0-0"
         ) from error
     return open3d
-
-
-def caster(vertices: FloatArray, triangles: NDArray) -> Any:
-    """Open3D's scene of one mesh, for rays and nearest points."""
-    open3d = load_open3d()
-    made = open3d.t.geometry.RaycastingScene()
-    made.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(vertices, dtype=np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(triangles, dtype=np.uint32)),
-    )
-    return made
 
 
 def to_open3d(mesh: Mesh) -> Any:
@@ -85,29 +73,23 @@ def distance_to(
     """
     if scale is None and mesh.unit != "mm":
         raise ValueError(f"the mesh is in {mesh.unit}: give scale, the mm of one unit")
-    own = mesh.vertices * (1.0 if scale is None else scale)
-    if isinstance(truth, Mesh | tuple):
-        vertices, triangles = (
-            (truth.vertices, truth.triangles) if isinstance(truth, Mesh) else truth
+    own = mesh.vertices * (scale or 1.0)
+    if isinstance(truth, Mesh):
+        truth = (truth.vertices, truth.triangles)
+    if isinstance(truth, tuple):
+        core, scene = load_open3d().core, load_open3d().t.geometry.RaycastingScene()
+        scene.add_triangles(
+            core.Tensor(truth[0].astype(np.float32)),
+            core.Tensor(truth[1].astype(np.uint32)),
         )
-        size = len(triangles)
+        distance = scene.compute_distance(core.Tensor(own.astype(np.float32))).numpy()
     else:
-        vertices = np.asarray(truth, dtype=np.float64).reshape(-1, 3)
-        vertices = vertices[np.isfinite(vertices).all(axis=-1)]
-        triangles = None
-        size = len(vertices)
-    if not (len(own) and size):
-        raise ValueError(
-            f"nothing to measure: the mesh has {len(own)} vertices, the truth {size} parts"
-        )
-    if triangles is None:
-        distance = scipy.spatial.cKDTree(vertices).query(own)[0]
-    else:
-        place = load_open3d().core.Tensor(own.astype(np.float32))
-        distance = (
-            caster(vertices, triangles).compute_distance(place).numpy().astype(np.float64)
-        )
-    mean = np.mean(distance)
-    median = np.median(distance)
-    most = np.percentile(distance, 95)
-    return SurfaceDistance(distance, float(mean), float(median), float(most))
+        points = np.reshape(truth, (-1, 3))
+        points = points[np.isfinite(points).all(axis=-1)]
+        distance = scipy.spatial.cKDTree(points).query(own)[0]
+    if not (distance.size and np.isfinite(distance).all()):
+        raise ValueError("nothing to measure: the mesh or the truth is empty")
+    percentiles = np.percentile(distance, [50, 95]).tolist()
+    return SurfaceDistance(
+        distance.astype(np.float64), float(distance.mean()), *percentiles
+    )

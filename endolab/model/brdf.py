@@ -3,15 +3,17 @@
 In the simplified model the light sits at the camera, and the two angles are one.
 """
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import field
+from typing import Annotated, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
 
-from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import real_array
+from endolab.numerics.checked_types import checked
+
+Albedo = Annotated[float, Field(ge=1e-9, le=1)]
 
 
 class BRDF(Protocol):
@@ -26,7 +28,7 @@ class BRDF(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@checked
 class Lambertian:
     """A matt surface, f_r = k_d/π.
 
@@ -36,17 +38,8 @@ class Lambertian:
         k_d in (0, 1]; three for the channels red, green, blue.
     """
 
-    albedo: float | tuple[float, float, float] = 1.0
-
-    def __post_init__(self) -> None:
-        albedo = real_array("albedo", self.albedo)
-        if albedo.shape not in ((), (3,)) or np.asarray(self.albedo).dtype == bool:
-            raise ValueError(
-                f"albedo must be one number or three (red, green, blue), got {self.albedo}"
-            )
-        check_range("albedo", albedo)
-        plain = albedo.tolist()
-        object.__setattr__(self, "albedo", tuple(plain) if albedo.ndim else plain)
+    model: Literal["lambertian"] = field(default="lambertian", kw_only=True, repr=False)
+    albedo: Albedo | tuple[Albedo, Albedo, Albedo] = 1.0
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`; needs one albedo, not three."""
@@ -61,7 +54,7 @@ class Lambertian:
         return np.zeros(np.shape(cosine))
 
 
-@dataclass(frozen=True)
+@checked
 class TabulatedBRDF:
     """A BRDF given at a few incidence angles, linear between them, constant beyond.
 
@@ -73,22 +66,20 @@ class TabulatedBRDF:
         f_r there, positive, 1/sr.
     """
 
-    theta: tuple[float, ...]
-    values: tuple[float, ...]
+    model: Literal["tabulated"] = field(default="tabulated", kw_only=True, repr=False)
+    theta: tuple[Annotated[float, Field(ge=0, le=np.pi / 2)], ...]
+    values: tuple[Annotated[float, Field(ge=1e-9, le=1e9)], ...] = Field(alias="value")
 
-    def __post_init__(self) -> None:
-        theta = real_array("theta", self.theta)
-        values = real_array("value", self.values)
-        if theta.ndim != 1 or theta.size < 2 or theta.shape != values.shape:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.theta) != len(self.values) or len(self.theta) < 2:
             raise ValueError(
-                f"theta and value must be lists of one length, got {theta.size} and {values.size}"
+                "theta and value must be lists of one length, "
+                f"got {len(self.theta)} and {len(self.values)}"
             )
-        check_range("theta", theta)
-        check_range("value", values)
-        if not np.all(np.diff(theta) > 0):
+        if np.any(np.diff(self.theta) <= 0):
             raise ValueError(f"theta must increase, got {list(self.theta)}")
-        object.__setattr__(self, "theta", tuple(theta.tolist()))
-        object.__setattr__(self, "values", tuple(values.tolist()))
+        return self
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`; the half angle plays no part."""
@@ -106,7 +97,7 @@ class TabulatedBRDF:
         return np.where(sin > 1e-8, -slope / np.where(sin > 1e-8, sin, 1.0), 0.0)
 
 
-@dataclass(frozen=True)
+@checked
 class Glossy:
     """A matt surface under a wet film: Lambertian plus a Blinn-Phong lobe.
 
@@ -122,13 +113,10 @@ class Glossy:
         s, at least 0; 50 is a wide sheen, 500 a small glint.
     """
 
-    albedo: float = 1.0
-    specular: float = 0.02
-    shininess: float = 200.0
-
-    def __post_init__(self) -> None:
-        for name in ("albedo", "specular", "shininess"):
-            in_range(name, getattr(self, name))
+    model: Literal["glossy"] = field(default="glossy", kw_only=True, repr=False)
+    albedo: Albedo = 1.0
+    specular: Annotated[float, Field(ge=0, le=1e3)] = 0.02
+    shininess: Annotated[float, Field(ge=0, le=1e6)] = 200.0
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`."""

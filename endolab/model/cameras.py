@@ -8,19 +8,26 @@ centre of the top-left pixel.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
+from pydantic import AfterValidator, Field, model_validator
 
-from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import BoolArray, ComplexArray, FloatArray, nan_if_undefined
-from endolab.numerics.checks import number, real_array
+from endolab.numerics.checked_types import Whole, checked
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
 from endolab.numerics.side_by_side import by_rows
+
+Size = Annotated[Whole, Field(ge=1, le=100_000)]  # px
+FocalLength = Annotated[float, Field(ge=1e-2, le=1e7)]  # px
+Centre = Annotated[float, Field(ge=-1e6, le=1e6)]  # px
+Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]  # of a distortion
+Degree = Annotated[float, Field(ge=-1e7, le=1e7)]  # of a polynomial in px, its coefficient
+Affine = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
 @dataclass(frozen=True)
@@ -48,18 +55,28 @@ class RayField:
         """Cosine of the angle α between each ray and the axis: the rays' z."""
         return self.rays[..., 2]
 
+    def every(self, step: int) -> Self:
+        """Return the field of every `step`-th row and column."""
+        thin = np.s_[::step, ::step]
+        return type(self)(
+            self.rays[thin],
+            self.jacobian[thin],
+            self.inverse_metric[thin],
+            self.valid[thin],
+        )
 
-@dataclass(frozen=True)
+
+@checked
 class Camera:
     """A central camera that is symmetric about its axis up to a smooth map of the image.
 
     Use a model: `KannalaBrandt`, `Pinhole`, `BrownConrady` or `Scaramuzza`.
     """
 
-    width: int
-    height: int
+    model: str = field(kw_only=True, repr=False)
+    width: Size
+    height: Size
 
-    model: ClassVar[str]
     # Parameters that scale with the columns (0) or rows (1).
     _in_pixels: ClassVar[dict[str, int]]
 
@@ -97,15 +114,6 @@ class Camera:
         """Bring pixels (..., 2) to the model's plane, nan if it has none; the derivative, (..., 2, 2)."""
         to_plane = np.asarray(np.linalg.inv(self._affine), dtype=np.float64)
         return (pixels - self._centre) @ to_plane.T, to_plane
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            value = number(name, getattr(self, name))
-            if not (1 <= value <= 100_000 and int(value) == value):
-                raise ValueError(
-                    f"{name} must be a positive whole number of pixels, got {value:g}"
-                )
-            object.__setattr__(self, name, int(value))
 
     def project(self, points: ArrayLike) -> FloatArray:
         """Project points or directions (..., 3) in the camera frame, mm, to columns and rows (..., 2), px.
@@ -206,29 +214,16 @@ class Camera:
         return camera
 
 
-def _coefficients(name: str, values: ArrayLike, count: int) -> tuple[float, ...]:
-    """Return so many numbers, or raise a ValueError."""
-    plain = tuple(real_array(name, values).ravel().tolist())
-    if len(plain) != count:
-        raise ValueError(f"{name} must hold {count} coefficients, got {list(plain)}")
-    return plain
-
-
-@dataclass(frozen=True)
+@checked
 class _FocalCamera(Camera):
-    """A camera with focal lengths and a principal point, px."""
+    """A camera with focal lengths and a principal point, px; its plane is a pinhole's, h = tan ϑ."""
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    fx: FocalLength
+    fy: FocalLength
+    cx: Centre
+    cy: Centre
 
     _in_pixels: ClassVar = {"fx": 0, "fy": 1, "cx": 0, "cy": 1}
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("fx", "fy", "cx", "cy"):
-            in_range(name, getattr(self, name))
 
     @property
     def _affine(self) -> FloatArray:
@@ -238,8 +233,14 @@ class _FocalCamera(Camera):
     def _centre(self) -> FloatArray:
         return np.array([self.cx, self.cy])
 
+    def _radius(self, theta: FloatArray) -> FloatArray:
+        return np.tan(theta)
 
-@dataclass(frozen=True)
+    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.arctan(radius), 1 / (1 + radius * radius)
+
+
+@checked
 class Pinhole(_FocalCamera):
     """Pinhole camera: h = tan ϑ.
 
@@ -258,7 +259,7 @@ class Pinhole(_FocalCamera):
     array([239.5, 119.5])
     """
 
-    model: ClassVar[str] = "pinhole"
+    model: Literal["pinhole"] = field(default="pinhole", kw_only=True, repr=False)
 
     @property
     def max_angle(self) -> float:  # noqa: D102
@@ -267,12 +268,6 @@ class Pinhole(_FocalCamera):
     @property
     def _max_radius(self) -> float:
         return np.inf
-
-    def _radius(self, theta: FloatArray) -> FloatArray:
-        return np.tan(theta)
-
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.arctan(radius), 1 / (1 + radius * radius)
 
 
 def distort(
@@ -296,8 +291,14 @@ def distort(
     return w, ratio + s * slope + 2 * shift, z * (z * slope + 2 * p)
 
 
-@dataclass(frozen=True)
-class BrownConrady(Pinhole):
+def _all_eight(k: tuple[float, ...]) -> tuple[float, ...]:
+    if len(k) not in (4, 5, 8):
+        raise ValueError(f"must hold 4, 5 or 8 coefficients, got {list(k)}")
+    return k + (0.0,) * (8 - len(k))
+
+
+@checked
+class BrownConrady(_FocalCamera):
     """Pinhole camera whose picture is distorted: OpenCV's usual model, by Brown and Conrady.
 
     Parameters
@@ -327,17 +328,10 @@ class BrownConrady(Pinhole):
     array([235.75, 119.5 ])
     """
 
-    k: tuple[float, ...] = (0.0,) * 8
-
-    model: ClassVar[str] = "brown_conrady"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        k = tuple(real_array("k", self.k).ravel().tolist())
-        if len(k) not in (4, 5, 8):
-            raise ValueError(f"k must hold 4, 5 or 8 coefficients, got {list(k)}")
-        check_range("distortion", k)
-        object.__setattr__(self, "k", k + (0.0,) * (8 - len(k)))
+    model: Literal["brown_conrady"] = field(
+        default="brown_conrady", kw_only=True, repr=False
+    )
+    k: Annotated[tuple[Coefficient, ...], AfterValidator(_all_eight)] = (0.0,) * 8
 
     @property
     def max_angle(self) -> float:  # noqa: D102
@@ -392,7 +386,7 @@ class BrownConrady(Pinhole):
         return np.where(np.abs(miss) < 1e-9 * (1 + radius), z, np.nan), a, b
 
 
-@dataclass(frozen=True)
+@checked
 class KannalaBrandt(_FocalCamera):
     """Kannala-Brandt fisheye: h = ϑ + k1 ϑ³ + k2 ϑ⁵ + k3 ϑ⁷ + k4 ϑ⁹ (paper, Section III-A).
 
@@ -419,14 +413,10 @@ class KannalaBrandt(_FocalCamera):
     True
     """
 
-    k: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-
-    model: ClassVar[str] = "kannala_brandt"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "k", _coefficients("k", self.k, 4))
-        check_range("distortion", self.k)
+    model: Literal["kannala_brandt"] = field(
+        default="kannala_brandt", kw_only=True, repr=False
+    )
+    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0)
 
     @cached_property
     def max_angle(self) -> float:  # noqa: D102
@@ -455,7 +445,7 @@ class KannalaBrandt(_FocalCamera):
             return theta, 1 / self._polynomial(theta)[1]
 
 
-@dataclass(frozen=True)
+@checked
 class Scaramuzza(Camera):
     """Scaramuzza's omnidirectional camera (OCamCalib), with z forward.
 
@@ -479,28 +469,25 @@ class Scaramuzza(Camera):
        cameras", IROS 2006.
     """
 
-    cx: float
-    cy: float
-    a: tuple[float, float, float, float, float]
-    c: float = 1.0
-    d: float = 0.0
-    e: float = 0.0
-    row_scale: float = 1.0  # the lower right entry of the affine map: 1 until a resize
+    model: Literal["scaramuzza"] = field(default="scaramuzza", kw_only=True, repr=False)
+    cx: Centre
+    cy: Centre
+    # a0 is positive, so that z is forward; a1 is 0: the lens is smooth.
+    a: tuple[FocalLength, Annotated[float, Field(ge=0, le=0)], Degree, Degree, Degree]
+    c: Affine = 1.0
+    d: Affine = 0.0
+    e: Affine = 0.0
+    row_scale: Affine = 1.0  # the lower right entry of the affine map: 1 until a resize
 
-    model: ClassVar[str] = "scaramuzza"
     _in_pixels: ClassVar = {"cx": 0, "cy": 1, "c": 0, "d": 0, "e": 1, "row_scale": 1}
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "a", _coefficients("a", self.a, 5))
-        check_range("a", self.a)
-        in_range("a[0]", self.a[0])  # positive, so that z is forward
-        if self.a[1] != 0:
-            raise ValueError(f"a[1] must be 0 (a smooth lens), got {self.a[1]}")
-        in_range("cx", self.cx)
-        in_range("cy", self.cy)
-        check_range("c, d, e", (self.c, self.d, self.e, self.row_scale))
-        in_range("c - d·e", np.linalg.det(self._affine))
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not 1e-6 <= np.linalg.det(self._affine) <= 1e6:
+            raise ValueError(
+                f"c - d·e must lie in [1e-06, 1e+06], got {np.linalg.det(self._affine):g}"
+            )
+        return self
 
     @property
     def _affine(self) -> FloatArray:

@@ -1,16 +1,29 @@
 """Lights of an endoscope."""
 
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
-from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import excerpt, real_array
+from endolab.numerics.checked_types import checked
+
+Millimetres = Annotated[float, Field(ge=-1e3, le=1e3)]
+Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+def _unit(direction: Vector) -> Vector:
+    length = math.hypot(*direction)
+    if not 1e-6 <= length <= 1e6:
+        raise ValueError(f"must be 1e-06 to 1e+06 long, got {direction}")
+    if abs(length - 1) < 1e-12:  # stays as it is
+        return direction
+    x, y, z = direction
+    return x / length, y / length, z / length
+
+
+@checked
 class SpotLight:
     """A small light that fades with the cosine off its direction and the square of the distance.
 
@@ -28,29 +41,10 @@ class SpotLight:
         Its share of the light, positive.
     """
 
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    exponent: float = 0.0
-    weight: float = 1.0
-
-    def __post_init__(self) -> None:
-        position = real_array("position", self.position)
-        direction = real_array("direction", self.direction)
-        for name, three in (("position", position), ("direction", direction)):
-            if three.shape != (3,):
-                raise ValueError(
-                    f"{name} must be three numbers, got {excerpt(getattr(self, name))}"
-                )
-        length = math.hypot(*direction)
-        if not 1e-6 <= length <= 1e6:
-            raise ValueError(f"direction must be 1e-06 to 1e+06 long, got {self.direction}")
-        check_range("position", position)
-        for name in ("exponent", "weight"):
-            in_range(name, getattr(self, name))
-        # Unit ones stay as they are.
-        unit = direction if abs(length - 1) < 1e-12 else direction / length
-        object.__setattr__(self, "position", tuple(position.tolist()))
-        object.__setattr__(self, "direction", tuple(unit.tolist()))
+    position: tuple[Millimetres, Millimetres, Millimetres] = (0.0, 0.0, 0.0)
+    direction: Annotated[Vector, AfterValidator(_unit)] = (0.0, 0.0, 1.0)
+    exponent: Annotated[float, Field(ge=0, le=100)] = 0.0
+    weight: Annotated[float, Field(ge=1e-12, le=1e12)] = 1.0
 
     def illuminate(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Light that arrives at points (..., 3) in the camera frame, mm.

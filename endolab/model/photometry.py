@@ -11,18 +11,18 @@ With the one light at the optical centre, looking forward (the default, eq. 9):
 and k is then the joint exponent of light spread and vignetting.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from endolab.model.brdf import BRDF, Lambertian
+from endolab.model.brdf import BRDF, Glossy, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
-from endolab.model.ranges import in_range
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checked_types import OneOf, checked
+from endolab.numerics.checks import unknown_name
 
 CHANNELS = ("red", "green", "blue")
 # Of stored values; ITU-R BT.601, as cv2 and JPEG use.
@@ -34,7 +34,7 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.einsum("...i,...i->...", a, b)
 
 
-@dataclass(frozen=True)
+@checked
 class Photometry:
     """Light, surface and response of an endoscope.
 
@@ -61,18 +61,15 @@ class Photometry:
     4.0
     """
 
-    k: float = 2.5
-    gamma: float = 2.2
-    gain: float | None = None
-    brdf: BRDF = field(default_factory=Lambertian)
+    k: Annotated[float, Field(ge=0, le=100)] = 2.5
+    gamma: Annotated[float, Field(ge=0.1, le=10)] = 2.2
+    gain: Annotated[float, Field(ge=1e-15, le=1e15)] | None = None
+    brdf: Annotated[BRDF, OneOf(Lambertian, TabulatedBRDF, Glossy)] = field(
+        default_factory=Lambertian
+    )
     lights: tuple[SpotLight, ...] = ()
 
-    def __post_init__(self) -> None:
-        for name in ("k", "gamma", "gain") if self.gain is not None else ("k", "gamma"):
-            in_range(name, getattr(self, name))
-        object.__setattr__(self, "lights", tuple(self.lights))
-
-    def channel(self, name: str) -> Photometry:
+    def channel(self, name: str) -> Self:
         """Return the model of one channel, where the albedo differs between them.
 
         Grey is the weighted sum of the stored values (ITU-R BT.601).
@@ -89,7 +86,7 @@ class Photometry:
             own = albedo[CHANNELS.index(name)]
         return replace(self, brdf=Lambertian(own))
 
-    def simplify(self) -> Photometry:
+    def simplify(self) -> Self:
         """Replace the lights by one virtual light at the optical centre (Section III-C).
 
         Its strength is the sum of theirs along the axis and its exponent their mean, weighted by that

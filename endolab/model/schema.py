@@ -2,52 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
-import json
 import math
-from collections.abc import Iterable
 from typing import Any
 
-LONGEST_VALUE = 80  # characters of a value of a file in a sentence
-
-
-def nearest(given: object, choices: Iterable[str]) -> str:
-    """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
-    plain = {name.lower(): name for name in choices}
-    if len(str(given)) > LONGEST_VALUE:
-        return ""
-    return next(
-        (plain[name] for name in difflib.get_close_matches(str(given).lower(), plain, 1)),
-        "",
-    )
-
-
-def unknown_name(
-    what: str, given: object, choices: Iterable[str], other: str = ""
-) -> ValueError:
-    """Make the error that names all there is to choose, and the nearest if one is misspelt.
-
-    `other` is what can be given beside the choices, such as a file.
-    """
-    names = list(choices)
-    meant = nearest(given, names)
-    *most, last = [*names, other] if other else names
-    hint = f"; did you mean {meant}?" if meant else ""
-    return ValueError(
-        f"unknown {what} {shorten(repr(given))}; choose {', '.join(most)} or {last}{hint}"
-    )
-
-
-def quote(value: object) -> str:
-    """Say a value of a file as JSON does, as far as a sentence bears it."""
-    return shorten(json.dumps(value))
-
-
-def shorten(text: str, most: int = LONGEST_VALUE) -> str:
-    """Leave out the middle of what is too long, and what cannot be printed in one line."""
-    if len(text) > most:
-        text = f"{text[: most // 2]} … {text[-most // 2 :]}"
-    return "".join(c if c.isprintable() else " " for c in text)
+from endolab.numerics.checks import (
+    LONGEST_VALUE,
+    nearest,
+    quote,
+    shorten,
+    unknown_name,
+)
 
 
 def _is_finite(value: Any) -> bool:

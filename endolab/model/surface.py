@@ -54,14 +54,19 @@ def slant(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
 
 
 def normals(
-    log_distance: FloatArray, field: RayField, mask: BoolArray | None = None
+    log_distance: FloatArray,
+    field: RayField,
+    mask: BoolArray | None = None,
+    step: int = 1,
 ) -> FloatArray:
     """Unit normals (H, W, 3) in the camera frame, towards the camera, from v = log d; nan outside the mask.
 
-    The mask is by default where v is finite.
+    The mask is by default where v is finite; `step` is as of `gradient`.
     """
     inside = field.valid & (np.isfinite(log_distance) if mask is None else mask)
-    return normals_from_gradient(*gradient(log_distance, inside), field)
+    return normals_from_gradient(
+        *gradient(log_distance, inside, step=step), field.every(step)
+    )
 
 
 def normals_from_gradient(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:

@@ -1,11 +1,84 @@
 """What a caller gave, as a number, a count or an array, or one sentence that says what it was instead."""
 
+import difflib
+import functools
+import inspect
+import json
 import math
-from typing import Any
+import os
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
+
+LONGEST_VALUE = 80  # characters of a value of a file in a sentence
+
+
+def nearest(given: object, choices: Iterable[str]) -> str:
+    """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
+    plain = {name.lower(): name for name in choices}
+    if len(str(given)) > LONGEST_VALUE:
+        return ""
+    return next(
+        (plain[name] for name in difflib.get_close_matches(str(given).lower(), plain, 1)),
+        "",
+    )
+
+
+def unknown_name(
+    what: str, given: object, choices: Iterable[str], other: str = ""
+) -> ValueError:
+    """Make the error that names all there is to choose, and the nearest if one is misspelt.
+
+    `other` is what can be given beside the choices, such as a file.
+    """
+    names = list(choices)
+    meant = nearest(given, names)
+    *most, last = [*names, other] if other else names
+    hint = f"; did you mean {meant}?" if meant else ""
+    return ValueError(
+        f"unknown {what} {shorten(repr(given))}; choose {', '.join(most)} or {last}{hint}"
+    )
+
+
+def quote(value: object) -> str:
+    """Say a value of a file as JSON does, as far as a sentence bears it."""
+    return shorten(json.dumps(value))
+
+
+def shorten(text: str, most: int = LONGEST_VALUE) -> str:
+    """Leave out the middle of what is too long, and what cannot be printed in one line."""
+    if len(text) > most:
+        text = f"{text[: most // 2]} … {text[-most // 2 :]}"
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+PATH = (str, os.PathLike)
+
+
+def check_kinds(**kinds: type | tuple[type, ...]) -> Callable[[Function], Function]:
+    """Make a function refuse arguments of other types than these in one sentence; None is not looked at."""
+
+    def decorate(function: Function) -> Function:
+        signature = inspect.signature(function)
+
+        @functools.wraps(function)
+        def checked(*args: Any, **kwargs: Any) -> Any:
+            given = signature.bind_partial(*args, **kwargs).arguments
+            for name, kind in kinds.items():
+                value = given.get(name)
+                if value is not None and not isinstance(value, kind):
+                    wanted = kind if isinstance(kind, tuple) else (kind,)
+                    names = " or ".join(one.__name__ for one in wanted)
+                    raise ValueError(f"{name} must be {names}, got {excerpt(value)}")
+            return function(*args, **kwargs)
+
+        return checked  # type: ignore[return-value]
+
+    return decorate
 
 
 def excerpt(value: object) -> str:

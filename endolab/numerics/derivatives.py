@@ -7,6 +7,8 @@ holds those from each pixel to its right (first) and lower (second) neighbour. B
 `links`: which steps there are.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,27 +49,36 @@ def _links_of(
 
 
 def _derivative(
-    f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, edge_order: int
+    f: FloatArray,
+    inside: BoolArray,
+    link: BoolArray,
+    axis: int,
+    edge_order: int,
+    step: int,
 ) -> FloatArray:
-    before = shift(link, -1, axis, False)
-    forward = shift(f, 1, axis, 0.0) - f
-    backward = shift(forward, -1, axis, 0.0)
-    one_sided = np.select([link, before], [forward, backward], 0.0)
+    pad = [(2, 2) if i == axis else (0, 0) for i in (0, 1)]
+
+    def beside(a: NDArray) -> list[NDArray]:
+        """Values two pixels before, one before, here, one on and two on; views, thinned."""
+        length = a.shape[axis]
+        padded = np.moveaxis(np.pad(a, pad), axis, 0)
+        return [
+            np.moveaxis(padded[i : i + length : step, ::step], 0, axis) for i in range(5)
+        ]
+
+    values = beside(f)
+    far_behind, behind, ahead, far_ahead = (b - a for a, b in pairwise(values))
+    far_before, before, after, far_after, _ = beside(link)
+    one_sided = np.select([after, before], [ahead, behind], 0.0)
     if edge_order == 2:
         # A border pixel takes the three-point formula, as accurate as the central one.
-        far = link & shift(link, 1, axis, False)
-        both = before & shift(before, -1, axis, False)
-        bend = np.select(
-            [far, both],
-            [
-                forward - shift(forward, 1, axis, 0.0),
-                backward - shift(backward, -1, axis, 0.0),
-            ],
-            0.0,
-        )
-        one_sided = one_sided + 0.5 * bend
+        bends = [ahead - far_ahead, behind - far_behind]
+        far = [after & far_after, before & far_before]
+        one_sided = one_sided + 0.5 * np.select(far, bends, 0.0)
     return np.select(
-        [~inside, link & before], [np.nan, 0.5 * (forward + backward)], one_sided
+        [~inside[::step, ::step], after & before],
+        [np.nan, 0.5 * (ahead + behind)],
+        one_sided,
     )
 
 
@@ -76,17 +87,19 @@ def gradient(
     mask: BoolArray | None = None,
     cuts: BoolArray | None = None,
     edge_order: int = 2,
+    step: int = 1,
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient of a map (H, W): central differences, one-sided where a step is missing.
 
     `edge_order` is the accuracy of the one-sided ones: from three pixels (2) or from two (1). Returns the
     derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask; 0
-    along an axis on which a pixel has no neighbour.
+    along an axis on which a pixel has no neighbour. Of every `step`-th row and column alone, if it is given.
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
     f_u, f_v = (
-        _derivative(f, inside, link[i], axis, edge_order) for i, axis in ((0, 1), (1, 0))
+        _derivative(f, inside, link[i], axis, edge_order, step)
+        for i, axis in ((0, 1), (1, 0))
     )
     return f_u, f_v
 

@@ -199,7 +199,7 @@ def make_channels(
             evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
             xi=settings.xi,
-            regulariser=settings.first_regulariser,
+            regulariser=settings.used_regulariser,
             lam=settings.lam,
             epsilon=settings.epsilon,
             threshold=settings.threshold,

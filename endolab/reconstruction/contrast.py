@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import check_kinds
 from endolab.numerics.noise import noise_level
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.problem import Problem
@@ -16,6 +17,7 @@ from endolab.solvers.result import Result
 ENOUGH_CONTRAST = 0.99
 
 
+@check_kinds(result=Result)
 def explained_contrast(result: Result) -> float:
     """Return the share of the picture's variance that the surface explains, but for noise.
 

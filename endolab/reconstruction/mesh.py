@@ -2,11 +2,10 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
 
 from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
-from endolab.numerics.checks import excerpt
 from endolab.numerics.derivatives import links
 from endolab.solvers.result import Iterate, Result
 
@@ -51,7 +50,7 @@ def make_mesh(
     Raises
     ------
     ValueError
-        If arrays do not fit or a threshold is out of range.
+        If arrays do not fit.
 
     Examples
     --------
@@ -69,58 +68,40 @@ def make_mesh(
         unit = problem.unit
         colours = problem.shown if colours is None else colours
         cuts = problem.cuts if cuts is None else cuts
-        if sigma is not None:
-            colours, legend = _certainty(sigma, shown)
-    elif sigma is not None:
-        raise ValueError("sigma is of a result: mere points have none")
     else:
         points = np.asarray(shown, dtype=np.float64)
     if points.ndim != 3 or points.shape[2] != 3:
         raise ValueError(f"points must have shape (H, W, 3), found {points.shape}")
     shape = points.shape[:2]
-    colours = np.full(shape, 0.7) if colours is None else colours  # grey
-    if colours.shape not in (shape, (*shape, 3)):
-        raise ValueError(
-            f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}"
-        )
-    if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
-        raise ValueError(f"cuts must be {excerpt(np.empty((2, *shape), bool))}")
-    if not (jump >= 1 and 0 <= grazing <= 90):
-        raise ValueError(
-            f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
-        )
     distance = np.linalg.norm(points, axis=-1)
+    if sigma is not None:
+        percent = 100 * sigma / distance
+        # As in figures, 98 % of the pixels are within the scale.
+        most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
+        places = np.round(255 * np.clip(np.nan_to_num(percent) / most, 0, 1))
+        bgr = cv2.applyColorMap(places.astype(np.uint8), cv2.COLORMAP_MAGMA)
+        colours = np.asarray(bgr[..., ::-1], np.float64) / 255
+        legend = (
+            f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
+        )
+    colours = np.full(shape, 0.7) if colours is None else colours  # grey
     joined = links(np.isfinite(distance) & (distance > 0), cuts)
     triangles = join_triangles(distance, joined)
     points = points.reshape(-1, 3)
-    triangles = triangles[~_joins_two_surfaces(points, triangles, jump, grazing)]
+    corners = points[triangles]
+    far = distance.ravel()[triangles]
+    normal = triangle_normals(corners)
+    sight = corners.mean(axis=1)
+    size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
+    is_seen = np.abs(np.sum(normal * sight, axis=-1)) >= np.cos(np.deg2rad(grazing)) * size
+    triangles = triangles[is_seen | (far.max(axis=1) <= jump * far.min(axis=1))]
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
     triangles = (np.cumsum(used, dtype=np.int32) - 1)[triangles]
     vertices = points[used]
     rgb = np.broadcast_to(colours.reshape(*shape, -1), (*shape, 3)).reshape(-1, 3)
     normals = vertex_normals(vertices, triangles)
-    return Mesh(
-        vertices,
-        triangles,
-        rgb[used].clip(0, 1),
-        normals,
-        unit,
-        legend,
-    )
-
-
-def _certainty(sigma: FloatArray, shown: Result | Iterate) -> tuple[FloatArray, str]:
-    """Colours of σ, from dark, certain, to bright, (H, W, 3), and what they mean."""
-    if sigma.shape != shown.mask.shape:
-        raise ValueError(f"sigma has shape {sigma.shape}, the result {shown.mask.shape}")
-    percent = np.where(shown.mask, 100 * sigma / shown.distance, 0.0)
-    # As in figures, 98 % of the pixels are within the scale.
-    most = float(f"{np.percentile(percent[shown.mask], 98):.2g}") or 1.0
-    places = np.round(255 * np.clip(percent / most, 0, 1)).astype(np.uint8)
-    bgr = np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)
-    legend = f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
-    return bgr[..., ::-1] / 255, legend
+    return Mesh(vertices, triangles, rgb[used].clip(0, 1), normals, unit, legend)
 
 
 def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
@@ -129,45 +110,18 @@ def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
     `joined`, (2, H, W), are the steps that there are (see `derivatives.links`). A square that has all four is
     split along the diagonal over which the distance, (H, W), changes by the smaller factor.
     """
-    right, lower = joined
     number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)
-
-    def corners(a: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        return a[:-1, :-1], a[:-1, 1:], a[1:, :-1], a[1:, 1:]
-
-    a, b, c, d = corners(number)
-    top, _, bottom, _ = corners(right)
-    left, far, _, _ = corners(lower)
-    upper_left = top & left
-    lower_right = bottom & far
-    lower_left = left & bottom
-    upper_right = top & far
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at_a, at_b, at_c, at_d = corners(np.log(distance))
-        flatter = np.abs(at_a - at_d) < np.abs(at_b - at_c)
-    rising = 1 * upper_left + lower_right
-    falling = 1 * lower_left + upper_right
-    # The diagonal is a-d, else b-c.
-    falls = (falling > rising) | ((falling == rising) & flatter)
-    parts = [
-        np.stack([a, c, b], -1)[upper_left & ~falls],
-        np.stack([b, c, d], -1)[lower_right & ~falls],
-        np.stack([a, c, d], -1)[lower_left & falls],
-        np.stack([a, d, b], -1)[upper_right & falls],
-    ]
-    return np.concatenate(parts)
-
-
-def _joins_two_surfaces(
-    points: FloatArray, triangles: IndexArray, jump: float, grazing: float
-) -> BoolArray:
-    """Triangles that would join two surfaces."""
-    distance = np.linalg.norm(points, axis=-1)[triangles]
-    apart = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
-    corners = points[triangles[apart]]
-    normal = triangle_normals(corners)
-    sight = corners.mean(axis=1)
-    size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
-    cosine = np.abs(np.einsum("ni,ni->n", normal, sight))
-    apart[apart] = cosine < np.cos(np.deg2rad(grazing)) * size
-    return apart
+    corners = sliding_window_view(number, (2, 2)).reshape(-1, 4)  # a, b and below c, d
+    across, down = joined
+    top, bottom = across[:-1, :-1].ravel(), across[1:, :-1].ravel()
+    left, right = down[:-1, :-1].ravel(), down[:-1, 1:].ravel()
+    there = np.stack([top & left, bottom & right, left & bottom, top & right])
+    far = np.log(np.maximum(distance, 1e-300)).ravel()[corners]
+    flatter = np.abs(far[:, 0] - far[:, 3]) < np.abs(far[:, 1] - far[:, 2])
+    # The diagonal is b-c, else a-d.
+    rises = there[:2].sum(axis=0) >= there[2:].sum(axis=0) + 0.5 * flatter
+    there &= [rises, rises, ~rises, ~rises]
+    kinds = [0, 2, 1], [1, 2, 3], [0, 2, 3], [0, 3, 1]
+    return np.concatenate(
+        [corners[one][:, kind] for one, kind in zip(there, kinds, strict=True)]
+    )

@@ -44,7 +44,7 @@ from endolab.reconstruction.channels import (
 from endolab.reconstruction.contours.choice import choose_contours
 from endolab.reconstruction.light.separation import remove_indirect_light
 from endolab.reconstruction.scale import scale_by_length
-from endolab.reconstruction.settings import AUTO, Settings
+from endolab.reconstruction.settings import Settings
 from endolab.solvers.gauss_newton import DESCENT
 from endolab.solvers.result import (
     SOLUTION,
@@ -54,7 +54,7 @@ from endolab.solvers.result import (
     limit_steps,
     with_provenance,
 )
-from endolab.solvers.solvers import check_solver_options, knows_curvature, options_of, solve
+from endolab.solvers.solvers import check_solver_options, options_of, solve
 
 # The solver ends when two steps change distances by less than this share, root mean square. It is more if the
 # surface is cut: pieces that are joined at few pixels creep long after that.
@@ -105,8 +105,7 @@ def solve_in_stages(
 
 def _solve(task: Task, settings: Settings, start: Result | FloatArray | None) -> Solver:
     """Solve the problem that is left."""
-    regulariser = _choose_regulariser(task, settings)
-    problem = replace(task.problem, regulariser=regulariser)
+    problem = task.problem
     first_map = task.start
     halvings = DESCENT.like_halvings  # as it was found on fewer pixels
     converged_at = None
@@ -133,28 +132,12 @@ def _solve(task: Task, settings: Settings, start: Result | FloatArray | None) ->
         if name in accepted and value is not None
     }
     options |= settings.solver_options
-    settings_used = settings.as_dict() | {"regulariser": regulariser}
+    settings_used = settings.as_dict() | {"regulariser": problem.regulariser}
     provenance = replace(task.provenance, asked=settings_used)
     steps = with_provenance(solve(problem, settings.solver, **options), provenance)
     if "max_iterations" not in accepted:
         steps = limit_steps(steps, settings.max_iterations)
     return (yield from steps)
-
-
-def _choose_regulariser(task: Task, settings: Settings) -> str:
-    """Choose the regulariser of the final surface.
-
-    Where indirect light was removed, walls have a texture too; there curvature is no better than the second
-    order, and it is slower.
-    """
-    removed = task.provenance.albedo is not None
-    if (
-        settings.regulariser == AUTO
-        and not removed
-        and knows_curvature(settings.solver, settings.xi)
-    ):
-        return "curvature"
-    return settings.first_regulariser
 
 
 def to_scale(answer: Iterate, channels: Channels, settings: Settings) -> Iterate:

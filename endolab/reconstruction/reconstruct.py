@@ -5,6 +5,7 @@ from typing import Any
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
+from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.channels import ReadyFrame
 from endolab.reconstruction.light.colours import known_albedo
@@ -13,6 +14,7 @@ from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers.result import Observer, Result, Solver, run
 
 
+@check_kinds(frame=(Frame, ReadyFrame), calibration=Calibration, start=Result)
 @takes_settings
 def reconstruct(
     frame: Frame | ReadyFrame,
@@ -75,6 +77,7 @@ def reconstruct(
         )
 
 
+@check_kinds(frame=Frame, calibration=Calibration, start=Result)
 @takes_settings
 def iterate(
     frame: Frame, calibration: Calibration, *, start: Result | None = None, **options: Any

@@ -41,20 +41,21 @@ def scale_by_length(
 
     For the lengths see `factor_of_distance` and `factor_of_diameter`.
     """
+    length: Any
     if median_distance is not None:
+        by, length = "median distance", median_distance
         factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
-        return in_unit(iterate, factor, scale=Scale("median distance", median_distance))
-    if known_distance is not None:
+    elif known_distance is not None:
+        by, length = "known distance", known_distance
         factor = factor_of_distance(iterate, *known_distance)
-        scale = Scale("known distance", known_distance)
     elif known_diameter is not None:
+        by, length = "known diameter", known_diameter
         factor = factor_of_diameter(iterate, *known_diameter)
-        scale = Scale("known diameter", known_diameter)
     else:
         return iterate
-    if scale_of(iterate) == "gain":
-        scale = replace(scale, by_gain=scale.length[0] / factor)
-    return in_unit(iterate, factor, scale=scale)
+    is_second = scale_of(iterate) == "gain" and by != "median distance"
+    by_gain = length[0] / factor if is_second else None
+    return in_unit(iterate, factor, scale=Scale(by, length, by_gain))
 
 
 def factor_of_distance(
@@ -65,7 +66,6 @@ def factor_of_distance(
     The pixel (column, row) is one of the picture that was given to `endolab.reconstruct`, px from the
     centre of the upper left one; the median of a few pixels around decides, so that noise does not.
     """
-    check_scale(known_distance=(mm, column, row))
     return mm / float(np.linalg.norm(_surface_at(result, (column, row))))
 
 
@@ -77,7 +77,6 @@ def factor_of_diameter(
     The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
     diameter. The pixels are as for `factor_of_distance`, at least `LEAST_APART` of the result apart.
     """
-    check_scale(known_diameter=(mm, start, end))
     apart = float(np.hypot(*(own_pixel(result, start) - own_pixel(result, end))))
     if apart < LEAST_APART:
         raise ValueError(
@@ -94,23 +93,21 @@ def in_unit(
 
     Distances are multiplied by the factor; the gain goes with its square, the energy stays.
     """
-    old = iterate.problem
-    provenance = iterate.provenance
-    photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
-    problem = replace(old, photometry=photometry, metric=metric)
-    if scale is not None:
-        provenance = replace(provenance, scale=scale)
-    moved = freeze(iterate.log_distance + np.log(factor))
+    photometry = iterate.problem.photometry
+    photometry = replace(photometry, gain=(photometry.gain or 1.0) * factor**2)
     return replace(
-        iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance
+        iterate,
+        problem=replace(iterate.problem, photometry=photometry, metric=metric),
+        log_distance=freeze(iterate.log_distance + np.log(factor)),
+        stage=SCALED,
+        provenance=replace(iterate.provenance, scale=scale or iterate.provenance.scale),
     )
 
 
 def scale_of(result: Result | Iterate) -> str:
     """How the scale was fixed: "gain", "none" (relative units), or what `Scale.by` says."""
-    scale = result.provenance.scale
-    if scale is not None:
-        return scale.by
+    if result.provenance.scale is not None:
+        return result.provenance.scale.by
     return "gain" if result.problem.metric else "none"
 
 
@@ -139,30 +136,31 @@ def pixel_name(pixel: Sequence[float]) -> str:
 
 def own_pixel(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
-    own = (result.problem.camera.width, result.problem.camera.height)
+    camera = result.problem.camera
+    own = (camera.width, camera.height)
     prepared = result.provenance.preparation
     full = np.array(own if prepared is None else prepared.picture_size)
-    place = np.array(pixel, dtype=np.float64)
-    if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
+    place = np.array(pixel, dtype=np.float64) + 0.5
+    if not np.all((place >= 0) & (place <= full)):
         raise ValueError(
             f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px"
         )
-    return (place + 0.5) * own / full - 0.5
+    return place * own / full - 0.5
 
 
 def _surface_at(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
     own = own_pixel(result, pixel)
-    mask = result.mask
-    most = np.array(mask.shape[::-1]) - 1
-    column, row = np.clip(np.round(own).astype(int), 0, most)
-    if not mask[row, column]:
+    column, row = (own + 0.5 - 1e-9).astype(int)  # a pixel's edges belong to it
+    if not result.mask[row, column]:
         raise ValueError(
             f"the pixel at {pixel_name(pixel)} is outside the mask, where no distance is known"
         )
-    rows = slice(max(row - NEIGHBOURS, 0), row + NEIGHBOURS + 1)
-    columns = slice(max(column - NEIGHBOURS, 0), column + NEIGHBOURS + 1)
+    around = result.distance[
+        max(row - NEIGHBOURS, 0) : row + NEIGHBOURS + 1,
+        max(column - NEIGHBOURS, 0) : column + NEIGHBOURS + 1,
+    ]
     ray = result.problem.camera.unproject(own)
     if not np.all(np.isfinite(ray)):  # the pixel's centre is seen, this corner of it is not
         ray = result.problem.field.rays[row, column]
-    return float(np.nanmedian(result.distance[rows, columns])) * ray
+    return float(np.nanmedian(around)) * ray

@@ -16,7 +16,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.model.thinned import ThinnedMaps
+from endolab.model.surface import normals
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.channels import ReadyFrame
@@ -295,8 +295,7 @@ def scale_between(before: Result, result: Result) -> float:
         return by_gain
     old = before.distance[thin]
     new = result.distance[thin]
-    maps = ThinnedMaps(field, before.mask, None, step)
-    n = maps.normals(before.iterate.log_distance)
+    n = normals(before.iterate.log_distance, field, before.mask, step)
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):

@@ -1,213 +1,111 @@
-"""Every option of a reconstruction, once: its name, type, default, range and one line of help.
+"""Every option of a reconstruction, once: its name, type, range, default and what it means.
 
 The keywords of `reconstruct`, `settings.json`, the command line, the tuner's controls and what a report
 lists are derived from these fields. A new option is one more field, and the code that uses it.
 
-Importing this loads nothing: the command line's help is made of it.
+Importing this loads no numerics: the command line's help is made of it.
 """
 
-from __future__ import annotations
-
 import inspect
-import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from dataclasses import field, fields
+from typing import Annotated, Any, Literal, Self, TypeVar, get_type_hints
 
-if TYPE_CHECKING:
-    from endolab.numerics.arrays import BoolArray
+from pydantic import Field
+
+from endolab.numerics.checked_types import Whole, checked
 
 AUTO = "auto"  # what the frame's evidence allows
 SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
 # One of which may fix the scale.
-LENGTHS = (
-    "median_distance",
-    "known_distance",
-    "known_diameter",
-)
+LENGTHS = ("median_distance", "known_distance", "known_diameter")
+# What no file and no command line can hold.
+UNWRITTEN = ("cuts", "solver_options")
 
-WORD = "word"  # one of some choices
-NUMBER = "number"
-COUNT = "count"  # a whole number
-SWITCH = "switch"  # yes, no, or None: automatic
-DISTANCE = "distance"  # (mm, column, row)
-DIAMETER = "diameter"  # (mm, (column, row), (column, row))
-MAP = "map"  # an array, which no file and no command line can hold
+Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
+Pixel = tuple[float, float]  # column, row
 
 
-@dataclass(frozen=True)
-class Option:
-    """What is known of an option beside its name, type and default."""
-
-    help: str  # one line, for the command line too
-    kind: str
-    more: str = ""  # what else a programmer wants to know
-    choices: tuple[str, ...] = ()
-    least: int = 0  # of a count
-    form: str = ""  # how the command line writes its value
-    group: str = ""  # under which the command line lists it
-
-
-def option(default: Any, help: str, kind: str, **more: Any) -> Any:
-    """Make a field of `Settings`."""
-    return field(default=default, metadata={"option": Option(help, kind, **more)})
-
-
-SURFACE = "surface"
-FRAME_AND_LIGHT = "frame and light"
-SCALE = "scale, where the gain is unknown"
-
-
-@dataclass(frozen=True)
+@checked
 class Settings:
-    """How a frame is solved; `endolab.reconstruct` says what each option means."""
+    """How a frame is solved.
 
-    width: int | None = option(
-        None,
-        "shrink the frame to this width first",
-        COUNT,
-        least=1,
-        form="PX",
+    Parameters
+    ----------
+    width : int, optional
+        Shrink the frame to this width first, px.
+    lam : float
+        Weight of the regulariser; larger is smoother.
+    channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
+        Which colours are solved. `auto` (default): all three, indirect light removed, if the frame allows
+        it, and a grey picture as it is; `separated`: always; else this channel as it is (green by default
+        with the paper's solvers). What was removed, and why, is said in the notes.
+    regulariser : {"auto", "first", "second"}
+        Total variation of ξ, or of its gradient; `auto` is second.
+    contours : bool, optional
+        Whether folds may hide what is behind them, where the surface is cut; by default if colours or
+        energy speak for it, and not in a single channel.
+    xi : {"1/z", "d", "1/d"}
+        The map that is made smooth.
+    solver : {"facing", "fast_marching", "gauss_newton", "primal_dual"}
+        `gauss_newton` minimises the energy, `primal_dual` does so along the paper's path; `fast_marching` is
+        one pass to the viscosity solution, `facing` the paper's start d₀, both without the regulariser.
+    max_iterations : int, optional
+        Steps of the solver at most.
+    epsilon : float
+        Derivative of ξ above which the penalty grows linearly.
+    threshold : float
+        Error of a stored value above which the penalty grows linearly.
+    highlights : {"keep", "ignore", "inpaint"}, optional
+        Mirrored light: kept as it is, ignored as evidence, or filled in from around it. By default ignored
+        with `auto` and `separated`, else kept.
+    smooth : float, optional
+        Blur the light first, by a Gaussian of this standard deviation, px; by default 2 √n, n being the
+        noise in grey levels.
+    median_distance : float, optional
+        Fix the scale so that the median of the distances is this, mm.
+    known_distance : (float, float, float), optional
+        Fix it so that the surface at a pixel of the picture is so far away: mm, column, row.
+    known_diameter : (float, (float, float), (float, float)), optional
+        Fix it so that the surface at two pixels is so far apart: mm, column and row of one, of the other.
+    cuts : array of bool, optional
+        Steps between pixels that are cut, where they are known: see `Problem`.
+    solver_options : mapping
+        The solver's own, such as `inflow`.
+    """
+
+    width: Annotated[Whole, Field(ge=1)] | None = None
+    lam: Annotated[float, Field(ge=0, le=1e12)] = 1.0
+    channel: Literal["auto", "separated", "red", "green", "blue", "grey"] | None = None
+    regulariser: Literal["auto", "first", "second"] = "auto"
+    contours: bool | None = None
+    xi: Literal["1/z", "d", "1/d"] = "1/d"
+    solver: Literal["facing", "fast_marching", "gauss_newton", "primal_dual"] = (
+        "gauss_newton"
     )
-    lam: float = option(
-        1.0,
-        "weight of the regulariser; larger is smoother (default 1)",
-        NUMBER,
-        form="λ",
-    )
-    channel: str | None = option(
-        None,
-        "auto (default): all three colours, indirect light removed, if the frame allows it; separated: "
-        "always; red, green, blue or grey: this channel as it is (green with the paper's solvers)",
-        WORD,
-        choices=(AUTO, SEPARATED, "red", "green", "blue", "grey"),
-        form="NAME",
-        more="`separated` finds how much of each colour's light came by way of other walls, removes it, and "
-        "merges the three. It uses the calibration's albedos if there are three, and estimates them "
-        "otherwise. `auto` does that with a colour picture and takes a grey one as it is; the notes say "
-        "what was done and why",
-    )
-    regulariser: str = option(
-        AUTO,
-        "first, second, curvature or auto (default): curvature, or second if light bounced",
-        WORD,
-        choices=(AUTO, "first", "second", "curvature"),
-        form="ORDER",
-        group=SURFACE,
-        more="Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost "
-        "nothing then, and tubes little. `auto` is also second for another ξ, and by `primal_dual`",
-    )
-    contours: bool | None = option(
-        None,
-        "whether folds may hide what is behind them; auto (default): if that explains the picture better",
-        SWITCH,
-        group=SURFACE,
-        more="None is automatic: `auto` and `separated` cut the surface where colours or energy speak for "
-        "it, and single channels do not",
-    )
-    xi: str = option(
-        "1/d",
-        "the map that is made smooth: 1/z, d or 1/d (default)",
-        WORD,
-        choices=("1/z", "d", "1/d"),
-        form="ξ",
-        group=SURFACE,
-    )
-    solver: str = option(
-        "gauss_newton",
-        "facing, fast_marching, gauss_newton (default) or primal_dual",
-        WORD,
-        choices=("facing", "fast_marching", "gauss_newton", "primal_dual"),
-        form="NAME",
-        group=SURFACE,
-        more="`gauss_newton` minimises the energy, `primal_dual` does so along the paper's path. "
-        "`fast_marching` is one pass to the viscosity solution, `facing` the paper's start d₀: they do not "
-        "use the regulariser, which counts in the energy that is reported",
-    )
-    max_iterations: int | None = option(
-        None,
-        "steps of the solver at most",
-        COUNT,
-        form="N",
-        group=SURFACE,
-    )
-    epsilon: float = option(
-        1e-3,
-        "derivative of ξ above which the penalty grows linearly (default 1e-3)",
-        NUMBER,
-        form="ε",
-        group=SURFACE,
-    )
-    threshold: float = option(
-        0.05,
-        "error of a stored value above which the penalty grows linearly (default 0.05)",
-        NUMBER,
-        form="ρ",
-        group=SURFACE,
-    )
-    highlights: str | None = option(
-        None,
-        "mirrored light (default: ignore with auto and separated, else keep)",
-        WORD,
-        choices=("keep", "ignore", "inpaint"),
-        group=FRAME_AND_LIGHT,
-        more="It is kept as it is, ignored as evidence, or the picture is filled in from around it",
-    )
-    smooth: float | None = option(
-        None,
-        "blur the light first (default: by the noise)",
-        NUMBER,
-        form="PX",
-        group=FRAME_AND_LIGHT,
-        more="Standard deviation of a Gaussian, px; by default 2 √n, n being the noise in grey levels",
-    )
-    median_distance: float | None = option(
-        None,
-        "median of the result's distances",
-        NUMBER,
-        form="MM",
-        group=SCALE,
-        more="Fix the scale so that the median distance is this, mm",
-    )
-    known_distance: tuple[float, float, float] | None = option(
-        None,
-        "distance of the surface at a pixel",
-        DISTANCE,
-        form="MM,COLUMN,ROW",
-        group=SCALE,
-        more="Fix it so that the surface at this pixel of the picture is so far away: (mm, column, row)",
-    )
-    known_diameter: tuple[float, tuple[float, float], tuple[float, float]] | None = option(
-        None,
-        "between the surface at two pixels: a polyp, the lumen",
-        DIAMETER,
-        form="MM,COLUMN1,ROW1,COLUMN2,ROW2",
-        group=SCALE,
-        more="Fix it so that two surface points are so far apart: (mm, (column, row), (column, row))",
-    )
-    cuts: BoolArray | None = option(
-        None,
-        "steps between pixels that are cut, where they are known: see `Problem`",
-        MAP,
-    )
-    # The solver's own, such as `inflow`.
+    max_iterations: Annotated[Whole, Field(ge=1)] | None = None
+    epsilon: Annotated[float, Field(ge=1e-12, le=1e6)] = 1e-3
+    threshold: Annotated[float, Field(ge=1e-9, le=1e6)] = 0.05
+    highlights: Literal["keep", "ignore", "inpaint"] | None = None
+    smooth: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    median_distance: Length | None = None
+    known_distance: tuple[Length, float, float] | None = None
+    known_diameter: tuple[Length, Pixel, Pixel] | None = None
+    cuts: Any = None
     solver_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        from endolab.reconstruction.scale import check_scale
         from endolab.solvers.solvers import check_solver_options
 
-        for part in option_fields():
-            value = getattr(self, part.name)
-            if value is not None or part.default is not None:
-                object.__setattr__(self, part.name, _check(part, value))
-        check_scale(**self.lengths)
+        given = [name for name, length in self.lengths.items() if length is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} exclude each other; give one")
         check_solver_options(self.solver, self.solver_options)
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> Self:
         """Take keywords of `reconstruct`; those that are no options of it are the solver's own."""
-        names = {part.name for part in option_fields()}
+        names = {part.name for part in fields(cls)}
         own = {name: options[name] for name in names.intersection(options)}
         others = {name: value for name, value in options.items() if name not in names}
         return cls(**own, solver_options=others)
@@ -229,11 +127,11 @@ class Settings:
         """Whether contours may be looked for."""
         if self.cuts is not None:  # they are known
             return False
-        return self.uses_colours if self.contours is None else bool(self.contours)
+        return self.uses_colours if self.contours is None else self.contours
 
     @property
-    def first_regulariser(self) -> str:
-        """The regulariser of all stages but perhaps the last."""
+    def used_regulariser(self) -> str:
+        """The regulariser."""
         return "second" if self.regulariser == AUTO else self.regulariser
 
     @property
@@ -242,75 +140,43 @@ class Settings:
         return {name: getattr(self, name) for name in LENGTHS}
 
     def as_dict(self) -> dict[str, Any]:
-        """All options but arrays, by name."""
-        return {
-            part.name: getattr(self, part.name)
-            for part in option_fields()
-            if part.metadata["option"].kind != MAP
-        }
+        """All that a file can hold, by name."""
+        return {name: getattr(self, name) for name in option_types()}
 
 
-def option_fields() -> list[Field[Any]]:
-    """Return the fields of `Settings` that are options, in order."""
-    return [part for part in fields(Settings) if "option" in part.metadata]
+def option_types() -> dict[str, Any]:
+    """The types of the options that a file can hold, by name, in order."""
+    types = get_type_hints(Settings)
+    return {name: kind for name, kind in types.items() if name not in UNWRITTEN}
 
-
-def option_of(name: str) -> Option:
-    """Return what is known of an option."""
-    facts: Option = Settings.__dataclass_fields__[name].metadata["option"]
-    return facts
-
-
-def _check(part: Field[Any], value: Any) -> Any:
-    """Return the value of an option as it is used; ValueError, in one sentence, if it cannot be."""
-    from endolab.model.ranges import check_range
-    from endolab.model.schema import unknown_name
-    from endolab.numerics.checks import check_int, number, truth_value
-
-    facts: Option = part.metadata["option"]
-    if facts.kind == WORD and (not isinstance(value, str) or value not in facts.choices):
-        raise unknown_name(part.name, value, facts.choices)
-    if facts.kind == SWITCH:
-        return truth_value(part.name, value)
-    if facts.kind == COUNT:
-        return check_int(part.name, value, facts.least)
-    if facts.kind == NUMBER and part.name not in LENGTHS:
-        value = number(part.name, value)
-        check_range(part.name, value)
-    return value
-
-
-# The keywords of functions that take settings -------------------------------------------
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-ANCHOR = "    **options\n"  # of a docstring, before which the options are listed
 
 
-def takes_settings(function: Function) -> Function:
-    """Show the options of `Settings` in the signature and the docstring of a function with ``**options``."""
+def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -> Function:
+    """Show the fields of `Settings` in signature and docstring of a function with ``**options``.
+
+    `types` are those of the fields that it takes, if these are all that it takes.
+    """
     signature = inspect.signature(function)
     *own, others = signature.parameters.values()
+    shown = types or option_types() | {"cuts": Any}
     keywords = [
-        inspect.Parameter(
-            part.name, others.KEYWORD_ONLY, default=part.default, annotation=part.type
+        others.replace(
+            name=name,
+            kind=others.KEYWORD_ONLY,
+            default=getattr(Settings, name),
+            annotation=kind,
         )
-        for part in option_fields()
+        for name, kind in shown.items()
     ]
-    function.__signature__ = signature.replace(parameters=[*own, *keywords, others])  # type: ignore[attr-defined]
-    if function.__doc__ and ANCHOR in function.__doc__:
-        function.__doc__ = function.__doc__.replace(ANCHOR, _describe_options() + ANCHOR)
+    last = [] if types else [others]
+    function.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*own, *keywords, *last]
+    )
+    listed = str(inspect.getdoc(Settings)).partition("----------\n")[2]
+    listed = listed.partition("solver_options :")[0]
+    function.__doc__ = str(inspect.getdoc(function)).replace(
+        "**options\n", f"{listed}**options\n"
+    )
     return function
-
-
-def _describe_options() -> str:
-    """Return what a docstring says of all options."""
-    lines = []
-    for part in option_fields():
-        facts: Option = part.metadata["option"]
-        kind = f"{{{', '.join(facts.choices)}}}" if facts.choices else str(part.type)
-        text = f"{facts.help[0].upper()}{facts.help[1:]}."
-        if facts.more:
-            text += f" {facts.more}."
-        lines.append(f"    {part.name} : {kind}, by default {part.default!r}")
-        lines += textwrap.wrap(text, 100, initial_indent=" " * 8, subsequent_indent=" " * 8)
-    return "\n".join(lines) + "\n"

@@ -6,13 +6,7 @@
 derivatives are per 1/320 of the longer side, so that one λ serves all ξ, units and sizes
 (paper, Section V; symbols in `notebooks/guides/symbols.md`).
 
-Where the picture leaves a surface free, as at the border of a tube, the regulariser chooses it, and a
-norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. With
-`regulariser` "curvature" it is therefore how the surface of 1/d bends,
-
-    λ mean w (‖κ‖_ε + η ‖κ₁κ₂/(κ² + s²)^½‖_ε),       κ = (κ₁² + κ₂²)^½,
-
-0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
+Where the picture leaves a surface free, as at the border of a tube, the regulariser chooses it. What
 solvers minimise, recordings show and tests check is this function.
 
 A picture is not always evidence: a saturated pixel says that the surface is at least this bright,

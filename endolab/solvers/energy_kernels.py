@@ -15,23 +15,14 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
 from endolab.numerics.elementary import exp, log
+from endolab.numerics.stencils import square, step_means, step_sums, steps
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
-from endolab.solvers.curvature_kernels import (
-    add_bending_row,
-    add_unbent_row,
-    bend_row,
-    square,
-    step_means,
-    step_sums,
-    steps,
-    weigh_bending_row,
-)
 from endolab.solvers.normal_equations import (
     BY_V,
     SMOOTHNESS,
     WEIGHT,
 )
-from endolab.solvers.problem import CURVATURE, EXACT, FIRST, LOWER_BOUND
+from endolab.solvers.problem import EXACT, FIRST, LOWER_BOUND
 
 
 class Picture(NamedTuple):
@@ -44,7 +35,6 @@ class Picture(NamedTuple):
     active: ByteArray
     link: ByteArray
     evidence: ByteArray
-    shares: FloatArray  # of `curvature_kernels`
 
 
 class Wall(NamedTuple):
@@ -160,7 +150,7 @@ def _predict_row(
     v: FloatArray, picture: Picture, wall: Wall, i: int, rows: FloatArray
 ) -> None:
     """On a row: the residual, how much it counts (0 or 1), the model, and what the last two come from."""
-    image, log_scale, metric, _, active, link, evidence, _ = picture
+    image, log_scale, metric, _, active, link, evidence = picture
     gamma, table, step = wall
     residual = rows[0]
     counts = rows[1]
@@ -277,14 +267,11 @@ def _fill_sums(
     out: FloatArray,
 ) -> None:
     """Each band's part of `sums`."""
-    metric = picture[2]
     edge = picture[3]
     link = picture[5]
-    shares = picture[7]
     _, threshold, epsilon, scale, kind = penalties
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
-    form = np.empty((3, count))
     differences = np.empty((4, count))
     sizes = np.empty(count)
     totals = np.empty((2, count))
@@ -302,10 +289,6 @@ def _fill_sums(
                 small = min(r, threshold)
                 data[j] += counts[j] * small * (r - 0.5 * small)
             weight = edge[i]
-            if kind == CURVATURE:
-                bend_row(xi, link, shares, i, form)
-                add_bending_row(form, metric, link, i, epsilon, weight, rough)
-                continue
             _fill_differences(xi, link, kind, i, differences, sizes)
             for j in range(count):
                 size = scale * sizes[j]
@@ -396,13 +379,12 @@ def linearise(
     out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
-    _, _, metric, edge, active, link, _, shares = picture
+    _, _, _, edge, active, link, _ = picture
     lam, threshold, epsilon, scale, kind = penalties
     parts, descent, smooth = out
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
     factors = np.empty((3, count))
-    form = np.empty((3, count))
     differences = np.empty((4, count))
     sizes = np.empty(count)
     weight = work[1]
@@ -425,12 +407,6 @@ def linearise(
                 _pull_row(work[0], weight, factors, link, i, descent)
                 for j in range(count):
                     weight[j] = active[i, j + 2] * lam * edge[i, j + 2]
-                if kind == CURVATURE:
-                    bend_row(xi, link, shares, i, form)
-                    smoothness = parts[SMOOTHNESS:]
-                    weigh_bending_row(form, metric, link, i, epsilon, weight, smoothness)
-                    add_unbent_row(form, link, shares, i, smooth)
-                    continue
                 _fill_differences(xi, link, kind, i, differences, sizes)
                 # the parabola that touches the penalty
                 for j in range(count):

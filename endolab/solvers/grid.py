@@ -54,17 +54,15 @@ from endolab.solvers.fast_marching import March
 from endolab.solvers.interpolation import Interpolation
 from endolab.solvers.normal_equations import (
     BY_V,
+    PARTS,
     SLOPE,
     SLOPE_DAMPING_U,
     SLOPE_DAMPING_W,
-    SMOOTHNESS,
     WEIGHT,
     Coefficients,
     Structure,
-    shares_of,
 )
 from endolab.solvers.problem import (
-    CURVATURE,
     EXACT,
     LOWER_BOUND,
     NONE,
@@ -104,7 +102,6 @@ class Grid:
     )
     uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is cut
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
-    rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: (
         FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
     )
@@ -136,9 +133,6 @@ class Grid:
             np.empty((0, 0), np.int8)
             if problem.evidence is None
             else pad_maps(problem.evidence),
-            pad_maps(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
-            if problem.regulariser == "curvature"
-            else np.empty((3, 0, 0)),
             np.full(mask.shape, np.nan)
             if inflow is None
             else np.where(mask, inflow, np.nan),
@@ -163,10 +157,6 @@ class Grid:
             link=link,
             uncut_links=uncut_links,
             evidence=evidence,
-            # A plane's 1/d is linear in the ray, so that block means of both stay a plane.
-            rays=np.stack([self.restrict(component) for component in self.rays])
-            if self.rays.size
-            else self.rays,
             inflow=np.where(inner(active_blocks(given)) > 0, inflow, np.nan),
             scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )
@@ -297,11 +287,6 @@ class Grid:
         fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
         return xi
 
-    @cached_property
-    def shares(self) -> FloatArray:
-        """Those of `curvature_kernels.fill_shares`."""
-        return shares_of(self.rays, self.link)
-
     def _energy(self, lam: float) -> tuple[Picture, Wall, Penalties]:
         """What the compiled energy takes beside the map."""
         p = self.problem
@@ -313,7 +298,6 @@ class Grid:
             self.active,
             self.link,
             self.evidence,
-            self.shares,
         )
         wall = Wall(p.photometry.gamma, self.table, self.step)
         penalties = Penalties(lam, p.threshold, p.epsilon, self.scale, self._kind)
@@ -345,7 +329,7 @@ class Grid:
         """That of equations for pixels that are free: the old one, if it is of the same."""
         if old is not None and old.link is self.link and np.array_equal(old.active, free):
             return old
-        return Structure(free, self.link, self.uncut_links, self.rays, self._kind)
+        return Structure(free, self.link, self.uncut_links, self._kind)
 
     def equations_at(
         self,
@@ -362,8 +346,7 @@ class Grid:
         are drawn beyond it are held. The memory of `old` is used; it is spoilt, as is the right-hand side by
         the next call.
         """
-        count = SMOOTHNESS + (6 if self._kind == CURVATURE else 1)
-        parts = np.zeros((count, *v.shape)) if old is None else old.parts
+        parts = np.zeros((PARTS, *v.shape)) if old is None else old.parts
         xi, (_, descent, smooth) = self._xi(v), self._room
         sign = 1.0 if self.problem.xi == "d" else -1.0
         linearise(v, xi, *self._energy(lam), (parts, descent, smooth))

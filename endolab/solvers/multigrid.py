@@ -385,7 +385,7 @@ class Multigrid:
             self.structures: list[Structure] = [structure]
             while not _is_coarsest(self.structures[-1]):
                 self.structures.append(self.structures[-1].coarser)
-            self.levels = [_Level.on(structure, structure.entries)]
+            self.levels = [_Level.on(structure, SEE)]
             self.levels += [_Level.on(each, len(OFFSETS)) for each in self.structures[1:]]
         else:
             self.room = old.room

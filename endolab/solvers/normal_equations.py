@@ -6,9 +6,9 @@ differences and Q their weights, the step δ solves
     (Jᵀ W J + X Dᵀ Q D X + C) δ = -Jᵀ W r - X Dᵀ Q D ξ,
 
 C being what is charged for slopes and sizes of the step itself. So a pixel (*) is coupled to the twelve that
-the squared central differences and the squared Hessian reach; where a form of all second differences is
-squared, to all that are two rows and two columns away at most. The matrix is symmetric, so that a pixel
-holds its own entry and those towards later pixels: seven numbers, or with those in brackets thirteen.
+the squared central differences and the squared Hessian reach; on coarser grids (`galerkin`), to all that
+are two rows and two columns away at most. The matrix is symmetric, so that a pixel holds its own entry and
+those towards later pixels: seven numbers, or with those in brackets thirteen.
 
       ·      ·     o     ·      ·
       ·      o     o     o      ·
@@ -36,20 +36,12 @@ from endolab.numerics.compiled import (
     inner,
     kernel,
 )
+from endolab.numerics.stencils import DOWN, RIGHT, square, step_means, steps
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
-from endolab.solvers.curvature_kernels import (
-    DOWN,
-    RIGHT,
-    fill_shares,
-    square,
-    stencils_row,
-    step_means,
-    steps,
-)
 from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.galerkin import Rows
 from endolab.solvers.interpolation import Interpolation
-from endolab.solvers.problem import CURVATURE, FIRST
+from endolab.solvers.problem import FIRST
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
@@ -62,14 +54,13 @@ OFFSETS: tuple[tuple[int, int], ...] = (
     (1, 1),
     (1, -1),
 )
-OFFSETS += ((1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2))  # those of a form alone
-# Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
+OFFSETS += ((1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2))  # of coarser grids alone
+# Which of the six of `numerics.stencils` are in the three differences, for each of `problem.REGULARISERS`;
 # those of a row of J, which comes fourth, are the first five.
 CROSS = range(5)
 STENCILS: list[list[Sequence[int]]] = [
     [(0, 1), (), (0, 3)],
     [(0, 1, 2), (0, 1, 3, 5), (0, 3, 4)],
-    [CROSS, range(9), CROSS],
 ]
 
 
@@ -82,36 +73,34 @@ class Form(NamedTuple):
 
     @classmethod
     def of(cls, kind: int) -> Form:
-        """List them: the two pixels, the first of which holds the entry, the entry, and the term.
-
-        A form's Q mixes terms.
-        """
+        """List them: the two pixels, the first of which holds the entry, the entry, and the term."""
         stencils = STENCILS[kind]
         products = []
-        for k in range(9):
-            for other in range(9):
+        for k in range(len(DOWN)):
+            for other in range(len(DOWN)):
                 step = (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])
                 if step not in OFFSETS:
                     continue
                 entry = OFFSETS.index(step)
                 for term, pixels in enumerate([*stencils, CROSS]):
-                    mixes = kind == CURVATURE and term < 3
-                    if k in pixels and (other in pixels or mixes):
+                    if k in pixels and other in pixels:
                         products.append((k, other, entry, term))
         entries = [(term, k) for term in range(3) for k in stencils[term]]
         return cls(kind, np.array(entries), np.array(products))
 
 
 FORMS = [Form.of(kind) for kind in range(len(STENCILS))]
-# The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
-BY_V, BY_U, BY_W, WEIGHT, SLOPE, SLOPE_DAMPING_U, SLOPE_DAMPING_W, SMOOTHNESS = range(8)
+# The maps of `Coefficients`, and how many there are.
+BY_V, BY_U, BY_W, WEIGHT, SLOPE, SLOPE_DAMPING_U, SLOPE_DAMPING_W, SMOOTHNESS, PARTS = (
+    range(9)
+)
 
 
 @kernel
 def _add_products(
     left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray
 ) -> None:
-    """Add products of the nine pixels' numbers to their entries of m."""
+    """Add products of the six pixels' numbers to their entries of m."""
     for n in range(len(products)):
         k, other, entry, term = products[n]
         row = i + DOWN[k]
@@ -183,7 +172,7 @@ def _add_springs(
 
 @kernel
 def _stencils_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
-    """Weights of the nine pixels for the gradient or the second differences: those in its `STENCILS`."""
+    """Weights of the six pixels for the gradient or the second differences: those in its `STENCILS`."""
     own = -1.0 if kind == FIRST else -2.0
     for j in range(t.shape[2]):
         right, left, south, north = steps(link, i, j + 2)
@@ -210,7 +199,6 @@ def _stencils_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
 def _smooth_row(
     parts: FloatArray,
     link: ByteArray,
-    shares: FloatArray,
     form: Form,
     i: int,
     t: FloatArray,
@@ -218,10 +206,7 @@ def _smooth_row(
 ) -> None:
     """Write D X of a row and Q D X."""
     kind, entries, _ = form
-    if kind == CURVATURE:
-        stencils_row(link, shares, i, t)
-    else:
-        _stencils_row(link, kind, i, t)
+    _stencils_row(link, kind, i, t)
     count = t.shape[2]
     for n in range(len(entries)):
         term, k = entries[n]
@@ -229,25 +214,15 @@ def _smooth_row(
         column = PAD + RIGHT[k]
         for j in range(count):
             t[term, k, j] *= parts[SLOPE, row, column + j]
-    if kind != CURVATURE:
-        here = parts[SMOOTHNESS, i]
-        below = parts[SMOOTHNESS, i + 1]
-        for n in range(len(entries)):
-            term, k = entries[n]
-            for j in range(count):
-                weight = here[j + 2]
-                if term == 1:  # a square has a quarter of the weight of each of its pixels
-                    weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
-                qt[term, k, j] = weight * t[term, k, j]
-        return
-    for k in range(9):
-        for term in range(3):  # the rows of Q
-            a = SMOOTHNESS + term
-            b = SMOOTHNESS + (1, 3, 4)[term]
-            c = SMOOTHNESS + (2, 4, 5)[term]
-            for j in range(count):
-                here = parts[a, i, PAD + j] * t[0, k, j] + parts[b, i, PAD + j] * t[1, k, j]
-                qt[term, k, j] = here + parts[c, i, PAD + j] * t[2, k, j]
+    here = parts[SMOOTHNESS, i]
+    below = parts[SMOOTHNESS, i + 1]
+    for n in range(len(entries)):
+        term, k = entries[n]
+        for j in range(count):
+            weight = here[j + 2]
+            if term == 1:  # a square has a quarter of the weight of each of its pixels
+                weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
+            qt[term, k, j] = weight * t[term, k, j]
 
 
 @on_cores(cost=10, turns=3)
@@ -257,20 +232,19 @@ def _assemble(
     m: FloatArray,
     parts: FloatArray,
     link: ByteArray,
-    shares: FloatArray,
     form: Form,
     damping: float,
 ) -> None:
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
-    forward gradient, the Hessian or the form of `curvature_kernels`, X the slope of ξ. Squared
-    differences of the step itself come in with the damping of slopes, a² W once more by `damping`.
+    forward gradient or the Hessian, X the slope of ξ. Squared differences of the step itself come in
+    with the damping of slopes, a² W once more by `damping`.
     """
     products = form[2]
     count = m.shape[2] - 2 * PAD
-    t = np.empty((4, 9, count))
-    qt = np.empty((4, 9, count))
+    t = np.empty((4, len(DOWN), count))
+    qt = np.empty((4, len(DOWN), count))
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
@@ -282,7 +256,7 @@ def _assemble(
         for start in range(rows[0] + odd * BAND_ROWS, rows[1], 2 * BAND_ROWS):
             first, last = rows_within((start, start + BAND_ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):
-                _smooth_row(parts, link, shares, form, i, t, qt)
+                _smooth_row(parts, link, form, i, t, qt)
                 _data_row(parts, link, i, damping, t, qt, m)
                 _add_products(t, qt, products, i, m)
 
@@ -294,7 +268,6 @@ class Structure:
     active: ByteArray
     link: ByteArray
     uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is cut
-    rays: FloatArray  # see `grid.Grid`
     kind: int  # which of `problem.REGULARISERS`
 
     @property
@@ -302,27 +275,17 @@ class Structure:
         """Rows times columns, without the padding."""
         return int(inner(self.active).size)
 
-    @property
-    def entries(self) -> int:
-        """How many numbers a pixel hold the matrix."""
-        return len(OFFSETS) if self.kind == CURVATURE else SEE
-
     @cached_property
     def main(self) -> ByteArray:
         """Pixels for which the coarser grid's blocks stand, see `cuts`; all, where nothing is cut."""
         return largest_fragments(self.active, self.link, self.uncut_links)
 
     @cached_property
-    def shares(self) -> FloatArray:
-        """Those of `curvature_kernels.fill_shares`."""
-        return shares_of(self.rays, self.link)
-
-    @cached_property
     def coarser(self) -> Structure:
         """The same on half the pixels."""
         link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
         active = active_blocks(self.main)
-        return Structure(active, link, uncut_links, self.rays, self.kind)
+        return Structure(active, link, uncut_links, self.kind)
 
     @cached_property
     def way(self) -> Interpolation:
@@ -335,18 +298,9 @@ class Structure:
         return Rows.of(self.way, self.coarser.active.shape[1])
 
 
-def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:
-    """What `fill_shares` writes; nothing where there are no rays."""
-    if rays.size == 0:
-        return np.empty((3, 3, 0, 0))
-    out = np.zeros((3, 3, *rays.shape[1:]))
-    fill_shares(rays, link, out)
-    return out
-
-
 @dataclass(frozen=True)
 class Coefficients:
-    """What the normal equations are made of: padded maps, (8 or 13, ...), and what they are on."""
+    """What the normal equations are made of: `PARTS` padded maps, and what they are on."""
 
     parts: FloatArray
     structure: Structure
@@ -379,6 +333,6 @@ class Coefficients:
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
         on = self.structure
-        m = np.empty((on.entries, *self.active.shape)) if out is None else out
-        _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
+        m = np.empty((SEE, *self.active.shape)) if out is None else out
+        _assemble(m, self.parts, on.link, FORMS[on.kind], damping)
         return m

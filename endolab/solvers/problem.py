@@ -16,8 +16,8 @@ from endolab.numerics.checks import excerpt, mask_array, number, readonly_copy, 
 from endolab.numerics.derivatives import differences, px_per_reference
 from endolab.numerics.noise import noise_level
 
-REGULARISERS = ("first", "second", "curvature")
-FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
+REGULARISERS = ("first", "second")
+FIRST, SECOND = range(2)  # their places, for compiled loops
 # What a pixel's value says of the surface's: see `Problem`.
 EXACT, LOWER_BOUND, NONE = range(3)
 
@@ -31,9 +31,9 @@ class Problem:
     camera: Camera  # of size (W, H)
     photometry: Photometry  # simplified, of that channel; the gain is known, or chosen and `metric` False
     xi: str = "1/d"  # the map that the regulariser sees: "1/z", "d" or "1/d"
-    # Of the gradient ("first") or of the Hessian ("second") of ξ; or of how the surface bends ("curvature"),
-    # of ξ = 1/d only: see `curvature`.
-    regulariser: str = "second"
+    regulariser: str = (
+        "second"  # of the gradient ("first") or of the Hessian ("second") of ξ
+    )
     lam: float = 1.0  # λ, at least 0: weight of the regulariser, larger is smoother
     # ε of the Huber norm, positive: below it a derivative costs its square, above it its size. ξ/ξ̃ of a
     # smooth wall bends by less than 1e-3 per squared 1/320 of the longer side, so that only creases are
@@ -57,10 +57,6 @@ class Problem:
         check_xi(self.xi)
         if self.regulariser not in REGULARISERS:
             raise unknown_name("regulariser", self.regulariser, REGULARISERS)
-        if self.regulariser == "curvature" and self.xi != "1/d":
-            raise ValueError(
-                f"regulariser='curvature' is that of xi='1/d', got xi={self.xi!r}"
-            )
         for name in ("lam", "epsilon", "threshold"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
             check_range(name, getattr(self, name))

@@ -74,11 +74,6 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
 DEFAULT_SOLVER = "gauss_newton"
 
 
-def knows_curvature(solver: str, xi: str) -> bool:
-    """Whether the regulariser "curvature" is the best: of ξ = 1/d, with the solver that can use it."""
-    return xi == "1/d" and solver == DEFAULT_SOLVER
-
-
 def check_solver_options(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
     """Return the solver of that name, if there is one and it has these options."""
     known = options_of(name)

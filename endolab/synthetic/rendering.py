@@ -9,7 +9,7 @@ from endolab.model.brdf import Glossy, Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import check_int
+from endolab.numerics.checks import check_int, check_kinds
 from endolab.numerics.memory import RENDERING_BYTES, check_memory
 from endolab.synthetic.scenes import Scene
 
@@ -103,6 +103,7 @@ def expose(photometry: Photometry, linear: FloatArray) -> float:
     return float(0.9**photometry.gamma / np.percentile(linear.max(axis=-1), 99))
 
 
+@check_kinds(scene=Scene, camera=Camera, photometry=Photometry)
 def render(
     scene: Scene,
     camera: Camera,

@@ -9,7 +9,7 @@ closed form, 4 by marching to the first root and polishing it with Newton's meth
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,7 @@ RAYS_AT_ONCE = 16_000  # what is computed of so many stays in a core's cache
 SIDEWAYS = 0.3  # of its swing in x, that a colon makes in y
 
 
+@runtime_checkable
 class Scene(Protocol):
     """A surface that a camera at the origin looks at along z."""
 

@@ -60,9 +60,6 @@ def runs(width: int) -> dict[str, Callable[[], object]]:
         "warm, λ × 1.1": lambda: el.reconstruct(
             frame, known, lam=1.1, start=found, **one
         ),
-        "curvature": lambda: el.reconstruct(
-            frame, known, channel="green", regulariser="curvature"
-        ),
         "the default": lambda: el.reconstruct(frame, known),
         "fast marching": lambda: el.reconstruct(frame, known, solver="fast_marching"),
         "4 frames, 1 mm apart": lambda: list(

@@ -15,7 +15,7 @@ import numpy as np
 
 import endolab as el
 from endolab.metrics.coverage import Coverage, coverage_of
-from endolab.reconstruction.uncertainty.shares import BORDER, DATA, PRIOR
+from endolab.reconstruction.uncertainty import BORDER, DATA, PRIOR
 from tests.benchmarks.frames import Case, cases_of
 from tests.benchmarks.report import table
 

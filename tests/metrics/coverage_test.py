@@ -1,4 +1,4 @@
-"""Coverage of normal samples, scores against SciPy's."""
+"""Coverage of normal samples, and scores."""
 
 import numpy as np
 import pytest

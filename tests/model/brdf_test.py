@@ -1,7 +1,5 @@
 """BRDFs: energy, interpolation, derivatives."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -52,26 +50,3 @@ def test_the_slope_is_the_derivative(brdf):
 @pytest.mark.parametrize("cosine", [0.0, 1.0, 1.0 + 1e-15, -0.3])
 def test_the_ends_are_finite(brdf, cosine):
     assert np.isfinite([brdf.value(cosine, cosine), brdf.slope(cosine)]).all()
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        *(
-            (partial(Lambertian, albedo), "albedo")
-            for albedo in (0.0, 1.1, True, (0.5, np.nan, 0.5), (0.5, 0.5))
-        ),
-        (lambda: Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5), "choose a channel"),
-        (lambda: Glossy(-0.1), "albedo"),
-        (lambda: Glossy(0.5, 1e300), "specular"),
-        (lambda: Glossy(0.5, 0.1, np.inf), "shininess"),
-        (lambda: TabulatedBRDF((0.0,), (1.0,)), "one length"),
-        (lambda: TabulatedBRDF((0.0, 0.0), (1.0, 1.0)), "increase"),
-        (lambda: TabulatedBRDF((0.0, 2.0), (1.0, 1.0)), "theta"),
-        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, 1e-300)), "value"),
-        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, np.nan)), "value"),
-    ],
-)
-def test_a_bad_brdf_is_named(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()

@@ -31,17 +31,3 @@ def test_nothing_shines_backwards(exponent):
     light = SpotLight(direction=(0, 0, 1), exponent=exponent)
     x = np.array([[0.0, 0.0, -5.0], [3.0, 0.0, -0.1], [3.0, 0.0, 0.0]])
     assert np.all(light.illuminate(x)[0] == 0)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        *(("position", value) for value in ((0, 0), (0, np.nan, 0), (0, 1e300, 0))),
-        *(("direction", value) for value in ((0, 0, 0), (0, 1))),
-        *(("exponent", value) for value in (-0.1, np.nan)),
-        *(("weight", value) for value in (0.0, np.inf)),
-    ],
-)
-def test_a_bad_light_is_named(name, value):
-    with pytest.raises(ValueError, match=name):
-        SpotLight(**{name: value})

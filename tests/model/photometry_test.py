@@ -166,16 +166,3 @@ def test_a_matt_surface_needs_no_table_and_one_brightness_must_not_have_two_slan
     rising = TabulatedBRDF((0.0, 0.5, 0.6, 1.5), (0.2, 0.2, 0.4, 0.4))
     with pytest.raises(ValueError, match=r"(29|30|31|32|33|34)°"):
         model(rising).slant_table()
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        *(("k", value) for value in (-0.1, np.nan, 1e300)),
-        *(("gamma", value) for value in (0.0, 1e-300)),
-        *(("gain", value) for value in (0.0, np.inf)),
-    ],
-)
-def test_a_bad_model_is_named(name, value):
-    with pytest.raises(ValueError, match=name):
-        model(**{name: value})

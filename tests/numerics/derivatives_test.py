@@ -159,3 +159,13 @@ def test_adjoints_are_adjoint(rng, operator, adjoint, shape):
         assert np.sum((forward * p)[:, mask]) == pytest.approx(
             np.sum(f * back), rel=1e-12, abs=1e-12
         )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_every_nth_pixel_is_as_in_the_whole(rng, order):
+    f = rng.normal(size=(30, 41))
+    mask = rng.random(f.shape) > 0.3
+    cuts = rng.random((2, *f.shape)) < 0.3
+    whole = gradient(f, mask, cuts, order)
+    for one, thin in zip(whole, gradient(f, mask, cuts, order, step=3), strict=True):
+        assert_array_equal(one[::3, ::3], thin)

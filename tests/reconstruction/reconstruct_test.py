@@ -121,7 +121,7 @@ def test_a_frame_can_be_shrunk_first(ball):
     assert asdict(result.problem.camera) == pytest.approx(asdict(CALIBRATION.camera))
     errors = ball.errors(result)
     assert errors.mean_percent < 0.01
-    assert errors.mean_degrees < 0.15  # measured 0.11: curvature charges a ball
+    assert errors.mean_degrees < 0.05
 
 
 def test_a_tabulated_brdf():
@@ -247,7 +247,6 @@ def changes_when_turned(frame, calibration, turns=tuple(TURNS), **options):
     [
         ({"regulariser": "second"}, TURNS),
         ({"regulariser": "second", "xi": "1/z"}, TURNS),
-        ({"regulariser": "curvature"}, TURNS),
         ({"regulariser": "first"}, ["transposed"]),
     ],
 )

@@ -8,7 +8,6 @@ import pytest
 from scipy.special import huber
 
 import endolab as el
-from endolab.solvers.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.problem import Problem
 from tests.solvers.gauss_newton_model import (
@@ -16,7 +15,7 @@ from tests.solvers.gauss_newton_model import (
     derivative,
     slope_of_energy,
 )
-from tests.tools.problems import at_truth, every_variant, papers_variant
+from tests.tools.problems import at_truth, every_variant
 
 CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
 PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
@@ -53,17 +52,13 @@ def with_regulariser(problem, xi, regulariser):
     lam, epsilon = {
         "first": (2.0, 4e-3),
         "second": (20.0, 3e-4),
-        "curvature": (8.0, 6e-5),
     }[regulariser]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 
-def costless_surface(problem, xi, regulariser):
-    """A surface that costs nothing: of constant ξ, or a plane."""
-    cosine = problem.field.cos_alpha
-    if regulariser == "curvature":
-        return np.log(20.0) - np.log(problem.field.rays @ [0.2, -0.3, 0.9])
-    return np.log(20.0) - (xi == "1/z") * np.log(cosine)
+def costless_surface(problem, xi):
+    """A surface that costs nothing: of constant ξ."""
+    return np.log(20.0) - (xi == "1/z") * np.log(problem.field.cos_alpha)
 
 
 def test_data_term_is_the_sum_written_out(tiny):
@@ -91,7 +86,7 @@ def test_data_term_is_the_sum_written_out(tiny):
     assert energy_terms(problem, v)["data"] == pytest.approx(expected / 35, rel=1e-7)
 
 
-@papers_variant
+@every_variant
 def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     problem, v = tiny
     problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
@@ -141,73 +136,6 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     assert energy_terms(problem, v)["regulariser"] == pytest.approx(
         total / mask.sum(), rel=1e-9
     )
-
-
-def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
-    """Each second difference of 1/d less that of the plane p·r with its value and slopes; κ of AG⁻¹."""
-    problem, v = tiny
-    problem = replace(problem, regulariser="curvature", lam=0.3)
-    mask = problem.mask
-    rays = problem.field.rays
-    w = np.exp(-v) / problem.xi_median
-    total = 0.0
-    for row, column in np.argwhere(mask):
-
-        def known(*offsets, row=row, column=column):
-            places = [(row + a, column + b) for a, b in offsets]
-            return all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
-
-        def slope(f, a, b, row=row, column=column, known=known):
-            signs = [s for s in (1, -1) if known((s * a, s * b))]
-            here = f[row, column]
-            steps = [s * (f[row + s * a, column + s * b] - here) for s in signs]
-            return sum(steps) / len(steps) if steps else None
-
-        slopes = [(slope(rays, *axis), slope(w, *axis)) for axis in ((0, 1), (1, 0))]
-        form = [None, None, None]
-        if all(one[0] is not None for one in slopes):
-            system = [rays[row, column], slopes[0][0], slopes[1][0]]
-            plane = np.linalg.solve(
-                system, [w[row, column], slopes[0][1], slopes[1][1]]
-            )
-            rest = w - rays @ plane
-            patch = np.pad(rest, 1)[row : row + 3, column : column + 3]
-            if known((0, 1), (0, -1)):
-                form[0] = patch[1, 2] + patch[1, 0]
-            squares = [
-                (a, b)
-                for a in (1, -1)
-                for b in (1, -1)
-                if known((0, b), (a, 0), (a, b))
-            ]
-            if squares:  # the mean of theirs; the patch is 0 in its middle
-                corners = [
-                    a * b * (patch[1 + a, 1 + b] - patch[1 + a, 1] - patch[1, 1 + b])
-                    for a, b in squares
-                ]
-                form[1] = np.mean(corners)
-            if known((1, 0), (-1, 0)):
-                form[2] = patch[2, 1] + patch[0, 1]
-        uu, uv, vv = (0.0 if one is None else one for one in form)
-        guu, guv, gvv = problem.field.inverse_metric[row, column] / 160**2
-        kappa = np.linalg.eigvals(
-            np.array([[uu, uv], [uv, vv]]) @ [[guu, guv], [guv, gvv]]
-        )
-        size = np.hypot(*kappa)
-        twofold = 0.0 if None in form else np.prod(kappa) / np.hypot(size, SLIGHT)
-        cost = huber(CREASE * 2e-5, size) + TWOFOLD * huber(CREASE * 2e-5, twofold)
-        total += 0.3 * problem.edge_weight[row, column] * cost / (CREASE * 2e-5)
-    assert ANGLE == 1 / 160
-    assert energy_terms(problem, v)["regulariser"] == pytest.approx(
-        total / mask.sum(), rel=1e-9
-    )
-
-
-@pytest.mark.parametrize("camera", ["simple", "paper"])
-def test_a_plane_does_not_bend_whatever_the_camera(camera):
-    problem, v = at_truth("plane", 80, camera=camera, regulariser="curvature")
-    assert energy_terms(problem, v)["regulariser"] < 1e-20
-    assert energy_terms(problem, 0.1 * v)["regulariser"] > 1e-7
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
@@ -289,7 +217,7 @@ def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
 ):
     """At no residual and straight ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
     problem, _ = problem_with_holes
-    v = costless_surface(problem, xi, regulariser)
+    v = costless_surface(problem, xi)
     problem = replace(problem, image=model_image(problem, v))
     problem = with_regulariser(problem, xi, regulariser)
     delta = rng.normal(size=v.shape)
@@ -310,7 +238,6 @@ def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
         ("threshold", np.inf),
         ("xi", "z"),
         ("regulariser", "third"),
-        ("regulariser", "curvature"),  # of another ξ
         ("image", np.zeros((7, 5))),
         ("mask", np.ones((5, 6), bool)),
         ("cuts", np.ones((5, 7), bool)),

@@ -7,33 +7,20 @@ import numpy as np
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian
-from endolab.solvers.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.solvers.energy import contradicts, energy_terms
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import multiply
 from endolab.solvers.normal_equations import BY_U, BY_V, BY_W, SLOPE, SMOOTHNESS, WEIGHT
 from endolab.solvers.problem import Problem
-from tests.solvers.curvature_model import (
-    second_form,
-    second_form_adjoint,
-    size_and_twofold,
-    valid_stencil,
-)
 from tests.tools.adjoints import (
     forward_gradient_adjoint,
     gradient_adjoint,
     hessian_adjoint,
 )
 
-
-def _without_rays(operator):
-    return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
-
-
-OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
-    "first": [_without_rays(forward_gradient), _without_rays(forward_gradient_adjoint)],
-    "second": [_without_rays(hessian), _without_rays(hessian_adjoint)],
-    "curvature": [second_form, second_form_adjoint],
+OPERATORS = {  # and their adjoints: of a map, mask and cuts
+    "first": [forward_gradient, forward_gradient_adjoint],
+    "second": [hessian, hessian_adjoint],
 }
 TWINS = {  # of GaussNewtonModel: maps of `Coefficients`
     "by_v": BY_V,
@@ -41,7 +28,7 @@ TWINS = {  # of GaussNewtonModel: maps of `Coefficients`
     "by_v_v": BY_W,
     "data_weight": WEIGHT,
     "xi_slope": SLOPE,
-    "smoothness": slice(SMOOTHNESS, None),
+    "smoothness": SMOOTHNESS,
 }
 
 
@@ -66,8 +53,7 @@ class GaussNewtonModel:
     data_weight: np.ndarray  # IRLS weight of the residual
     xi: np.ndarray  # ξ/ξ̃
     xi_slope: np.ndarray  # its derivative by v
-    # Weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale; or, of the form A that tells
-    # how the surface bends, Q in AᵀQA: its entries 00, 01, 02, 11, 12, 22, (6, H, W).
+    # Weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale.
     smoothness: np.ndarray
 
     @classmethod
@@ -89,22 +75,19 @@ class GaussNewtonModel:
             / problem.xi_median
         )
         xi = np.where(mask, xi, 0.0)
-        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
+        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts)
         by_gradient = (
             2 * by_slant * (guu * f_u + guv * f_v),
             2 * by_slant * (guv * f_u + gvv * f_v),
         )
         weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
-        if problem.regulariser == "curvature":
-            smoothness = cls._bending_weights(problem, derivative)
-        else:
-            size = np.linalg.norm(scale * derivative, axis=0)
-            smoothness = (
-                problem.lam
-                * problem.edge_weight
-                * scale**2
-                / np.maximum(size, problem.epsilon)
-            )
+        size = np.linalg.norm(scale * derivative, axis=0)
+        smoothness = (
+            problem.lam
+            * problem.edge_weight
+            * scale**2
+            / np.maximum(size, problem.epsilon)
+        )
         counts = contradicts(problem, residual)
         slope = xi if problem.xi == "d" else -xi
         data = (
@@ -139,59 +122,11 @@ class GaussNewtonModel:
             around, self.problem.mask, self.problem.cuts
         )
 
-    @staticmethod
-    def _bending_weights(problem, form):
-        """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
-        known = valid_stencil(problem.mask, problem.cuts)
-        metric = problem.field.inverse_metric
-        size, twofold = size_and_twofold(form, metric, known)
-        inverse = metric[..., [[0, 1], [1, 2]]]
-        flat = np.moveaxis(form, 0, -1)
-        matrix = flat[..., [[0, 1], [1, 2]]]
-        adjugate = flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
-        # κ₁κ₂ = det A det G⁻¹ and κ² = tr(A G⁻¹)², so that their slopes by A are matrices, too.
-        by_product = ANGLE**4 * np.linalg.det(inverse)[..., None, None] * adjugate
-        by_half_square = ANGLE**4 * inverse @ matrix @ inverse
-        softened = np.hypot(size, SLIGHT)[..., None, None]
-        by_matrix = (
-            by_product / softened
-            - twofold[..., None, None] * by_half_square / softened**2
-        )
-        by_form = np.stack(
-            [by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]]
-        )
-        p, q, r = np.moveaxis(metric, -1, 0)
-        squared = np.array(
-            [[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]]
-        )
-        squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
-        weights = problem.lam * problem.edge_weight
-        onefold = (
-            weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
-        )
-        # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
-        # slope is `degree` times what is charged.
-        degree = 2 - (size / softened[..., 0, 0]) ** 2
-        weights = (
-            weights
-            * TWOFOLD
-            / np.maximum(np.abs(twofold), CREASE * problem.epsilon)
-            / degree
-        )
-        twofold = weights * by_form[:, None] * by_form
-        return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
-
     def _smooth(self, xi):
         """Dᵀ (smoothness · D ξ)."""
         operator, adjoint = OPERATORS[self.problem.regulariser]
-        where = (self.problem.mask, self.problem.cuts, self.problem.field)
-        derivative = operator(xi, *where)
-        if self.problem.regulariser != "curvature":
-            return adjoint(self.smoothness * derivative, *where)
-        q = np.zeros((3, *derivative.shape))
-        rows, columns = np.triu_indices(3)
-        q[rows, columns] = q[columns, rows] = self.smoothness
-        return adjoint(np.einsum("klij,lij->kij", q, derivative), *where)
+        where = self.problem.mask, self.problem.cuts
+        return adjoint(self.smoothness * operator(xi, *where), *where)
 
 
 def energy(problem, v):

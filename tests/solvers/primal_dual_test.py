@@ -17,8 +17,8 @@ from tests.tools.problems import (
     SHEET,
     energies,
     errors_of,
-    papers_regulariser,
-    papers_variant,
+    every_regulariser,
+    every_variant,
     problem_of,
 )
 
@@ -43,7 +43,7 @@ def problem_with_holes(rng, brdf=None, **options):
     return replace(problem, image=np.clip(seen, 0.2, 0.95)), v
 
 
-@papers_variant
+@every_variant
 @pytest.mark.parametrize("radius", [0, 3])
 def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius):
     problem, v = problem_with_holes(
@@ -105,7 +105,7 @@ def test_steps_less_than_the_last_digit_add_up():
     np.testing.assert_allclose(np.mean(gone), np.mean(expected), rtol=0.05)
 
 
-@papers_regulariser
+@every_regulariser
 def test_steps_are_the_same_bit_for_bit_on_any_number_of_threads(
     rng, all_cores, regulariser
 ):
@@ -161,7 +161,7 @@ def test_it_has_not_converged_while_the_energy_falls(every):
     assert early.history[-1]["fall"] > 0.1
 
 
-@papers_variant
+@every_variant
 def test_no_combination_diverges_on_the_tube(xi, regulariser):
     problem, _ = problem_of(
         "tube", 80, xi=xi, regulariser=regulariser, lam=0.1, epsilon=3e-4

@@ -5,13 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
-from endolab.calibration.targets import (
-    AprilGrid,
-    Charuco,
-    Chessboard,
-    CircleGrid,
-    DotGrid,
-)
+from endolab.calibration.targets import Charuco, Chessboard, DotGrid
 from endolab.io.datasets import load_calibration
 from endolab.model.cameras import BrownConrady, KannalaBrandt
 
@@ -31,12 +25,9 @@ BROWN = BrownConrady(
 )
 OTHER_TARGETS = [  # than those with a name
     DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
-    CircleGrid(3, 7, 4.0, radius=1.5),
     Chessboard(9, 6, 5.5),
     Charuco(9, 6, 5.5, fold=4, marker=4.0, dictionary="DICT_4X4_50"),
-    Charuco(7, 6, 5.5, marker=4.0, first_id=9, legacy=True, inverted=True),
-    CircleGrid(5, 4, 4.0, radius=1.5, symmetric=True, inverted=True),
-    AprilGrid(4, 3, 6.5, marker=5.0, border=1, squares=False),
+    Charuco(7, 6, 5.5, marker=4.0, first_id=9, legacy=True),
 ]
 
 
@@ -58,13 +49,12 @@ def reflectance(target, xy, black=0.04):
     ):
         return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
 
-    paper, shape = (black, 1.0) if target.inverted else (1.0, black)
-    value = np.where(within(*target.sheet), paper, np.nan)
-    discs = np.pad(target.ink.discs, ((0, 0), (0, 1)), constant_values=shape)
+    value = np.where(within(*target.sheet), 1.0, np.nan)
+    discs = np.pad(target.ink.discs, ((0, 0), (0, 1)), constant_values=black)
     for left, top, radius, grey in [*target.ink.greys, *discs]:
         value[np.hypot(x - left, y - top) <= radius] = grey
     for rectangle in target.ink.rectangles:
-        value[within(*rectangle)] = shape
+        value[within(*rectangle)] = black
     return value
 
 

@@ -1,10 +1,8 @@
 """Find a target's features in a picture, and which of them they are.
 
     dots      find_blobs -> find_lattices -> match_code -> grow -> check_places
-    circles   find_blobs -> find_lattices -> outline of the grid -> check_places
     ChArUco   OpenCV's markers -> check_places -> _complete: corners that the others foretell
     squares   OpenCV's two searches -> refine -> _order_corners -> check_places, _alternates
-    AprilGrid OpenCV's markers -> refine -> check_places, each corner of the tags among its like
 
 All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. From the
 three places before it the next one is predicted, and among its neighbours each must fit:
@@ -16,7 +14,7 @@ three places before it the next one is predicted, and among its neighbours each 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import cv2
@@ -24,12 +22,7 @@ import numpy as np
 import scipy
 
 from endolab.calibration.detection.blobs import SPOTS, Numbers, shrink_picture, white_of
-from endolab.calibration.detection.dots import (
-    Found,
-    detect_circles,
-    detect_dots,
-    no_features,
-)
+from endolab.calibration.detection.dots import Found, detect_dots, no_features
 from endolab.calibration.detection.lattice import (
     check_places,
     cross,
@@ -37,15 +30,7 @@ from endolab.calibration.detection.lattice import (
     steps,
     windows,
 )
-from endolab.calibration.targets import (
-    AprilGrid,
-    Charuco,
-    Chessboard,
-    CircleGrid,
-    DotGrid,
-    Target,
-    dictionary_of,
-)
+from endolab.calibration.targets import Charuco, Chessboard, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
 
@@ -64,7 +49,6 @@ class CornerRules:
     least_corners: int = 6  # of a ChArUco board
     # Half the side of what a corner is refined by, as a share of the way to the next one.
     window: float = 0.45
-    rim: float = 0.6  # the same of an AprilGrid, as a share of a tag's rim
     # Of the roughness of refined corners, below which those that were found are better.
     spoilt: float = 0.8
     # Contrast of corners and squares that are sought, relative to those that are known.
@@ -78,7 +62,6 @@ class CornerRules:
 
 
 CORNERS = CornerRules()
-INVERTED = "white on black"  # of a chessboard that is found
 
 
 @dataclass(frozen=True)
@@ -88,17 +71,15 @@ class Detection:
     ids: IntArray  # (n,), rows of `target.points`, ascending; each at most once
     pixels: FloatArray  # (n, 2), px: the centroid of the disc's image, or the corner
     reason: str = ""  # in a few words, why nothing was found, where n is 0
-    # What was looked for, or that white on black, if it is; None if nothing was.
-    target: Target | None = None
 
 
 def detect(image: Numbers, target: Target) -> Detection:
     """Find a target's features in a picture, (H, W) or (H, W, 3): float in [0, 1], uint8 or uint16.
 
-    Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and dots named
+    Neither a camera nor a guess is needed. Dots are ordered by local prediction and named
     by their code; corners are found by OpenCV. Features that do not lie where their neighbours place them
-    are left out. A chessboard, and an asymmetric grid with an even number of rows, may look the same when
-    turned by 180°; their first row then runs to the right in the picture. A picture of dots or of a ChArUco
+    are left out. A chessboard may look the same when turned by 180°; its first row then runs to
+    the right in the picture. A picture of dots or of a ChArUco
     board in a mirror is refused.
     """
     grey = _grey(image)
@@ -108,17 +89,12 @@ def detect(image: Numbers, target: Target) -> Detection:
     picture = grey
     if grey.size > CORNERS.most_pixels:
         picture = _shrink_to(grey, CORNERS.most_pixels // 2)
-    if target.inverted:
-        picture = _invert(picture)
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
         what = " ".join(str(error.err or error).split())
         return Detection(*no_features(f"OpenCV fails on this picture ({what})"))
-    if reason == INVERTED:
-        target = replace(target, inverted=not target.inverted)
-        reason = ""
-    return Detection(ids, _rescale(pixels, picture, grey), reason, target)
+    return Detection(ids, _rescale(pixels, picture, grey), reason)
 
 
 def _grey(image: Numbers) -> Numbers:
@@ -168,12 +144,6 @@ def _even_paper(grey: FloatArray) -> Numbers:
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
     level = grey / np.maximum(white, SPOTS.least_white)
     return cv2.convertScaleAbs(level, alpha=220)
-
-
-def _invert(grey: FloatArray) -> Numbers:
-    """Make what is printed white on black black on white, and the white equally bright everywhere."""
-    white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
-    return 1 - np.minimum(grey / np.maximum(white, SPOTS.least_white), np.float32(1))
 
 
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
@@ -325,9 +295,12 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         return no_features("the corners do not lie on a smooth sheet")
     if not _alternates(grid, grey):
         return no_features("the chessboard has other squares than the target says")
+    if _darkness(grid, grey) < 0:
+        return no_features(
+            "its upper left square is white; exchange columns and rows if the board is turned"
+        )
     ids = np.flatnonzero(fits)
-    colours = INVERTED if _darkness(grid, grey) < 0 else ""
-    return ids, grid.reshape(-1, 2)[ids], colours
+    return ids, grid.reshape(-1, 2)[ids], ""
 
 
 def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
@@ -384,54 +357,8 @@ def _squares(grid: FloatArray, grey: FloatArray) -> FloatArray:
     return _read(grey, (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4)
 
 
-def _detect_aprilgrid(grey: FloatArray, target: AprilGrid) -> Found:
-    """Find the corners of the tags of an AprilGrid, each where its like on other tags place it."""
-    even = _even_paper(grey)
-    times = max(round(CORNERS.longest_side / max(even.shape)), 1)
-    picture = cv2.resize(even, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
-    options = cv2.aruco.DetectorParameters()
-    options.markerBorderBits = target.border
-    detector = cv2.aruco.ArucoDetector(dictionary_of(target.dictionary), options)
-    found, names, _ = detector.detectMarkers(picture)
-    tags = np.ravel([] if names is None else names).astype(int) - target.first_id
-    ours = (tags >= 0) & (tags < len(target.tag_corners))
-    if ours.sum() < 2:
-        return no_features(f"{ours.sum()} of the grid's tags can be read, 2 are needed")
-    ids = target.tag_corners[tags[ours]]
-    corners = _start_alike(np.array(found)[ours, 0], target.points[ids, :2])
-    # The saddle where a black square meets a tag reaches as far as the tag's rim and the square do.
-    rim = min(target.spacing / target.marker - 1, target.border / 10)
-    side = np.linalg.norm(np.diff(corners, axis=1), axis=-1).min()
-    half = max(int(CORNERS.rim * rim * side), 2)
-    grid = np.full((2 * target.rows, 2 * target.columns, 2), np.nan)
-    grid.reshape(-1, 2)[ids.ravel()] = _refine(picture, corners.reshape(-1, 2), half)
-    for i, j in product((0, 1), repeat=2):
-        like = grid[i::2, j::2]
-        like[~check_places(like, np.zeros(like.shape[:2], int), least=4)[0]] = np.nan
-    kept = np.flatnonzero(np.isfinite(grid[..., 0]))
-    if len(kept) < CORNERS.least_corners:
-        return no_features("the corners of the tags do not agree")
-    return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), ""
-
-
-def _start_alike(corners: Numbers, places: FloatArray) -> Numbers:
-    """Begin tags' corners, (n, 4, 2), px, with the one that lies where `places`, (n, 4, 2), mm, begin.
-
-    Programs print the tags turned by quarters, all of them alike.
-    """
-
-    def miss(pixels: Numbers) -> float:
-        plane = cv2.findHomography(places.reshape(-1, 2), pixels.reshape(-1, 2))[0]
-        guess = cv2.perspectiveTransform(places, plane)
-        return float(np.linalg.norm(guess - pixels, axis=-1).mean())
-
-    return min((np.roll(corners, turn, axis=1) for turn in range(4)), key=miss)
-
-
 SEARCHES: dict[type[Target], Callable[..., Found]] = {
     DotGrid: detect_dots,
-    CircleGrid: detect_circles,
     Charuco: _detect_charuco,
     Chessboard: _detect_chessboard,
-    AprilGrid: _detect_aprilgrid,
 }

@@ -1,10 +1,10 @@
-"""Find the dots of a coded grid, or of an asymmetric grid, and say which they are.
+"""Find the dots of a coded grid, and say which they are.
 
 A dot's bit is its darkness over the area of its lattice cell, which neither tilt nor blur changes.
 """
 
 from dataclasses import dataclass
-from itertools import compress, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from endolab.calibration.detection.lattice import (
     grow,
     steps,
 )
-from endolab.calibration.targets import CircleGrid, DotGrid
+from endolab.calibration.targets import DotGrid
 from endolab.numerics.arrays import FloatArray, IntArray
 
 Found = tuple[IntArray, FloatArray, str]  # ids, pixels, and the reason why there are none
@@ -34,7 +34,6 @@ class CodeRules:
     most_wrong: float = 0.1  # share of the bits
     surety: float = 5.0  # logarithm of the odds against a match by chance
     most_off: float = 0.8  # of a dot's size, where 1 is halfway to the other size
-    least_seen: float = 0.75  # share of an asymmetric grid's circles
 
 
 CODE = CodeRules()
@@ -147,12 +146,12 @@ def match_code(size: FloatArray, code: IntArray) -> Placement | None:
     return placements[0] if rarity >= np.log(trials) + CODE.surety else None
 
 
-def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
+def _cover(target: DotGrid) -> tuple[float, float]:
     """Least and largest share of its cell that a dot may seem to cover.
 
     Ink is not quite black, and near the rim of a lattice its cell is not quite known.
     """
-    areas = np.pi * target.radii**2 / cell
+    areas = np.pi * target.radii**2 / target.spacing**2
     return 0.35 * float(areas.min()), 2.2 * float(areas.max())
 
 
@@ -162,7 +161,7 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     if len(blobs) < CODE.least_dots:
         return no_features("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
-    cover = _cover(target, target.spacing**2)
+    cover = _cover(target)
     pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
     if not pieces:
         return no_features("the dark spots form no grid")
@@ -197,69 +196,3 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
 def no_features(reason: str) -> Found:
     """Give no features, and the reason."""
     return np.zeros(0, int), np.zeros((0, 2)), reason
-
-
-def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
-    """Find a grid of circles; parameters and results as of `detect_dots`.
-
-    Those of an asymmetric one form a square lattice that is turned by 45°, so a piece of a lattice need only
-    be laid on the grid's outline. All but a few must be in view, or their order cannot be known.
-    """
-    blobs = find_blobs(image)
-    count = len(target.points)
-    if len(blobs) < CODE.least_seen * count:
-        return no_features("too few dark spots")
-    x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
-    spot = np.column_stack([y, x])
-    if not target.symmetric:
-        spot = np.column_stack([(y - x) // 2, (x + y) // 2])
-    spots = tuple(spot.T - spot.min(axis=0)[:, None])
-    outline = np.full(np.max(spots, axis=1) + 1, -1.0)
-    outline[spots] = 1.0
-    table = np.pad(outline, CODE.pad, constant_values=-1.0)
-    same_turned = np.array_equal(outline, outline[::-1, ::-1])
-    panel = np.zeros(outline.shape, int)
-    owner = np.full(count, -1)  # which blob each circle is
-    cover = _cover(target, (1 if target.symmetric else 2) * target.spacing**2)
-    for piece in find_lattices(blobs, cover, 2 * sum(table.shape) + 5):
-        place = np.argwhere(piece >= 0)
-        placements, _ = _placements(place, np.ones(len(place)), table)
-        if same_turned:  # of two opposite orders take the one whose rows run to the right
-            right = [_runs_right(turn, piece, blobs, target) for _, turn, _ in placements]
-            placements = list(compress(placements, right))
-        if not placements:
-            continue
-        # Turned by 180° and shifted, all but the ends of a grid look the same.
-        best = placements[0][0]
-        needed = 4 if len(place) > best else 2  # more, if some lie beside the outline
-        if len(placements) > 1 and best - placements[1][0] < needed:
-            continue
-        sheet = np.where(outline > 0, _lay(piece, placements[0], outline.shape), -1)
-        fits, _ = check_places(_places(sheet, blobs), panel, least=4)
-        found = np.where(fits, sheet, -1)[spots]
-        if (found >= 0).sum() > (owner >= 0).sum():
-            owner = found
-    ids = np.flatnonzero(owner >= 0)
-    if len(ids) < CODE.least_seen * count:
-        return no_features(
-            "the dark spots form no such grid, or too little of it is in view"
-        )
-    return ids, blobs.centres[owner[ids]], ""
-
-
-def _runs_right(
-    turn: int,
-    piece: IntArray,
-    blobs: Blobs,
-    target: CircleGrid,
-) -> bool:
-    """Whether the target's x axis would point to the right in the picture, more than up or down.
-
-    How much up or down matters for a square grid alone, which also looks the same turned by 90°.
-    """
-    places = np.argwhere(piece >= 0) @ TURNS[turn].T
-    column = blobs.centres[piece[piece >= 0], 0]
-    axes = ([0, 1], [1, 0]) if target.symmetric else ([-1, 1], [1, 1])
-    right, down = (np.cov(places @ axis, column)[0, 1] for axis in axes)
-    is_square = target.symmetric and target.columns == target.rows
-    return bool(right > (abs(down) if is_square else 0))

@@ -30,7 +30,7 @@ def write_camera_for(program: str, camera: Camera, path: PathLike) -> None:
     """
     if program not in PROGRAMS:
         raise unknown_name("program", program, PROGRAMS)
-    if not isinstance(camera, KannalaBrandt | Pinhole):
+    if not isinstance(camera, BrownConrady | KannalaBrandt | Pinhole):
         raise ValueError(f"{program} has no camera as endolab's {camera.model}")
     matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
     k = list(camera.k) if isinstance(camera, KannalaBrandt | BrownConrady) else []

@@ -11,7 +11,7 @@ from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
-from endolab.numerics.checks import number
+from endolab.numerics.checks import PATH, check_kinds, number
 
 # Evidence of a light that was taken from the paper.
 NOMINAL_EVIDENCE = {"photometry": {"nominal": True}}
@@ -104,6 +104,7 @@ CALIBRATIONS: dict[str, Calibration] = {
 }
 
 
+@check_kinds(name_or_path=PATH)
 def load_calibration(
     name_or_path: PathLike, width: int | None = None, size: Size | None = None
 ) -> Calibration:

@@ -35,7 +35,7 @@ from endolab.workbench.plots.scales import (
 from endolab.workbench.plots.surface_view import show_cloud
 
 if TYPE_CHECKING:
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.reconstruction.uncertainty import Uncertainty
 
 
 Surface = FloatArray | Iterate | Result  # distances, or who knows where they are cut, too

@@ -7,8 +7,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from endolab.model.thinned import ThinnedMaps
+from endolab.model.surface import normals, slant
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.derivatives import gradient
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red
@@ -47,7 +48,8 @@ class Painter:
         self.sparse = (slice(None, None, step * further),) * 2
         self.inside = problem.mask[self.sparse]
         self._rays = problem.field.rays[self.sparse][self.inside]
-        self._maps = ThinnedMaps(problem.field, problem.mask, problem.cuts, step)
+        self._step = step
+        self._field = problem.field.every(step)
         cos_alpha = problem.field.cos_alpha[self.thin]
         self._attenuation = problem.photometry.attenuation(cos_alpha)
 
@@ -57,7 +59,9 @@ class Painter:
         distance = np.exp(v[self.sparse][self.inside])
         points = (distance[:, None] * self._rays).astype(np.float32)
         # OpenCV's ways to bytes take a tenth of NumPy's time; nan becomes 0.
-        facing = cv2.convertScaleAbs(self._maps.normals(v), alpha=127.5, beta=127.5)
+        problem = self.problem
+        towards = normals(v, problem.field, problem.mask, self._step)
+        facing = cv2.convertScaleAbs(towards, alpha=127.5, beta=127.5)
         return {
             "depth": depth_map(np.exp(v[self.thin]), self.problem.metric),
             "normals": rr.Image(facing),
@@ -67,9 +71,11 @@ class Painter:
 
     def _shades(self, v: FloatArray) -> NDArray[np.uint8]:
         """Model - frame, (h, w), as places in `RESIDUAL_COLOURS`."""
-        slant = self._maps.slant(v)
+        problem = self.problem
+        gradients = gradient(v, problem.mask, problem.cuts, edge_order=1, step=self._step)
+        slants = slant(*gradients, self._field)
         photometry = self.problem.photometry
-        model = photometry.brightness(v[self.thin], slant, self._attenuation)
+        model = photometry.brightness(v[self.thin], slants, self._attenuation)
         share = 255 / LARGEST_RESIDUAL * (model - self.problem.image[self.thin])
         half = len(SHADES) // 2
         shades = cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1)

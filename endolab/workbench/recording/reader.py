@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import PATH, check_kinds
 from endolab.numerics.memory import check_memory
 from endolab.workbench.recording import decoder
 from endolab.workbench.recording.layouts import ITERATIONS
@@ -24,6 +25,7 @@ from endolab.workbench.recording.layouts import ITERATIONS
 Entities = dict[str, dict[str, dict[int | None, Any]]]
 
 
+@check_kinds(path=PATH)
 def read_recording(path: PathLike) -> Recording:
     """Read a recording that `record` or a `Comparison` has written.
 

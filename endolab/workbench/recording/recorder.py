@@ -38,7 +38,7 @@ from endolab.workbench.recording.stream import (
 )
 
 if TYPE_CHECKING:
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.reconstruction.uncertainty import Uncertainty
 
 
 def record(

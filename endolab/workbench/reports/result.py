@@ -12,6 +12,7 @@ import numpy as np
 from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
+from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
 from endolab.reconstruction.sentences import meaning
@@ -23,7 +24,7 @@ from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
 
 if TYPE_CHECKING:
     from endolab.frames.prepare import Prepared
-    from endolab.reconstruction.uncertainty.estimate import Uncertainty
+    from endolab.reconstruction.uncertainty import Uncertainty
 
 
 def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, Any]:
@@ -85,6 +86,7 @@ def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str,
     }
 
 
+@check_kinds(result=Result, folder=PATH)
 def save_result(
     result: Result,
     folder: PathLike,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 
-from endolab.calibration.targets import TARGETS, Chessboard, Target
+from endolab.calibration.targets import TARGETS, Board, Target
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.numerics.arrays import FloatArray
 
@@ -52,7 +52,7 @@ def _grey(reflectance: float) -> str:
 def _caption(target: Target) -> str:
     names = [name for name, known in TARGETS.items() if known == target]
     size = f"{target.kind} {target.spacing:g} mm apart"
-    if isinstance(target, Chessboard):
+    if isinstance(target, Board):
         size = f"squares of {target.spacing:g} mm"
     return f"{[*names, target.kind][0]}: {target.columns} × {target.rows} {size}"
 
@@ -77,14 +77,11 @@ def draw_sheet(target: Target) -> Figure:
     rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
     axes.add_patch(Rectangle((left, top), width, height, **rim))
     ink = target.ink
-    colour = "white" if ink.inverted else "black"
-    if ink.inverted:
-        axes.add_patch(Rectangle((left, top), width, height, facecolor="black"))
     for reflectance in np.unique(ink.greys[:, 3]):
         same = ink.greys[ink.greys[:, 3] == reflectance]
         _fill(axes, Outline.unit_circle(), same[:, [0, 1, 2, 2]], _grey(reflectance))
-    _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], colour)
-    _fill(axes, Outline.unit_rectangle(), ink.rectangles, colour)
+    _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], "black")
+    _fill(axes, Outline.unit_rectangle(), ink.rectangles, "black")
 
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     bottom = top + height

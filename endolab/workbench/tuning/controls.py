@@ -6,9 +6,9 @@ other option is a line to type into, or a choice, as `Settings` describes it.
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from endolab.reconstruction.settings import DIAMETER, MAP, SWITCH, option_fields
+from endolab.reconstruction.settings import Settings, option_types
 
 
 def knob_specs() -> list[dict[str, Any]]:
@@ -23,22 +23,21 @@ def knob_specs() -> list[dict[str, Any]]:
 def _derived_specs() -> dict[str, dict[str, Any]]:
     """Return the controls that follow from `Settings`, by their names."""
     specs: dict[str, dict[str, Any]] = {}
-    for part in option_fields():
-        facts = part.metadata["option"]
-        if facts.kind in (MAP, DIAMETER):  # no line can hold them
+    for name, kind in option_types().items():
+        if name == "known_diameter":  # no line can hold it
             continue
         spec: dict[str, Any] = {
-            "name": part.name,
-            "label": part.name.replace("_", " "),
-            "tip": facts.help,
+            "name": name,
+            "label": name.replace("_", " "),
+            "tip": "",
             "hidden": True,
         }
-        automatic = [["auto", None]] if part.default is None else []
-        if facts.kind == SWITCH:
-            spec["options"] = [["auto", None], ["yes", True], ["no", False]]
-        elif facts.choices:
-            spec["options"] = [*automatic, *facts.choices]
-        else:
-            spec["hint"] = facts.form
-        specs[part.name] = spec
+        parts = [part for one in (kind, *get_args(kind)) for part in get_args(one)]
+        choices: list[Any] = [part for part in parts if isinstance(part, str)]
+        if bool in parts:
+            choices = [["yes", True], ["no", False]]
+        if choices:
+            automatic = [["auto", None]] if getattr(Settings, name) is None else []
+            spec["options"] = [*automatic, *choices]
+        specs[name] = spec
     return specs

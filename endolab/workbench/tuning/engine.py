@@ -40,7 +40,7 @@ from endolab.numerics.iteration import Status, Stopped
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import explained_share, noise_of
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.reconstruction.uncertainty.estimate import (
+from endolab.reconstruction.uncertainty import (
     Uncertainty,
     noise_left,
     uncertainty_of,
@@ -520,12 +520,9 @@ class Tuner:
 def _with_energy(last: Answer, settings: Knobs) -> Problem:
     """The last answer's problem, with the energy that is wished for."""
     energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
-    chosen = ("regulariser", "xi")
-    if all(energy[name] == getattr(last.settings, name) for name in chosen):
-        energy["regulariser"] = last.result.problem.regulariser
-    else:
-        energy["regulariser"] = settings.first_regulariser
-    return replace(last.result.problem, **energy)
+    return replace(
+        last.result.problem, **energy | {"regulariser": settings.used_regulariser}
+    )
 
 
 def solve_warm(

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST
-from endolab.reconstruction.uncertainty.causes import bounced_light
+from endolab.reconstruction.uncertainty import bounced_light
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.workbench.plots.scales import (
     OKABE_ITO,

@@ -44,8 +44,7 @@ def summary(answer: Answer, tried: Sequence[Tried] = ()) -> str:
     result = answer.result
     parts = [settings.solver.replace("_", " ")]
     if answer.uses_lam:
-        order = result.problem.regulariser
-        order += " order" * (order in ("first", "second"))
+        order = f"{result.problem.regulariser} order"
         order += " (auto)" * (settings.regulariser == "auto")
         parts = [f"λ {settings.lam:.3g}", order]
     explained = f"explains {100 * answer.explained_contrast:.1f} %"

@@ -29,7 +29,7 @@ from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int, excerpt
+from endolab.numerics.checks import check_int, check_kinds, excerpt
 from endolab.reconstruction.settings import Settings
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
@@ -98,6 +98,7 @@ ACTIONS = {
 }
 
 
+@check_kinds(frame=Frame, calibration=Calibration)
 def tune(
     frame: Frame | None = None,
     calibration: Calibration | None = None,
@@ -776,6 +777,5 @@ def _compared_settings(settings: Knobs, knob: str) -> dict[str, Knobs]:
     if knob == "lam":
         values |= values_of_lam(settings.lam)
     else:
-        orders = ["first", "second"] + ["curvature"] * (settings.xi == "1/d")
-        values |= {order: order for order in orders}
+        values |= {order: order for order in ("first", "second")}
     return {label: replace(settings, **{knob: value}) for label, value in values.items()}

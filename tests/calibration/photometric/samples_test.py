@@ -16,7 +16,7 @@ PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 
 
 @pytest.mark.parametrize(
-    "name", ["vicalib_small", "vicalib_folded", "vicalib_grey", "charuco", "circles"]
+    "name", ["vicalib_small", "vicalib_folded", "vicalib_grey", "charuco"]
 )
 def test_a_clean_frame_gives_the_models_levels(name):
     target = el.TARGETS[name]

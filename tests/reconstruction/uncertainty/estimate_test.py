@@ -8,22 +8,25 @@ import pytest
 import endolab as el
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
-from endolab.reconstruction.light.known_surface import SURFACE_FIT
-from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
-from endolab.reconstruction.uncertainty.causes import CAUSES, correlated_field
-from endolab.reconstruction.uncertainty.estimate import (
-    SAMPLING,
+from endolab.reconstruction.prior_sigma import PriorSigma
+from endolab.reconstruction.uncertainty import (
+    BORDER,
+    DATA,
+    LARGEST_SIGMA,
+    LEAST_DRAWS,
+    LENGTH,
+    OUTSIDE,
+    PRIOR,
+    Linearised,
+    correlated_field,
     re_solve,
     uncertainty_of,
 )
-from endolab.reconstruction.uncertainty.linearised import Linearised
-from endolab.reconstruction.uncertainty.prior_sigma import PriorSigma
-from endolab.reconstruction.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import LightOutcome, LightReport, Provenance, Scale
 from endolab.solvers.result import Iterate, run
-from tests.tools.problems import finish, problem_of
+from tests.tools.problems import problem_of
 
 CERTAIN = PriorSigma(
     **{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"}
@@ -85,17 +88,13 @@ def test_noise_alone_is_what_solving_again_with_other_noise_finds():
 def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
     """A wall whose albedo varies by 10 %: the answer to the very field, and how strong it is found to be."""
     clean, seen = problem_of("curved", 80)
-    field = correlated_field(
-        np.random.default_rng(0), clean.mask.shape, CAUSES.length / 4
-    )
+    field = correlated_field(np.random.default_rng(0), clean.mask.shape, LENGTH / 4)
     image = np.clip(
         clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999
     )
     result = solved(replace(clean, image=np.where(clean.mask, image, 0.0)))
     mask = result.mask
-    surface = Linearised.at(
-        result.problem, np.where(mask, result.iterate.log_distance, 0.0)
-    )
+    surface = Linearised(result.problem, result.iterate.log_distance)
     off = np.log(result.distance / seen.distance)[mask]
     answer = surface.to_light(0.1 * field)[mask]
     assert np.corrcoef(off, answer)[0, 1] > 0.9
@@ -194,7 +193,7 @@ def test_another_choice_moves_a_surface_as_a_whole_run_does(choice):
     other = replace(problem, lam=4 * problem.lam)
     if choice == "contours":
         other = cut_at_contours(problem)
-    found = finish(re_solve(other, v)) - v
+    found = re_solve(other, v) - v
     there = settle(other, v) - v
     assert np.std(there) > 0.005
     assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.8
@@ -224,7 +223,7 @@ def test_light_that_bounced_is_a_cause_unless_the_colours_were_asked(curved):
     _, _, result, uncertainty = curved
     light = LightReport(LightOutcome.NONE_BOUNCED)
     asked = replace(result.iterate, provenance=Provenance(light=light))
-    few = uncertainty_of(asked, draws=SAMPLING.least_draws)
+    few = uncertainty_of(asked, draws=LEAST_DRAWS)
     assert "bounced light" in uncertainty.causes
     assert "bounced light" not in few.causes
 
@@ -241,7 +240,7 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     result = solved(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
     share = uncertainty_of(result).sigma / result.distance
     lost = lost & mask
-    assert share[lost] == pytest.approx(SAMPLING.largest_sigma)
+    assert share[lost] == pytest.approx(LARGEST_SIGMA)
     assert np.median(share[mask & ~lost]) < 0.2
 
 
@@ -264,7 +263,7 @@ def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     early = uncertainty_of(result, **stop_at(6))
     assert (early.draws, early.status) == (6, Status.STOPPED)
     assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
-    least = SAMPLING.least_draws
+    least = LEAST_DRAWS
     assert uncertainty_of(result, **stop_at(least, KeyboardInterrupt)).draws == least
 
 
@@ -272,7 +271,7 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     """σ of the named causes alone would be too small; an interrupt is no observer's wish."""
     for wish, raised in ((None, Stopped), (KeyboardInterrupt, KeyboardInterrupt)):
         with pytest.raises(raised):
-            uncertainty_of(curved[2], **stop_at(SAMPLING.least_draws - 1, wish))
+            uncertainty_of(curved[2], **stop_at(LEAST_DRAWS - 1, wish))
 
 
 @pytest.mark.parametrize(
@@ -280,7 +279,7 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     [
         ({}, PriorSigma.k, PriorSigma.gamma),
         ({"standard_errors": {"k": 0.011, "gamma": 0.0}}, 0.011, PriorSigma.gamma),
-        ({"nominal": True}, EXPONENT_SEARCH.usual_error, SURFACE_FIT.gamma[1]),
+        ({"nominal": True}, 1.0, 0.2),
         ({"nominal": "no", "standard_errors": 3}, PriorSigma.k, PriorSigma.gamma),
     ],
 )

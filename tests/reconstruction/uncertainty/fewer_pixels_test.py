@@ -5,26 +5,41 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.reconstruction.uncertainty.estimate import uncertainty_of
-from endolab.reconstruction.uncertainty.fewer_pixels import MOST_COLUMNS, thin
+from endolab.reconstruction.uncertainty import (
+    enlarge,
+    take_every_nth_pixel,
+    uncertainty_of,
+)
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
-from endolab.solvers.provenance import PreparationReport, Provenance
 from endolab.solvers.result import run
 from tests.tools.problems import problem_of
 
 
 @pytest.fixture(scope="module")
 def large():
-    problem, _ = problem_of("tube", 2 * MOST_COLUMNS + 2, noise=1.0)
+    problem, _ = problem_of("tube", 602, noise=1.0)
     mask = problem.mask.copy()
     mask[:50, :90] = False
     problem = replace(problem, mask=mask)
     return run(gauss_newton(problem, max_iterations=10))
 
 
+def test_a_large_frame_is_taken_at_every_third_pixel(large):
+    """Pixels kept are where they were, and a map comes back."""
+    small = take_every_nth_pixel(large.iterate)
+    assert small.mask.shape[1] == 200
+    assert take_every_nth_pixel(small).mask.shape == small.mask.shape
+    rays = large.problem.field.rays[1:-1:3, 1:-1:3][: small.mask.shape[0]]
+    assert np.abs(small.problem.field.rays - rays).max() < 1e-9
+    back = enlarge(np.where(small.mask, small.distance, 0.0), small.mask, large.mask)
+    off = np.abs(back / large.distance - 1)
+    np.testing.assert_array_equal(np.isfinite(off), large.mask)
+    assert np.nanmean(off) < 5e-3
+
+
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
-    small = thin(large.iterate)
+    small = take_every_nth_pixel(large.iterate)
     whole = uncertainty_of(large)
     fewer = uncertainty_of(small)
     known = [
@@ -34,7 +49,6 @@ def test_sigma_is_that_of_the_frame_taken_smaller(large):
     ]
     np.testing.assert_array_equal(known, [large.mask] * 3)
     np.testing.assert_allclose(whole.shares.sum(axis=0)[large.mask], 1)
-    assert whole.sigma_scale == fewer.sigma_scale
     medians = [
         np.nanmedian(uncertainty.sigma / result.distance)
         for uncertainty, result in ((whole, large), (fewer, small))
@@ -42,16 +56,16 @@ def test_sigma_is_that_of_the_frame_taken_smaller(large):
     assert medians[0] / medians[1] == pytest.approx(1, abs=0.02)
 
 
-def test_cuts_evidence_and_blur_go_along(large):
+@pytest.mark.parametrize("column", [399, 400, 401])
+def test_cuts_and_evidence_go_along(large, column):
+    """A cut in any place between two pixels that are kept is one between these."""
     shape = large.mask.shape
     evidence = np.zeros(shape, np.int8)
     evidence[200:300, 300:500] = NONE
     cuts = np.zeros((2, *shape), bool)
-    cuts[0, :, 399] = True
-    report = PreparationReport("frame", shape[::-1], "green", *shape, 2.0, "keep")
-    provenance = Provenance(preparation=report)
+    cuts[0, :, column] = True
     problem = replace(large.problem, evidence=evidence, cuts=cuts)
-    fewer = thin(replace(large.iterate, problem=problem, provenance=provenance))
-    assert fewer.provenance.preparation.smooth == 0.5
-    assert (fewer.problem.evidence[52:73, 77:123] == NONE).all()
-    assert np.flatnonzero(fewer.problem.cuts[0].any(axis=0)).size == 1
+    fewer = take_every_nth_pixel(replace(large.iterate, problem=problem)).problem
+    assert (fewer.evidence[67:99, 100:166] == NONE).all()
+    cut = np.flatnonzero(fewer.cuts[0].all(axis=0))
+    assert cut == (column - 1) // 3

@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 
 from endolab.numerics.compiled import inner
-from endolab.reconstruction.uncertainty import linearised
-from endolab.reconstruction.uncertainty.linearised import LINEAR_SOLVE, Linearised
+from endolab.reconstruction.uncertainty import Linearised
 from tests.solvers.gauss_newton_model import GaussNewtonModel
 from tests.tools.problems import at_truth
 
 
-@pytest.fixture(params=["first", "second", "curvature"])
-def tiny(request, rng, monkeypatch):
+@pytest.fixture(params=["first", "second"])
+def tiny(request, rng):
     """A worn tube of 16x12 px linearised at a rough map, solved exactly; and its readable twin."""
-    exact = replace(LINEAR_SOLVE, precision=1e-9, most_steps=1000)
-    monkeypatch.setattr(linearised, "LINEAR_SOLVE", exact)
     problem, truth = at_truth("tube", 16, regulariser=request.param)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
     problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.97)
     v = truth + 0.02 * rng.normal(size=mask.shape)
-    return Linearised.at(problem, v), GaussNewtonModel.at(problem, v)
+    exact = Linearised(problem, v, precision=1e-9, most_steps=1000)
+    return exact, GaussNewtonModel.at(problem, v)
 
 
 def dense(operator, mask):
@@ -50,7 +48,7 @@ def test_probing_finds_the_same_inverse(tiny):
     """One solve for each pixel tells H⁻¹ exactly, H being damped."""
     surface, twin = tiny
     mask = surface.problem.mask
-    damping = LINEAR_SOLVE.damping * (twin.data_weight * twin.by_v**2)[mask]
+    damping = 1e-3 * (twin.data_weight * twin.by_v**2)[mask]
     found = dense(surface.solve, mask)
     expected = np.linalg.inv(hessian(twin) + np.diag(damping))
     assert found == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())

@@ -7,7 +7,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.uncertainty.estimate import noise_left
+from endolab.reconstruction.uncertainty import noise_left
 from endolab.solvers.problem import NONE
 from endolab.workbench.plots.scales import OKABE_ITO, SOURCE_COLOURS
 from endolab.workbench.tuning.boards import draw_answer, draw_columns, draw_pair

@@ -8,15 +8,15 @@ are off by 1 and by 0.2, root mean square. A description whose numbers are anoth
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
-from endolab.reconstruction.light.known_surface import SURFACE_FIT
-from endolab.reconstruction.light.unknown_light import EXPONENT_SEARCH
+
+UNMEASURED = {"k": 1.0, "gamma": 0.2}  # of a light that nobody measured
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class PriorSigma:
     albedo: float = 0.05  # of the logarithm of the wall's mean albedo
     texture: float = 0.03  # of the logarithm of its albedo from place to place, at least
     bumps: float = 0.03  # of log d from place to place, where nothing tells of them
-    bounced: float = 0.15  # share of the indirect light that was removed
+    bounced: float = 0.15  # fraction of the indirect light that was removed
     left_in: float = 1.0  # the same where all of it was left in, as in a single colour
     lamp: float = 0.5  # of the lamps' common place off the optical centre, each way, mm
     lam: float = 2.0  # of λ's logarithm
@@ -52,43 +52,22 @@ class PriorSigma:
     def of(cls, calibration: Calibration | None = None) -> PriorSigma:
         """Standard errors of a calibration's evidence, as far as it has them, or that nobody measured it."""
         evidence = getattr(calibration, "evidence", None) or {}
-        stated = cls()
-        errors = _standard_errors(evidence)
-        nominal = _is_nominal(evidence)
-        if nominal:
-            stated = replace(
-                stated, k=EXPONENT_SEARCH.usual_error, gamma=SURFACE_FIT.gamma[1]
-            )
-        notes = []
-        if errors:
-            listed = ", ".join(f"{name} ± {value:.2g}" for name, value in errors.items())
-            notes.append(f"Standard errors of the calibration: {listed}.")
-        if len(errors) < 2:
-            listed = ", ".join(
-                f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in errors
-            )
-            why = "The calibration states no standard errors"
-            if nominal:
-                why = "Light partly uncalibrated" if errors else "Light uncalibrated"
-            notes.append(f"{why}; assuming {listed}.")
-        k, gamma = (errors.get(name, getattr(stated, name)) for name in ("k", "gamma"))
-        return replace(stated, k=k, gamma=gamma, notes=tuple(notes))
-
-
-def _is_nominal(evidence: Mapping[str, Any]) -> bool:
-    """Whether it says that nobody measured the light on this endoscope."""
-    return "unknown_light" in evidence or _at(evidence, "photometry", "nominal") is True
-
-
-def _standard_errors(evidence: Mapping[str, Any]) -> dict[str, float]:
-    """Those of k and γ that are there and are numbers; a fixed γ's 0 says nothing."""
-    errors = {
-        name: _at(evidence, "photometry", "standard_errors", name)
-        for name in ("k", "gamma")
-    }
-    if not _is_positive(errors["k"]):
-        errors["k"] = _at(evidence, "unknown_light", "standard_error")
-    return {name: float(value) for name, value in errors.items() if _is_positive(value)}
+        is_unmeasured = _at(evidence, "photometry", "nominal") is True
+        is_unmeasured |= "unknown_light" in evidence
+        stated = (
+            ("k", _at(evidence, "unknown_light", "standard_error")),
+            ("k", _at(evidence, "photometry", "standard_errors", "k")),
+            ("gamma", _at(evidence, "photometry", "standard_errors", "gamma")),
+        )
+        measured = {  # a fixed γ's 0 says nothing
+            name: float(error)
+            for name, error in stated
+            if isinstance(error, int | float) and 0 < error < np.inf
+        }
+        assumed = UNMEASURED if is_unmeasured else {"k": cls.k, "gamma": cls.gamma}
+        assumed = {name: error for name, error in assumed.items() if name not in measured}
+        notes = _notes(measured, assumed, is_unmeasured)
+        return cls(**measured, **assumed, notes=notes)
 
 
 def _at(value: Any, *keys: str) -> Any:
@@ -98,5 +77,20 @@ def _at(value: Any, *keys: str) -> Any:
     return value
 
 
-def _is_positive(value: Any) -> bool:
-    return isinstance(value, int | float) and 0 < value < np.inf
+def _notes(
+    measured: dict[str, float], assumed: dict[str, float], is_unmeasured: bool
+) -> tuple[str, ...]:
+    """Say which numbers are a calibration's and which are assumed."""
+    listed, stated = (
+        ", ".join(f"{name} ± {value:.2g}" for name, value in each.items())
+        for each in (measured, assumed)
+    )
+    why = "The calibration states no standard errors"
+    if is_unmeasured:
+        why = "Light partly uncalibrated" if measured else "Light uncalibrated"
+    notes = []
+    if measured:
+        notes.append(f"Standard errors of the calibration: {listed}.")
+    if assumed:
+        notes.append(f"{why}; assuming {stated}.")
+    return tuple(notes)

@@ -1,0 +1,120 @@
+"""The command that compares depth maps with the truth."""
+
+import json
+import os
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+COLUMNS = {
+    "AbsRel %": "mean_percent",
+    "median %": "median_percent",
+    "RMSE mm": "rmse_mm",
+    "RMSE z mm": "rmse_z_mm",
+    "δ<1.25 %": "within_125",
+    "δ<1.25² %": "within_125_squared",
+    "δ<1.25³ %": "within_125_cubed",
+    "normals °": "mean_degrees",
+    "scale": "scale",
+}
+
+
+def evaluate(
+    depth: str,
+    truth: str,
+    /,
+    *,
+    scale: Literal["none", "median", "medians"] | None = None,
+    kind: Literal["z", "distance"] | None = None,
+    unit: float | None = None,
+    truth_kind: Literal["z", "distance"] | None = None,
+    truth_unit: float | None = None,
+    calibration: str | None = None,
+    mask: str | None = None,
+    max_angle: float = 90.0,
+    as_json: Annotated[bool, Parameter(name="--json")] = False,
+) -> None:
+    """Compare a depth map, or those of a folder, with the truth.
+
+    - endolab evaluate result/depth.npz sim/truth.npz
+    - endolab evaluate result/depth.npz sim/truth.npz --max-angle 60 --json
+    - endolab evaluate result/depth.npz 0001_depth.png --scale median
+    - endolab evaluate predictions truths --unit 1000 --calibration cal.json
+
+    Parameters
+    ----------
+    depth : path
+        depth.npz, .npy, .npz, .png, .tif of any program, or a folder of these.
+    truth : path
+        The same, or a depth map of a published data set.
+    scale : str
+        Median of d*/d, or ratio of medians; by default the median for relative units, else none.
+    kind : str
+        What the depth map holds, if no name says so (z).
+    unit : float
+        Millimetres that 1 in it stands for; without it, it is relative.
+    truth_kind : str
+        The same of the truth.
+    truth_unit : float
+        The same of the truth (1).
+    calibration : path
+        endoscope.json, or a name: turns z into distance.
+    mask : path
+        A picture, bright where it counts, of the truth's size.
+    max_angle : float
+        Only pixels this near the axis, degrees.
+    as_json : bool
+        Print JSON.
+    """
+    import numpy as np
+
+    import endolab as el
+
+    is_folder = os.path.isdir(depth)
+    compare = el.evaluate_folder if is_folder else el.evaluate
+    made: Any = compare(
+        depth,
+        truth,
+        kind=kind,
+        unit=unit,
+        truth_kind=truth_kind,
+        truth_unit=truth_unit,
+        camera=None if calibration is None else el.load_calibration(calibration).camera,
+        mask=mask,
+        scale=scale,
+        max_angle=max_angle,
+    )
+    found, alone = made if is_folder else ([made], [])
+    if as_json:
+        frames = [_facts(one) for one in found]
+        content = {"frames": frames, "without_partner": alone} if is_folder else frames[0]
+        print(json.dumps(content, indent=2))
+        return
+    values = [[getattr(one.errors, name) for name in COLUMNS.values()] for one in found]
+    labels = [one.name for one in found]
+    if is_folder:
+        values += [np.mean(values, axis=0), np.median(values, axis=0)]
+        labels += ["mean", "median"]
+    wide = max(map(len, labels))
+    print(" " * wide + "".join(f"{name:>11}" for name in COLUMNS))
+    for label, row in zip(labels, values, strict=True):
+        print(f"{label:<{wide}}" + "".join(f"{value:>11.4g}" for value in row))
+    for one in found:
+        if one.resampled_from:
+            print(f"{one.name}: the truth is resampled to its size")
+        if one.coverage is not None:
+            line = "{within_one:.0f} % within 1 σ, {within_two:.0f} % within 2 σ (68 and 95 if right)"
+            print(line.format(**vars(one.coverage)))
+    if alone:
+        print(f"{len(alone)} without a partner: {', '.join(alone)}")
+
+
+def _facts(made: Any) -> dict[str, Any]:
+    """Return an evaluation as JSON can hold it; None for what is not known."""
+    facts = asdict(made.errors) | {"depth": made.name, "kind": made.kind}
+    if made.coverage is not None:
+        facts["coverage"] = asdict(made.coverage)
+    if made.resampled_from:
+        facts["truth_resampled_from"] = made.resampled_from[::-1]
+    return json.loads(json.dumps(facts), parse_constant=lambda _: None)

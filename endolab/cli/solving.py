@@ -1,0 +1,130 @@
+"""How the command line says how to solve: the options of `Settings`, and what is shown meanwhile."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from endolab.reconstruction.settings import LENGTHS, option_types
+
+if TYPE_CHECKING:
+    from endolab.model.endoscope import Calibration
+
+SWITCHES = {"auto": None, "yes": True, "no": False}
+
+
+def _several(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
+    """Read ``0.1,1,10``, or words."""
+    words = tuple(tokens[0].value.split(","))
+    try:
+        return tuple(map(float, words))
+    except ValueError:
+        return words
+
+
+def _value(_: Any, tokens: Sequence[Any]) -> Any:
+    """Read ``0.5``, ``0.7,0.4,0.3``, or ``free``."""
+    values = _several(_, tokens)
+    return values if len(values) > 1 else values[0]
+
+
+def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
+    """Read ``MM,COLUMN1,ROW1,COLUMN2,ROW2``."""
+    mm, *pixels = _several(_, tokens)
+    return mm, tuple(pixels[:2]), tuple(pixels[2:])
+
+
+Several = Annotated[Any, Parameter(converter=_several, n_tokens=1)]
+Value = Annotated[Any, Parameter(converter=_value, n_tokens=1)]
+Diameter = Annotated[Any, Parameter(converter=_diameter, n_tokens=1)]
+# The command line writes these otherwise than Python does.
+OPTIONS = option_types() | {
+    "contours": Literal["auto", "yes", "no"] | None,
+    "known_distance": Several,
+    "known_diameter": Diameter,
+}
+SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
+
+
+def load(
+    calibration: str,
+    sources: Sequence[str],
+    options: dict[str, Any],
+    albedo: Any = None,
+    threads: int | None = None,
+    settings: str | None = None,
+) -> tuple[Calibration, dict[str, Any]]:
+    """Return the calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""
+    from endolab.io.settings import SolvingSettings, read_settings
+
+    if threads is not None:
+        os.environ["ENDOLAB_THREADS"] = str(threads)
+    kept = SolvingSettings() if settings is None else read_settings(settings)
+    believed = kept if albedo is None else kept.believe(albedo=albedo)
+    if "contours" in options:
+        options["contours"] = SWITCHES[options["contours"]]
+    keywords = dict(kept.keywords)
+    if options.keys() & LENGTHS:  # one alone may fix the scale
+        keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
+    return believed.apply(load_endoscope(calibration, sources)), keywords | options
+
+
+def load_endoscope(calibration: str, sources: Sequence[str]) -> Calibration:
+    """Load a calibration; pictures are as large as the first source's, if it does not say."""
+    from endolab.io.cameras.readers import MissingSize
+    from endolab.io.datasets.known_endoscopes import load_calibration
+    from endolab.io.video import open_frames
+
+    try:
+        return load_calibration(calibration)
+    except MissingSize:
+        frames = open_frames(*sources)
+        ((_, image),) = frames.read(frames.names[:1])
+        if image is None:
+            raise
+        rows, columns = image.shape[:2]
+        return load_calibration(calibration, size=(columns, rows))
+
+
+@contextmanager
+def show_progress(unit: str) -> Iterator[Callable[..., None]]:
+    """Show how many of how many are done, and a note, on stderr where that is a terminal."""
+    from tqdm import tqdm
+
+    with tqdm(unit=unit, leave=False, disable=None) as bar:
+
+        def show(done: int, total: int | None = None, note: object = "") -> None:
+            bar.total = total
+            bar.set_postfix_str(str(note), refresh=False)
+            bar.update(done - bar.n)
+
+        yield show
+
+
+@contextmanager
+def announce_compiling() -> Iterator[None]:
+    """Say on stderr, once, that loops are compiled, if any are in the block."""
+    from numba.core import event
+    from tqdm import tqdm
+
+    class Announcer(event.Listener):
+        is_first = True
+
+        def on_start(self, event: object) -> None:
+            if self.is_first:
+                text = (
+                    "Compiling for this machine, a minute or so; only the first run does."
+                )
+                tqdm.write(text, file=sys.stderr)
+            self.is_first = False
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Announcer()):
+        yield

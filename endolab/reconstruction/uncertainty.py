@@ -1,0 +1,557 @@
+"""How wrong a result may be, pixel by pixel: σ of the distance, and what determined it.
+
+Every uncertain cause is a change of the picture, to which the surface answers linearly. With J the model's
+derivatives by v = log d at the estimate, W the data's weights and R the regulariser's parabolas,
+
+    H = Jᵀ W J + R,        δv = H⁻¹ Jᵀ W δI,
+
+δI being I/γ times a change of the logarithm of the light. What enters over the picture's rim or behind a
+contour is moved itself, by δv_r of the pixels r there, and the other ones follow,
+
+    δv_f = -H_ff⁻¹ H_fr δv_r.
+
+A cause that has a name and a number (`PriorSigma`) takes one solve. One that has none is a random field, of
+whose answers the mean square is taken: noise, what enters, and *texture*, which is all that the model leaves
+unexplained. That shows in the residual, of which a fit takes most: fields that are fitted like the picture
+tell how much it leaves, and the residual around a pixel over that is how strong texture is there. λ and
+contours are choices: there the frame is solved again. Variances add up,
+
+    σ² = Σ δv²,        σ_shape² = Σ (δv - mean of δv over the pixels)²,
+
+the sums being over causes, each a mean over draws. Where a length is known, what it fixes is taken from δv.
+
+What determined a pixel: what enters, as far as it follows if all that does is moved alike; of the rest the
+data, as far as a small bump of the true surface comes through from the picture; else the prior.
+
+What numbers there are was chosen with path-traced and real frames and their truth in view.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.ndimage import binary_erosion, distance_transform_edt, label, maximum_filter1d
+
+from endolab.frames.frame import FRAME_LIMITS
+from endolab.model.endoscope import Calibration
+from endolab.model.ranges import RANGES
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import check_int, excerpt
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.derivatives import links, px_per_reference, shift
+from endolab.numerics.iteration import (
+    Status,
+    Stopped,
+    check_observers,
+    close_observers,
+    drive,
+)
+from endolab.numerics.noise import noise_level
+from endolab.numerics.resampling import resample
+from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.contours.lines import find_contours
+from endolab.reconstruction.light.walls import Walls
+from endolab.reconstruction.prior_sigma import PriorSigma
+from endolab.reconstruction.scale import own_pixel
+from endolab.solvers.energy import model_image
+from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.grid import Grid
+from endolab.solvers.multigrid import Multigrid, multiply
+from endolab.solvers.normal_equations import Coefficients
+from endolab.solvers.problem import Problem
+from endolab.solvers.provenance import LightOutcome
+from endolab.solvers.result import Iterate, Result
+
+OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `dominant_source`
+LEAST_DRAWS = 4  # below which nothing is told
+FEW_DRAWS = 8  # of fields that are smooth, or matter little
+TRIES = 6  # fields that tell what a fit leaves, and what it does not find
+LARGEST_SIGMA = 1.0  # of log d: what is worse is not known at all
+LENGTH = 12.0  # of a wall's texture: σ of a Gaussian, 1/320 of the longer side
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How far a result can be trusted; maps are (H, W), nan outside the mask."""
+
+    sigma: FloatArray  # standard deviation of `distance`, in its unit, of all that is uncertain
+    sigma_shape: FloatArray  # the same without what all pixels share
+    sigma_scale: float  # what they share, as a fraction of the distance
+    shares: FloatArray  # (3, H, W): of data, border or contour, and prior; they sum to 1
+    # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask.
+    dominant_source: np.ndarray
+    # What each cause adds to `sigma_shape`, as a fraction of the distance.
+    causes: dict[str, FloatArray]
+    scales: dict[str, float]  # what each adds to `sigma_scale`
+    draws: int  # of each random field
+    status: Status  # STOPPED if fewer than were asked for
+    notes: tuple[str, ...]  # sentences: what was taken
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far the computation is, after every solve."""
+
+    done: int  # draws; 0 while causes that have a name are solved for
+    of: int
+
+
+def check_solver(solver: object) -> None:
+    """Raise a ValueError if nothing can be told of what this solver finds."""
+    if solver in ("facing", "fast_marching"):
+        raise ValueError(
+            f"solver {solver!r} minimises no energy, whose shape tells how far a result can be trusted: "
+            "use 'gauss_newton'"
+        )
+
+
+def uncertainty_of(
+    result: Result | Iterate,
+    calibration: Calibration | None = None,
+    *,
+    prior_sigma: PriorSigma | None = None,
+    draws: int = 24,
+    observers: Iterable[Callable[[Progress], bool | None]] = (),
+    threads: int | None = None,
+) -> Uncertainty:
+    """Find how far each pixel of a result can be trusted.
+
+    Parameters
+    ----------
+    result : Result or Iterate
+        Of a solver that minimises the energy.
+    calibration : Calibration, optional
+        Its evidence tells how well k and γ are known.
+    prior_sigma : PriorSigma, optional
+        What is uncertain and how much, in place of that.
+    draws : int
+        Of each random field. Their σ is off by a fraction of 1/√(2 draws), at random, the same in every run.
+    observers : iterable of callables
+        Each is shown the `Progress`; one that returns True stops, as an interrupt does, with what there is.
+    threads : int, optional
+        The most cores to use, as of `reconstruct`.
+
+    Returns
+    -------
+    Uncertainty
+        Standard deviations of each pixel's distance, by cause too, and what determined it.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if the result is of a solver that has no energy, or an option cannot be used.
+    Stopped
+        If an observer stops it before the fourth draw: σ without the random fields, the most of it, would be
+        too small, and nothing is told. An interrupt before that is passed on.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> result = el.reconstruct(sample.frame, sample.calibration, width=96, channel="green")
+    >>> uncertainty = el.uncertainty_of(result, sample.calibration)
+    >>> uncertainty.sigma.shape, sorted(uncertainty.causes)[:3]
+    ((72, 96), ['albedo', 'border', 'bounced light'])
+    """
+    if not isinstance(result, Result | Iterate):
+        raise ValueError(f"result must be a Result, got {excerpt(result)}")
+    draws = check_int("draws", draws, LEAST_DRAWS)
+    check_solver(result.provenance.asked.get("solver"))
+    whole = result.iterate if isinstance(result, Result) else result
+    prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
+    watching = check_observers(observers)
+    answers: dict[str, list[FloatArray]] = defaultdict(list)
+    with limit_threads(threads), close_observers(watching):
+        iterate = take_every_nth_pixel(whole)
+        surface = Linearised(iterate.problem, iterate.log_distance)
+        rng = np.random.default_rng(0)
+        shares, unseen = shares_of(surface, rng)
+        answers["bumps"] = [prior_sigma.bumps * rest for rest in unseen]
+        noise = noise_left(whole)
+        steps = solve_for_causes(surface, iterate, noise, prior_sigma, draws, rng, answers)
+        status = drive(
+            steps, watching, lambda *step: None, lambda step: step.done >= LEAST_DRAWS
+        )
+    done = len(answers["texture"])
+    if done < LEAST_DRAWS:
+        raise Stopped(
+            "how far the result can be trusted: stopped before there was anything to tell"
+        )
+    mask = iterate.mask
+    lost = islands_without_evidence(surface)
+    fixed = pixels_of_scale(iterate)
+    squares: dict[str, FloatArray] = {}  # of the shape
+    scales: dict[str, float] = {}
+    of_all = np.zeros(mask.shape)
+    for cause, maps in answers.items():
+        changes = np.stack(maps)
+        common = changes[:, mask].mean(axis=1)[:, None, None]
+        known = changes[:, fixed].mean(axis=1)[:, None, None] if fixed.any() else 0.0
+        of_all += np.mean((changes - known) ** 2, axis=0)
+        squares[cause] = np.mean((changes - common) ** 2, axis=0)
+        scales[cause] = float(np.sqrt(np.mean((common - known) ** 2)))
+    several = np.stack([of_all, sum(squares.values(), 0 * of_all), *squares.values()])
+    several = np.where(lost, LARGEST_SIGMA, np.minimum(np.sqrt(several), LARGEST_SIGMA))
+    sigma, sigma_shape, *causes = enlarge(several, mask, whole.mask)
+    parts = enlarge(shares, mask, whole.mask)
+    source = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
+    return Uncertainty(
+        sigma=whole.distance * sigma,
+        sigma_shape=whole.distance * sigma_shape,
+        sigma_scale=float(np.linalg.norm([*scales.values()])),
+        shares=parts,
+        dominant_source=source.astype(np.uint8),
+        causes=dict(zip(squares, causes, strict=True)),
+        scales=scales,
+        draws=done,
+        status=status,
+        notes=prior_sigma.notes,
+    )
+
+
+# The linear answer -------------------------------------------------------------------------
+
+
+class Linearised:
+    """The model at a map v = log d of a problem; maps are (H, W), 0 outside the mask.
+
+    H x = b is solved until this much of the residual is left, a tenth of what draws scatter by, or for so
+    many steps.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        log_distance: FloatArray,
+        precision: float = 3e-2,
+        most_steps: int = 15,
+    ) -> None:
+        self.problem = problem
+        self.v = np.where(problem.mask, log_distance, 0.0)
+        self.grid = Grid.of(problem)
+        found, _ = self.grid.equations_at(pad_maps(self.v), problem.lam)
+        # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
+        self.coefficients = Coefficients(found.parts, self.grid.structure(self.grid.free))
+        self.multigrid = Multigrid(self.coefficients)
+        self.accuracy = (precision, most_steps)
+        self.model = np.where(
+            problem.mask, model_image(problem, self.v), 0.0
+        )  # I of the surface
+        self.by_light = self.model / problem.photometry.gamma  # ∂I by the light's logarithm
+        self.weight = inner(found.weight)  # W; 0 where the picture says nothing
+        # A row of J is a + b·∇, where a slope is the mean of the differences to both sides.
+        self.by_v = inner(found.by_v)
+        self.by_slope = []
+        for axis, link, b in zip(
+            (1, 0), inner(self.grid.link), (found.by_v_u, found.by_v_v), strict=True
+        ):
+            sides = np.maximum(link + shift(link, -1, axis, 0), 1)
+            self.by_slope.append((axis, link, inner(b) / sides))
+
+    def apply(self, x: FloatArray) -> FloatArray:
+        """J x: how the picture changes with v."""
+        out = self.by_v * x
+        for axis, link, b in self.by_slope:
+            ahead = link * (shift(x, 1, axis, 0.0) - x)
+            out += b * (ahead + shift(ahead, -1, axis, 0.0))
+        return out
+
+    def adjoint(self, y: FloatArray) -> FloatArray:
+        """Jᵀ y."""
+        out = self.by_v * y
+        for axis, link, b in self.by_slope:
+            ahead = link * (b * y + shift(b * y, 1, axis, 0.0))
+            out += shift(ahead, -1, axis, 0.0) - ahead
+        return out
+
+    def solve(self, b: FloatArray) -> FloatArray:
+        """H⁻¹ b."""
+        b = pad_maps(np.where(self.problem.mask, b, 0.0))
+        return inner(self.multigrid.solve(b, *self.accuracy)[0]).copy()
+
+    def to_picture(self, change: FloatArray) -> FloatArray:
+        """How v answers to a change of the picture, of stored values."""
+        return self.solve(self.adjoint(self.weight * change))
+
+    def to_light(self, change: FloatArray) -> FloatArray:
+        """How v answers to a change of the light's logarithm.
+
+        What is common to all pixels moves all of them alike, as ξ̃ goes with it.
+        """
+        mask = self.problem.mask
+        common = float(np.median(change[mask]))
+        by_shape = np.where(mask, self.by_light * (change - common), 0.0)
+        return self.to_picture(by_shape) - 0.5 * common * mask
+
+    def in_light(self, change: FloatArray | float) -> FloatArray:
+        """A change of the picture as one of its light's logarithm."""
+        return change / np.maximum(self.by_light, 1e-6)
+
+
+def follow_inflow(surface: Linearised) -> Callable[[FloatArray], FloatArray]:
+    """Return how v answers to a change of it where the light's equation enters, as a function."""
+    coefficients = surface.coefficients
+    enters = surface.grid.inflow_pixels(pad_maps(surface.v))
+    matrix = coefficients.matrix(1e-3)
+    free = coefficients.active * pad_maps((~enters).astype(np.int8))
+    held = Multigrid(Coefficients(coefficients.parts, surface.grid.structure(free)))
+
+    def follow(change: FloatArray) -> FloatArray:
+        given = pad_maps(np.where(enters, change, 0.0))
+        pulled = np.zeros_like(given)
+        multiply(matrix, given, pulled)
+        x = held.solve(-pulled * free, *surface.accuracy)[0]
+        return np.asarray(inner(given + x))
+
+    return follow
+
+
+def shares_of(
+    surface: Linearised, rng: np.random.Generator
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Shares of data, border or contour, and prior, (3, H, W), and of some bumps what does not come through.
+
+    Around a pixel the data's share of the bumps is Σ bump · answer / Σ bump².
+    """
+    mask = surface.problem.mask
+    length = LENGTH * px_per_reference(mask.shape)
+    bumps = [mask * correlated_field(rng, mask.shape, length) for _ in range(TRIES)]
+    answers = [surface.to_picture(surface.apply(bump)) for bump in bumps]
+    recovered, true = (
+        _blur(np.sum(np.multiply(bumps, each), axis=0), length) for each in (answers, bumps)
+    )
+    border = np.clip(follow_inflow(surface)(np.ones(mask.shape)), 0.0, 1.0)
+    data = (1 - border) * np.clip(recovered / np.maximum(true, 1e-12), 0.0, 1.0)
+    shares = np.where(mask, np.stack([data, border, 1 - border - data]), 0.0)
+    return shares, [*np.subtract(bumps, answers)]
+
+
+def correlated_field(
+    rng: np.random.Generator, shape: tuple[int, ...], length: float
+) -> FloatArray:
+    """A random field of unit variance: white noise, blurred by a Gaussian of this many px if by any."""
+    margin = int(3 * length) + 1
+    white = rng.standard_normal(np.add(shape, 2 * margin))
+    return _blur(white, length)[margin:-margin, margin:-margin] / _mean_weight(length)
+
+
+def _mean_weight(blur: float) -> float:
+    """What is left of the standard deviation of white noise: that of a Gaussian's weights, or all of it."""
+    return 1 / max(2 * np.sqrt(np.pi) * blur, 1.0)
+
+
+def _blur(a: FloatArray, sigma: float) -> FloatArray:
+    """In single precision, to three σ: a draw need not be finer."""
+    size = (2 * int(np.ceil(3 * sigma)) + 1,) * 2
+    blurred = cv2.GaussianBlur(
+        a.astype(np.float32), size, sigma, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(blurred, dtype=np.float64)
+
+
+# The causes --------------------------------------------------------------------------------
+
+
+def solve_for_causes(
+    surface: Linearised,
+    iterate: Iterate,
+    noise_and_blur: tuple[float, float],
+    prior_sigma: PriorSigma,
+    draws: int,
+    rng: np.random.Generator,
+    answers: dict[str, list[FloatArray]],
+) -> Generator[Progress, None, Status]:
+    """Add to `answers` what each cause, or a draw of it, does to log d; a step each."""
+    problem = iterate.problem
+    mask = problem.mask
+    for cause, light in light_changes(iterate, prior_sigma).items():
+        answers[cause].append(surface.to_light(light))
+        yield Progress(0, draws)
+    lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
+    # Every second line from some steepness on, of log d₀ per unit of length, is a contour.
+    cuts = find_contours(problem.log_d0, mask) > 0.03
+    if problem.cuts is not None:
+        cuts |= problem.cuts
+    cut = replace(problem, cuts=cuts)
+    still = re_solve(problem, surface.v)
+    for cause, weight, other in (
+        ("lambda", 1.0, replace(problem, lam=lam)),
+        ("contours", prior_sigma.contours, cut),
+    ):
+        moved = re_solve(other, surface.v) - still
+        answers[cause].append(weight * np.clip(moved, -LARGEST_SIGMA, LARGEST_SIGMA))
+        yield Progress(0, draws)
+    follow = follow_inflow(Linearised(cut, surface.v))
+    inside = binary_erosion(mask)  # what enters there, enters behind a contour
+    doubt = np.where(inside, prior_sigma.behind, prior_sigma.border)
+    noise, blur = noise_and_blur
+    strength = texture_strength(surface, rng, noise, prior_sigma.texture)
+    unit = px_per_reference(mask.shape)
+    for draw in range(draws):
+        light = strength * correlated_field(rng, mask.shape, LENGTH * unit)
+        answers["texture"].append(surface.to_light(light))
+        if draw < FEW_DRAWS:
+            # Values of one wall go together.
+            entering = doubt * correlated_field(rng, mask.shape, 40.0 * unit)
+            answers["border"].append(follow(entering))
+            white = correlated_field(rng, mask.shape, blur)
+            answers["noise"].append(surface.to_picture(noise * white))
+        yield Progress(draw + 1, draws)
+    return Status.CONVERGED
+
+
+def light_changes(iterate: Iterate, prior_sigma: PriorSigma) -> dict[str, FloatArray]:
+    """What one standard deviation of each named cause changes in the logarithm of the light."""
+    problem = iterate.problem
+    rays = problem.field.rays
+    grazing = 0.05  # cos α or θ below which nothing more is told
+    even = np.ones(problem.mask.shape)
+    removed = iterate.provenance.albedo is not None
+    bounced = prior_sigma.bounced if removed else prior_sigma.left_in
+    changes = {
+        "gain": prior_sigma.gain * even,
+        "albedo": prior_sigma.albedo * even,
+        "k": prior_sigma.k * np.log(np.maximum(problem.field.cos_alpha, grazing)),
+        "gamma": prior_sigma.gamma * np.log(np.maximum(problem.image, 0.5 / 255)),
+        "bounced light": bounced * bounced_light(iterate),
+    }
+    if problem.metric:
+        normals = iterate.normals
+        cosine = np.maximum(-(normals * rays).sum(axis=-1), grazing)
+        for axis, name in enumerate("xy"):
+            # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
+            slope = 3 * rays[..., axis] + normals[..., axis] / cosine
+            change = prior_sigma.lamp * slope / iterate.distance
+            changes[f"lamp {name}"] = np.clip(change, -1.0, 1.0)
+    return {name: change for name, change in changes.items() if change.any()}
+
+
+def bounced_light(iterate: Iterate) -> FloatArray:
+    """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
+    problem = iterate.problem
+    mask = problem.mask
+    light = iterate.provenance.light
+    if light is not None and light.outcome is LightOutcome.NONE_BOUNCED:
+        return np.zeros(mask.shape)
+    facing = np.ones(1)
+    rho = np.pi * problem.photometry.brdf.value(facing, facing)[0]
+    if iterate.provenance.albedo is not None:
+        rho = iterate.provenance.albedo[1]
+    k = problem.photometry.k
+    walls = Walls.of(iterate.log_distance, mask, problem.field, k, problem.cuts)
+    return np.where(mask, np.log1p(walls.indirect_ratio(min(float(rho), 0.95))), 0.0)
+
+
+def re_solve(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """Log d (H, W) after a few steps of the solver from a map.
+
+    In four steps a surface goes most of its way. Where a region is weakly connected, another λ or another
+    contour moves it farther than its linear model says, and elsewhere.
+    """
+    *_, last = gauss_newton(problem, start=log_distance, max_iterations=4)
+    return np.where(problem.mask, last.log_distance, 0.0)
+
+
+def texture_strength(
+    surface: Linearised, rng: np.random.Generator, noise: float, least: float
+) -> FloatArray:
+    """Standard deviation of the light's logarithm by texture and all else that the model does not explain.
+
+    The residual around a pixel, but for noise, over what a fit leaves there of fields of unit variance; no
+    less than half as much is taken to be left as in the median. Three quarters of it are texture: it holds
+    folds and contours as well, whose errors end where they do. (Chosen, with the two of `PriorSigma` that
+    are of borders, on rendered, path-traced and random open frames, to bring all three near 68 and 95 %.)
+    """
+    mask = surface.problem.mask
+    unit = px_per_reference(mask.shape)
+    left = np.zeros(mask.shape)
+    for _ in range(TRIES):
+        light = correlated_field(rng, mask.shape, LENGTH * unit)
+        fitted = surface.in_light(surface.apply(surface.to_light(light)))
+        left += (light - fitted) ** 2 / TRIES
+    residual = surface.in_light(surface.model - surface.problem.image)
+    unexplained, usual = (
+        _blur((surface.weight > 0) * square, 10.0 * unit)
+        for square in (residual**2 - surface.in_light(noise) ** 2, left)
+    )
+    least_left = 0.25 * np.median(usual[mask]) + 1e-9
+    square = np.maximum(unexplained, 0.0) / np.maximum(usual, least_left)
+    return np.hypot(0.76 * np.sqrt(square), least)
+
+
+def noise_left(result: Result | Iterate) -> tuple[float, float]:
+    """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
+    shown = result.problem.shown
+    prepared = result.provenance.preparation
+    green = shown if shown.ndim == 2 else shown[..., 1]
+    level = max(noise_level(green, result.mask), FRAME_LIMITS.rounding)
+    smooth = 0.0 if prepared is None else prepared.smooth
+    return level * _mean_weight(smooth), smooth
+
+
+def islands_without_evidence(surface: Linearised) -> BoolArray:
+    """Pixels, (H, W), of islands of which the picture says nothing."""
+    mask = surface.problem.mask
+    steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
+    steps[::2, ::2] = mask
+    steps[::2, 1::2], steps[1::2, ::2] = links(mask, surface.problem.cuts)
+    island = label(steps)[0][::2, ::2]
+    return mask & ~np.isin(island, island[surface.weight > 0])
+
+
+def pixels_of_scale(iterate: Iterate) -> BoolArray:
+    """Pixels, (H, W), whose mean distance is known: none if the gain is, all if only the shape is."""
+    scale = iterate.provenance.scale
+    mask = iterate.mask
+    if scale is None:
+        return np.zeros_like(mask) if iterate.problem.metric else mask
+    if scale.by not in ("known distance", "known diameter"):
+        return mask
+    fixed = np.zeros_like(mask)
+    for pixel in np.reshape(scale.length[1:], (-1, 2)):
+        column, row = (own_pixel(iterate, pixel) + 0.5 - 1e-9).astype(int)
+        fixed[row, column] = True
+    return fixed
+
+
+# Fewer pixels ------------------------------------------------------------------------------
+
+
+def take_every_nth_pixel(iterate: Iterate, most: int = 400) -> Iterate:
+    """The same at every third, fifth, ... pixel, so that there are at most so many rows and columns.
+
+    σ is as smooth as textures, which go with the width. The number is odd, so that the camera's pixels are
+    those of its `resize`.
+    """
+    problem = iterate.problem
+    shape = problem.mask.shape
+    n = int(np.ceil(max(shape) / most)) // 2 * 2 + 1
+    height, width = (size // n for size in shape)
+    every = np.s_[..., n // 2 : n * height : n, n // 2 : n * width : n]
+    camera: Any = replace(problem.camera, width=n * width, height=n * height)
+    maps = {name: getattr(problem, name) for name in ("image", "mask", "evidence", "cuts")}
+    if problem.cuts is not None:  # a step is cut if one of the n is that it is made of
+        passed = zip(problem.cuts, (1, 0), strict=True)
+        maps["cuts"] = np.stack(
+            [maximum_filter1d(each, n, axis, origin=-(n // 2)) for each, axis in passed]
+        )
+    maps = {name: a[every] for name, a in maps.items() if a is not None}
+    smaller = replace(problem, camera=camera.resize(width, height), picture=None, **maps)
+    v = iterate.log_distance[every]
+    return Iterate.of(smaller, v, provenance=iterate.provenance)
+
+
+def enlarge(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
+    """Maps (..., h, w), known in a mask, on all pixels of another, (..., H, W); nan outside it."""
+    if known.shape != mask.shape:
+        nearest = distance_transform_edt(
+            ~known, return_distances=False, return_indices=True
+        )
+        filled = np.moveaxis(a[(..., *nearest)], (-2, -1), (0, 1))
+        a = np.moveaxis(resample(filled, mask.shape), (0, 1), (-2, -1))
+    return np.where(mask, a, np.nan)

@@ -1,1 +1,0 @@
-"""How far a surface can be trusted, who decided each pixel, and how smooth it is best made."""
