@@ -64,7 +64,6 @@ bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.colon
 	$(BIN)/python -m tests.benchmarks.refit
 	$(BIN)/python -m tests.benchmarks.light traced
-	$(BIN)/python -m tests.benchmarks.highlights
 	$(BIN)/python -m tests.benchmarks.lam
 
 unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)

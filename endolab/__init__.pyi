@@ -3,7 +3,6 @@
 from . import metrics as metrics
 from .batch.evaluate import evaluate as evaluate
 from .batch.evaluate import evaluate_folder as evaluate_folder
-from .batch.live import reconstruct_live as reconstruct_live
 from .batch.sweep import sweep as sweep
 from .batch.video import reconstruct_video as reconstruct_video
 from .calibration.session import calibrate as calibrate
@@ -18,7 +17,6 @@ from .io.descriptions import write_calibration as write_calibration
 from .io.images import read_frame as read_frame
 from .io.surfaces import write_mesh as write_mesh
 from .io.video import open_frames as open_frames
-from .io.video import open_stream as open_stream
 from .model.brdf import Lambertian as Lambertian
 from .model.brdf import TabulatedBRDF as TabulatedBRDF
 from .model.cameras import BrownConrady as BrownConrady
@@ -31,7 +29,6 @@ from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
 from .reconstruction.contrast import explained_contrast as explained_contrast
 from .reconstruction.contrast import suggest_lam as suggest_lam
-from .reconstruction.light.known_surface import measure_light as measure_light
 from .reconstruction.light.unknown_light import estimate_light as estimate_light
 from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.reconstruct import iterate as iterate

@@ -2,6 +2,8 @@
 
 import contextlib
 import json
+import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -142,7 +144,7 @@ CALIBRATIONS = [
     endoscope("camera.fx", ..., "camera.fx"),
     endoscope("camera.fx", -1.0, "fx"),
     endoscope("camera.width", "64", "camera.width"),
-    endoscope("camera.model", "fisheye", "camera.model"),
+    endoscope("camera.model", "fisheye", "kannala_brandt"),
     endoscope("photometry.gamma", float("nan"), "photometry.gamma"),
     endoscope("photometry.gain", 0, "gain"),
     endoscope("photometry.k", 10**400, "photometry.k"),
@@ -201,15 +203,13 @@ TYPED = {
     f"reconstruct none.png {KNOWN} --out o": "none.png",
     f"reconstruct mine.mp4 {KNOWN} --out o": "mine.mp4",
     f"reconstruct empty {KNOWN} --out o": "empty",
-    f"reconstruct film frame.png {KNOWN} --out o": "sweep",
+    f"reconstruct film frame.png {KNOWN} --out o": "frame.png",
     f"reconstruct film {KNOWN} --out o --mesh": "--mesh",
-    # What is read is never replaced.
-    f"reconstruct overview.png {KNOWN} --solver facing --overwrite --out .": "overview",
     f"sweep frame.png {KNOWN} --out endoscope.json": "endoscope.json",
     f"sweep frame.png {KNOWN} --lam a,b": "lam",
     f"sweep frame.png film/frame.png {KNOWN} --out o.csv": "frame.png",
     "simulate coln --out o": "colon",
-    "simulate plane --width 8 --out o": "width",
+    "simulate plane --width 0 --out o": "width",
     "simulate plane --noise -1 --out o": "noise",
     "simulate colon --frames 3 --out o": "frames",
     "simulate sheet --fog 0.1 --out o": "fog",
@@ -244,7 +244,7 @@ CALLED = [
     Row("evaluate", lambda: el.evaluate("half.npz", "truth.npz"), "half.npz"),
     Row("compare", lambda: el.metrics.compare(ONES, ONES[1:], ONES), "truth"),
     Row("coverage", lambda: el.metrics.coverage_of(ONES, ONES[1:], ONES), "sigma"),
-    Row("mesh", lambda: el.make_mesh(WALL, cuts=np.zeros((2, 3, 3))), "cuts"),
+    Row("mesh", lambda: el.make_mesh(WALL, cuts=np.zeros((2, 3, 3), bool)), "cuts"),
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
     Row("record", lambda: el.record("run.txt"), "run.txt"),
@@ -306,9 +306,10 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_what_is_wrong_is_one_sentence(row, folder, monkeypatch, capfd):
-    monkeypatch.chdir(folder)
-    before = contents(folder)
+def test_what_is_wrong_is_one_sentence(row, folder, tmp_path, monkeypatch, capfd):
+    here = shutil.copytree(folder, tmp_path / "here")
+    monkeypatch.chdir(here)
+    before = contents(here)
     for call in row.call if isinstance(row.call, tuple) else (row.call,):
         capfd.readouterr()
         if callable(call):
@@ -321,9 +322,11 @@ def test_what_is_wrong_is_one_sentence(row, folder, monkeypatch, capfd):
             except SystemExit as end:
                 code = end.code
             out, sentence = capfd.readouterr()
-            assert (code, out, sentence[:9]) == (2, "", "endolab: ")
+            assert (code, out) == (2, "")
+            sentence = re.sub(r"^Compiling [^\n]*\n", "", sentence)  # in a first run
+            assert sentence.startswith("endolab: ")
             sentence = sentence.removesuffix("\n")
         assert row.word in sentence
         assert "\n" not in sentence
         assert len(sentence) < 700
-    assert contents(folder) == before
+    assert contents(here) == before

@@ -1,1 +1,1 @@
-"""Many frames: sweeps and videos, which go on where they were."""
+"""Many frames: sweeps, videos, which go on where they were, and comparisons with the truth."""

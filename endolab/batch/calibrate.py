@@ -1,39 +1,33 @@
-"""Frames of a target in, endoscope.json and its report out."""
+"""Frames of a target in, endoscope.json and its report out; and simulated frames of a target."""
 
-from collections.abc import Collection
-from contextlib import suppress
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from endolab._extras import need
 from endolab.calibration.session import Progress, Session, calibrate, check_names, silent
+from endolab.calibration.simulation.trajectory import MOVEMENT
+from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.targets import Target
-from endolab.io.atomic import (
-    PathLike,
-    as_path,
-    check_file,
-    read_json,
-    stage_file,
-    stage_folder,
-)
-from endolab.io.descriptions import make_calibration, write_calibration
-from endolab.io.video import Frames
+from endolab.io.atomic import PathLike, as_json, check_new, stage_folder, write_atomically
+from endolab.io.descriptions import make_calibration, read_target, write_calibration
+from endolab.io.images import write_image
+from endolab.io.video import Frames, write_video
+from endolab.model.brdf import TabulatedBRDF
+from endolab.model.endoscope import Calibration
+from endolab.numerics.arrays import FloatArray
 from endolab.workbench.reports.calibration_page import write_report
 
 
 def report_folder(out: PathLike) -> Path:
     """Name the folder that goes with a calibration: CAL_report beside CAL.json."""
-    path = as_path(out)
+    path = Path(out)
     if path.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {path.name}")
     return path.with_name(f"{path.stem}_report")
-
-
-def _is_calibration(path: Path) -> bool:
-    """Whether a file is an endoscope.json of endolab's."""
-    with suppress(OSError, ValueError, AttributeError):
-        return bool(read_json(path, "calibration").get("endolab") == 1)
-    return False
 
 
 def calibrate_to_files(
@@ -43,30 +37,25 @@ def calibrate_to_files(
     *,
     record: bool = False,
     overwrite: bool = False,
-    inputs: Collection[PathLike | None] = (),
     progress: Progress = silent,
     **options: Any,
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
     `out` is `endoscope.json`, with a nominal light if that was refused. Beside it are `report_folder`, with
-    the page, `camera.json` and, with `record`, a recording for the Rerun viewer. A file that is no
-    calibration of endolab's, and a folder that is no such report, are replaced only if `overwrite`; the
-    frames and `inputs`, what else was read for this, never. The rest, camera, channel, every, leave_out and
-    the light's options, is as for `calibrate`. Raises `MissingPackage` at once if a recording is wanted and
+    the page, `camera.json` and, with `record`, a recording for the Rerun viewer. What is there is replaced
+    only if `overwrite`. The rest, camera, channel, every, leave_out and the light's options, is as for
+    `calibrate`. Raises `MissingPackage` at once if a recording is wanted and
     cannot be written.
     """
     if record:
         need("rerun")
     folder = report_folder(out)
-    calibration = Path(out)
     channel = options.setdefault("channel", "grey")
     check_names(options.get("leave_out", ()), frames.names)  # before a long search
-    pictures = [frames.path / name for name in frames.names]
-    read = [*inputs, frames.path, *pictures]
-    overwrite_file = overwrite or _is_calibration(calibration)
-    check_file(calibration, overwrite=overwrite_file, inputs=read)
-    with stage_folder(folder, overwrite=overwrite, inputs=read) as staging:
+    if not overwrite:
+        check_new(out)
+    with stage_folder(folder, overwrite=overwrite) as staging:
         session = calibrate(
             frames,
             target,
@@ -83,6 +72,47 @@ def calibrate_to_files(
             from endolab.workbench.recording.calibration import record_calibration
 
             record_calibration(session, frames, staging / "recording.rrd")
-    with stage_file(calibration, inputs=read) as temporary:
-        write_calibration(make_calibration(session, str(frames.path), channel), temporary)
+    write_calibration(make_calibration(session, str(frames.path), channel), out)
     return session
+
+
+def save_sheet_video(
+    folder: PathLike,
+    target: str,
+    endoscope: Calibration,
+    count: int,
+    *,
+    video: bool = False,
+    overwrite: bool = False,
+    progress: Progress = silent,
+    **options: Any,
+) -> None:
+    """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
+
+    `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
+    `simulate_video`. What is there already is replaced as by `stage_folder`.
+    """
+    light = replace(endoscope.photometry, brdf=PAPER_SHEET)
+    frames = simulate_video(read_target(target), endoscope.camera, light, count, **options)
+    truth: list[dict[str, Any]] = []
+
+    def images() -> Iterator[FloatArray]:
+        for frame in frames:
+            poses = [pose.vector.tolist() for pose in frame.poses]
+            truth.append({"gain": frame.gain, "poses": poses})
+            progress("rendering", len(truth), count)
+            yield frame.image
+
+    with stage_folder(folder, overwrite=overwrite, last="truth.json") as staging:
+        if video:
+            write_video(staging / "sheet.mkv", images())
+        else:
+            for number, image in enumerate(images()):
+                write_image(staging / f"{number:06d}.png", image)
+        theta = np.linspace(0, np.pi / 2, 181)
+        value = PAPER_SHEET.value(np.cos(theta), np.cos(theta))
+        paper = TabulatedBRDF(tuple(theta), tuple(value))
+        known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
+        fold = options.get("movement", MOVEMENT).fold
+        facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
+        write_atomically(staging / "truth.json", as_json(facts))

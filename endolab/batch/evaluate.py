@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from endolab.frames.frame import check_size
-from endolab.io.atomic import PathLike, as_path
+from endolab.io.atomic import PathLike
 from endolab.io.datasets.folders import depth_layout, true_z
 from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
 from endolab.metrics.depth_errors import Errors, compare, resample_truth
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import number
 
 
@@ -88,9 +87,15 @@ def evaluate(
         true = DepthMap(true_z(truth), "z", True)
     else:
         true = read_depth_map(truth, truth_kind, truth_unit)
-    shape = depth.values.shape
+    rows, columns = shape = depth.values.shape
     size = true.values.shape
-    cosine = _cosine(depth, true, camera)
+    cosine = depth.cos_alpha  # z over distance
+    if camera is not None:
+        if rows != round(camera.height * columns / camera.width):
+            check_size("the depth map", (columns, rows), camera)
+        cosine = camera.resize(columns, rows).field.cos_alpha
+    elif cosine is None and true.cos_alpha is not None:
+        cosine = resample_truth(true.cos_alpha, shape)
     if cosine is None and (depth.kind != true.kind or max_angle < 90):
         raise ValueError(
             f"{prediction} holds {depth.kind}, {truth} {true.kind}, and no camera: give one (--calibration)"
@@ -102,14 +107,11 @@ def evaluate(
                 f"{mask} must have the size of the truth, {size[1]}x{size[0]} px"
             )
         true.values[~inside] = np.nan
-    estimate = depth.values
-    actual = resample_truth(true.values, shape)
-    normals = None if true.normals is None else resample_truth(true.normals, shape)
-    compared = "distance" if cosine is not None else depth.kind
+    compared = depth.kind if cosine is None else "distance"
     if cosine is None:
         cosine = np.full(shape, 1.0 if compared == "z" else np.nan)
-    elif depth.kind == "z":
-        estimate = estimate / cosine
+    estimate = depth.values if depth.kind == compared else depth.values / cosine
+    actual = resample_truth(true.values, shape)
     if true.kind != compared:
         actual = actual / cosine
     scale = scale or ("none" if depth.metric else "median")
@@ -119,25 +121,20 @@ def evaluate(
         )
     # nan, where nobody asked for the angle, counts.
     near = ~(cosine < np.cos(np.deg2rad(number("--max-angle", max_angle, 0, 180))))
-    known = {"normals": depth.normals, "true_normals": normals}
-    errors = compare(estimate, actual, cosine, mask=near, scale=scale, **known)
+    errors = compare(
+        estimate,
+        actual,
+        cosine,
+        mask=near,
+        scale=scale,
+        normals=depth.normals,
+        true_normals=None if true.normals is None else resample_truth(true.normals, shape),
+    )
     trusted = None
     if depth.sigma is not None:
         trusted = coverage_of(estimate, depth.sigma, actual, near, scale)
     resampled = None if size == shape else (size[0], size[1])
     return Evaluation(str(prediction), compared, scale, errors, trusted, resampled)
-
-
-def _cosine(depth: DepthMap, true: DepthMap, camera: Camera | None) -> FloatArray | None:
-    """Find z over distance for each pixel of a depth map, by a camera or by what the files hold."""
-    rows, columns = depth.values.shape
-    if camera is not None:
-        if rows != round(camera.height * columns / camera.width):
-            check_size("the depth map", (columns, rows), camera)
-        return camera.resize(columns, rows).field.cos_alpha
-    if depth.cos_alpha is not None or true.cos_alpha is None:
-        return depth.cos_alpha
-    return resample_truth(true.cos_alpha, (rows, columns))
 
 
 # Folders --------------------------------------------------------------------------------
@@ -166,19 +163,21 @@ def evaluate_folder(
     OSError, ValueError
         In one sentence, as for `evaluate`, or if there is no pair.
     """
-    sides = [_find_maps(as_path(folder)) for folder in (predictions, truths)]
-    if not sides[0].keys() & sides[1].keys():
-        sides = [_by_number(maps) for maps in sides]
-    left, right = sides
-    pairs = {name: (left[name], right[name]) for name in left if name in right}
+    left, right = _find_maps(Path(predictions)), _find_maps(Path(truths))
+    if not left.keys() & right.keys():
+        left, right = _by_number(left), _by_number(right)
+    pairs = left.keys() & right.keys()
     if not pairs:
         raise ValueError(
             f"no depth map in {predictions} has the name or number of one in {truths}"
         )
-    alone = [
-        str(path) for maps in sides for name, path in maps.items() if name not in pairs
+    alone = [maps[name] for maps in (left, right) for name in maps if name not in pairs]
+    made = [
+        evaluate(path, right[name], **options)
+        for name, path in left.items()
+        if name in pairs
     ]
-    return [evaluate(*pair, **options) for pair in pairs.values()], alone
+    return made, list(map(str, alone))
 
 
 def _find_maps(folder: Path) -> dict[str, Path]:
@@ -190,7 +189,9 @@ def _find_maps(folder: Path) -> dict[str, Path]:
 
 def _by_number(maps: dict[str, Path]) -> dict[str, Path]:
     """Find depth maps by the last number of their names, or by their names where there is none."""
-    numbers = {name: (re.findall(r"\d+", name) or [name])[-1].lstrip("0") for name in maps}
-    if len({*numbers.values()}) < len(maps):
+    found = {
+        (re.findall(r"0*(\d+)", name) or [name])[-1]: path for name, path in maps.items()
+    }
+    if len(found) < len(maps):
         raise ValueError(f"{next(iter(maps.values()))}: another depth map has its number")
-    return {numbers[name]: path for name, path in maps.items()}
+    return found

@@ -21,9 +21,8 @@ from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Charuco, Target
 from endolab.frames.frame import check_size
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int, check_kinds
+from endolab.numerics.checks import check_int, check_kinds, unknown_name
 
 Progress = Callable[[str, int, int], None]
 # One pose a panel, None for one that was not located.

@@ -183,6 +183,7 @@ def sweep(
     out: str = "sweep.csv",
     truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     jobs: int | None = None,
+    overwrite: bool = False,
     albedo: Value = None,
     threads: int | None = None,
     **options: Any,
@@ -207,6 +208,8 @@ def sweep(
         truth.npz of each frame.
     jobs : int
         How many at once (1); -1: as many as cores.
+    overwrite : bool
+        Replace a table that is there.
     albedo : floats
         Of a matt wall, or R,G,B, in place of the calibration's BRDF.
     threads : int
@@ -222,6 +225,7 @@ def sweep(
             known,
             truth=truth,
             table=out,
+            overwrite=overwrite,
             n_jobs=jobs,
             progress=lambda done, total, row: show(done, total, row["frame"]),
             **keywords,

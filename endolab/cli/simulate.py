@@ -74,12 +74,12 @@ def simulate(
     import numpy as np
 
     import endolab as el
+    from endolab.batch.calibrate import save_sheet_video
     from endolab.calibration.simulation.sheet_image import Sensor
     from endolab.calibration.simulation.trajectory import Movement
     from endolab.io.atomic import as_json, stage_folder, write_atomically
     from endolab.io.descriptions import read_target
     from endolab.io.images import write_image
-    from endolab.io.sheet_video import save_sheet_video
     from endolab.io.surfaces import save_depth
     from endolab.numerics.checks import unknown_name
 

@@ -9,36 +9,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.frames.surround import SURROUND, field_of_view
+from endolab.frames.surround import SURE, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
-from endolab.numerics.checks import mask_array, readonly_copy, real_array
+from endolab.numerics.checks import mask_array, readonly_copy, real_array, unknown_name
 from endolab.numerics.noise import noise_level
 from endolab.numerics.side_by_side import by_rows
 
+# Stored values, as shares of their maximum.
+DARK = 4 / 255  # below this rounding and noise say more than the surface does
+SATURATED = 254.5 / 255  # from here on
+ROUNDING = 0.3 / 255  # noise: that of rounding to 8 bits
 
-@dataclass(frozen=True)
-class FrameLimits:
-    """What pixels and masks must be to be used; stored values are shares of their maximum."""
-
-    dark: float = 4 / 255  # below this rounding and noise say more than the surface does
-    bright: float = 254.5 / 255  # from here on it is saturated
-    rounding: float = 0.3 / 255  # noise: that of rounding to 8 bits
-    least_range: float = 1e-6  # of stored values; a picture with less is constant
-    # Degrees; beyond, cos^k α is so small that noise divided by it looks near.
-    max_alpha: float = 80.0
-    # Share of a mask beyond what the endoscope shows, from which on it is no rounded
-    # edge.
-    misplaced: float = 0.05
-    # Of the shorter side, within which a mask may lie beyond the field all the same.
-    edge: float = 0.03
-    levels: int = 64  # of a mask, or of some other drawing, there are fewer
-    remembered: int = 3  # sizes of a frame
-
-
-FRAME_LIMITS = FrameLimits()
+# cos α; beyond 80°, cos^k α is so small that noise divided by it looks near.
+LEAST_COSINE = float(np.cos(np.deg2rad(80.0)))
 
 
 @dataclass(frozen=True)
@@ -85,35 +70,32 @@ class Frame:
             raise ValueError(
                 f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
             )
-        object.__setattr__(self, "mask", self._check_mask("mask", self.mask, image))
-        if self.silent is not None:
-            object.__setattr__(
-                self, "silent", self._check_mask("silent", self.silent, image)
-            )
+        high, wide = image.shape[:2]
+        for what in ("mask", "silent"):
+            given = getattr(self, what)
+            if given is None and what == "silent":
+                continue
+            mask = mask_array(f"{self.name}: the {what}", given)
+            if mask.shape != (high, wide):
+                found = "x".join(map(str, mask.shape[::-1]))
+                raise ValueError(
+                    f"{self.name}: the {what} is {found} px, the frame {wide}x{high} px"
+                )
+            # A copy, as the caller's buffer may be the next frame's soon.
+            object.__setattr__(self, what, readonly_copy(mask))
         if not self.mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image if self.mask.all() else image[self.mask]
-        low = used.min()
-        high = used.max()
-        if not (low >= 0 and high <= 1):  # either is nan where any value is
+        least = used.min()
+        most = used.max()
+        if not (least >= 0 and most <= 1):  # either is nan where any value is
             is_bytes = np.asarray(self.image).dtype == np.uint8
             remedy = "; divide bytes by 255" if is_bytes else ""
             raise ValueError(
                 f"{self.name}: values must be finite and lie in [0, 1], "
-                f"found {low:.4g} to {high:.4g}{remedy}"
+                f"found {least:.4g} to {most:.4g}{remedy}"
             )
         object.__setattr__(self, "image", readonly_copy(image))
-
-    def _check_mask(self, what: str, given: BoolArray, image: FloatArray) -> BoolArray:
-        """Return a copy, as the caller's buffer may be the next frame's soon."""
-        mask = mask_array(f"{self.name}: the {what}", given)
-        if mask.shape != image.shape[:2]:
-            high, wide = image.shape[:2]
-            found = "x".join(map(str, mask.shape[::-1]))
-            raise ValueError(
-                f"{self.name}: the {what} is {found} px, the frame {wide}x{high} px"
-            )
-        return readonly_copy(mask)
 
     @property
     def width(self) -> int:
@@ -140,13 +122,13 @@ class Frame:
     def _pixels_to_use(self) -> BoolArray:
         if self.mask.all():
             return freeze(field_of_view(self.image))
-        field = field_of_view(self.image, SURROUND.sure)
+        field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
-        reach = 2 * round(FRAME_LIMITS.edge * min(field.shape)) + 1
+        reach = 2 * round(0.03 * min(field.shape)) + 1
         around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
-        return freeze(seen) if beyond > FRAME_LIMITS.misplaced and seen.any() else self.mask
+        return freeze(seen) if beyond > 0.05 and seen.any() else self.mask
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".
@@ -174,13 +156,13 @@ class Frame:
         A frame remembers the last few, for who solves it again and again.
         """
         key = (width, height, gamma)
-        resized = self._resized  # never changed: other threads read it
-        if key not in resized:
-            resized = dict([*resized.items()][1 - FRAME_LIMITS.remembered :]) | {
-                key: self._shrink(width, height, gamma)
-            }
-            object.__setattr__(self, "_resized", resized)
-        return resized[key]
+        resized = self._resized.get(key)
+        if resized is None:
+            resized = self._shrink(width, height, gamma)
+            if len(self._resized) > 2:
+                self._resized.clear()
+            self._resized[key] = resized
+        return resized
 
     def _shrink(self, width: int, height: int, gamma: float) -> Frame:
         if not (1 <= width <= self.width and 1 <= height <= self.height):
@@ -189,34 +171,32 @@ class Frame:
             )
 
         def shrink(a: FloatArray | BoolArray) -> FloatArray:
-            whole = a.astype(np.float64, copy=False)  # of twelve million pixels, 0.3 GB
+            whole = a.astype(np.float64, copy=False)
             resized = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
             return np.asarray(resized, dtype=np.float64)
 
-        share = shrink(self.mask)
-        kept = share >= 0.5
-        whole = self.mask.all()
+        kept = shrink(self.mask) >= 0.5
         if not kept.any():
             raise ValueError(
                 f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left"
             )
-        part = np.where(kept, share, 1.0)
+        # Where nothing is in the mask, the others are averaged.
+        weight = None if self.mask.all() else np.where(self.mask, 1.0, 1e-12)
 
-        def average_light(channel: FloatArray) -> FloatArray:
-            inside = channel if whole else np.where(self.mask, channel, 0.0)
-            light = shrink(power(inside, gamma)) / part
-            if not kept.all():
-                outside = np.clip(np.nan_to_num(channel), 0, 1)
-                light = np.where(kept, light, shrink(power(outside, gamma)))
+        def average_light(plane: FloatArray) -> FloatArray:
+            if weight is None:
+                light = shrink(power(plane, gamma))
+            else:
+                light = power(np.clip(np.nan_to_num(plane), 0, 1), gamma)
+                light = shrink(light * weight) / shrink(weight)
             return np.clip(light, 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
-        channels = [
-            average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)
-        ]
+        planes = np.moveaxis(np.atleast_3d(self.image), -1, 0)
+        image = np.stack([average_light(plane) for plane in planes], axis=-1)
         silent = None if self.silent is None else shrink(self.silent) > 0
-        image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
-        return Frame(image, kept, self.name, silent)
+        shape = (height, width, *self.image.shape[2:])
+        return Frame(image.reshape(shape), kept, self.name, silent)
 
 
 def shrink_bytes(
@@ -249,49 +229,36 @@ def usable_pixels(
     axis or as good as black (below 4 of 255). ValueError that names the frame, if none is left, or if what
     is left is constant or all saturated.
     """
-    field = mask & (cos_alpha > np.cos(np.deg2rad(FRAME_LIMITS.max_alpha)))
+    field = mask & (cos_alpha > LEAST_COSINE)
     if not field.any():
         raise ValueError(
             f"{name}: the mask and the camera's field of view have no pixel in common"
         )
-    bright = field & (image > FRAME_LIMITS.dark)
-    if not bright.any():
+    usable = field & (image > DARK)
+    if not usable.any():
         raise ValueError(
             f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "
             "it may use fewer bits than the file, such as 10 of 16"
         )
-    if np.all(image[bright] >= FRAME_LIMITS.bright):
+    values = image[usable]
+    if values.min() >= SATURATED:
         raise ValueError(f"{name}: the picture is fully saturated")
-    if np.ptp(image[bright]) < FRAME_LIMITS.least_range:  # shrinking rounds
+    if np.ptp(values) < 1e-6:  # shrinking rounds
         raise ValueError(
-            f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere"
+            f"{name}: the picture is constant, {values[0] * 255:.4g} of 255 everywhere"
         )
-    return bright
-
-
-def large_parts(region: BoolArray, least: float) -> BoolArray:
-    """Return the connected parts of a region that have at least so many pixels."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        region.astype(np.uint8), connectivity=4
-    )
-    large = stats[:, cv2.CC_STAT_AREA] >= least
-    large[0] = False
-    return large[labels]
+    return usable
 
 
 def looks_like_depth(image: FloatArray) -> bool:
     """Whether a picture is so like a depth map that it may be one: grey, of many values, without noise.
 
     A camera's picture of 8 bits has the noise of their rounding at least, 0.3 grey levels; the depth maps
-    of C3VD and SimCol3D have 0.001 and 0.03.
+    of C3VD and SimCol3D have 0.001 and 0.03. A mask, or some other drawing, has fewer than 64 values.
     """
-    if image.ndim == 3:
+    if image.ndim == 3 or len(np.unique(image)) <= 64:
         return False
-    noise = noise_level(image, image > 0)
-    return (
-        0 < noise < FRAME_LIMITS.rounding / 3
-        and len(np.unique(image)) > FRAME_LIMITS.levels
-    )
+    return 0 < noise_level(image, image > 0) < ROUNDING / 3
 
 
 def smooth_light(
@@ -304,18 +271,12 @@ def smooth_light(
     if sigma <= 0:
         return image
     lit = power(np.where(mask, image, 0.0), gamma)
-    around = cv2.BORDER_CONSTANT
-    light = cv2.GaussianBlur(lit, (0, 0), sigma, borderType=around)
-    share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=around)
-    out = np.empty(image.shape)
-
-    def store(rows: slice) -> None:
-        inside = mask[rows]
-        mean = np.maximum(light[rows] / np.where(inside, share[rows], 1.0), 0.0)
-        out[rows] = np.where(inside, mean ** (1 / gamma), image[rows])
-
-    by_rows(store, mask.shape)
-    return out
+    light, share = (
+        cv2.GaussianBlur(a, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        for a in (lit, mask.astype(np.float64))
+    )
+    mean = np.maximum(light / np.where(mask, share, 1.0), 0.0)
+    return np.where(mask, power(mean, 1 / gamma), image)
 
 
 def power(a: FloatArray, exponent: float) -> FloatArray:

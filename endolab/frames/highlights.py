@@ -8,56 +8,28 @@ lies at the end of a slope or has the tissue's colour, and what lies between ves
 no paler than the tissue elsewhere.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import cv2
 import numpy as np
 import scipy
 
-from endolab.frames.frame import FRAME_LIMITS, power
+from endolab.frames.frame import ROUNDING, power
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
 from endolab.numerics.side_by_side import by_rows
 
-
-@dataclass(frozen=True)
-class HighlightSearch:
-    """What a highlight looks like.
-
-    Sizes are shares of the longer side of what is shown, amounts are mirrored light over the tissue's.
-    """
-
-    small: float = 1 / 100  # half the width of most highlights
-    large: float = 1 / 30  # half the width of the largest
-    # Half the neighbourhood whose palest quarter is the tissue's colour.
-    around: float = 1 / 8
-    # Pixels across what the endoscope shows, at which that colour is sought.
-    coarse: int = 80
-    colour_steps: int = 200  # of a colour over red, in one
-    skirt_width: float = 1 / 320  # a highlight's faint rim
-    seed: float = 0.3  # where a small highlight begins
-    skirt: float = 0.12  # where it ends
-    large_seed: float = 1.5  # the same of large ones, as folds bulge at that scale
-    large_skirt: float = 0.75
-    # Seeds must be brighter by this factor without colour, which is half the evidence.
-    grey: float = 2.5
-    sure: float = 4.0  # of seeds, standard deviations of the noise
-    likely: float = 2.0  # of skirts, likewise
-    # Change of log light over twice a highlight's width that still counts as a slope.
-    steepest: float = 0.7
-    # Green or blue over red, from which on tissue can't be told from lamps.
-    colourless: float = 0.8
-    # Linear light that scatters into every pixel: in the dark, ratios say little.
-    stray: float = 0.02
+STEEPEST = (
+    0.7  # change of log light over twice a highlight's width that still counts as a slope
+)
 
 
-HIGHLIGHT_SEARCH = HighlightSearch()
+def _square(reach: float) -> np.ndarray:
+    """Return a window that reaches as far as this to either side, at least 1 px."""
+    return np.ones((2 * max(1, round(reach)) + 1,) * 2, np.uint8)
 
 
-def _odd(size: float) -> int:
-    """Return the width of a window that reaches as far as this to either side, at least 1 px."""
-    return 2 * max(1, round(size)) + 1
+def dilate(region: BoolArray, reach: float) -> BoolArray:
+    """Grow a region by a square, to every side by `reach` px, at least 1."""
+    return cv2.dilate(region.astype(np.uint8), _square(reach)) > 0
 
 
 def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
@@ -65,96 +37,74 @@ def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
     if mask.all():
         return image
     away = (~mask).astype(np.uint8)
-    labels = cv2.distanceTransformWithLabels(
-        away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )[1]
-    index = np.zeros(labels.max() + 1, np.intp)
-    index[labels[mask]] = np.flatnonzero(mask)
-    out = image.copy()
-    out[~mask] = image.reshape(mask.size, *image.shape[2:])[index[labels[~mask]]]
-    return out
+    pixels = cv2.DIST_LABEL_PIXEL  # those inside are numbered from 1, row by row
+    nearest = cv2.distanceTransformWithLabels(away, cv2.DIST_L2, 5, labelType=pixels)[1]
+    return image[mask][nearest - 1]
 
 
-def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
+def _palest_colour(light: np.ndarray, wide: float) -> FloatArray:
     """Colour of the palest quarter of the tissue around each pixel, over its red, (H, W, 3)."""
     from skimage.filters import rank
 
     high, across = light.shape[:2]
-    step = max(1.0, wide / HIGHLIGHT_SEARCH.coarse)
-    size = (max(1, round(across / step)), max(1, round(high / step)))
+    step = max(1.0, wide / 80)
+    size = max(1, round(across / step)), max(1, round(high / step))
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
-    width = _odd(HIGHLIGHT_SEARCH.around * wide / step)
-    window = np.ones((width, width), np.uint8)
-    reach = width // 2
-    levels = np.clip(HIGHLIGHT_SEARCH.colour_steps * ratio + 0.5, 0, 255).astype(np.uint8)
+    levels = np.clip(200 * ratio + 0.5, 1, 255).astype(np.uint8)
+    window = _square(wide / step / 8)
+    reach = len(window) // 2
     framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    pale = np.stack(
-        [rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)], axis=-1
-    )
-    pale = pale[reach:-reach, reach:-reach] / HIGHLIGHT_SEARCH.colour_steps
-    return np.asarray(
-        cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64
-    )
-
-
-def _sum_colours(image: FloatArray) -> FloatArray:
-    """Sum over the colours of a picture, (H, W, 3); NumPy's own takes several times as long for three."""
-    return image[..., 0] + image[..., 1] + image[..., 2]
+    planes = [rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)]
+    pale = cv2.merge(planes)[reach:-reach, reach:-reach] / 200
+    return cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR)
 
 
 def _white_part(
     light: FloatArray, colour: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Split light into tissue's and white by least squares; the white part and its standard deviation."""
-    white, deviation = np.empty((2, *light.shape[:2]))
+    """Split light into tissue's and white by least squares; the white part, and over its deviation.
+
+    With u = colour/spread and v = 1/spread, v⊥ = v - u (u·v)/(u·u) is white that the tissue's colour is not;
+    the white part is v⊥·l / v⊥·v⊥, of variance 1 / v⊥·v⊥.
+    """
+    part, certainty = np.empty((2, *light.shape[:2]))
+
+    def dot(one: FloatArray, other: FloatArray) -> FloatArray:
+        product = one * other  # NumPy's own sum takes several times as long for three
+        return product[..., 0] + product[..., 1] + product[..., 2]
 
     def split(rows: slice) -> None:
-        own = colour[rows]
-        weight = 1 / spread[rows] ** 2
-        weighted = weight * own
-        aa = _sum_colours(weighted * own)
-        ab = _sum_colours(weighted)
-        bb = _sum_colours(weight)
-        a = _sum_colours(weighted * light[rows])
-        b = _sum_colours(weight * light[rows])
-        aa += 1e-12 * bb  # a picture may be all black
-        # 0 where the tissue itself is white.
-        determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)
-        white[rows] = (aa * b - ab * a) / determinant
-        deviation[rows] = np.sqrt(aa / determinant)
+        own = colour[rows] / spread[rows]
+        white = 1 / spread[rows]
+        least = 1e-9 * dot(white, white)  # where the tissue itself is white
+        white -= own * (dot(own, white) / dot(own, own))[..., None]
+        squared = np.maximum(dot(white, white), least)
+        part[rows] = dot(white, light[rows] / spread[rows]) / squared
+        certainty[rows] = part[rows] * np.sqrt(squared)
 
     by_rows(split, light.shape)
-    return white, deviation
+    return part, certainty
 
 
-def _extrapolate(tissue: FloatArray, step: int) -> FloatArray:
+def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
-    log_tissue = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
-    edge, (rows, columns) = 2 * step, log_tissue.shape
+    log_tissue = np.log(np.maximum(tissue, 1e-4))
+    brightest = log_tissue
+    rows, columns = log_tissue.shape
+    edge = 2 * step
     padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
-
-    def window_at(reach: int, turn: float) -> Any:
-        down = edge + round(reach * np.sin(turn))
-        across = edge + round(reach * np.cos(turn))
-        return padded[down : down + rows, across : across + columns]
-
-    steepest = HIGHLIGHT_SEARCH.steepest
     for turn in np.arange(8) * np.pi / 4:
-        ahead = window_at(step, turn)
-        slope = np.clip(ahead - window_at(edge, turn), -steepest, steepest)
-        np.maximum(log_tissue, ahead + slope, out=log_tissue)
-    return np.exp(log_tissue.astype(np.float64))
-
-
-def dilate(region: BoolArray, reach: float) -> BoolArray:
-    """Grow a region by a square, to every side by `reach` px, at least 1."""
-    return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
-
-
-def _parts_with_seed(seed: BoolArray, skirt: BoolArray) -> BoolArray:
-    """Return the connected parts of the skirt that hold a seed."""
-    return scipy.ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
+        ahead, beyond = (
+            padded[edge + down :, edge + across :][:rows, :columns]
+            for down, across in (
+                np.rint(reach * np.array([np.sin(turn), np.cos(turn)])).astype(int)
+                for reach in (step, edge)
+            )
+        )
+        slope = np.clip(ahead - beyond, -STEEPEST, STEEPEST)
+        brightest = np.maximum(brightest, ahead + slope)
+    return np.exp(brightest)
 
 
 def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> BoolArray:
@@ -168,59 +118,51 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     around lead, and from the noise. What is large, overexposed and smooth is a near wall, not a
     highlight: whoever solves the frame has to treat saturation by itself.
     """
+    mirrored = np.zeros(mask.shape, dtype=bool)
     if not mask.any():
-        return np.zeros(mask.shape, dtype=bool)
+        return mirrored
     wide = float(np.ptp(np.nonzero(mask), axis=1).max() + 1)
     filled = extend(np.clip(np.nan_to_num(image), 0, 1), mask)
     light = power(filled, gamma)
     calm = cv2.medianBlur(light.astype(np.float32), 3)
-    noise = max(
-        noise_level(filled if filled.ndim == 2 else filled[..., 1], mask),
-        FRAME_LIMITS.rounding,
-    )
-    spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
-    white = np.full(mask.shape, np.inf)
-    doubt = np.ones(mask.shape)
-    coloured = False
+    green = filled if image.ndim == 2 else filled[..., 1]
+    noise = max(noise_level(green, mask), ROUNDING)
+    # The derivative of I^γ, above the dark.
+    spread = gamma * noise * np.maximum(light, 0.05**gamma) / np.maximum(filled, 0.05)
+    white = certainty = np.full(mask.shape, np.inf)
+    demand = 2.5  # without colour, which is half the evidence
     if image.ndim == 3:
-        colour = _palest_colour(calm.astype(np.float64), wide)
-        darkest = np.minimum.reduce([colour[..., index] for index in range(3)])
-        coloured = np.median(darkest[mask]) < HIGHLIGHT_SEARCH.colourless
-        if coloured:
-            white, doubt = _white_part(light, colour, spread)
+        colour = _palest_colour(calm, wide)
+        darkest = np.minimum.reduce(cv2.split(colour))
+        if np.median(darkest[mask]) < 0.8:  # else tissue can't be told from lamps
+            white, certainty = _white_part(light, colour, spread)
+            demand = 1.0
         # Blue and green differ most between lamp and tissue; red may be saturated.
         light, calm = ((a[..., 1] + a[..., 2]) / 2 for a in (light, calm))
-        spread = np.sqrt((spread[..., 1] ** 2 + spread[..., 2] ** 2) / 2 / 2)
+        spread = np.hypot(spread[..., 1], spread[..., 2]) / 2
 
-    def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
+    def evidence(base: np.ndarray, over: float, sigmas: float) -> BoolArray:
         excess = light - base
-        much = np.minimum(excess, white) > over * (base + HIGHLIGHT_SEARCH.stray)
-        return mask & much & (np.minimum(excess / spread, white / doubt) > sigmas)
+        stray = 0.02  # scatters into every pixel: in the dark, ratios say little
+        much = np.minimum(excess, white) > demand * over * (base + stray)
+        return mask & much & (np.minimum(excess / spread, certainty) > sigmas)
 
-    mirrored = np.zeros(mask.shape, dtype=bool)
-    demand = 1.0 if coloured else HIGHLIGHT_SEARCH.grey
-    for reach, seed, skirt in (
-        (HIGHLIGHT_SEARCH.small, HIGHLIGHT_SEARCH.seed, HIGHLIGHT_SEARCH.skirt),
-        (HIGHLIGHT_SEARCH.large, HIGHLIGHT_SEARCH.large_seed, HIGHLIGHT_SEARCH.large_skirt),
-    ):
-        lowest = cv2.morphologyEx(
-            calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8)
-        )
-        lowest = cv2.GaussianBlur(lowest, (0, 0), max(0.25 * reach * wide, 0.5))
-        opened = np.asarray(lowest, dtype=np.float64)
-        base = _extrapolate(opened, 2 * max(1, round(reach * wide)))
-        certain = evidence(base, demand * seed, HIGHLIGHT_SEARCH.sure)
-        mirrored |= _parts_with_seed(
-            certain, evidence(base, demand * skirt, HIGHLIGHT_SEARCH.likely)
-        )
-        if reach == HIGHLIGHT_SEARCH.small:
-            around = dilate(certain, HIGHLIGHT_SEARCH.skirt_width * wide)
-            mirrored |= _parts_with_seed(
-                certain, around & evidence(opened, demand * skirt, HIGHLIGHT_SEARCH.likely)
+    # Half the width of most highlights and of the largest, as folds bulge at that scale;
+    # mirrored light over the tissue's where one begins and where it ends.
+    for reach, seed, skirt in ((wide / 100, 0.3, 0.12), (wide / 30, 1.5, 0.75)):
+        opened = cv2.morphologyEx(calm, cv2.MORPH_OPEN, _square(reach))
+        opened = cv2.GaussianBlur(opened, (0, 0), max(0.25 * reach, 0.5))
+        base = _extrapolate(opened, 2 * max(1, round(reach)))
+        certain = evidence(base, seed, 4.0)
+        skirts = [evidence(base, skirt, 2.0)]
+        if seed < 1:  # a faint rim
+            skirts += [dilate(certain, wide / 320) & evidence(opened, skirt, 2.0)]
+        for faint in skirts:
+            mirrored |= scipy.ndimage.binary_propagation(
+                certain & faint, np.ones((3, 3)), faint
             )
     # Small holes are the highlights' own tops, where even white is clipped.
-    square = np.ones((3, 3), np.uint8)
-    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, square)
+    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, _square(1))
     return (closed > 0) & mask
 
 
@@ -237,32 +179,28 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray) -> FloatArray:
     known = mask & ~holes
     if not known.any():
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
-    log = np.log(
-        np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), 0.5 / 255)
-    )
+    finite = np.where(np.isfinite(image), image, 0.0)
+    log = np.log(np.maximum(extend(finite, known), 0.5 / 255)).reshape(holes.size, -1)
     number = np.arange(holes.size).reshape(holes.shape)
-    shown = mask.ravel()
-    wanted = holes.ravel()
     here = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
     there = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    shown = mask.ravel()
+    wanted = holes.ravel()
     pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
-    here = here[pairs]
-    there = there[pairs]
-    step = np.arange(here.size)
-    one = np.ones(here.size)
-    size = (here.size, holes.size)
-    differences = scipy.sparse.coo_array((one, (step, here)), size).tocsc()
-    differences -= scipy.sparse.coo_array((one, (step, there)), size).tocsc()
+    ends = np.stack([here[pairs], there[pairs]])
+    signs = np.broadcast_to([[1.0], [-1.0]], ends.shape)
+    step = np.broadcast_to(np.arange(ends.shape[1]), ends.shape)
+    differences = scipy.sparse.csc_array(
+        (signs.ravel(), (step.ravel(), ends.ravel())), (ends.shape[1], holes.size)
+    )
+    inner = differences[:, wanted]
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
     hint = 1e-9
-    inner = differences[:, wanted]
-    log = log.reshape(holes.size, -1)
     matrix = inner.T @ inner + hint * scipy.sparse.eye_array(inner.shape[1], format="csc")
-    right = hint * log[wanted] - inner.T @ (
-        differences @ np.where(wanted[:, None], 0.0, log)
-    )
+    around = differences @ np.where(wanted[:, None], 0.0, log)
     # The matrix is symmetric: ordered for that, its factors stay thin.
     factors = scipy.sparse.linalg.splu(matrix.tocsc(), "MMD_AT_PLUS_A")
     filled = image.copy().reshape(holes.size, -1)
-    filled[wanted] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
+    solved = factors.solve(hint * log[wanted] - inner.T @ around)
+    filled[wanted] = np.clip(np.exp(solved), 0.0, 1.0)
     return filled.reshape(image.shape)

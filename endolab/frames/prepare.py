@@ -5,28 +5,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from endolab.frames.frame import FRAME_LIMITS, Frame, check_size, large_parts
+from endolab.frames.frame import DARK, LEAST_COSINE, Frame, check_size
 from endolab.frames.highlights import dilate, find_highlights, inpaint
 from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import check_kinds
+from endolab.numerics.checks import check_kinds, unknown_name
 from endolab.numerics.noise import noise_level
 
-
-@dataclass(frozen=True)
-class PreparationLimits:
-    """What in a real frame is no tissue."""
-
-    # Signal over noise below which noise alone moves a distance by γ/10, about a fifth.
-    least_signal: float = 5.0
-    # Of the longer side: colour fringes around highlights, which inpainting must not
-    # spread.
-    halo: float = 2 / 320
-
-
-PREPARATION = PreparationLimits()
 TREATED = {
     "keep": "left to the solver",
     "ignore": "no evidence",
@@ -66,12 +52,15 @@ def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
     """
     green = image if image.ndim == 2 else image[..., 1]
     green = np.where(mask, np.nan_to_num(green), 0.0)
-    limit = max(FRAME_LIMITS.dark, PREPARATION.least_signal * noise_level(green, mask))
+    limit = max(DARK, 5 * noise_level(green, mask))
     share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
-    calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(
-        mask, share, 1.0
+    calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT)
+    dark = mask & (calm < limit * np.where(mask, share, 1.0))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
+        dark.astype(np.uint8), connectivity=4
     )
-    return large_parts(mask & (calm < limit), max(9, 2e-4 * mask.sum()))
+    large = stats[:, cv2.CC_STAT_AREA] >= max(9, 2e-4 * mask.sum())
+    return dark & large[labels]
 
 
 def undistort_frame(frame: Frame, camera: Camera) -> tuple[Frame, Pinhole]:
@@ -113,9 +102,7 @@ def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
     """
     photometry = calibration.photometry.simplify()
     cosine = calibration.camera.field.cos_alpha
-    seen = frame.mask & (
-        np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(FRAME_LIMITS.max_alpha))
-    )
+    seen = frame.mask & (cosine > LEAST_COSINE)
     if not seen.any():
         raise ValueError(
             f"{frame.name}: the mask and the camera's field of view have no pixel in common"
@@ -196,8 +183,9 @@ def prepare(
     canonical = canonical_picture(Frame(image, field, frame.name), calibration)
     inpainted = highlights == "inpaint" and bool(mirrored.any())
     if inpainted:
-        reach = PREPARATION.halo * max(frame.width, frame.height)
-        image = inpaint(image, dilate(mirrored, reach) & field, field)
+        # Colour fringes around highlights must not be spread.
+        fringe = 2 / 320 * max(frame.width, frame.height)
+        image = inpaint(image, dilate(mirrored, fringe), field)
     silent = frame.silent
     if highlights == "ignore" and mirrored.any():
         silent = mirrored if silent is None else silent | mirrored

@@ -4,14 +4,14 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from endolab.io.archives import array_names, read_arrays
 from endolab.io.atomic import PathLike, name_damage, read_bytes
-from endolab.io.images import read_floats, read_stored
-from endolab.io.surfaces import read_depth
-from endolab.model.schema import shorten, unknown_name
+from endolab.io.images import quiet, read_stored
+from endolab.io.surfaces import read_arrays, read_depth
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import shorten, unknown_name
 
 KINDS = ("z", "distance")
 SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr")
@@ -62,31 +62,42 @@ def read_depth_map(
     if kind not in (None, *KINDS):
         raise unknown_name("kind", kind, KINDS)
     source = Path(path)
-    suffix = source.suffix.lower()
     held = "z"
-    if suffix == ".npz":
-        names = array_names(source, WHAT)
+    if source.suffix.lower() == ".npz":
+        content = io.BytesIO(read_bytes(source))
+        with name_damage(source, WHAT), np.load(content, allow_pickle=False) as archive:
+            names = archive.files
         if {"distance", "z"} <= {*names}:
-            return _read_own(source)
+            maps = read_depth(source)
+            distance = maps["distance"].astype(np.float64)
+            more = {name: maps.get(name) for name in ("normals", "sigma")}
+            metric = bool(maps.get("metric", True))
+            return DepthMap(distance, "distance", metric, maps["z"] / distance, **more)
         name, held = _choose_array(source, names)
         stored = read_arrays(source, WHAT, [name])[name]
-    elif suffix == ".npy":
-        with name_damage(source, WHAT):
-            stored = np.load(io.BytesIO(read_bytes(source)), allow_pickle=False)
-    elif suffix == ".png":
-        stored = read_stored(source)
     else:
-        stored = read_floats(source, WHAT)
-    return _as_map(stored, source, kind or held, unit)
+        stored = _read_numbers(source)
+    values = np.squeeze(stored)
+    if values.ndim != 2 or values.dtype.kind not in "fiu":
+        found = f"{stored.dtype} of shape {stored.shape}"
+        raise ValueError(f"{source}: expected one number for each pixel, found {found}")
+    values = values.astype(np.float64) * (1.0 if unit is None else unit)
+    values[~(np.isfinite(values) & (values > 0))] = np.nan
+    return DepthMap(values, kind or held, unit is not None)
 
 
-def _read_own(source: Path) -> DepthMap:
-    """Read what `save_depth` wrote."""
-    maps = read_depth(source)
-    distance = maps["distance"].astype(np.float64)
-    more = {name: maps.get(name) for name in ("normals", "sigma")}
-    metric = bool(maps.get("metric", True))
-    return DepthMap(distance, "distance", metric, maps["z"] / distance, **more)
+def _read_numbers(source: Path) -> np.ndarray:
+    """Read an .npy, a PNG, or a TIFF of integers or floats, or an EXR where OpenCV can."""
+    content = read_bytes(source)
+    if source.suffix.lower() == ".png":
+        return read_stored(source)[0]
+    with name_damage(source, WHAT), quiet():
+        if source.suffix.lower() == ".npy":
+            return np.asarray(np.load(io.BytesIO(content), allow_pickle=False))
+        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        if stored is None:
+            raise ValueError
+        return np.asarray(stored)
 
 
 def _choose_array(source: Path, names: list[str]) -> tuple[str, str]:
@@ -95,23 +106,10 @@ def _choose_array(source: Path, names: list[str]) -> tuple[str, str]:
         for name in names:
             if name.lower().removesuffix("map").rstrip("_") == known:
                 return name, "distance" if known == "distance" else "z"
-    inverse = [name for name in names if name.lower().startswith(INVERSE)]
-    if len(names) == 1 and not inverse:
+    if len(names) == 1 and not names[0].lower().startswith(INVERSE):
         return names[0], "z"
-    reason = "; what falls with the distance is not read" if inverse else ""
     found = shorten(", ".join(names))
-    raise ValueError(
-        f"{source}: expected an array called depth, z or distance, found {found}{reason}"
+    text = (
+        f"expected an array called depth, z or distance, not of disparities, found {found}"
     )
-
-
-def _as_map(stored: np.ndarray, source: Path, kind: str, unit: float | None) -> DepthMap:
-    """Make a map of numbers, (H, W), whatever axes of length 1 there are beside."""
-    numbers = np.squeeze(stored)
-    if numbers.ndim != 2 or stored.dtype.kind not in "fiu":
-        raise ValueError(
-            f"{source}: expected one number for each pixel, found {stored.dtype} of shape {stored.shape}"
-        )
-    values = numbers.astype(np.float64) * (1.0 if unit is None else unit)
-    values[~(np.isfinite(values) & (values > 0))] = np.nan
-    return DepthMap(values, kind, unit is not None)
+    raise ValueError(f"{source}: {text}")

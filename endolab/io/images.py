@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import warnings
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,6 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
-from endolab.io.damaged import END, ENOUGH, JPEG, PNG, SCAN, bare_png, mend
-from endolab.io.quiet import quiet
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import PATH, check_kinds
@@ -23,32 +22,35 @@ from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from PIL.ImageFile import ImageFile
 
     from endolab.frames.frame import Frame
 
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
-PICTURE = "a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
-# How what has been turned by it is turned back.
-AS_SEEN: dict[int, Callable[[np.ndarray], np.ndarray]] = {
-    2: np.fliplr,
-    3: lambda a: np.rot90(a, 2),
-    4: np.flipud,
-    5: lambda a: np.swapaxes(a, 0, 1),
-    6: np.rot90,
-    7: lambda a: np.rot90(np.swapaxes(a, 0, 1), 2),
-    8: lambda a: np.rot90(a, -1),
-}
+PICTURE = (
+    "a whole picture (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
+)
+ORIENTATION = 274  # tag of Exif and TIFF: how a picture is to be turned
 OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Silence OpenCV and FFmpeg about a damaged file, which is said in one sentence instead."""
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    # Looked at when a process opens its first video, and never again.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+# Written --------------------------------------------------------------------------------
 def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
     """Write a grey or RGB picture with values in [0, 1] as PNG of 8 or 16 bits."""
-    stored = np.round(np.clip(image, 0, 1) * (2**bits - 1)).astype(
-        np.uint8 if bits == 8 else np.uint16
-    )
+    stored = np.round(np.clip(image, 0, 1) * (2**bits - 1)).astype(f"u{bits // 8}")
     write_atomically(path, _as_png(stored[..., ::-1] if stored.ndim == 3 else stored))
 
 
@@ -73,14 +75,64 @@ def write_figure(path: PathLike, figure: Figure) -> None:
     write_atomically(path, as_png(figure))
 
 
-def read_image(path: PathLike) -> FloatArray:
-    """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
+# Read -----------------------------------------------------------------------------------
+def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
+    """Read a picture as the numbers that the file holds, R, G, B, 0 where transparent; and alpha, (H, W).
 
-    Stored values over their maximum (255 or 65535); R, G, B. What is transparent is black. OSError or
-    ValueError in one sentence, if there is no such file or it is not such a picture; MemoryError, if it is
-    too large for this machine.
+    It is not turned, however it is marked. OSError or ValueError in one sentence, if there is no such file,
+    or it is no picture or a damaged one; MemoryError, before it is decoded, if it is too large.
     """
-    return _in_unit(read_stored(path), path)
+    from PIL import Image
+
+    content = read_bytes(path)
+    # Pillow refuses what is cut off, or has a wrong checksum, where OpenCV does not.
+    with name_damage(path, PICTURE), warnings.catch_warnings(action="ignore"):
+        Image.open(io.BytesIO(content), formats=FORMATS).verify()
+        picture = Image.open(io.BytesIO(content), formats=FORMATS)
+    columns, rows = picture.size
+    check_memory(columns * rows * DECODED, f"{path}: a picture of {columns}x{rows} px")
+    with name_damage(path, PICTURE), quiet(), warnings.catch_warnings(action="ignore"):
+        is_deep = ";16" in str(picture.tile[0].args)  # of which Pillow makes 8 bits
+        is_tiff = picture.format == "TIFF"
+        # Of a PNG, Pillow would decode all of it to look for what is not at hand.
+        exif = picture.getexif() if is_tiff or "exif" in picture.info else {}
+        is_turned = exif.get(ORIENTATION, 1) != 1
+        exif[ORIENTATION] = 1  # else Pillow turns a TIFF
+        if is_deep:
+            if is_tiff:
+                picture.load()
+            stored = np.asarray(
+                cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+            )
+            if stored.ndim == 3:
+                stored = stored[..., [2, 1, 0, 3][: stored.shape[2]]]
+        elif picture.has_transparency_data and picture.format != "BMP":
+            is_grey = picture.mode in ("L", "LA")
+            stored = np.array(picture.convert("LA" if is_grey else "RGBA"))
+        else:
+            is_plain = picture.mode in ("L", "I", "F")
+            stored = np.array(picture.convert(picture.mode if is_plain else "RGB"))
+        if sorted(stored.shape[:2]) != sorted(picture.size):
+            raise ValueError
+    if is_turned:
+        if is_deep and is_tiff:  # which OpenCV turns
+            raise ValueError(
+                f"{path}: a TIFF of 16 bits that is marked as turned is not read"
+            )
+        say_turned(path)
+    if stored.shape[2:] not in ((2,), (4,)):
+        return stored, np.ones(stored.shape[:2])
+    alpha = stored[..., -1] / max(stored[..., -1].max(), 1)  # opaque may be 65280 of 65535
+    if not alpha.any():
+        raise ValueError(f"{path} is completely transparent: there is no pixel to use")
+    stored[alpha < OPAQUE] = 0
+    return stored[..., 0] if stored.shape[2] == 2 else stored[..., :3], alpha
+
+
+def say_turned(name: PathLike) -> None:
+    """Say that a picture, or a video, is not turned as it is marked to be."""
+    message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
+    log.warning(message, name)
 
 
 def _in_unit(stored: np.ndarray, path: PathLike) -> FloatArray:
@@ -89,121 +141,12 @@ def _in_unit(stored: np.ndarray, path: PathLike) -> FloatArray:
     return stored / float(np.iinfo(stored.dtype).max)
 
 
-def read_stored(path: PathLike) -> np.ndarray:
-    """Read a picture as the numbers that the file holds, R, G, B; 0 where it is transparent."""
-    return decode(read_bytes(path), path)[0]
+def read_image(path: PathLike) -> FloatArray:
+    """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
 
-
-def read_floats(path: PathLike, what: str) -> np.ndarray:
-    """Read a TIFF of integers or floats, or an EXR if OpenCV can; channels in the file's order.
-
-    `what` says what it should be; errors as of `read_image`.
+    Stored values over their maximum (255 or 65535); R, G, B. Errors as of `read_stored`.
     """
-    content = np.frombuffer(read_bytes(path), np.uint8)
-    with name_damage(path, what), quiet:
-        stored: np.ndarray | None = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
-    if stored is None:
-        hint = "; this OpenCV may not read EXR" if str(path).endswith(".exr") else ""
-        raise ValueError(f"{path}: expected {what}{hint}")
-    return stored[..., ::-1] if stored.ndim == 3 else stored
-
-
-def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
-    """Decode the content of a picture's file as `read_stored` does; errors call it `name`.
-
-    Also returns alpha, (H, W), over its largest, and nan in rows that are cut off.
-    """
-    try:
-        stored, alpha = _decode(content, name)
-        whole = len(stored)
-    except ValueError:
-        with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
-            content, whole, rows = mend(content)
-        lack = f"only {whole} of its {rows} rows are whole"
-        if whole < ENOUGH * rows:
-            raise ValueError(f"{name} is damaged: {lack}") from None
-        stored, alpha = _decode(content, name)
-        log.warning(
-            "%s is damaged: %s", name, lack if whole < rows else "only its picture is whole"
-        )
-    if not alpha.any():
-        raise ValueError(f"{name} is completely transparent: there is no pixel to use")
-    alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
-    alpha[whole:] = np.nan
-    stored[~(alpha >= OPAQUE)] = 0
-    return stored, alpha
-
-
-def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return what is stored, R, G, B, and alpha, (H, W), in any unit."""
-    from PIL import Image
-
-    # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
-    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
-        picture = Image.open(io.BytesIO(content), formats=FORMATS)
-        # Else all of it would be decoded.
-        at_hand = picture.format != "PNG" or "exif" in picture.info
-        orientation = 274  # the tag that says how a picture is to be turned
-        turned = picture.getexif().get(orientation, 1) if at_hand else 1
-    columns, rows = picture.size
-    check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
-    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
-        if content.startswith(JPEG):  # of which OpenCV prints what is wrong
-            if END not in content[content.rfind(SCAN) :]:
-                raise ValueError
-            stored = np.array(picture.convert("RGB") if picture.mode == "CMYK" else picture)
-            alpha = np.ones((rows, columns))
-        else:
-            stored, alpha = _with_alpha(content, picture)
-        if stored.shape[1::-1] != (columns, rows):
-            raise ValueError
-    if turned != 1:
-        say_turned(name)
-    if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
-        return AS_SEEN[turned](stored), AS_SEEN[turned](alpha)
-    return stored, alpha
-
-
-def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndarray]:
-    """Decode a PNG, TIFF or BMP by OpenCV; where that leaves alpha out, find it."""
-    from PIL import Image
-
-    Image.open(io.BytesIO(content), formats=FORMATS).verify()  # the checksums of a PNG
-    is_png = content.startswith(PNG)
-    if is_png and b"IEND\xaeB`\x82" not in content:  # its last chunk, and the checksum
-        raise ValueError
-    readable = bare_png(content) if is_png else content
-    stored: np.ndarray = np.asarray(
-        cv2.imdecode(np.frombuffer(readable, np.uint8), cv2.IMREAD_UNCHANGED)
-    )
-    alpha: np.ndarray = (
-        stored[..., 3] if stored.shape[2:] == (4,) else np.ones(stored.shape[:2])
-    )
-    if stored.ndim == 3:
-        is_grey = is_png and content[25] == 4  # its colour type: grey and alpha
-        stored = stored[..., 0] if is_grey else stored[..., 2::-1]
-    args = picture.tile[0].args or ("",)
-    if args[0] == "BGRX":  # a BMP's fourth byte is unused, or alpha
-        pixels = content[picture.tile[0].offset :]
-        alpha = np.asarray(
-            Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:])
-        )[..., 3]
-    elif picture.mode == "LA":
-        alpha = np.asarray(picture)[..., 1]
-    elif stored.ndim == 2 and "transparency" in picture.info:  # one grey of 1 to 16 bits
-        most = np.iinfo(stored.dtype).max
-        alpha = stored != min(
-            picture.info["transparency"] * (most // (2 ** content[24] - 1)), most
-        )
-    return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(
-        alpha.shape
-    )
-
-
-def say_turned(name: PathLike) -> None:
-    """Say that a picture, or a video, is not turned as it is marked to be."""
-    message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-    logging.getLogger("endolab").warning(message, name)
+    return _in_unit(read_stored(path)[0], path)
 
 
 def is_picture(path: PathLike) -> bool:
@@ -224,12 +167,12 @@ def read_mask(path: PathLike) -> BoolArray:
 
     If part of it is transparent, True elsewhere, unless black and white are drawn there.
     """
-    stored, alpha = decode(read_bytes(path), path)
+    stored, alpha = read_stored(path)
     image = _in_unit(stored, path)
     level = image if image.ndim == 2 else image.max(axis=-1)
     bright = level > 0.5
     is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
-    return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
+    return bright if alpha.min() == 1 or is_drawn else alpha > 0.5
 
 
 @check_kinds(path=PATH, calibration=Calibration, mask=PATH)
@@ -272,7 +215,7 @@ def read_frame(
     # Here, for who only writes pictures needs no compiled loops.
     from endolab.frames.frame import Frame, check_size
 
-    stored, alpha = decode(read_bytes(path), path)
+    stored, alpha = read_stored(path)
     image = _in_unit(stored, path)
     rows, columns = image.shape[:2]
     if calibration is not None:
@@ -289,12 +232,9 @@ def read_frame(
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     opaque = alpha >= OPAQUE
     if not opaque.all():
-        log.warning(
-            "%s: %.3g %% of it is transparent or missing, and left out",
-            path,
-            100 * np.mean(~opaque),
-        )
+        share = 100 * np.mean(~opaque)
+        log.warning("%s: %.3g %% of it is transparent, and left out", path, share)
         inside &= opaque
         if not inside.any():
-            raise ValueError(f"{path} is transparent or missing wherever it would be used")
+            raise ValueError(f"{path} is transparent wherever it would be used")
     return Frame(image, inside, Path(path).name)

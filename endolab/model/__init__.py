@@ -1,4 +1,4 @@
 """The endoscope and what its light does: rays, lamps, walls.
 
-Read `cameras`, `surface`, `lights`, `brdf`, `photometry`, `mesh`, `schema`, `endoscope`.
+Read `cameras`, `surface`, `lights`, `brdf`, `photometry`, `mesh`, `endoscope`.
 """

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from endolab.model.cameras import RayField
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import unknown_name
 from endolab.numerics.derivatives import gradient
 
 XI = ("1/z", "d", "1/d")

@@ -69,15 +69,6 @@ def in_background(function: Callable[[], Found]) -> Callable[[], Found]:
     return doing.result
 
 
-def one_ahead(items: Iterator[Item]) -> Iterator[Item]:
-    """Yield items, of which the next is made in the background while one is used."""
-    end = object()
-    coming = in_background(lambda: next(items, end))
-    while (item := coming()) is not end:
-        coming = in_background(lambda: next(items, end))
-        yield item  # type: ignore[misc]
-
-
 @contextmanager
 def run_ahead(
     steps: Generator[Item, None, Found],

@@ -13,7 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from endolab.frames.frame import (
-    FRAME_LIMITS,
+    SATURATED,
     Frame,
     check_size,
     smooth_light,
@@ -87,14 +87,6 @@ class Channels:
     def middle(self) -> Channel:
         """Green, or the only one, on all pixels."""
         return self.full[len(self.full) // 2]
-
-
-@dataclass(frozen=True)
-class ReadyFrame:
-    """A frame that is prepared already, as while the one before was solved."""
-
-    frame: Frame
-    channels: Channels
 
 
 @dataclass(frozen=True)
@@ -181,7 +173,7 @@ def make_channels(
         name, image = treated.channel(wanted)
         called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
         own = photometry.simplify().channel(name)
-        saturated = image >= FRAME_LIMITS.bright
+        saturated = image >= SATURATED
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = settings.smooth

@@ -36,7 +36,6 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
 from endolab.reconstruction.channels import (
     Channels,
-    ReadyFrame,
     Task,
     prepare_channels,
     start_from,
@@ -63,14 +62,14 @@ SETTLED_UNCUT = 5e-4
 
 
 def prepare(
-    frame: Frame | ReadyFrame,
+    frame: Frame,
     calibration: Calibration,
     settings: Settings,
     start: Result | None,
 ) -> Channels:
-    """Check what was given, and prepare the frame, if it is not ready."""
+    """Check what was given, and prepare the frame."""
     for name, value, kind, expected in (
-        ("frame", frame, Frame | ReadyFrame, "a Frame"),
+        ("frame", frame, Frame, "a Frame"),
         ("calibration", calibration, Calibration, "a Calibration"),
         ("start", start, Result | np.ndarray | None, "an earlier Result"),
     ):
@@ -78,10 +77,7 @@ def prepare(
             raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
     if start is not None:
         check_solver_options(settings.solver, {"start": start})
-    if isinstance(frame, ReadyFrame):
-        channels = frame.channels
-    else:
-        channels = prepare_channels(frame, calibration, settings)
+    channels = prepare_channels(frame, calibration, settings)
     if isinstance(start, Result):
         shape = channels.middle.problem.mask.shape
         if start.mask.shape != shape:

@@ -7,17 +7,16 @@ from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.channels import ReadyFrame
 from endolab.reconstruction.light.colours import known_albedo
 from endolab.reconstruction.pipeline import prepare, solve_in_stages, to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers.result import Observer, Result, Solver, run
 
 
-@check_kinds(frame=(Frame, ReadyFrame), calibration=Calibration, start=Result)
+@check_kinds(frame=Frame, calibration=Calibration, start=Result)
 @takes_settings
 def reconstruct(
-    frame: Frame | ReadyFrame,
+    frame: Frame,
     calibration: Calibration,
     *,
     start: Result | None = None,

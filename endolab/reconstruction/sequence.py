@@ -8,7 +8,7 @@ little and rigidly. `scale_between` weighs the one against the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -19,7 +19,6 @@ from endolab.model.endoscope import Calibration
 from endolab.model.surface import normals
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.channels import ReadyFrame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
 from endolab.reconstruction.settings import LENGTHS
@@ -51,15 +50,6 @@ LINKING = Linking()
 
 
 @dataclass(frozen=True)
-class Surface:
-    """What is kept of a frame that was done: with it the next goes on."""
-
-    distance: FloatArray  # (H, W), at its linked scale, mm or relative; nan where unknown
-    gain: float  # that belongs to this scale
-    metric: bool  # whether distances are in mm
-
-
-@dataclass(frozen=True)
 class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
@@ -73,33 +63,31 @@ class Carried:
     @classmethod
     def take_up(
         cls,
-        surface: Surface,
+        distance: FloatArray,
+        row: Mapping[str, Any],
         frame: Frame,
         calibration: Calibration,
-        min_steepness: float,
-        least: float,
     ) -> Self:
-        """Take up a surface that was kept: of a frame, with the energy `least`.
+        """Take up a frame's surface, (H, W), nan where unknown, that was kept at its linked scale.
 
-        It was cut at lines steeper than `min_steepness`; 0 if it was not cut.
+        The row says its gain, unit, energy, and the `min_steepness` of the lines where it was cut, or 0.
         """
-        v = np.log(surface.distance)
-        height, width = v.shape
+        height, width = distance.shape
+        min_steepness = row["min_steepness"] or None
         problem = Problem(
-            np.zeros(v.shape),
-            np.isfinite(v),
+            np.zeros(distance.shape),
+            np.isfinite(distance),
             calibration.camera.resize(width, height),
-            replace(calibration.photometry, gain=surface.gain),
-            metric=surface.metric,
-            cuts=np.zeros((2, *v.shape), dtype=bool) if min_steepness else None,
+            replace(calibration.photometry, gain=row["gain"]),
+            metric=row["unit"] == "mm",
+            cuts=np.zeros((2, height, width), dtype=bool) if min_steepness else None,
         )
-        contours = ContourReport(
-            ContourOutcome.AS_BEFORE, min_steepness=min_steepness or None
-        )
+        contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=min_steepness)
         provenance = Provenance(contours=contours)
-        iterate = Iterate(problem, 0, freeze(v), {}, provenance=provenance)
+        v = freeze(np.log(distance, dtype=np.float64))
+        iterate = Iterate(problem, 0, v, {}, provenance=provenance)
         result = Result(iterate, Status.CONVERGED, [], 0.0)
-        return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
+        return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
 
 
 @dataclass(frozen=True)
@@ -117,7 +105,7 @@ class Step:
 
 
 def reconstruct_sequence(
-    frames: Iterable[tuple[str, Frame | ReadyFrame | FloatArray | None]],
+    frames: Iterable[tuple[str, Frame | FloatArray | None]],
     calibration: Calibration,
     *,
     before: Carried | None = None,
@@ -165,7 +153,7 @@ def reconstruct_sequence(
         if carried is not None:
             options.pop("median_distance", None)
         try:
-            frame = picture if isinstance(picture, ReadyFrame) else as_frame(name, picture)
+            frame = as_frame(name, picture)
             start = carried if can_start else None
             found, warm = _solve_next(frame, calibration, start, options)
             result = found.result
@@ -197,15 +185,14 @@ def reconstruct_sequence(
 
 
 def _solve_next(
-    frame: Frame | ReadyFrame,
+    frame: Frame,
     calibration: Calibration,
     before: Carried | None,
     options: dict[str, Any],
 ) -> tuple[Carried, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
     photometry = calibration.photometry
-    picture = frame.frame if isinstance(frame, ReadyFrame) else frame
-    light = _light(picture, photometry.gamma)
+    light = _light(frame, photometry.gamma)
     warm = None
     if before is not None:
         start = before.result

@@ -37,7 +37,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt, label, maximum_filter1d
 
-from endolab.frames.frame import FRAME_LIMITS
+from endolab.frames.frame import ROUNDING
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -489,7 +489,7 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
     shown = result.problem.shown
     prepared = result.provenance.preparation
     green = shown if shown.ndim == 2 else shown[..., 1]
-    level = max(noise_level(green, result.mask), FRAME_LIMITS.rounding)
+    level = max(noise_level(green, result.mask), ROUNDING)
     smooth = 0.0 if prepared is None else prepared.smooth
     return level * _mean_weight(smooth), smooth
 

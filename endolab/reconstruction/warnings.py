@@ -7,7 +7,6 @@ import numpy as np
 
 from endolab.frames.surround import unclear_surround
 from endolab.reconstruction.contrast import explained_contrast
-from endolab.solvers.primal_dual import LARGEST_FALL
 from endolab.solvers.result import Result
 
 
@@ -46,12 +45,6 @@ def _warnings(result: Result) -> Iterator[str]:
         yield (
             f"The median distance is {median:.3g} mm, where endoscopes see {PLAUSIBLE.distances[0]:g} to "
             f"{PLAUSIBLE.distances[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
-        )
-    fall = result.history[-1].get("fall", 0.0)
-    if fall > LARGEST_FALL:
-        yield (
-            f"The energy still fell by {100 * fall:.2g} % in ten steps when the solver stopped: with more "
-            "iterations the surface may change."
         )
     explained = explained_contrast(result)
     picture = problem.shown

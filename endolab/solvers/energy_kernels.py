@@ -1,9 +1,8 @@
 """The energy and its Gauss-Newton model, compiled.
 
-The energy stands in the head of `energy.py`, its model readably in tests/solvers/gauss_newton_model.py; the
-tests hold them together. Arrays are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`.
-Loops are over rows without their padding, j, of arrays of their own with it, j + 2, so that they take many
-pixels at once.
+The energy stands in the head of `energy.py`. Arrays are padded, see `numerics.compiled`; what is meant by
+each is in `grid.Grid`. Loops are over rows without their padding, j, of arrays of their own with it, j + 2,
+so that they take many pixels at once.
 """
 
 from dataclasses import replace

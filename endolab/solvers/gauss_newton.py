@@ -1,9 +1,9 @@
 """Gauss-Newton on the energy: the default solver.
 
 Each step replaces both Huber penalties by the parabolas that touch them and the model by its
-linearisation, normals included, and solves the quadratic that results (readably in
-tests/solvers/gauss_newton_model.py) by conjugate gradients with a multigrid preconditioner. A step
-is halved until the energy falls no further, so the energies of the iterates fall, always.
+linearisation, normals included, and solves the quadratic that results by conjugate gradients with a
+multigrid preconditioner. A step is halved until the energy falls no further, so the energies of the
+iterates fall, always.
 
 All is of v = log d. Where a wall faces the camera, brightness does not change with its slope to first order:
 a step may tilt it as it likes, and is good only for a small share of its length. So the equations add a

@@ -15,8 +15,6 @@ those towards later pixels: seven numbers, or with those in brackets thirteen.
       o      o     *     E      EE
     (SWW)    SW    S     SE   (SEE)
     (SW2)  (SSW)   SS  (SSE)  (SE2)
-
-The same matrix, readably: tests/solvers/gauss_newton_model.py.
 """
 
 from __future__ import annotations

@@ -9,10 +9,16 @@ from numpy.typing import NDArray
 from endolab.model.cameras import Camera, RayField
 from endolab.model.photometry import Photometry
 from endolab.model.ranges import check_range
-from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import excerpt, mask_array, number, readonly_copy, real_array
+from endolab.numerics.checks import (
+    excerpt,
+    mask_array,
+    number,
+    readonly_copy,
+    real_array,
+    unknown_name,
+)
 from endolab.numerics.derivatives import differences, px_per_reference
 from endolab.numerics.noise import noise_level
 

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int
+from endolab.numerics.checks import check_int, unknown_name
 from endolab.numerics.compiled import pad_maps
 from endolab.numerics.iteration import Status
 from endolab.solvers.fast_marching import March

@@ -1,12 +1,9 @@
-"""What the tables share: how they are printed, times, the memory's speed, errors of frames with truth."""
+"""What the tables share: how they are printed, and times."""
 
 import sys
 import time
 from collections.abc import Callable, Iterable
 from statistics import median
-
-import endolab as el
-from endolab.metrics.depth_errors import Errors
 
 
 def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
@@ -19,18 +16,6 @@ def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> No
         cells = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         print(f"| {' | '.join(cells)} |")
     sys.stdout.flush()
-
-
-def ended(result: el.Result) -> str:
-    """How many iterations, and why no more."""
-    return f"{result.iterations} {result.status.name}"
-
-
-def both(e: Errors, what: str, digits: int = 4) -> str:
-    """Mean and median error in mm, percent or degrees."""
-    return " / ".join(
-        f"{getattr(e, f'{kind}_{what}'):.{digits}f}" for kind in ("mean", "median")
-    )
 
 
 def seconds_of(call: Callable[[], object], repeats: int = 9) -> float:

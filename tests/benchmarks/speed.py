@@ -9,7 +9,7 @@ from collections.abc import Callable
 import endolab as el
 from endolab import datasets
 from endolab.numerics.threads import cores, limit_threads
-from tests.benchmarks.report import both, ended, seconds_of, table
+from tests.benchmarks.report import seconds_of, table
 from tests.tools.problems import Shot, moved_colon
 
 SOLVERS = ("facing", "fast_marching", "gauss_newton")
@@ -24,8 +24,13 @@ def scenes() -> None:
             for solver in SOLVERS:
                 result = shot.reconstruct(solver=solver, channel="green")
                 e = shot.errors(result)
-                errors = both(e, "mm"), both(e, "percent"), both(e, "degrees", 3)
-                rows.append([name, kind, solver, ended(result), *errors])
+                errors = (
+                    f"{e.mean_mm:.4f} / {e.median_mm:.4f}",
+                    f"{e.mean_percent:.4f} / {e.median_percent:.4f}",
+                    f"{e.mean_degrees:.3f} / {e.median_degrees:.3f}",
+                )
+                ended = f"{result.iterations} {result.status.name}"
+                rows.append([name, kind, solver, ended, *errors])
     heads = (
         "scene",
         "frame",

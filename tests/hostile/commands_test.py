@@ -18,9 +18,7 @@ from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 KNOWN = "--calibration endoscope.json"
-WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 9))
 RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd", "report.json"}
-LIVE = {"depth.npz", "frames.csv", "recording.rrd", "report.json"}
 SIMULATED = {"endoscope.json", "frame.png", "truth.npz"}
 # Of each command: its words, what it writes, and the files that come together or not at all.
 COMMANDS = {
@@ -30,8 +28,6 @@ COMMANDS = {
         RESULT,
     ),
     "video": (f"reconstruct pictures {KNOWN}", "out", None),
-    "live": (f"reconstruct file://{{given}}/video.mkv {KNOWN}", "out", LIVE),
-    "sweep": (f"sweep frame.png {KNOWN} --lam {WEIGHTS}", "out.csv", None),
     "calibrate": ("calibrate sheet --target vicalib_small", "out.json", None),
     "simulate": ("simulate colon --width 320", "out", SIMULATED),
     "simulate sheet": (
@@ -39,8 +35,6 @@ COMMANDS = {
         "out",
         {"sheet.mkv", "truth.json"},
     ),
-    "target": ("target vicalib_small", "out.pdf", {"out.pdf"}),
-    "convert": ("convert rig.xml", "out.json", {"out.json"}),
 }
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)
 TIMES = max(EXAMPLES // 100, 1)  # that each command is killed
@@ -73,9 +67,7 @@ def left(session):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize(
-    "name", [name for name in COMMANDS if name != "convert"]
-)  # it takes no time
+@pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("seed", range(TIMES))
 def test_a_killed_command_leaves_what_is_whole_and_no_process(
     name, seed, given, tmp_path
@@ -84,13 +76,7 @@ def test_a_killed_command_leaves_what_is_whole_and_no_process(
     number = SIGNALS[(seed + list(COMMANDS).index(name)) % len(SIGNALS)]
     words = [*words.format(given=given).split(), "--out", tmp_path / out]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "endolab",
-            *words,
-            *(["--jobs", "2"] if name == "sweep" else []),
-        ],
+        [sys.executable, "-m", "endolab", *words],
         cwd=given,
         env=os.environ | {"PYTHONPATH": str(ROOT), "ENDOLAB_THREADS": "1"},
         stdout=subprocess.DEVNULL,
@@ -106,7 +92,8 @@ def test_a_killed_command_leaves_what_is_whole_and_no_process(
         kill(process.pid, number)
     _, output = process.communicate(timeout=30)
     assert "Traceback" not in output
-    assert len(sentences(output)) <= 1
+    if number is not signal.SIGKILL:
+        assert len(sentences(output)) <= 1
     until = time.monotonic() + PATIENCE
     while left(process.pid) and time.monotonic() < until:
         time.sleep(0.05)

@@ -10,7 +10,6 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 import endolab as el
 from endolab.calibration.targets import TARGETS
@@ -48,18 +47,7 @@ CALIBRATIONS = {
   resolution: [320, 240]
 """,
     "cameras.txt": "1 OPENCV 320 240 300 310 160 120 -0.1 0.02 0.001 -0.002\n",
-    "calib_results.txt": """5 -206.5 0 2.2e-03 -4.8e-06 1.8e-08
-1 294.18
-241.8 394.55
-1.00033 0.000219 0.000257
-480 752
-""",
-    "a.cameramodel": """{ 'lensmodel': 'LENSMODEL_PINHOLE',
- 'intrinsics': [ 1512.0, 1112, 500.0, 333.0,], 'imagersize': [ 1000, 700,], }""",
-    "matlab.json": """{"FocalLength": [300, 310], "PrincipalPoint": [161, 121],
-"ImageSize": [240, 320], "RadialDistortion": [-0.1, 0.02]}""",
 } | {f"opencv.{suffix}": None for suffix in ("yaml", "xml", "json")}
-CALIBRATIONS["matlab.mat"] = None
 
 
 def _write_calibrations():
@@ -74,8 +62,6 @@ def _write_calibrations():
             storage.write("camera_matrix", np.diag([300.0, 310.0, 1.0]) + 0.0)
             storage.write("distortion_coefficients", np.array([-0.1, 0.02, 0, 0, 0.01]))
             storage.release()
-    struct = json.loads(CALIBRATIONS["matlab.json"])
-    savemat("matlab.mat", {"s": struct}, do_compression=True)
 
 
 def run(words):
@@ -100,8 +86,6 @@ def given(tmp_path_factory):
         np.savez("other.npz", depth=z, other=z)
         np.save("other.npy", z)
         cv2.imwrite("other.tiff", z)
-        cv2.imwrite("points.tiff", np.dstack([z, z, z]))
-        assert run(f"sweep frame.png {known} table.csv") == 0
         _make_pictures(cv2.imread("frame.png"))
         assert run(f"reconstruct pictures {known} video") == 0
         sheet = "--width 240 --frames 6 --target vicalib_small"

@@ -13,10 +13,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 import endolab as el
-from endolab.batch.sweep import read_table
 from endolab.io.datasets import traced
 from endolab.io.datasets.folders import true_z
-from endolab.io.datasets.scared import read_scared_depth
 from endolab.io.depth_maps import read_depth_map
 from endolab.io.descriptions import read_target
 from endolab.io.images import read_image, read_mask
@@ -51,13 +49,11 @@ READERS = {
     "other.npz": read_depth_map,
     "other.npy": read_depth_map,
     "other.tiff": read_depth_map,
-    "points.tiff": read_scared_depth,
     "traced.npz": traced.read,
     "run.rrd": read_recording,
     "endoscope.json": el.load_calibration,
     "target.json": read_target,
     "settings.json": read_settings,
-    "table.csv": read_table,
     "rig.xml": el.load_calibration,
 } | dict.fromkeys(PICTURES, read_image)
 READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)

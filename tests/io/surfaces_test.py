@@ -1,25 +1,29 @@
-"""Depth maps in files: what is read is a map of a surface."""
+"""Depth maps and surfaces in files."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import endolab as el
+from endolab.io.depth_maps import read_depth_map
 from endolab.io.surfaces import read_depth
+from endolab.model.mesh import Mesh
 
 DISTANCE = np.linspace(20, 30, 12, dtype=np.float32).reshape(3, 4)
 GOOD = {
     "distance": DISTANCE,
     "z": 0.9 * DISTANCE,
     "normals": np.zeros((3, 4, 3), np.float32),
+    "metric": np.array(True),
 }
-GOOD |= {"mask": np.ones((3, 4), bool), "metric": np.array(True)}
 
 
 def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
     distance = DISTANCE.copy()
     distance[0] = np.nan, np.inf, -3, 0
-    np.savez(
-        tmp_path / "a.npz", **(GOOD | {"distance": distance, "other": np.zeros(3)})
-    )
+    more = {"distance": distance, "other": np.array([{}], object)}
+    np.savez(tmp_path / "a.npz", **GOOD | more)
     maps = read_depth(tmp_path / "a.npz")
     assert set(maps) == set(GOOD)
     assert np.isnan(maps["distance"][0]).all()
@@ -28,27 +32,57 @@ def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "named"),
+    "wrong",
     [
-        ({"distance": None}, "distance"),
-        ({"z": None}, "z"),
-        ({"distance": DISTANCE.ravel()}, "distance"),
-        ({"distance": DISTANCE.astype(complex)}, "distance"),
-        ({"distance": DISTANCE.astype(int)}, "distance"),
-        ({"z": DISTANCE[:2]}, "z"),
-        ({"normals": DISTANCE}, "normals"),
-        ({"sigma": DISTANCE[0]}, "sigma"),
-        ({"sigma_shape": np.full((3, 4), 1e300)}, "sigma_shape"),
-        ({"dominant_source": DISTANCE}, "dominant_source"),
-        ({"mask": np.ones(3, bool)}, "mask"),
-        ({"metric": np.ones(2, bool)}, "metric"),
-        ({"z": np.full((3, 4), 1e300)}, "z"),
+        {"distance": DISTANCE.ravel()},
+        {"z": DISTANCE[:2]},
+        {"normals": DISTANCE},
+        {"distance": np.array("text")},
+        {"distance": np.array([{}], object)},
     ],
 )
-def test_what_is_no_map_of_a_surface_is_refused(tmp_path, wrong, named):
-    content = {
-        name: values for name, values in (GOOD | wrong).items() if values is not None
-    }
-    np.savez(tmp_path / "a.npz", **content)
-    with pytest.raises(ValueError, match=rf"a\.npz: {named} "):
+def test_what_is_no_map_of_a_surface_is_refused(tmp_path, wrong):
+    np.savez(tmp_path / "a.npz", **GOOD | wrong)
+    with pytest.raises(ValueError, match=r"a\.npz: not a depth\.npz"):
         read_depth(tmp_path / "a.npz")
+
+
+def test_arrays_of_other_programs_are_told_by_their_names(tmp_path):
+    for name, kind in {"depth_map": "z", "distance": "distance", "arr_0": "z"}.items():
+        np.savez(tmp_path / "a.npz", **{name: DISTANCE, "disp": DISTANCE})
+        found = read_depth_map(tmp_path / "a.npz", unit=1000)
+        assert (found.kind, found.metric) == (kind, True)
+        np.testing.assert_allclose(found.values, 1000 * DISTANCE)
+
+
+SQUARE = Mesh(
+    vertices=np.array([[0, 0, 9], [1, 0, 9], [1, 2.5, 9], [0, 2.5, 9]], float),
+    triangles=np.array([[0, 1, 2], [0, 2, 3]]),
+    colours=np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1.2, 1, 1]]),
+    normals=np.tile([0.0, 0.0, -1.0], (4, 1)),
+    unit="relative",
+    legend="σ",
+)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj"])
+@pytest.mark.parametrize("count", [2, 0], ids=["mesh", "cloud"])
+def test_other_programs_read_a_mesh_and_a_cloud(tmp_path, suffix, count):
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / f"a.{suffix}"
+    el.write_mesh(path, replace(SQUARE, triangles=SQUARE.triangles[:count]))
+    head = path.read_bytes()[:200]
+    assert b"unit: relative" in head
+    assert b"x right, y down, z forward" in head
+    if suffix == "obj" and count == 0:
+        return
+    read = trimesh.load(path, process=False, maintain_order=True)
+    np.testing.assert_allclose(read.vertices, SQUARE.vertices)
+    if count:
+        np.testing.assert_array_equal(read.faces, SQUARE.triangles)
+        np.testing.assert_allclose(read.vertex_normals, SQUARE.normals)
+        colours = read.visual.vertex_colors[:, :3]
+    else:
+        colours = read.colors[:, :3]
+    expected = np.round(255 * np.clip(SQUARE.colours, 0, 1))
+    np.testing.assert_allclose(colours, expected, atol=1)

@@ -1,7 +1,5 @@
 """Work on several threads: all of it is done, once, and errors come through."""
 
-from threading import Event
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -9,7 +7,6 @@ from numpy.testing import assert_array_equal
 from endolab.numerics.side_by_side import (
     WORTH_THREADS,
     by_rows,
-    one_ahead,
     side_by_side,
 )
 from endolab.numerics.threads import limit_threads, threads
@@ -42,24 +39,3 @@ def test_a_limit_holds_within(all_cores):
     if threads() > 1:
         with limit_threads(2):
             assert side_by_side(lambda _: threads(), range(4), WORTH_THREADS) == [2] * 4
-
-
-def test_the_next_item_is_made_while_one_is_used(all_cores):
-    """And where one cannot be made, those before it come first."""
-    if threads() == 1:
-        pytest.skip("this machine has one core")
-    begun = [Event() for _ in range(3)]
-
-    def make():
-        for number, event in enumerate(begun):
-            event.set()
-            yield number
-        raise ZeroDivisionError
-
-    items = one_ahead(make())
-    for number in range(3):
-        assert next(items) == number
-        if number < 2:
-            assert begun[number + 1].wait(20)
-    with pytest.raises(ZeroDivisionError):
-        next(items)

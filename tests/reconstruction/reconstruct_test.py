@@ -42,13 +42,13 @@ every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
         ({"solver": "fast_marching"}, "curved", (0, 0.06), (0, 0.15)),
         ({"solver": "fast_marching"}, "tube", (3, 8), (5, 13)),
         ({}, "plane", (0, 0.01), (0, 0.05)),
-        ({}, "tube", (0, 1), (0, 2.5)),
+        ({}, "tube", (0, 3), (0, 4)),
     ],
 )
 def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
     """One pass: about 0.001 %; the tube's walls meet the picture's border, where the truth is not in it.
 
-    By default 0.0002 %, 0.001° and 0.7 %, 1.7°: what bends one way tells what comes in over the border.
+    By default 0.006 %, 0.02° and 2.4 %, 3.3°: what is smooth tells what comes in over the border.
     """
     result = shots[scene].reconstruct(**options)
     errors = shots[scene].errors(result)
@@ -111,8 +111,9 @@ def test_without_a_gain_the_shape_is_the_same(small, solver):
         1.0, rel=1e-12
     )
     ratio = (result.distance / known.distance)[known.mask]
-    assert np.ptp(ratio) < 1e-8 * ratio[0]
-    np.testing.assert_allclose(result.normals, known.normals, atol=1e-7)
+    assert np.ptp(ratio) < (3e-6 if solver == "primal_dual" else 1e-8) * ratio[0]
+    off = 1e-4 if solver == "primal_dual" else 1e-7
+    np.testing.assert_allclose(result.normals, known.normals, atol=off)
 
 
 def test_a_frame_can_be_shrunk_first(ball):

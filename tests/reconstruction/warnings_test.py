@@ -78,18 +78,3 @@ def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
     warnings = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
     assert "of the mask lies beyond what the endoscope shows" in warnings
     assert "of the mask" not in " ".join(doubts_of(image, wet.calibration, disc))
-
-
-def test_it_says_how_much_the_energy_still_falls(wet):
-    options = {
-        "channel": "green",
-        "solver": "primal_dual",
-        "lam": 0.1,
-        "contours": False,
-    }
-    frame = wet.frame
-    for steps, falls in ((30, True), (3000, False)):
-        warnings = doubts_of(
-            frame.image, wet.calibration, frame.mask, max_iterations=steps, **options
-        )
-        assert ("energy still fell by" in " ".join(warnings)) == falls

@@ -1,4 +1,4 @@
-"""Compiled equations against their readable twins, and what solves them against a direct solver."""
+"""Coarser grids, and what solves the normal equations, against a direct solver."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -17,15 +17,8 @@ from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid, multiply
 from endolab.solvers.normal_equations import OFFSETS
-from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
-from tests.solvers.gauss_newton_model import (
-    TWINS,
-    GaussNewtonModel,
-    check_the_compiled,
-    inside,
-    relative,
-)
-from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
+from endolab.solvers.problem import Problem
+from tests.tools.problems import SHEET, at_truth, every_regulariser
 
 
 def worn_tube(rng, **options):
@@ -38,7 +31,12 @@ def worn_tube(rng, **options):
 
 def equations(problem, v, inflow=None):
     """Coefficients and right-hand side of the step at v."""
-    return Grid.of(problem, inflow).equations_at(inside(problem, v), problem.lam)
+    padded = pad_maps(np.where(problem.mask, v, 0.0))
+    return Grid.of(problem, inflow).equations_at(padded, problem.lam)
+
+
+def relative(found, expected):
+    return np.abs(found - expected) / np.abs(expected).max()
 
 
 @pytest.fixture(params=["first", "second"])
@@ -52,33 +50,19 @@ def system(request, rng):
     return Multigrid(coefficients), b, free
 
 
-@every_variant
-def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
-    problem, v = worn_tube(rng, xi=xi, regulariser=regulariser)
-    check_the_compiled(problem, v, rng)
-    evidence = rng.choice([EXACT, LOWER_BOUND, NONE], v.shape).astype(np.int8)
-    check_the_compiled(replace(problem, evidence=evidence), v, rng)
-
-
 @every_regulariser
-def test_where_whole_blocks_are_given_coarser_grids_know_their_rays(regulariser):
+def test_where_whole_blocks_are_given_coarser_grids_are_finite(regulariser):
     problem, truth = at_truth("plane", 64, regulariser=regulariser)
     inflow = np.where(np.arange(truth.shape[0])[:, None] % 16 < 4, truth, np.nan)
     for level in Multigrid(equations(problem, truth, inflow)[0]).levels:
         assert np.isfinite(level.matrix).all()
 
 
-@every_regulariser
-def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
-    """Equal but where a pixel's slant is within a table's step of a kink of the BRDF: measured 1e-7, 1e-3."""
-    problem, v = worn_tube(rng, regulariser=regulariser, brdf=SHEET)
+def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng):
+    problem, v = worn_tube(rng, brdf=SHEET)
     residual = (model_image(problem, v) - problem.image)[problem.mask]
     expected = huber(residual, problem.threshold).mean()
     assert energy_terms(problem, v)["data"] == pytest.approx(expected, rel=1e-6)
-    model, (coefficients, _) = GaussNewtonModel.at(problem, v), equations(problem, v)
-    for readable, compiled in TWINS.items():
-        error = relative(inner(coefficients.parts[compiled]), getattr(model, readable))
-        assert np.percentile(error, 90) < 2e-3, readable
 
 
 @pytest.mark.parametrize(

@@ -34,8 +34,8 @@ from endolab.calibration.geometric.reprojection import (
 from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import BrownConrady, KannalaBrandt
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
 
 

@@ -43,9 +43,8 @@ from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.photometry import Photometry
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import check_int, number
+from endolab.numerics.checks import check_int, number, unknown_name
 from endolab.numerics.iteration import Status
 
 LOG_MATT = -float(np.log(np.pi))  # log f_r of a perfectly white sheet

@@ -1,1 +1,1 @@
-"""Calibration files of other programs: their cameras in, and endolab's out."""
+"""Calibration files of other programs, and their cameras."""

@@ -46,7 +46,7 @@ def read_c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     seen : (H, W) bool array
         The octagon that the endoscope shows.
     """
-    stored = read_stored_depth(path, "uint16", 1 / 655.35)
+    stored = read_stored_depth(path, 1 / 655.35)
     return stored / 655.35, (stored > 0) & (stored < 65535), stored > 0
 
 

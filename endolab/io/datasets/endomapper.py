@@ -25,13 +25,12 @@ import numpy as np
 from endolab.io.atomic import PathLike
 from endolab.io.cameras.documents import read_document
 from endolab.io.cameras.formats import read_camera
+from endolab.io.cameras.readers import numbers
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.model.schema import Section
-
-FARTHEST_LIGHT = 0.05  # from the optical centre, m
+from endolab.numerics.checks import shorten
 
 
 # The light ----------------------------------------------------------------------------------
@@ -54,44 +53,26 @@ def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
     return exponent, math.exp(offset), worst
 
 
-def _light(part: Section, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
-    part.choice("type", ("sls",))
-    sigma = part.number("sigma")
-    mu = part.number("mu")
-    position = part.numbers("P", 3)
-    direction = part.numbers("D", 3)
-    if math.hypot(*position) > FARTHEST_LIGHT:
-        raise part.error(
-            "P", f"expected metres, at most {FARTHEST_LIGHT:g} m off, found {position}"
-        )
-    if abs(math.hypot(*direction) - 1) > 1e-3 or direction[2] <= 0:
-        raise part.error(
-            "D", f"expected a unit vector that looks forward (z > 0), found {direction}"
-        )
+def _light(part: dict[str, Any], rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
+    sigma, mu = numbers([part["sigma"], part["mu"]])
+    position = numbers(part["P"], 3)
+    direction = numbers(part["D"], 3)
+    if math.hypot(*position) > 0.05:  # m
+        raise ValueError(f"P: expected a light at most 0.05 m off, found {position}")
     cos_psi = rays @ np.asarray(direction)
     # Up to 60° off the light's direction sheets are seen well, so the light is known.
     lit = cos_psi[cos_psi > math.cos(math.radians(60.0))]
-    if lit.size < 2:
-        raise part.error(
-            "D", f"the light does not shine where the camera looks, found {direction}"
-        )
+    if abs(math.hypot(*direction) - 1) > 1e-3 or direction[2] <= 0 or lit.size < 2:
+        raise ValueError(f"D: expected a unit vector to what is seen, found {direction}")
     exponent, weight, worst = cosine_power(mu, lit)
     place = tuple(1000 * value for value in position)
-    try:
-        made = SpotLight(place, direction, exponent, sigma * weight)  # type: ignore[arg-type]
-    except ValueError as error:
-        raise part.error("", str(error)) from error
-    known = {
-        "mu": mu,
-        "sigma": sigma,
-        "exponent": exponent,
-        "worst_distance_percent": 100 * worst,
-    }
-    return made, known
+    made = SpotLight(place, direction, exponent, sigma * weight)  # type: ignore[arg-type]
+    known = {"mu": mu, "sigma": sigma, "exponent": exponent}
+    return made, known | {"worst_distance_percent": 100 * worst}
 
 
 def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[str, Any]]:
-    """Read the light and the response that EndoMapper's tool wrote; errors name file and element.
+    """Read the light and the response that EndoMapper's tool wrote; errors name the file.
 
     `<rig>` has `<camera><camera_model type="gamma">` (`gamma`, and `vignetting`, the exponent of
     cos α, if it was fitted) and one or more `<light><light_model type="sls">` (`sigma`, the strength;
@@ -103,32 +84,29 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     is a white Lambertian one. The evidence says what each light was, and how far the cosine power is
     from it at worst: the relative error of a distance, %.
     """
-    top = Section(read_document(path), "", str(path)).section("rig")
-    model = top.section("camera").section("camera_model")
-    model.choice("type", ("gamma",))
-    gamma = model.number("gamma")
-    k = model.number("vignetting", 0.0)
+    document = read_document(path)
     field = camera.resize(160, max(1, round(camera.height * 160 / camera.width))).field
     rays = field.rays[field.valid & (field.cos_alpha > 0)]
-    found = top.take("light")
-    parts = [
-        Section(light, "rig.light", str(path))
-        for light in (found if isinstance(found, list) else [found])
-    ]
-    made = [_light(part.section("light_model"), rays) for part in parts]
-    lights = tuple(light for light, _ in made)
-    evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
-    if (
-        len(lights) == 1
-        and lights[0].position == (0.0, 0.0, 0.0)
-        and lights[0].direction == (0.0, 0.0, 1.0)
-    ):
-        k = k + lights[0].exponent
-        lights = ()
     try:
+        rig = document["rig"]
+        model = rig["camera"]["camera_model"]
+        found = rig["light"] if isinstance(rig["light"], list) else [rig["light"]]
+        kinds = (model["type"], {light["light_model"]["type"] for light in found})
+        if kinds != ("gamma", {"sls"}):
+            raise ValueError(f"expected a camera_model gamma and an sls, found {kinds}")
+        k, gamma = numbers([model.get("vignetting", 0.0), model["gamma"]])
+        made = [_light(light["light_model"], rays) for light in found]
+        evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
+        lights = tuple(light for light, _ in made)
+        axis = [((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))]
+        if [(light.position, light.direction) for light in lights] == axis:
+            k = k + lights[0].exponent
+            lights = ()
         return Photometry(k=k, gamma=gamma, gain=None, lights=lights), evidence
-    except ValueError as error:
-        raise model.error("", str(error)) from error
+    except KeyError as error:
+        raise ValueError(f"{path}: {error.args[0]} is missing") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: {shorten(str(error), 400)}") from error
 
 
 # Both ---------------------------------------------------------------------------------------

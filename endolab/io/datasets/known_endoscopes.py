@@ -10,8 +10,7 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
-from endolab.model.schema import unknown_name
-from endolab.numerics.checks import PATH, check_kinds, number
+from endolab.numerics.checks import PATH, check_kinds, number, unknown_name
 
 # Evidence of a light that was taken from the paper.
 NOMINAL_EVIDENCE = {"photometry": {"nominal": True}}
@@ -52,7 +51,8 @@ CALIBRATIONS: dict[str, Calibration] = {
         Pinhole(320, 240, 160.0, 160.0, 159.5, 119.5),
         Photometry(k=2.5, gamma=2.2, brdf=Lambertian((0.75, 0.38, 0.30))),
     ),
-    # C3VD (Bobrow et al., 2023): its omnidirectional camera; its light by `measure_light` on two frames.
+    # C3VD (Bobrow et al., 2023): its omnidirectional camera; its light by
+    # `tests.benchmarks.known_surface` on two frames.
     "c3vd": Calibration(
         Scaramuzza(
             1350,

@@ -14,11 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from endolab.frames.frame import Frame, check_size
-from endolab.io.atomic import PathLike, name_damage, read_bytes
-from endolab.io.datasets.known_endoscopes import NOMINAL_EVIDENCE
-from endolab.io.descriptions import NOMINAL
+from endolab.io.atomic import PathLike
 from endolab.io.images import read_image, read_stored
-from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -42,17 +39,16 @@ def data_folder() -> Path | None:
 
 
 # Layouts -------------------------------------------------------------------------------------
-def read_stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
-    """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
+def read_stored_depth(path: PathLike, step: float) -> np.ndarray:
+    """Read a depth map's numbers, and refuse what cannot be one of 16 bits in steps of `step` mm.
 
-    That is one of another bit depth or of several channels, a black one, or one that shows nothing beyond
-    2 mm, as a map in another unit does.
+    That is one of several channels, a black one, or one that shows nothing beyond 2 mm, as a map in another
+    unit does.
     """
-    stored = read_stored(path)
-    if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
-        raise ValueError(
-            f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
-        )
+    stored = read_stored(path)[0]
+    if stored.ndim != 2 or stored.dtype != np.uint16:
+        found = f"{stored.dtype} of shape {stored.shape}"
+        raise ValueError(f"{path}: expected one channel of uint16, found {found}")
     deepest = float(stored.max()) * step
     if deepest < 2.0:  # mm; no endoscope has all it sees nearer
         raise ValueError(
@@ -73,39 +69,23 @@ def files_by_number(folder: PathLike, place: str, pattern: str) -> dict[int, str
     return dict(sorted(found.items()))
 
 
-def read_intrinsics(path: PathLike, width: int, height: int) -> Pinhole:
-    """Read a camera's matrix, of 3 or 4 columns, from a text file, for pictures of a size, px."""
-    what = "a camera's matrix, 3x3 or 3x4"
-    content = read_bytes(path, "camera file", 10_000)
-    with name_damage(path, what):
-        text = content.decode()
-        matrix = np.array(text.replace(",", " ").split(), float).reshape(3, -1)
-        fx, cx, fy, cy = matrix[[0, 0, 1, 1], [0, 2, 1, 2]].tolist()
-        return Pinhole(width, height, fx, fy, cx, cy)
-
-
 def load_sample(
     folder: PathLike,
     colour_name: str,
     depth_name: str,
-    read_depth: Callable[
-        [PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]
-    ],
-    calibration: Calibration | Callable[[int, int], Camera],
+    read_depth: Callable[[PathLike], tuple[FloatArray, BoolArray, BoolArray]],
+    calibration: Calibration,
 ) -> Sample:
     """Load a frame and its truth from two files of a folder.
 
-    `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
-    shows. The calibration follows pictures that were shrunk in proportion, or is a function that makes the
-    camera of their size; the light is then nominal.
+    `read_depth` returns z, mm, where it is known, and what the endoscope shows. The calibration follows
+    pictures that were shrunk in proportion.
     """
     colour = Path(folder) / colour_name
     depth = Path(folder) / depth_name
     image = read_image(colour)
-    z, known, *shown = read_depth(depth)
+    z, known, mask = read_depth(depth)
     rows, columns = z.shape
-    if not isinstance(calibration, Calibration):
-        calibration = Calibration(calibration(columns, rows), NOMINAL, NOMINAL_EVIDENCE)
     camera = calibration.camera
     if columns < camera.width and rows == round(camera.height * columns / camera.width):
         calibration = calibration.resize(columns, rows)
@@ -117,6 +97,5 @@ def load_sample(
             f"found the shape {image.shape}"
         )
     forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
-    mask = shown[0] if shown else np.ones(z.shape, dtype=bool)
     distance = np.where(known, z, np.nan) / forward
     return Sample(Frame(image, mask, colour.name), calibration, distance)

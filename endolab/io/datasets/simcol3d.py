@@ -10,7 +10,7 @@ from endolab.io.datasets.sample import Sample, load_sample, read_stored_depth
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
-def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
+def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Read a depth map of SimCol3D.
 
     Parameters
@@ -24,13 +24,15 @@ def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
         mm.
     known : (H, W) bool array
         Where it is above 0.
+    seen : (H, W) bool array
+        All of it.
     """
-    stored = read_stored_depth(path, "uint16", 200 / 65280)
+    stored = read_stored_depth(path, 200 / 65280)
     if stored.max() > 65280:
         raise ValueError(
             f"{path}: expected values up to 65280, which is 200 mm, found {stored.max()}"
         )
-    return stored / 256 / 255 * 200, stored > 0
+    return stored / 256 / 255 * 200, stored > 0, np.ones(stored.shape, dtype=bool)
 
 
 def read_simcol3d(folder: PathLike, index: int) -> Sample:

@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from endolab.frames.frame import Frame, check_size
-from endolab.io.archives import read_arrays
 from endolab.io.atomic import PathLike, name_damage
 from endolab.io.datasets.sample import Sample
+from endolab.io.surfaces import read_arrays
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import unknown_name
 from endolab.synthetic.scenes import Colon
 
 FOLDER = Path(__file__).resolve().parent / "frames"

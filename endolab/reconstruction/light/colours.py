@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from endolab.frames.frame import FRAME_LIMITS
+from endolab.frames.frame import ROUNDING
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
@@ -225,7 +225,7 @@ def refine_per_pixel(
         return indirect_ratio
     ratio = indirect_ratio[exact]
     picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
-    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, FRAME_LIMITS.rounding))
+    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, ROUNDING))
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
     whitening = _tint_whitening().T
     tint = wall @ whitening

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.frame import FRAME_LIMITS
+from endolab.frames.frame import ROUNDING, SATURATED
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import by_rows, run_ahead
@@ -540,13 +540,13 @@ def merge(
 
 def _noise(problem: Problem) -> float:
     """Return the noise of a channel, that of rounding at least."""
-    return max(problem.noise, FRAME_LIMITS.rounding)
+    return max(problem.noise, ROUNDING)
 
 
 def _signal(problem: Problem) -> float:
     """Return median grey level over noise; less where much is saturated."""
     image = problem.image[problem.mask]
-    share = np.mean(image < FRAME_LIMITS.bright)
+    share = np.mean(image < SATURATED)
     return float(np.median(image) * share) / _noise(problem)
 
 

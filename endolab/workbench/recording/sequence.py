@@ -1,6 +1,8 @@
 """A recording of a video's frames for the Rerun viewer, on the timeline "frame"."""
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Mapping
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,44 +33,33 @@ VIDEO_CURVES = {
 
 
 class SequenceRecorder:
-    """Logs frames and what was made of them, in any order: to a file, or to a viewer that shows them live.
+    """Logs frames and what was made of them, in any order, to a file that `close` writes.
 
     Per frame: ``input``, ``depth`` (distance), ``mask``, ``normals`` ((n + 1)/2), ``world/cloud`` and
     ``plots/<name>``; ``world/camera`` is the same for all. Distances are in `unit`; pictures wider than
-    `max_width`, px, are thinned; `curves` are titles of what is plotted.
-
-    `path` names a file, which `close` writes, whole or not at all, or is a `Sink`: ``Sink()`` is the native
-    viewer, and its ``is_viewer_closed`` tells whether the user has closed it.
+    `max_width`, px, are thinned.
     """
 
-    def __init__(
-        self,
-        path: PathLike | Sink,
-        unit: str,
-        max_width: int = 320,
-        curves: Mapping[str, Sequence[str]] = VIDEO_CURVES,
-    ) -> None:
+    def __init__(self, path: PathLike, unit: str, max_width: int = 320) -> None:
         self.unit = unit
         self.max_width = max_width
-        self._curves = curves
-        self._sink = path if isinstance(path, Sink) else Sink(path)
+        self._sink = Sink(path)
         self._limits: tuple[float, float] | None = None  # of the colours of distances
+        self._camera: Camera
 
     def log(
         self,
-        number: int,
+        row: Mapping[str, Any],
         picture: FloatArray,
-        distance: FloatArray,
-        normals: FloatArray,
+        maps: Mapping[str, FloatArray],
         camera: Camera,
-        scalars: Mapping[str, float],
     ) -> None:
-        """Log one frame at a place of the timeline.
+        """Log one frame, with numbers of its row of ``frames.csv``, at its index on the timeline.
 
-        The picture, (h, w) or (h, w, 3) in [0, 1], may be larger than the camera; distance, (H, W),
-        and normals, (H, W, 3), are of its size, nan where unknown. The scalars are plotted.
+        The picture is (h, w) or (h, w, 3) in [0, 1]; the maps, distance and normals, may be smaller.
         """
         sink = self._sink
+        distance = maps["distance"]
         height, width = distance.shape
         thin = every(width, self.max_width)
         sparse = every(width, 120)  # coordinates would be most of a recording
@@ -76,27 +67,24 @@ class SequenceRecorder:
             self._limits = common_limits([distance])
             sink.log("world", rr.ViewCoordinates.RDF, static=True)
             long = 0.2 * float(np.nanmedian(distance))
-            sink.log("world/camera", camera_shape(camera, long), static=True)
-            sink.arrange(sequence(self.unit, self._limits, self._curves))
-        sink.at(FRAMES, number)
-        sink.log("input", self._encode(picture[every(picture.shape[1], self.max_width)]))
+            self._camera = camera.resize(width, height)  # once, as its rays take their time
+            sink.log("world/camera", camera_shape(self._camera, long), static=True)
+            sink.arrange(sequence(self.unit, self._limits, VIDEO_CURVES))
+        sink.at(FRAMES, row["index"])
+        sink.log("input", jpeg(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._limits))
         sink.log("mask", *classes(np.isfinite(distance[thin]), USED_COLOURS))
-        sink.log("normals", self._encode((normals[thin] + 1) / 2))
+        sink.log("normals", jpeg((maps["normals"][thin] + 1) / 2))
         inside = np.isfinite(distance[sparse])
-        cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
+        cloud = distance[sparse][inside][:, None] * self._camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
             size = (width, height)
             picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
         colours = as_bytes(in_colour(picture)[sparse][inside])
         sink.log("world/cloud", rr.Points3D(cloud.astype(np.float32), colors=colours))
-        for name, value in scalars.items():
-            sink.log_scalar(f"plots/{name}", value)
+        for name in itertools.chain(*VIDEO_CURVES.values()):
+            sink.log_scalar(f"plots/{name}", row[name])
 
     def close(self) -> None:
         """Write the file, whole or not at all; without a frame there is none."""
         self._sink.close()
-
-    def _encode(self, colours: FloatArray) -> rr.AsComponents:
-        """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
-        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(colours)

@@ -11,7 +11,8 @@ import numpy as np
 
 from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
-from endolab.io.surfaces import save_depth, write_cloud, write_mesh
+from endolab.io.surfaces import save_depth, write_mesh
+from endolab.model.mesh import Mesh
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
@@ -149,7 +150,10 @@ def write_files(
         write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
         if prepared is not None:
             write_figure(folder / "preparation.png", prepare_figure(prepared))
-        write_cloud(folder / "cloud.ply", *(values[inside] for values in cloud))
+        points, normals, colours = (values[inside] for values in cloud)
+        none = np.empty((0, 3), int)
+        unit = result.problem.unit
+        write_mesh(folder / "cloud.ply", Mesh(points, none, colours, normals, unit))
         if mesh:
             write_mesh(folder / "mesh.ply", make_mesh(result))
         if mesh and uncertainty is not None:

@@ -13,8 +13,8 @@ import numpy as np
 from endolab.frames.frame import Frame, check_size
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import unknown_name
 from endolab.reconstruction.settings import Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES

@@ -27,9 +27,8 @@ from endolab.io.atomic import stage_folder, write_atomically
 from endolab.io.images import read_frame, write_image
 from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int, check_kinds, excerpt
+from endolab.numerics.checks import check_int, check_kinds, excerpt, unknown_name
 from endolab.reconstruction.settings import Settings
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_allclose
-from scipy.io import savemat
 
 import endolab as el
 from endolab.cli.main import main
@@ -106,8 +105,6 @@ def test_ros(write, model, k):
     echoed |= {"D": list(k), "K": K.ravel().tolist()}
     camera = read_camera(write("echo.yaml", yaml.safe_dump(echoed) + "---\n"))
     assert_allclose(camera.project(POINTS), expected, atol=1e-9)
-    with pytest.raises(ValueError, match="binned"):
-        read_camera(write("half.yaml", yaml.safe_dump(echoed | {"binning_x": 2})))
 
 
 # As Kalibr's documentation has it (the file's layout), with two cameras.
@@ -138,11 +135,7 @@ def test_kalibr(write, caplog):
     assert_allclose(first.camera.project(POINTS), by_opencv(FISHEYE, True), atol=1e-9)
     second = el.load_calibration(f"{path}#cam1").camera
     assert_allclose(second.project(POINTS), by_opencv(BROWN[:4]), atol=1e-9)
-    with pytest.raises(ValueError, match="cam1"):
-        el.load_calibration(f"{path}#cam2")
     omni = write("omni.yaml", KALIBR.replace("pinhole", "omni", 1))
-    with pytest.raises(ValueError, match=r"omni\.yaml.*camera_model.*omni.*pinhole"):
-        el.load_calibration(omni)
     assert el.load_calibration(f"{omni}#cam1").camera == second
 
 
@@ -181,61 +174,6 @@ def test_colmap(write, line):
     assert read_camera(f"{path}#7") == el.Pinhole(640, 480, 500, 500, 319.5, 239.5)
 
 
-# The example of OCamCalib's users, and what its cam2world.c makes of a pixel (row, column).
-OCAM = """#polynomial coefficients for the DIRECT mapping function
-
-5 -2.065170e+02 0.000000e+00 2.207161e-03 -4.879622e-06 1.865656e-08
-
-#polynomial coefficients for the inverse mapping function
-
-3 294.182260 152.289570 -12.191217
-
-#center: "row" and "column", starting from 0 (C convention)
-
-241.800066 394.552874
-
-#affine parameters "c", "d", "e"
-
-1.000330 0.000219 0.000257
-
-#image size: "height" and "width"
-
-480 752
-"""
-
-
-def by_cam2world(row, column):
-    """A ray of OCamCalib's: down, right, backward."""
-    c, d, e = 1.000330, 0.000219, 0.000257
-    down, right = np.linalg.solve(
-        [[c, d], [e, 1]], [row - 241.800066, column - 394.552874]
-    )
-    r = np.hypot(down, right)
-    back = np.polyval([1.865656e-08, -4.879622e-06, 2.207161e-03, 0, -2.065170e02], r)
-    ray = np.array([right, down, -back])
-    return ray / np.linalg.norm(ray)
-
-
-def test_ocamcalib(write, tmp_path):
-    camera = read_camera(write("calib_results.txt", OCAM))
-    assert (camera.width, camera.height) == (752, 480)
-    model = {
-        "ss": [-206.5170, 0, 2.207161e-03, -4.879622e-06, 1.865656e-08],
-        "xc": 242.800066,
-        "yc": 395.552874,
-        "c": 1.000330,
-        "d": 0.000219,
-        "e": 0.000257,
-        "width": 752,
-        "height": 480,
-    }
-    savemat(tmp_path / "ocam.mat", {"ocam_model": model})
-    for row, column in ((100.0, 500.0), (400.0, 120.0), (242.0, 380.0)):
-        ray = by_cam2world(row, column)
-        for known in (camera, read_camera(tmp_path / "ocam.mat")):
-            assert_allclose(known.unproject((column, row)), ray, atol=1e-9)
-
-
 def test_c3vd(write):
     known = el.load_calibration("c3vd").camera
     flat = {f"a{power}": value for power, value in enumerate(known.a)}
@@ -247,68 +185,6 @@ def test_c3vd(write):
     ours = el.load_calibration("c3vd").to_dict()
     ours["camera"] = {"model": "scaramuzza"} | size | flat
     assert el.load_calibration(write("ours.json", ours)) == el.load_calibration("c3vd")
-
-
-def test_matlab(write, tmp_path):
-    """Its first pixel's centre is (1, 1)."""
-    shifted = np.add(K, [[0, 0, 1], [0, 0, 1], [0, 0, 0]])
-    radial = [BROWN[0], BROWN[1], BROWN[4]]
-    common = {"RadialDistortion": radial, "TangentialDistortion": list(BROWN[2:4])}
-    structs = {
-        "old": common
-        | {"IntrinsicMatrix": shifted.T.tolist(), "ImageSize": [240, 320]},
-        "new": common | {"K": shifted.tolist(), "ImageSize": []},
-        "plain": common | {"FocalLength": [300, 310], "PrincipalPoint": [161, 121]},
-    }
-    for name, struct in structs.items():
-        savemat(tmp_path / f"{name}.mat", {"s": struct}, do_compression=True)
-        for path in (tmp_path / f"{name}.mat", write(f"{name}.json", struct)):
-            camera = read_camera(path, (320, 240))
-            assert_allclose(camera.project(POINTS), by_opencv(BROWN[:5]), atol=1e-9)
-    known = el.load_calibration("c3vd").camera
-    fisheye = {
-        "MappingCoefficients": [known.a[0], *known.a[2:]],
-        "ImageSize": [1080, 1350],
-        "DistortionCenter": [known.cx + 1, known.cy + 1],
-        "StretchMatrix": [[known.c, known.d], [known.e, 1.0]],
-    }
-    savemat(tmp_path / "fisheye.mat", {"p": {"Intrinsics": fisheye}})
-    for path in (tmp_path / "fisheye.mat", write("fisheye.json", fisheye)):
-        camera = read_camera(path)
-        pixel = (300.0, 800.0)
-        assert_allclose(camera.unproject(pixel), known.unproject(pixel), atol=1e-12)
-    newer = b"MATLAB 7.3 MAT-file, Platform: GLNXA64"
-    (tmp_path / "newer.mat").write_bytes(newer)
-    with pytest.raises(ValueError, match=r"newer\.mat.*7\.3"):
-        read_camera(tmp_path / "newer.mat")
-
-
-# Values of mrcal's own regression test of its projections.
-MRCAL = {
-    "PINHOLE": ((), (651.2, 555.4)),
-    "OPENCV4": ((-0.012, 0.035, -0.001, 0.002), (651.27371, 555.23042)),
-    "OPENCV5": ((-0.012, 0.035, -0.001, 0.002, 0.019), (651.2740691, 555.2309482)),
-    "OPENCV8": (
-        (-0.012, 0.035, -0.001, 0.002, 0.019, 0.014, -0.056, 0.050),
-        (651.1885442, 555.10514968),
-    ),
-}
-
-
-@pytest.mark.parametrize("model", MRCAL)
-def test_mrcal(write, model):
-    k, pixel = MRCAL[model]
-    text = f"""# generated by mrcal-calibrate-cameras
-    {{ 'lensmodel': 'LENSMODEL_{model}',
-       'intrinsics': [ {", ".join(map(str, (1512.0, 1112, 500.0, 333.0, *k)))},],
-       'extrinsics': [ 2e-2, -3e-1, -1e-2,  1., 2, -3., ],
-       'imagersize': [ 1000, 700,],
-       'optimization_inputs': b'P)h>@6a{{#,]0',
-    }}"""
-    camera = read_camera(write("a.cameramodel", text))
-    assert_allclose(camera.project((1.0, 2.0, 10.0)), pixel, atol=1e-6)
-    with pytest.raises(ValueError, match=r"lensmodel.*STEREOGRAPHIC"):
-        read_camera(write("b.cameramodel", text.replace(model, "STEREOGRAPHIC")))
 
 
 @pytest.mark.parametrize(
@@ -333,26 +209,15 @@ def test_vicalib(write, kind, k, order):
 
 @pytest.mark.parametrize(
     "content",
-    ["just words", "a: 1\nb: [2, 3]\n", '{"a": 1}', "<a><b>1</b></a>", "1 2\n3 4\n"],
-)
-def test_an_unknown_file_is_told_what_can_be_read(write, content):
-    for name in ("x.txt", "x.yaml", "x.json"):
-        if name == "x.json" and not content.startswith("{"):
-            continue
-        with pytest.raises(
-            ValueError, match=r"x\.\w+: [^\n]*Kalibr[^\n]*COLMAP[^\n]*$"
-        ):
-            read_camera(write(name, content))
-
-
-@pytest.mark.parametrize(
-    "content",
     [
-        "a: &a [1, 2]\ncam0: *a\nb: *a\n",
-        "cam0: !!python/object/apply:os.system [echo]\n",
-        "cam0: {" + "a: {" * 5000,
+        "just words",
+        "<a><b>1</b></a>",
+        "MATLAB 5.0 MAT-file\0\1\2",
+        '{"RadialDistortion": [-0.1, 0.02], "K": [[300, 0, 161], [0, 310, 121], [0, 0, 1]]}',
+        "# mrcal\n{ 'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [ 1512.0,], }",
+        "5 -206.5 0 2.2e-03\n1 294.18\n241.8 394.55\n1.0 0.0 0.0\n480 752\n",
     ],
 )
-def test_yaml_that_does_more_than_hold_numbers_is_refused(write, content):
-    with pytest.raises(ValueError, match=r"^[^\n]*x\.yaml: not valid YAML[^\n]*$"):
-        read_camera(write("x.yaml", content))
+def test_an_unknown_file_is_told_what_can_be_read_and_typed(write, content):
+    with pytest.raises(ValueError, match=r"x: [^\n]*COLMAP[^\n]*bring_your_own[^\n]*$"):
+        read_camera(write("x", content))

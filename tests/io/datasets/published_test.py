@@ -10,11 +10,6 @@ from endolab import datasets
 from endolab.io.datasets import folders
 from endolab.metrics.depth_errors import compare
 
-UCL = el.Pinhole(
-    256, 256, 128.0, 128.0, 127.5, 127.5
-)  # 90° wide, for the sake of a number
-SERIES = "T1_L2_1_resized"
-
 
 def write(folder, name, stored):
     """Write a picture, colours in OpenCV's order, into a folder that may be new."""
@@ -46,28 +41,10 @@ def write_simcol3d(folder):
     write(folder, "Depth_0007.png", depth)
 
 
-def write_ucl2019(folder):
-    """A frame of UCL 2019 at z = 4 cm, with one pixel unknown and one too far."""
-    depth = np.full((256, 256), 51, np.uint8)
-    depth[0, 0] = 0
-    depth[0, 1] = 255
-    colour = np.full((256, 256, 3), 51, np.uint8)
-    colour[..., 2] = 255
-    write(folder, f"{SERIES}_Depth_0012.png", depth)
-    write(folder, f"{SERIES}_FrameBuffer_0012.png", colour)
-
-
 LOAD = {
     "c3vd": lambda folder, index=42: datasets.read_c3vd(folder, index),
     "simcol3d": lambda folder, index=7: datasets.read_simcol3d(folder, index),
-    "ucl2019": lambda folder, index=12: datasets.read_ucl2019(
-        folder, SERIES, index, UCL
-    ),
 }
-WRITE = {"c3vd": write_c3vd, "simcol3d": write_simcol3d, "ucl2019": write_ucl2019}
-COLOUR = {"c3vd": "0042_color.png", "simcol3d": "FrameBuffer_0007.png"}
-COLOUR["ucl2019"] = f"{SERIES}_FrameBuffer_0012.png"
-every_layout = pytest.mark.parametrize("layout", LOAD)
 
 
 @pytest.mark.parametrize("name", sorted(datasets.CALIBRATIONS))
@@ -81,11 +58,6 @@ def test_known_endoscopes(name):
     corner = (whole.camera.width - 0.5, whole.camera.height - 0.5)
     shrunk = half.camera.unproject((119.5, height - 0.5))
     assert_allclose(shrunk, whole.camera.unproject(corner), atol=1e-9)
-
-
-def test_an_unknown_endoscope():
-    with pytest.raises(ValueError, match="pig"):
-        datasets.load_calibration("pig")
 
 
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
@@ -106,7 +78,7 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
 
 def test_a_frame_of_simcol3d(tmp_path):
     write_simcol3d(tmp_path)
-    sample = datasets.read_simcol3d(tmp_path, 7)
+    (sample,) = datasets.open_dataset(tmp_path)
     assert_allclose(sample.frame.image[100, 100], (1.0, 1.0, 128 / 255), rtol=1e-12)
     assert sample.frame.mask.all()
     assert np.isnan(sample.distance[0, 0])
@@ -115,18 +87,6 @@ def test_a_frame_of_simcol3d(tmp_path):
     assert sample.distance[0, 474] == pytest.approx(
         40.0 * np.sqrt(1 + side @ side), rel=1e-9
     )
-
-
-def test_a_frame_of_ucl2019(tmp_path):
-    write_ucl2019(tmp_path)
-    sample = LOAD["ucl2019"](tmp_path)
-    assert sample.frame.name == COLOUR["ucl2019"]
-    assert_allclose(sample.frame.image[5, 5], (1.0, 0.2, 0.2))
-    assert sample.frame.mask.all()
-    assert np.isnan(sample.distance[0, :2]).all()
-    side = 127.5 / 128  # the lower right corner, off the axis by as much across as down
-    assert sample.distance[255, 255] == pytest.approx(40.0 * np.sqrt(1 + 2 * side**2))
-    assert sample.calibration.camera == UCL
 
 
 @pytest.mark.parametrize(
@@ -145,54 +105,20 @@ def test_true_z_goes_by_the_name(tmp_path, name, unit):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("0001_depth.png", 0, "unit"),
-        ("a_depth.png", 9, "uint16"),
-        ("Depth_0001.png", 200, "unit"),  # mm
-        ("Depth_0001.png", 65535, "65280"),
-        ("a_Depth_0001.png", 1, "unit"),
-    ],
+    ("name", "value"),
+    [("0001_depth.png", 0), ("Depth_0001.png", 200), ("Depth_0001.png", 65535)],
 )
-def test_depth_in_another_unit(tmp_path, name, value, message):
-    kind = np.uint8 if name.startswith("a_") else np.uint16
-    write(tmp_path, name, np.full((256, 256), value, kind))
-    with pytest.raises(ValueError, match=rf"^{tmp_path}/{name}.*{message}"):
+def test_depth_in_another_unit(tmp_path, name, value):
+    write(tmp_path, name, np.full((256, 256), value, np.uint16))
+    with pytest.raises(ValueError, match=rf"^{tmp_path}/{name}: expected"):
         datasets.true_z(tmp_path / name)
-
-
-@every_layout
-def test_colours_of_another_size(tmp_path, layout):
-    WRITE[layout](tmp_path)
-    for image in (np.zeros((4, 5, 3), np.uint8), np.zeros((256, 256), np.uint8)):
-        write(tmp_path, COLOUR[layout], image)
-        with pytest.raises(ValueError, match=COLOUR[layout]):
-            LOAD[layout](tmp_path)
-
-
-@every_layout
-def test_a_folder_tells_its_layout(tmp_path, layout):
-    name = COLOUR[layout]
-    camera = UCL if layout == "ucl2019" else None
-    WRITE[layout](tmp_path)
-    (tmp_path / "notes.txt").write_text("a frame")
-    folder = folders.open_dataset(tmp_path, camera)
-    assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
-    assert [sample.frame.name for sample in folder] == [name]
-    assert_array_equal(folder[0].distance, folder[name].distance)
-    with pytest.raises(ValueError, match="7"):
-        folder["7"]
-    with pytest.raises(ValueError, match="camera"):
-        folders.open_dataset(tmp_path, UCL if camera is None else None)
 
 
 LAID = {  # where three frames of a sequence lie: colour, depth, the camera
     "C3VD": ("{0:04d}_color.png", "{0:04d}_depth.tiff", "c3vd"),
     "C3VD, short": ("{0}_color.png", "{0:04d}_depth.tiff", "c3vd"),
-    "C3VD, long": ("{0:05d}_color.png", "{0}_depth.png", "c3vd"),
     "C3VDv2": ("rgb/{0:04d}.png", "depth/{0:04d}_depth.tiff", "c3vd_v2"),
     "EndoGSLAM": ("color/{0:04d}_color.png", "depth/{0:04d}_depth.tiff", "c3vd"),
-    "EndoGSLAM, short": ("color/{0}_color.png", "depth/{0:04d}_depth.tiff", "c3vd"),
     "EndoGSLAM, raw": (
         "color_raw/{0}_color.png",
         "depth_raw/{0:04d}_depth.tiff",
@@ -235,7 +161,6 @@ def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind)
     write_sequence(tmp_path / "cecum_t1_a", kind)
     write_sequence(tmp_path / "cecum_t2_b", kind, (3,))
     (tmp_path / "3D_models").mkdir()
-    (tmp_path / "camera_intrinsics.txt").touch()
     dataset = datasets.open_dataset(tmp_path / "cecum_t1_a")
     assert dataset.names == tuple(colours.format(number) for number in (2, 9, 10))
     check_sequence(dataset, (2, 9, 10))
@@ -248,12 +173,7 @@ def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind)
         dataset[1]
 
 
-def test_a_folder_of_no_known_layout(tmp_path):
-    with pytest.raises(FileNotFoundError, match="none"):
-        folders.open_dataset(tmp_path / "none")
-    (tmp_path / "1_colour.png").touch()
-    with pytest.raises(ValueError, match="C3VD"):
-        folders.open_dataset(tmp_path)
+def test_a_folder_of_two_layouts(tmp_path):
     (tmp_path / "0001_color.png").touch()
     (tmp_path / "FrameBuffer_0001.png").touch()
     with pytest.raises(ValueError, match="c3vd and simcol3d"):
@@ -296,8 +216,17 @@ def test_known_pixels(data, name, index, stored, pixel, z):
     assert np.isfinite(sample.distance).mean() > 0.85
 
 
-def error_percent(sample, **options):
-    """Mean error within 55° of the axis after median scaling, %."""
+@pytest.mark.parametrize(
+    ("name", "index", "options", "least", "most"),
+    [
+        ("c3vd", 1, {"width": 675}, 0, 9.5),
+        ("c3vd", 1, {"width": 675, "solver": "facing"}, 13, np.inf),
+        ("simcol3d", 3, {}, 0, 10),
+    ],
+)
+def test_errors_on_published_frames(data, name, index, options, least, most):
+    """Measured: over a phantom the default 8.3 to 9.1 %, d₀ 13.9; over a synthetic colon 9.0 to 10.9."""
+    sample = sample_of(data, name, index)
     result = el.reconstruct(sample.frame, sample.calibration, **options)
     cosine = result.problem.field.cos_alpha
     height, width = cosine.shape
@@ -307,26 +236,4 @@ def error_percent(sample, **options):
     mask = cosine > np.cos(np.deg2rad(55))
     errors = compare(result.distance, truth, cosine, mask=mask, scale="median")
     assert errors.pixels > 0.5 * mask.sum()
-    return errors.mean_percent
-
-
-PASS = {"solver": "fast_marching"}
-
-
-@pytest.mark.parametrize(
-    ("name", "index", "options", "least", "most"),
-    [
-        ("c3vd", 6, PASS | {"channel": "green", "width": 675}, 0, 13.5),
-        ("c3vd", 1, {"width": 675}, 0, 9.5),
-        ("c3vd", 1, {"width": 675, "solver": "facing"}, 13, np.inf),
-        ("simcol3d", 2, PASS | {"channel": "grey"}, 0, 14),
-        ("simcol3d", 4, {"channel": "grey"}, 0, 13),
-        ("simcol3d", 3, {}, 0, 10),
-    ],
-)
-def test_errors_on_published_frames(data, name, index, options, least, most):
-    """Measured over a phantom: one pass over green 12.0 to 13.0 %, the default 8.3 to 9.1, d₀ 13.9.
-
-    Over a synthetic colon one pass 11.8 to 13.5 %, grey 12.5, the default 9.0 to 10.9; 11 for the paper's k.
-    """
-    assert least <= error_percent(sample_of(data, name, index), **options) <= most
+    assert least <= errors.mean_percent <= most

@@ -242,8 +242,10 @@ def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path, solved):
     problem = first.problem
     recorder = SequenceRecorder(tmp_path / "frames.rrd", "mm", max_width=40)
     for number, step in ((3, second), (0, first)):
-        maps = (problem.shown, step.distance, step.normals, problem.camera)
-        recorder.log(number, *maps, {"energy": step.energy, "gain": np.nan})
+        maps = {"distance": step.distance, "normals": step.normals}
+        row = {"index": number, "energy": step.energy, "gain": np.nan}
+        row |= dict.fromkeys(("median_distance", "iterations", "seconds"), 1.0)
+        recorder.log(row, problem.shown, maps, problem.camera)
     recorder.close()
     file = Recorded(tmp_path / "frames.rrd")
     assert "/plots/gain" not in file.rows
