@@ -15,8 +15,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 PROGRAM = ".venv/bin/endolab"
 NO_NAMES = {"told", "said", "judged"}  # which only tell that they tell
-# A function is named by a verb or by what it returns; these are properties that name a quantity, and a guard.
-PARTICIPLES = {"misplaced", "shown", "arrived", "pictured"}
+# A function is named by a verb or by what it returns; these are quantities, and a decorator.
+PARTICIPLES = {"misplaced", "shown", "arrived", "pictured", "checked"}
 IRREGULAR = {
     "found",
     "kept",

@@ -38,7 +38,8 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
     tuner, answers, _ = start()
     tuner.ask(SMALL)
     final = tuner.wait(60)
-    assert [one.stage for one in answers] == [Stage.FIRST, Stage.FINAL]
+    stages = [one.stage for one in answers if one.stage is not Stage.SOFAR]
+    assert stages == [Stage.FIRST, Stage.FINAL]  # on a slow machine with others between
     assert answers[0].result.mask.shape == (60, 80)
     assert answers[-1] is final
     for lam in (0.1, 3.0):  # the first look follows from the answer before, at its size
