@@ -1,6 +1,7 @@
 """The path-traced frames that come with endolab: what they hold fits together, and nothing is lost."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ from endolab.io.datasets.traced import LAYERS, load_traced, read
 from endolab.synthetic.rendering import VEIL
 from tests.tools import make_traced_frames as maker
 from tests.tools.make_traced_frames import CASES
-from tests.tools.path_tracing import Traced
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -50,7 +50,7 @@ def made(sample, gain=2.0):
     frame = sample.frame
     layers = {name: getattr(sample, name) for name in ("distance", "normals", *LAYERS)}
     photometry = replace(known.photometry, gain=gain)
-    return Traced(
+    return SimpleNamespace(
         image=frame.image,
         mask=frame.mask,
         camera=known.camera,
