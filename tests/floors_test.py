@@ -162,23 +162,6 @@ def test_the_core_knows_neither_files_nor_people(module):
     assert complaints(source) <= BORROWED.get(module, set())
 
 
-def test_circles_and_levels_are_found(tmp_path):
-    package = tmp_path / "endolab"
-    for name, imported in (("low", "middle"), ("middle", "low"), ("high", "middle")):
-        file = package / f"{name}/{name}.py"
-        file.parent.mkdir(parents=True)
-        file.write_text(
-            f"if TYPE_CHECKING:\n    from endolab.{imported}.{imported} import x"
-        )
-    graph = structure.imports(package)
-    assert set(structure.circle(graph)) == {"low.low", "middle.middle"}
-    assert structure.upward(graph, ["low", "middle", "high"]) == [
-        ("low.low", "middle.middle")
-    ]
-    graph["low.low"].clear()
-    assert structure.levels(graph) == {"low.low": 1, "middle.middle": 2, "high.high": 3}
-
-
 def test_the_map_of_the_house_shows_the_same_order_and_every_file():
     text = (
         (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The house")[1]

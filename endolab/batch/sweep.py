@@ -90,7 +90,7 @@ def sweep(
     --------
     >>> import endolab as el
     >>> sample = el.load_traced("matt")  # a frame that comes with endolab
-    >>> rows = el.sweep([sample.frame], sample.calibration, lam=[0.1, 1], width=96, table="sweep.csv")
+    >>> rows = el.sweep([sample.frame], sample.calibration, lam=[0.1, 1.0], width=96, table="sweep.csv")
     >>> [(row["lam"], row["status"]) for row in rows]
     [(0.1, 'SETTLED'), (1.0, 'CONVERGED')]
     """

@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 from endolab._extras import need
+from endolab.cli.solving import Port
 
 # Of endolab's checkout, where there is one.
 OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -35,7 +36,7 @@ def set_up(prefix: str) -> None:
     write_kernel_spec(kernel, {"display_name": "endolab"}, python_arguments=thawed)
 
 
-def lab(*jupyter: str, notebooks: str | None = None, port: int = 8888) -> None:
+def lab(*jupyter: str, notebooks: str | None = None, port: Port = 8888) -> None:
     """Open JupyterLab on the notebooks.
 
     - endolab lab

@@ -9,12 +9,14 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from endolab.reconstruction.settings import LENGTHS, option_types
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
 
+Port = Annotated[int, Parameter(validator=Number(gte=1, lte=65535))]
 SWITCHES = {"auto": None, "yes": True, "no": False}
 
 

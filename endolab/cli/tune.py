@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
+from endolab.cli.solving import Port
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -24,7 +25,7 @@ def tune(
     calibration: str,
     truth: str | None = None,
     width: int = 320,
-    port: int = 8877,
+    port: Port = 8877,
     origin: str | None = None,
     no_browser: bool = False,
 ) -> None:

@@ -154,7 +154,7 @@ def _complaint(fault: Any, parent: Any) -> str:
             f"did you mean {meant}?" if meant else f"expected {', '.join(names)}"
         )
     if words:
-        what = facts.get("discriminator", str(fault["loc"][-1])).strip("'")
+        what = (facts.get("discriminator") or str(fault["loc"][-1])).strip("'")
         return f": {unknown_name(what, facts.get('tag', fault['input']), words)}"
     if fault["type"] == "union_tag_not_found" and isinstance(fault["input"], dict):
         return f": {facts['discriminator']} is missing"

@@ -7,7 +7,6 @@ from skimage.metrics import mean_squared_error
 
 import endolab as el
 from endolab.batch.evaluate import evaluate, evaluate_folder
-from endolab.io.depth_maps import read_depth_map
 from endolab.io.images import write_image
 from endolab.io.surfaces import save_depth
 
@@ -52,8 +51,7 @@ def figures(made):
 def write_as(folder, name, z):
     """Write a depth map under a name that says how; the mm that 1 in it stands for."""
     path = folder / name
-    inverse = {"in_m": 1000.0, "png": 1 / 256}
-    unit = next((mm for word, mm in inverse.items() if word in name), 1.0)
+    unit = {"in_m.npy": 1000.0, "png.png": 1 / 256}.get(name, 1.0)
     stored = z / np.float32(unit)
     match path.suffix:
         case ".npy":
@@ -67,47 +65,33 @@ def write_as(folder, name, z):
     return path, unit
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "in_m.npy",
-        "Depth_Map-.npz",
-        "png.png",
-        "z.tiff",
-    ],
-)
+@pytest.mark.parametrize("name", ["in_m.npy", "Depth_Map.npz", "png.png", "z.tiff"])
 def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name):
     path, unit = write_as(tmp_path, name, guess)
     step = 0.5 / 256 / np.nanmin(truth[0]) if path.suffix == ".png" else 1e-5
     made = evaluate(path, truth[1], unit=unit)
     assert (made.kind, made.scale) == ("distance", "none")
-    assert figures(made) == pytest.approx(
-        papers(guess, truth[0]), rel=10 * step, abs=2e-3
-    )
-    known = guess > 0
-    assert made.errors.pixels == np.sum(known & np.isfinite(truth[0]))
-    median = evaluate(path, truth[1], scale="medians")
-    ratio = np.median(truth[0][known] / COSINE[known]) / np.median(
-        (guess / COSINE)[known]
-    )
-    assert median.errors.scale / unit == pytest.approx(ratio, rel=10 * step)
+    expected = papers(guess, truth[0])
+    assert figures(made) == pytest.approx(expected, rel=10 * step, abs=2e-3)
+    assert made.errors.pixels == np.sum((guess > 0) & np.isfinite(truth[0]))
 
 
-def test_figures_to_the_last_digit_where_z_is_compared_with_z(tmp_path, truth, guess):
+@pytest.mark.parametrize("scale", [None, "medians"])
+def test_figures_to_the_last_digit_where_z_is_compared_with_z(
+    tmp_path, truth, guess, scale
+):
     """Without a camera; in a unit that nobody named it is scaled by a median."""
     np.save(tmp_path / "z.npy", guess / 7)
     np.save(tmp_path / "true.npy", truth[0])
-    made = evaluate(tmp_path / "z.npy", tmp_path / "true.npy")
+    made = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", scale=scale)
     known = guess > 0
-    factor = np.median(truth[0][known] / (guess[known] / np.float32(7)))
-    assert (made.kind, made.scale) == ("z", "median")
+    z, true = guess[known] / np.float32(7), truth[0][known]
+    factor = np.median(true / z)
+    if scale == "medians":
+        factor = np.median(true) / np.median(z)
+    assert made.kind == "z"
     assert figures(made) == pytest.approx(papers(guess / 7, truth[0], factor), rel=1e-6)
     assert np.isnan(made.errors.mean_degrees)
-    medians = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", scale="medians")
-    factor = np.median(truth[0][known]) / np.median(guess[known] / np.float32(7))
-    assert figures(medians) == pytest.approx(
-        papers(guess / 7, truth[0], factor), rel=1e-6
-    )
 
 
 def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
@@ -117,25 +101,15 @@ def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
     np.save(tmp_path / "z.npy", guess)
     np.save(tmp_path / "true.npy", truth[0])
     z = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", unit=1)
-    with pytest.raises(ValueError, match="--calibration"):
-        evaluate(tmp_path / "a.npz", tmp_path / "true.npy", unit=1)
-    with pytest.raises(ValueError, match="--calibration"):
-        evaluate(tmp_path / "z.npy", tmp_path / "true.npy", max_angle=20)
-    camera = CAMERA.resize(1440, 1080)
+    how = {"unit": 1, "camera": CAMERA.resize(1440, 1080), "scale": "none"}
+    far = papers(guess / COSINE, truth[0] / COSINE)[1]
     for name in ("a.npz", "z.npy"):
-        made = evaluate(
-            tmp_path / name, tmp_path / "true.npy", unit=1, camera=camera, scale="none"
-        )
+        made = evaluate(tmp_path / name, tmp_path / "true.npy", **how)
         assert made.kind == "distance"
         assert figures(made) == pytest.approx(figures(z), rel=1e-5)
-        far = made.errors.rmse_mm
-        assert far == pytest.approx(
-            papers(guess / COSINE, truth[0] / COSINE)[1], rel=1e-5
-        )
+        assert made.errors.rmse_mm == pytest.approx(far, rel=1e-5)
     wrong = evaluate(tmp_path / "z.npy", truth[1], kind="distance", unit=1)
     assert wrong.errors.mean_percent > z.errors.mean_percent
-    with pytest.raises(ValueError, match="64x48"):
-        evaluate(tmp_path / "z.npy", truth[1], camera=CAMERA.resize(64, 40))
 
 
 def test_a_mask(tmp_path, truth, guess):
@@ -145,48 +119,17 @@ def test_a_mask(tmp_path, truth, guess):
     write_image(tmp_path / "mask.png", mask)
     part = evaluate(tmp_path / "z.npy", truth[1], unit=1, mask=tmp_path / "mask.png")
     assert part.errors.pixels == 600
-    inside = (slice(10, 30), slice(20, 50))
-    assert figures(part) == pytest.approx(
-        papers(guess[inside], truth[0][inside]), rel=1e-4
-    )
-    write_image(tmp_path / "small.png", mask[::2, ::2])
-    with pytest.raises(ValueError, match=r"small\.png.*64x48"):
-        evaluate(tmp_path / "z.npy", truth[1], mask=tmp_path / "small.png")
+    expected = papers(guess[10:30, 20:50], truth[0][10:30, 20:50])
+    assert figures(part) == pytest.approx(expected, rel=1e-4)
 
 
 def test_a_truth_of_c3vd_is_told_by_its_name(tmp_path):
-    """In its own unit, 1/655.35 mm; another program's depth map of that name has one of its own."""
+    """In its own unit, 1/655.35 mm."""
     stored = np.full(SHAPE, round(20 * 655.35), np.uint16)
     cv2.imwrite(str(tmp_path / "0001_depth.png"), stored)
     np.save(tmp_path / "z.npy", np.full(SHAPE, 22.0))
     made = evaluate(tmp_path / "z.npy", tmp_path / "0001_depth.png", unit=1)
     assert made.errors.mean_percent == pytest.approx(10, abs=0.01)
-    with pytest.raises(ValueError, match="relative"):
-        evaluate(tmp_path / "0001_depth.png", tmp_path / "z.npy", scale="none")
-
-
-@pytest.mark.parametrize(
-    ("arrays", "named"),
-    [
-        ({"disparity": np.ones(SHAPE)}, "disparity.*distance"),
-        ({"a": np.ones(SHAPE), "b": np.ones(SHAPE)}, "a, b"),
-        ({"depth": np.ones((2, *SHAPE))}, r"\(2, 48, 64\)"),
-        ({"depth": np.ones(SHAPE, complex)}, "complex"),
-    ],
-)
-def test_what_is_no_depth_is_refused(tmp_path, arrays, named):
-    np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(ValueError, match=rf"a\.npz.*{named}"):
-        read_depth_map(tmp_path / "a.npz")
-
-
-@pytest.mark.parametrize(
-    "name", ["a.npz", "a.npy", "a.png", "a.tiff", "a.exr", "a.txt"]
-)
-def test_what_is_no_file_of_depths_is_refused(tmp_path, name):
-    (tmp_path / name).write_bytes(b"no depth")
-    with pytest.raises(ValueError, match=name):
-        read_depth_map(tmp_path / name)
 
 
 @pytest.mark.parametrize(
@@ -199,34 +142,22 @@ def test_what_is_no_file_of_depths_is_refused(tmp_path, name):
 )
 def test_folders_are_paired_by_name_or_number(tmp_path, prediction, true):
     """Frames 2, 9 and 10 are there twice, errors 10, 20 and 30 %; 11 and 12 have no partner."""
-    for number, percent in {2: 10, 9: 20, 10: 30, 11: 0}.items():
-        path = tmp_path / "a" / prediction.format(number)
+    percent = {2: 10, 9: 20, 10: 30, 11: 0}
+    ours = {n: tmp_path / "a" / prediction.format(n) for n in percent}
+    theirs = {n: tmp_path / "b" / true.format(n) for n in (12, 10, 9, 2)}
+    for path in (*ours.values(), *theirs.values()):
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.save(path, np.full((40, 50), 20.0 + number) * (1 + percent / 100))
-    for number in (12, 10, 9, 2):
-        path = tmp_path / "b" / true.format(number)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        z = np.full((40, 50), 20.0 + number)
+    for n, path in ours.items():
+        np.save(path, np.full((40, 50), 20.0 + n) * (1 + percent[n] / 100))
+    for n, path in theirs.items():
+        z = np.full((40, 50), 20.0 + n)
         if path.suffix == ".npy":
             np.save(path, z)
         else:  # C3VD's, beside its colours
             cv2.imwrite(str(path), np.round(z * 655.35).astype(np.uint16))
-            write_image(path.with_name(f"{number:04d}_color.png"), z / 99)
+            write_image(path.with_name(f"{n:04d}_color.png"), z / 99)
     made, alone = evaluate_folder(tmp_path / "a", tmp_path / "b", unit=1)
     errors = {one.name: one.errors.mean_percent for one in made}
-    expected = {str(tmp_path / "a" / prediction.format(n)): n for n in (2, 9, 10)}
-    assert errors.keys() == expected.keys()
-    for name, number in expected.items():
-        assert errors[name] == pytest.approx({2: 10, 9: 20, 10: 30}[number], abs=0.01)
-    left = {tmp_path / "a" / prediction.format(11), tmp_path / "b" / true.format(12)}
-    assert {str(path) for path in left} == {*alone}
-
-
-def test_folders_that_cannot_be_paired(tmp_path):
-    for name in ("a/1.npy", "a/x/01.npy", "b/2.npy", "c/y.npy", "d/z.npy"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        np.save(tmp_path / name, np.ones((4, 5)))
-    with pytest.raises(ValueError, match="number"):
-        evaluate_folder(tmp_path / "a", tmp_path / "b")
-    with pytest.raises(ValueError, match="no depth map"):
-        evaluate_folder(tmp_path / "c", tmp_path / "d")
+    expected = {str(ours[n]): pytest.approx(percent[n], abs=0.01) for n in (2, 9, 10)}
+    assert errors == expected
+    assert {*alone} == {str(ours[11]), str(theirs[12])}

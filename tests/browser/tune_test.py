@@ -161,30 +161,6 @@ def test_maps_zoom_by_the_wheel_and_the_path_is_gone_through_and_keys_are_listed
     assert page.complaints == []
 
 
-@pytest.mark.parametrize("width", [900, 1366])
-def test_at_night_the_page_is_dark_and_warnings_open_over_it(start, browser, width):
-    _, link = start("sim/frame.png")
-    context = browser.new_context(
-        viewport={"width": width, "height": 768}, color_scheme="dark"
-    )
-    page = context.new_page()
-    page.goto(link)
-    page.wait_for_function(FINAL, timeout=60_000)
-    page.locator(".endolab-lam input").first.fill("100000")
-    page.keyboard.press("Enter")
-    chip = page.locator(".endolab-chip").filter(has_text="explains")
-    chip.locator("summary").click(timeout=60_000)
-    sentence = chip.locator("div").bounding_box()
-    assert sentence["x"] >= 0
-    assert sentence["x"] + sentence["width"] <= width
-    photograph(page, f"tune_dark_{width}")
-    grey = page.evaluate(
-        "getComputedStyle(document.querySelector('.endolab-tuner')).backgroundColor"
-    )
-    assert grey == "rgb(25, 25, 25)"
-    context.close()
-
-
 def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
     start, visit
 ):

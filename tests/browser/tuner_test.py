@@ -89,21 +89,6 @@ def test_the_section_follows_the_pointer_and_one_cursor_reads_all_maps(opened):
     page.wait_for_function(f"() => document.querySelectorAll('{LABEL}').length === 0")
 
 
-def test_a_title_opens_a_list_and_the_surface_goes_where_3d_is(opened):
-    page = opened.page
-    canvas = opened.page.locator(".endolab-surface canvas")
-    first = canvas.bounding_box()
-    page.locator(CHOOSER).nth(0).select_option("3D")
-    page.locator(CHOOSER).nth(4).select_option("normals")
-    page.wait_for_function(
-        f"() => {CELLS}[4].name === 'normals' && {CELLS}[4].spot !== null"
-    )
-    page.wait_for_timeout(500)
-    moved = canvas.bounding_box()
-    assert moved["x"] < first["x"] - 200
-    assert moved["y"] < first["y"] - 100
-
-
 def test_a_stands_beside_b_by_keys_and_the_notebook_does_not_hear_them(opened):
     page = opened.page
     cells = opened.state()["cells"]

@@ -7,11 +7,9 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.calibration.detection.detect import Detection
 from endolab.calibration.session import (
     LEFT_OUT_REASON,
     calibrate,
-    choose_views,
     detect_all,
 )
 from endolab.calibration.simulation.sheet_image import Sensor
@@ -21,17 +19,8 @@ from endolab.calibration.summary import evidence
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 SIZE = CAMERA.width, CAMERA.height
-LIGHT = el.Photometry(
-    2.5,
-    2.2,
-    None,
-    PAPER_SHEET,
-)
+LIGHT = el.Photometry(2.5, 2.2, None, PAPER_SHEET)
 SHEET = el.TARGETS["vicalib_small"]
-
-
-def seen(count):
-    return Detection(np.arange(count), np.zeros((count, 2)), "" if count else "no dots")
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +41,7 @@ def video():
 @pytest.fixture(scope="module")
 def done(video):
     frames, _, detections = video
-    return calibrate(
-        frames,
-        SHEET,
-        detections=detections,
-        size=SIZE,
-        channel="green",
-    )
+    return calibrate(frames, SHEET, detections=detections, size=SIZE, channel="green")
 
 
 def test_camera_poses_and_light_come_back(video, done):
@@ -73,60 +56,30 @@ def test_camera_poses_and_light_come_back(video, done):
     assert abs(done.light.sigma - 1.04 * 0.8 ** (1 / 2.2)) < 0.06
 
 
-def test_the_error_of_a_frame_is_how_far_its_dots_lie_from_where_they_are_expected(
-    done,
-):
-    for name, error in done.errors.items():
-        off = done.detections[name].pixels - done.predict_pixels(name)
-        off = np.linalg.norm(off, axis=1)
-        assert np.quantile(off, 0.3) < error < 0.2  # px
-        assert error <= np.sqrt(np.mean(off**2)) + 1e-9
-
-
 def test_frames_that_are_left_out_count_for_nothing(video):
-    """Frames that lie are left out; the camera is that of the others alone, and an unknown name is named."""
+    """Frames that lie are left out; the camera is that of the others alone."""
     frames, _, detections = video
     liars = [name for name in detections if len(detections[name].ids)][:2]
     mixed = dict(detections)
     for name in liars:
         mixed[name] = replace(mixed[name], pixels=mixed[name].pixels * 1.1)
-    found = calibrate(
-        frames,
-        SHEET,
-        detections=mixed,
-        size=SIZE,
-        leave_out=liars,
-    )
+    how = {"detections": mixed, "size": SIZE}
+    found = calibrate(frames, SHEET, leave_out=liars, **how)
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
     assert [found.dropped[name] for name in liars] == [LEFT_OUT_REASON] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
-    with pytest.raises(ValueError, match=r"leave_out.*'none'"):
-        calibrate(
-            frames,
-            SHEET,
-            detections=detections,
-            size=SIZE,
-            leave_out=["none"],
-        )
+    with pytest.raises(ValueError, match="none"):
+        calibrate(frames, SHEET, leave_out=["none"], **how)
 
 
 def test_a_known_camera_is_kept(video):
     frames, _, detections = video
     few = {name: detections[name] for name in list(detections)[:6]}
-    found = calibrate(
-        frames,
-        SHEET,
-        camera=CAMERA,
-        detections=few,
-        size=SIZE,
-    )
-    assert found.geometry is None
-    assert found.camera is CAMERA
+    found = calibrate(frames, SHEET, camera=CAMERA, detections=few, size=SIZE)
+    assert (found.geometry, found.camera) == (None, CAMERA)
     assert set(found.poses) | set(found.dropped) == set(few)
-    read = iter(frames)
-    with pytest.raises(ValueError, match="the camera is for 500x360 px"):
-        calibrate(read, SHEET, camera=replace(CAMERA, width=500))
-    assert next(read) == frames[1]  # no more than one was looked at
+    with pytest.raises(ValueError, match="500x360"):
+        calibrate(frames, SHEET, camera=replace(CAMERA, width=500))
 
 
 @pytest.mark.parametrize(
@@ -140,59 +93,21 @@ def test_a_known_camera_is_kept(video):
     ],
     ids=["dark", "even", "black and white", "lost", "gamma sought"],
 )
-def test_a_light_that_cannot_be_fitted_leaves_the_camera(
-    video,
-    expose,
-    word,
-    gamma,
-):
+def test_a_light_that_cannot_be_fitted_leaves_the_camera(video, expose, word, gamma):
     frames, _, detections = video
     bad = [(name, expose(image)) for name, image in frames]
-    found = calibrate(
-        bad,
-        SHEET,
-        detections=detections,
-        size=SIZE,
-        gamma=gamma,
-    )
+    found = calibrate(bad, SHEET, detections=detections, size=SIZE, gamma=gamma)
     assert (found.light, found.scores) == (None, None)
     assert word in found.refused
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
     assert evidence(found)["photometry"] == {"refused": found.refused, "nominal": True}
 
 
-def test_pictures_that_cannot_be_read_are_named(video):
-    frames, _, _ = video
-    found, size = detect_all([("a.png", None), frames[0], ("b.png", None)], SHEET)
-    assert (found["a.png"].reason, len(found["a.png"].ids)) == ("it cannot be read", 0)
-    assert size == SIZE
-    assert detect_all([("a.png", None)], SHEET)[1] is None
-    message = r"in none of 1 frames; looked for 19 x 10 dots .* it cannot be read in 1"
-    with pytest.raises(ValueError, match=message):
-        calibrate([("a.png", None)], SHEET)
-
-
 def test_frames_of_another_size_are_named_and_those_left_out_stop_nothing(video):
     frames, _, _ = video
     others = [("small.png", np.zeros((90, 120))), ("broken.png", None)]
     for mixed in (others + frames[:1], frames[:1] + others):
-        found, size = detect_all(mixed, SHEET, leave_out=["small.png", "broken.png"])
-        assert size == SIZE
-        assert len(found[frames[0][0]].ids)
-        assert {found[name].reason for name, _ in others} == {LEFT_OUT_REASON}
-        with pytest.raises(
-            ValueError, match=r"differ in size: .*(0|small)\.png is .*--leave-out"
-        ):
+        found, size = detect_all(mixed, SHEET, leave_out=[name for name, _ in others])
+        assert (size, len(found[frames[0][0]].ids) > 0) == (SIZE, True)
+        with pytest.raises(ValueError, match=r"(0|small)\.png is .*--leave-out"):
             detect_all(mixed, SHEET)
-
-
-def test_the_geometry_takes_the_best_of_every_few_frames():
-    """A short video is not thinned, and blind frames are left out."""
-    many = {str(number): seen(number % 7 * 10) for number in range(400)}
-    chosen = choose_views(many, 20)
-    assert len(chosen) == 20
-    assert all(len(many[name].ids) == 60 for name in chosen)
-    assert [int(name) // 20 for name in chosen] == list(range(20))
-    few = {str(number): seen(50 if number % 3 else 0) for number in range(24)}
-    assert choose_views(few, 20) == [name for name in few if len(few[name].ids)]
-    assert choose_views({"0": seen(0)}, 20) == []

@@ -78,12 +78,10 @@ def solve(work, tmp_path, monkeypatch):
 # What it does ---------------------------------------------------------------------------
 def test_simulate_writes_a_frame_and_its_truth(sim):
     assert names(sim) == ["endoscope.json", "frame.png", "report.json", "truth.npz"]
-    calibration = el.load_calibration(sim / "endoscope.json")
     truth = maps(sim / "truth.npz")
-    assert (
-        read_image(sim / "frame.png").shape == truth["normals"].shape == (120, 160, 3)
-    )
-    exact = el.SCENES["curved"].distance(calibration.camera.field.rays)
+    assert read_image(sim / "frame.png").shape == truth["normals"].shape
+    rays = el.load_calibration(sim / "endoscope.json").camera.field.rays
+    exact = el.SCENES["curved"].distance(rays)
     np.testing.assert_allclose(truth["distance"], exact, rtol=1e-6)
 
 
@@ -92,33 +90,13 @@ def test_reconstruct_writes_a_whole_folder(work):
     assert names(out) == OUTPUTS
     depth = maps(out / "depth.npz")
     mask = depth["mask"]
-    assert mask.shape == (120, 160)
     for name in ("distance", "z", "normals"):
         assert np.all(np.isfinite(depth[name][mask]))
         assert np.all(np.isnan(depth[name][~mask]))
     content = report(out)
     assert content["settings"]["channel"] == "separated"
-    assert (content["settings"]["frame"], content["pixels"]) == (
-        "frame.png",
-        mask.sum(),
-    )
+    assert content["pixels"] == mask.sum()
     assert f"element vertex {mask.sum()}\n".encode() in (out / "cloud.ply").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("calibration", "unit"),
-    [("sim/endoscope.json", "(mm)"), ("unknown.json", "(relative")],
-)
-def test_the_summary_tells_how_it_ended_in_which_unit_and_where_it_is(
-    solve, capsys, tmp_path, calibration, unit
-):
-    assert solve("--width 80 --channel green --out o", calibration) == 0
-    output, error = capsys.readouterr()
-    assert error == ""
-    steps = f"{report(tmp_path / 'o')['iterations']} iterations"
-    for words in ("CONVERGED", steps, unit, "written to o"):
-        assert words in output
-    assert ("--median-distance" in output) == (unit != "(mm)")
 
 
 def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
@@ -126,22 +104,22 @@ def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
 ):
     assert solve("--solver facing --out out --mesh --prepare") == 0
     assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
-    assert "100 % of the picture" in capsys.readouterr().out
-    assert solve("--width 80 --solver fast_marching --snapshots 3 --out m") == 0
-    assert "3 iterations" in capsys.readouterr().out
+    capsys.readouterr()
+    words = "--width 80 --solver fast_marching --snapshots 3 --out m"
+    assert solve(words, "unknown.json") == 0
+    out, error = capsys.readouterr()
+    assert error == ""
+    for word in ("CONVERGED", "3 iterations", "--median-distance", "written to m"):
+        assert word in out
 
 
 def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys):
     assert solve("--width 80 --out out --uncertainty --mesh") == 0
-    assert names(tmp_path / "out") == sorted(
-        [*OUTPUTS, "mesh.ply", "mesh_uncertainty.ply"]
-    )
-    assert "σ of the distance: " in capsys.readouterr().out
+    assert set(names(tmp_path / "out")) > {"mesh.ply", "mesh_uncertainty.ply"}
     depth = maps(tmp_path / "out/depth.npz")
     assert (depth["sigma"][depth["mask"]] > 0).all()
     assert report(tmp_path / "out")["uncertainty"]["status"] == "CONVERGED"
-    assert call(f"evaluate out/depth.npz {sim}/truth.npz") == 0
-    assert "within 1 σ" in capsys.readouterr().out
+    capsys.readouterr()
     assert call(f"evaluate out/depth.npz {sim}/truth.npz --json") == 0
     assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
 
@@ -151,13 +129,12 @@ def test_options_arrive(solve, tmp_path):
     options = "--mask mask.png --regulariser first --width 80 --median-distance 33"
     assert solve(f"--out o {options} --contours no --albedo 0.4", "unknown.json") == 0
     content = report(tmp_path / "o")
-    assert content["settings"]["regulariser"] == "first"
+    assert (content["settings"]["regulariser"], content["metric"]) == ("first", True)
     depth = maps(tmp_path / "o/depth.npz")
     assert depth["distance"].shape == (60, 80)
     assert depth["mask"][:, :39].mean() > 0.9
     assert not depth["mask"][:, 41:].any()
     assert np.nanmedian(depth["distance"]) == pytest.approx(33, rel=1e-4)
-    assert content["metric"]
 
 
 def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path):
@@ -166,23 +143,17 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     options |= {"contours": False, "known_distance": (30.0, 32.5, 20.0)}
     write_settings(SolvingSettings(options, light), tmp_path / "s.json")
     write_settings(SolvingSettings({}, light), tmp_path / "light.json")
-    assert solve("--settings s.json --out file") == 0
-    same = f"--lam {0.1 + 0.2} --xi d --channel green --width 48 --contours no"
-    assert (
-        solve(f"{same} --known-distance 30,32.5,20 --settings light.json --out options")
-        == 0
-    )
-    assert (
-        solve("--lam 1 --settings s.json --median-distance 20 --albedo 0.9 --out both")
-        == 0
-    )
-    runs = [tmp_path / name for name in ("file", "options", "both")]
-    content = [report(run)["settings"] for run in runs]
-    assert content[0] == content[1]
+    typed = f"--lam {0.1 + 0.2} --xi d --channel green --width 48 --contours no"
+    typed += " --known-distance 30,32.5,20 --settings light.json"
+    assert solve("--settings s.json --out file") == solve(f"{typed} --out typed") == 0
+    win = "--lam 1 --settings s.json --median-distance 20 --out both"
+    assert solve(win) == 0
+    runs = [tmp_path / name for name in ("file", "typed", "both")]
+    one, two, both = [report(run)["settings"] for run in runs]
+    assert one == two
+    assert (both["lam"], both["xi"], both["known_distance"]) == (1, "d", None)
     found = [maps(run / "depth.npz")["distance"] for run in runs]
     np.testing.assert_array_equal(found[0], found[1])
-    assert content[2]["lam"] == 1
-    assert (content[2]["xi"], content[2]["known_distance"]) == ("d", None)
     assert np.nanmedian(found[2]) == pytest.approx(20, rel=1e-6)
 
 
@@ -191,34 +162,22 @@ def test_evaluate_compares_with_the_truth(work, capsys):
     assert call(f"{words} --json") == 0
     errors = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert (errors["scale"] > 10, errors["mean_percent"] < 0.6) == (True, True)
-    assert call(f"{words} --max-angle 20 --json") == 0
-    narrow = json.loads(capsys.readouterr().out)
-    assert narrow["pixels"] < 0.5 * errors["pixels"]
-    assert call(words) == 0
-    assert f"{errors['mean_percent']:.4g}" in capsys.readouterr().out
+    assert call(f"{words} --max-angle 20") == 0
+    assert "%" in capsys.readouterr().out
 
 
 def test_evaluate_compares_folders(sim, tmp_path, capsys):
     """A row each, their mean and median; what has no partner is said."""
     true = maps(sim / "truth.npz")["z"]
-    for name, factor in {
-        "a/1": 1.1,
-        "a/2": 1.2,
-        "a/4": 1.6,
-        "b/1": 1,
-        "b/2": 1,
-    }.items():
+    factors = {"a/1": 1.1, "a/2": 1.2, "a/4": 1.6, "b/1": 1, "b/2": 1}
+    for name, factor in factors.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         np.save(tmp_path / f"{name}.npy", factor * true)
-    words = f"evaluate {tmp_path}/a {tmp_path}/b --unit 1"
-    assert call(words) == 0
+    assert call(f"evaluate {tmp_path}/a {tmp_path}/b --unit 1") == 0
     _, *rows, alone = capsys.readouterr().out.splitlines()
     percent = [float(row.split()[1]) for row in rows]
     assert percent == pytest.approx([10, 20, 15, 15], abs=1e-3)
     assert "4.npy" in alone
-    assert call(f"{words} --calibration {sim}/endoscope.json --json") == 0
-    content = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert [one["kind"] for one in content["frames"]] == ["distance"] * 2
 
 
 # As a process of its own ----------------------------------------------------------------
@@ -242,14 +201,13 @@ def process(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_told_to_end_it_writes_the_best_so_far(tmp_path, process, number):
-    assert (
-        call(f"simulate colon --calibration simple --width 640 --out {tmp_path}/s") == 0
-    )
+    words = f"simulate colon --calibration simple --width 640 --out {tmp_path}/s"
+    assert call(words) == 0
     terminal, end = os.openpty()
     termios.tcsetwinsize(terminal, (24, 80))
-    command = "reconstruct s/frame.png --calibration s/endoscope.json --out o"
-    command += " --solver primal_dual --max-iterations 1000000"
-    with process(command, stderr=end) as running:
+    words = "reconstruct s/frame.png --calibration s/endoscope.json --out o"
+    words += " --solver primal_dual --max-iterations 1000000"
+    with process(words, stderr=end) as running:
         os.close(end)
         content = b""
         while content.count(b"energy") < 5:  # on the bar
@@ -282,10 +240,12 @@ def test_nobody_needs_to_read_what_is_printed(work, process):
 
 
 def test_the_first_run_says_that_it_compiles_and_no_other(sim, tmp_path, process):
-    known = f"--calibration {sim}/endoscope.json --solver facing --out o"
+    known = f"--calibration {sim}/endoscope.json --solver facing --out"
     for lines in (1, 0):
         cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-        with process(f"reconstruct {sim}/frame.png {known}", **cache) as running:
+        with process(
+            f"reconstruct {sim}/frame.png {known} {lines}", **cache
+        ) as running:
             _, error = running.communicate(timeout=200)
         assert (running.returncode, error.count(b"\n")) == (0, lines)
 

@@ -47,21 +47,14 @@ def test_pictures_of_a_folder_come_by_number_and_depth_maps_do_not(made):
 def test_the_truth_is_a_distance(made):
     calibration = el.load_calibration(made / "sim/endoscope.json")
     expected = read_depth(made / "sim/truth.npz")
-    assert np.array_equal(
-        read_truth(made / "sim/truth.npz", calibration),
-        expected["distance"],
-        equal_nan=True,
-    )
-    stored = np.round(expected["z"] / 100 * 65535)  # as C3VD stores it
+    found = read_truth(made / "sim/truth.npz", calibration)
+    np.testing.assert_array_equal(found, expected["distance"])
+    stored = np.round(expected["z"] * 655.35)  # as C3VD stores it
     cv2.imwrite(str(made / "0001_depth.png"), stored.astype(np.uint16))
     found = read_truth(made / "0001_depth.png", calibration)
     known = np.isfinite(found)
     assert known.mean() > 0.9
-    assert np.allclose(found[known], expected["distance"][known], rtol=1e-3)
-    larger = el.Calibration(calibration.camera.resize(128, 96), calibration.photometry)
-    for name in ("sim/truth.npz", "0001_depth.png"):
-        with pytest.raises(ValueError, match=f"{Path(name).name}.*64x48"):
-            read_truth(made / name, larger)
+    np.testing.assert_allclose(found[known], expected["distance"][known], rtol=1e-3)
 
 
 def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
@@ -81,10 +74,8 @@ def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
             assert found, line
             assert port < int(found[1])
             own = psutil.Process(process.pid)
-            at = [
-                at.laddr for at in own.net_connections("tcp") if at.status == "LISTEN"
-            ]
-            assert at == [("127.0.0.1", int(found[1]))]
+            at = {one.laddr for one in own.net_connections("tcp") if not one.raddr}
+            assert at == {("127.0.0.1", int(found[1]))}
             assert found[2] not in " ".join(own.cmdline())
             time.sleep(0.5)
             process.send_signal(2)
@@ -99,9 +90,7 @@ def test_a_frame_of_twelve_megapixels_opens_without_gigabytes(tmp_path):
     el.write_calibration(known, tmp_path / "large.json")
     small = known.resize(400, 300)
     seen = el.render(el.SCENES["tube"], small.camera, small.photometry)
-    stored = cv2.resize(
-        np.round(255 * seen.image[..., ::-1]).astype(np.uint8), (4000, 3000)
-    )
+    stored = np.uint8(255 * cv2.resize(seen.image, (4000, 3000)))
     cv2.imwrite(str(tmp_path / "large.png"), stored)
     code = """
 import re

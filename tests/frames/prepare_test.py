@@ -1,4 +1,4 @@
-"""A frame is prepared by what is in it: the lumen, highlights; and drawn."""
+"""A frame is prepared by what is in it: the lumen, highlights."""
 
 from dataclasses import replace
 
@@ -10,7 +10,6 @@ from numpy.testing import assert_array_equal
 import endolab as el
 from endolab import datasets
 from endolab.frames.prepare import dark_lumen, prepare, undistort_frame
-from endolab.workbench.plots.preparation import prepare_figure
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +74,6 @@ def test_undistorted_pixels_are_where_the_cameras_say(known):
     true = camera.project(pinhole.field.rays) / (camera.width, camera.height)
     assert made.mask.mean() > 0.9
     assert np.abs(made.image[..., :2] - true)[made.mask].max() * camera.width < 0.05
-    # As fine as the frame at the centre.
-    centre = pinhole.project([[0.0, 0, 1], [1e-3, 0, 1]]) - camera.project(
-        [[0.0, 0, 1], [1e-3, 0, 1]]
-    )
-    assert np.abs(np.diff(centre, axis=0)).max() < 0.01 * pinhole.fx * 1e-3
 
 
 @pytest.mark.parametrize("way", ["ignore", "inpaint", "keep"])
@@ -89,11 +83,7 @@ def test_prepared_leaves_out_what_it_should(known, wet, way):
     assert not ready.frame.mask[~ready.field_of_view].any()
     assert (ready.field_of_view & ~wet.mask).sum() == 0
     assert ready.frame.mask[ready.highlights & ~ready.lumen].all()
-    silent = ready.highlights if way == "ignore" else None
-    assert_array_equal(ready.frame.silent, silent)
-    assert ready.inpainted == (way == "inpaint")
     assert np.array_equal(ready.frame.image, wet.image) == (way != "inpaint")
-    assert any("Highlights" in note for note in ready.notes)
 
 
 def test_prepare_and_reconstruct_mean_the_same(wet, known):
@@ -110,29 +100,12 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known):
     one = el.reconstruct(ready.frame, mine, channel="green")
     other = el.reconstruct(frame, mine, channel="green", highlights="ignore")
     assert_array_equal(one.distance, other.distance)
-    assert sum(bool(ax.get_title()) for ax in prepare_figure(ready).axes) == 4
 
 
-def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(
-    known, colon, wet
-):
+def test_a_grey_and_a_saturated_frame_are_prepared(known, colon, wet):
     ready = prepare(el.Frame(wet.image[..., 1], wet.mask), known, highlights="inpaint")
     assert (ready.canonical.ndim, ready.highlights.any()) == (2, True)
     shape = colon.mask.shape
     ready = prepare(el.Frame(np.ones((*shape, 3)), np.ones(shape, bool)), known)
     assert not ready.highlights.any()
     assert not ready.lumen.any()
-    with pytest.raises(ValueError, match="mask"):
-        prepare(el.Frame(np.zeros((*shape, 3)), np.ones(shape, bool)), known)
-
-
-def test_what_does_not_fit_is_said(known, colon):
-    frame = el.Frame(colon.image, colon.mask)
-    other = known.resize(320, 240)
-    for call, message in (
-        (lambda: prepare(frame, known, highlights="paint"), "paint"),
-        (lambda: prepare(frame, other), "480x360"),
-        (lambda: undistort_frame(frame, other.camera), "320x240"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            call()

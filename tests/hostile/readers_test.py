@@ -21,7 +21,13 @@ from endolab.io.images import read_image, read_mask
 from endolab.io.settings import read_settings
 from endolab.io.surfaces import read_depth
 from endolab.io.video import open_frames
-from tests.hostile.conftest import CALIBRATIONS, EXAMPLES, run, sentences
+from tests.hostile.conftest import (
+    CALIBRATIONS,
+    EXAMPLES,
+    OPENCV,
+    run,
+    sentences,
+)
 from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json
 
 MOST_MEMORY = 600  # MB that reading a small file may take
@@ -36,15 +42,11 @@ def read_recording(path):
             one.depth(iteration)
 
 
-def read_video(path):
-    return [image is None for _, image in open_frames(path)]
-
-
 READERS = {
     "mask.png": read_mask,
     "0042_depth.png": true_z,
-    "video.mkv": read_video,
-    "video.avi": read_video,
+    "video.mkv": lambda path: list(open_frames(path)),
+    "video.avi": lambda path: list(open_frames(path)),
     "depth.npz": read_depth,
     "other.npz": read_depth_map,
     "other.npy": read_depth_map,
@@ -54,11 +56,8 @@ READERS = {
     "endoscope.json": el.load_calibration,
     "target.json": read_target,
     "settings.json": read_settings,
-    "rig.xml": el.load_calibration,
 } | dict.fromkeys(PICTURES, read_image)
-READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
-INSIDE = {".npz": damaged_arrays, ".json": damaged_json}
-SLOW = {"run.rrd": 5}  # how many times fewer examples: it takes a process each
+READERS |= dict.fromkeys([*CALIBRATIONS, *OPENCV], el.load_calibration)
 
 
 def peak():
@@ -69,18 +68,19 @@ def peak():
 
 def damages(path):
     """Damages of a file, from without or, where its format is known, from within."""
-    ways = [damaged_bytes(path)]
-    if path.suffix in INSIDE:
-        ways.append(INSIDE[path.suffix](path))
-    return st.one_of(ways)
+    ways = {".npz": damaged_arrays, ".json": damaged_json}
+    known = [ways[path.suffix](path)] if path.suffix in ways else []
+    return st.one_of(damaged_bytes(path), *known)
 
 
 @pytest.mark.parametrize("name", READERS)
 def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_path):
     path = tmp_path / name
     READERS[name](Path(shutil.copy(given / name, path)))  # undamaged
+    # A recording takes a process each.
+    count = max(EXAMPLES // 5, 1) if name == "run.rrd" else EXAMPLES
 
-    @settings(max_examples=max(EXAMPLES // SLOW.get(name, 1), 1))
+    @settings(max_examples=count)
     @tried(damages(given / name))
     def attack(content):
         path.write_bytes(content)

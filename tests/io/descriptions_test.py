@@ -25,7 +25,3 @@ def test_the_least_description_takes_the_defaults_and_null_means_absent(more, tm
     path = tmp_path / "sheet.json"
     path.write_text(json.dumps({"endolab_target": 1} | DOTS | more), encoding="utf-8")
     assert read_target(path) == DotGrid(5, 4, 6.0, small=1.0, large=2.0)
-
-
-def test_known_names_need_no_file():
-    assert read_target("vicalib_big") is TARGETS["vicalib_big"]

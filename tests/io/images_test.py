@@ -21,22 +21,20 @@ def by_opencv(path, stored):
 
 
 # Each format, layout and pixel type ------------------------------------------------------
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("suffix", ["png", "tiff", "bmp"])
+@pytest.mark.parametrize("kind", ["png", "tiff", "16 png", "16 tiff", "bmp"])
 @pytest.mark.parametrize("channels", [(), (3,), (4,)])
-def test_a_picture_is_read_as_it_is_stored(tmp_path, rng, suffix, bits, channels):
-    if suffix == "bmp" and (bits == 16 or channels == (4,)):
-        return
+def test_a_picture_is_read_as_it_is_stored(tmp_path, rng, kind, channels):
+    bits, suffix = 16 if "16" in kind else 8, kind.split()[-1]
     path = tmp_path / f"a.{suffix}"
-    stored = rng.integers(0, 2**bits, (6, 8, *channels)).astype(f"u{bits // 8}")
-    if channels == (4,):
-        stored[..., 3] = 2**bits - 1
+    most = 2**bits - 1
+    stored = rng.integers(0, most, (6, 8, *channels)).astype(f"u{bits // 8}")
+    stored[..., 3:] = most if channels else stored[..., 3:]
     if suffix == "tiff":
         tifffile.imwrite(path, stored, photometric="rgb" if channels else "minisblack")
     else:
         by_opencv(path, stored)
     expected = stored[..., :3] if channels else stored
-    np.testing.assert_array_equal(read_image(path), expected / (2**bits - 1))
+    np.testing.assert_array_equal(read_image(path), expected / most)
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "CMYK"])
@@ -111,9 +109,8 @@ def test_a_picture_that_is_cut_off_is_refused_and_nothing_is_printed(
 def test_a_wrong_checksum_is_refused(tmp_path, name):
     path = tmp_path / "a.png"
     Image.fromarray(WALL.astype(np.uint8)).convert("P").save(path, transparency=9)
-    content = bytearray(path.read_bytes())
-    content[content.index(name) + 6] ^= 1
-    path.write_bytes(content)
+    content = path.read_bytes()
+    path.write_bytes(content.replace(name, name[:3] + b"X", 1))
     with REFUSED:
         read_image(path)
 
@@ -143,7 +140,6 @@ def test_a_bomb_is_refused_before_anything_is_decoded(tmp_path, monkeypatch):
 MASKS = {
     "one bit": Image.new("1", (4, 3), 1),
     "palette": Image.new("RGB", (4, 3), (255, 255, 255)).convert("P"),
-    "alpha": Image.new("LA", (4, 3), (255, 255)),
     "16 bits": Image.fromarray(np.full((3, 4), 65535, np.uint16)),
 }
 
@@ -154,65 +150,46 @@ def test_a_mask_may_be_stored_as_one_likes(tmp_path, name):
     np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), np.ones((3, 4), bool))
 
 
-def test_a_frame_is_read_with_its_mask(tmp_path, rng):
-    image = rng.uniform(size=(30, 40, 3))
-    mask = rng.uniform(size=(30, 40))
-    write_image(tmp_path / "f.png", image, 16)
-    write_image(tmp_path / "m.png", mask, 16)
-    frame = el.read_frame(tmp_path / "f.png", mask=tmp_path / "m.png")
-    assert frame.name == "f.png"
-    np.testing.assert_allclose(frame.image, image, atol=0.51 / 65535)
-    np.testing.assert_array_equal(frame.mask, mask > 0.5)
-
-
 def save(path, kind, below, alpha):
     """Save the wall under an alpha: of a layout, with something below what is transparent."""
-    pixels = np.dstack([WALL, WALL, WALL, alpha]).astype(np.uint8)
-    pixels[alpha < 255, :3] = below
-    if kind == "rgba":
-        by_opencv(path, pixels)
-    elif kind == "rgba16":
-        by_opencv(path, pixels.astype(np.uint16) * 257)
-    elif kind == "la":
-        Image.merge("LA", Image.fromarray(pixels).split()[::3]).save(path)
-    elif kind == "tiff":
-        tiff = {"photometric": "rgb", "extrasamples": ["unassalpha"]}
-        tifffile.imwrite(path, pixels, **tiff)
-    else:  # one colour, or one of a palette, that is none
-        pixels[alpha < 255, :3] = 7
-        mode = {"grey key": "L", "rgb key": "RGB", "palette": "P"}[kind]
-        key = (7, 7, 7) if mode == "RGB" else 7
-        picture = Image.fromarray(pixels[..., 0])
-        if mode == "P":
-            picture.putpalette(np.repeat(np.arange(256), 3).tolist())
-        else:
-            picture = picture.convert(mode)
-        picture.save(path, transparency=key)
-
-
-ALPHAS = ["rgba", "rgba16", "la", "tiff"]
+    pixels = np.dstack([np.where(alpha == 255, WALL, below)] * 3 + [alpha])
+    pixels = pixels.astype(np.uint8)
+    match kind:
+        case "rgba":
+            by_opencv(path, pixels)
+        case "rgba16":
+            by_opencv(path, pixels.astype(np.uint16) * 257)
+        case "la":
+            Image.merge("LA", Image.fromarray(pixels).split()[::3]).save(path)
+        case "tiff":
+            how = {"photometric": "rgb", "extrasamples": ["unassalpha"]}
+            tifffile.imwrite(path, pixels, **how)
+        case _:  # one colour, or one of a palette, that is none
+            pixels[alpha < 255, :3] = 7
+            picture = Image.fromarray(pixels[..., 0])
+            if kind == "P":
+                picture.putpalette(np.repeat(np.arange(256), 3).tolist())
+            picture = picture.convert(kind)
+            picture.save(path, transparency=(7, 7, 7) if kind == "RGB" else 7)
 
 
 @pytest.mark.parametrize("below", [255, 0, 80])
-@pytest.mark.parametrize("kind", [*ALPHAS, "grey key", "rgb key", "palette"])
+@pytest.mark.parametrize("kind", ["rgba", "rgba16", "la", "tiff", "L", "RGB", "P"])
 def test_transparent_pixels_are_no_wall_whatever_is_below(
     tmp_path, caplog, kind, below
 ):
-    save(tmp_path / "a.png", kind, below, np.where(SHAPE, 255, 0))
+    """Nor are those that are partly transparent, as they are mixed."""
+    alpha = np.where(SHAPE, 255, 0)
+    alpha[:3] = 128
+    save(tmp_path / "a.png", kind, below, alpha)
     frame = el.read_frame(tmp_path / "a.png")
-    np.testing.assert_array_equal(frame.mask, SHAPE)
+    np.testing.assert_array_equal(frame.mask, SHAPE & (alpha == 255))
     first = frame.image if frame.image.ndim == 2 else frame.image[..., 0]
-    np.testing.assert_allclose(first[SHAPE], WALL[SHAPE] / 255, atol=1e-9)
+    np.testing.assert_allclose(first[frame.mask], WALL[frame.mask] / 255, atol=1e-9)
     assert "transparent" in caplog.text
-    assert not read_image(tmp_path / "a.png")[~SHAPE].any()  # no white paper, either
-
-
-@pytest.mark.parametrize("kind", ALPHAS)
-def test_what_is_partly_transparent_is_left_out_as_it_is_mixed(tmp_path, kind):
-    alpha = np.full(WALL.shape, 255)
-    alpha[10:20, 10:20] = 128
-    save(tmp_path / "a.png", kind, 80, alpha)
-    np.testing.assert_array_equal(el.read_frame(tmp_path / "a.png").mask, alpha == 255)
+    assert not read_image(tmp_path / "a.png")[
+        alpha == 0
+    ].any()  # no white paper, either
 
 
 @pytest.mark.parametrize("opaque", [255, 65280, 65535])

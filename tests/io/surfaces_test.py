@@ -6,53 +6,20 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.io.depth_maps import read_depth_map
 from endolab.io.surfaces import read_depth
 from endolab.model.mesh import Mesh
 
-DISTANCE = np.linspace(20, 30, 12, dtype=np.float32).reshape(3, 4)
-GOOD = {
-    "distance": DISTANCE,
-    "z": 0.9 * DISTANCE,
-    "normals": np.zeros((3, 4, 3), np.float32),
-    "metric": np.array(True),
-}
-
 
 def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
-    distance = DISTANCE.copy()
+    distance = np.full((3, 4), 20, np.float32)
     distance[0] = np.nan, np.inf, -3, 0
-    more = {"distance": distance, "other": np.array([{}], object)}
-    np.savez(tmp_path / "a.npz", **GOOD | more)
-    maps = read_depth(tmp_path / "a.npz")
-    assert set(maps) == set(GOOD)
-    assert np.isnan(maps["distance"][0]).all()
-    np.testing.assert_array_equal(maps["distance"][1:], DISTANCE[1:])
-    assert maps["distance"].dtype == np.float32
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"distance": DISTANCE.ravel()},
-        {"z": DISTANCE[:2]},
-        {"normals": DISTANCE},
-        {"distance": np.array("text")},
-        {"distance": np.array([{}], object)},
-    ],
-)
-def test_what_is_no_map_of_a_surface_is_refused(tmp_path, wrong):
-    np.savez(tmp_path / "a.npz", **GOOD | wrong)
-    with pytest.raises(ValueError, match=r"a\.npz: not a depth\.npz"):
-        read_depth(tmp_path / "a.npz")
-
-
-def test_arrays_of_other_programs_are_told_by_their_names(tmp_path):
-    for name, kind in {"depth_map": "z", "distance": "distance", "arr_0": "z"}.items():
-        np.savez(tmp_path / "a.npz", **{name: DISTANCE, "disp": DISTANCE})
-        found = read_depth_map(tmp_path / "a.npz", unit=1000)
-        assert (found.kind, found.metric) == (kind, True)
-        np.testing.assert_allclose(found.values, 1000 * DISTANCE)
+    maps = {"distance": distance, "z": 0.9 * distance, "metric": np.array(True)}
+    maps["normals"] = np.zeros((3, 4, 3), np.float32)
+    np.savez(tmp_path / "a.npz", **maps, other=np.array([{}], object))
+    found = read_depth(tmp_path / "a.npz")
+    assert set(found) == set(maps)
+    assert np.isnan(found["distance"][0]).all()
+    np.testing.assert_array_equal(found["distance"][1:], distance[1:])
 
 
 SQUARE = Mesh(

@@ -21,12 +21,9 @@ def test_a_video_keeps_every_value_and_some_frames_can_be_chosen(pictures, tmp_p
     assert frames.names == tuple(f"{n:06d}" for n in range(12))
     for (_, image), picture in zip(frames, pictures, strict=True):
         np.testing.assert_allclose(image, picture, atol=1e-9)
-    got = list(frames.read(["000003", "000007"]))
-    assert [name for name, _ in got] == ["000003", "000007"]
-    np.testing.assert_allclose(got[1][1], pictures[7], atol=1e-9)
-    write_video(tmp_path / "g.mkv", [pictures[0][..., 0]])
-    grey = next(iter(open_frames(tmp_path / "g.mkv")))[1]
-    np.testing.assert_allclose(grey, pictures[0][..., :1].repeat(3, -1), atol=1e-9)
+    got = dict(frames.read(["000003", "000007"]))
+    assert list(got) == ["000003", "000007"]
+    np.testing.assert_allclose(got["000007"], pictures[7], atol=1e-9)
 
 
 def test_a_folder_is_read_in_the_order_of_its_numbers_and_a_broken_picture_is_none(
@@ -55,7 +52,6 @@ def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pict
     assert (frames.path, frames.names) == (tmp_path, tuple(places))
     for (_, image), picture in zip(frames, pictures, strict=False):
         np.testing.assert_allclose(image, picture, atol=1e-9)
-    assert open_frames(tmp_path / "a/2.png").names == ("2.png",)
 
 
 def write_numbered(path, code, rate=25.0):
@@ -73,9 +69,7 @@ def write_numbered(path, code, rate=25.0):
 def numbers_in(path):
     """The numbers that frames count; the bar is at the top left, unless they were turned."""
     return [
-        None
-        if image is None
-        else round(float((image[4:12].mean(axis=(0, 2)) > 0.5).sum()) / 8)
+        None if image is None else round(np.sum(image[8].mean(axis=-1) > 0.5) / 8)
         for _, image in open_frames(path)
     ]
 
@@ -166,17 +160,4 @@ def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(
     white = np.full((8, 8, 3), 255, np.uint8)
     path.write_bytes(cv2.imencode(suffix, white)[1].tobytes())
     assert not is_sequence(path)
-    assert open_frames(path).names == ("IMG0001",)
     np.testing.assert_allclose(dict(open_frames(path))["IMG0001"], 1, atol=1e-9)
-
-
-def test_a_video_is_written_whole_or_not_at_all(tmp_path, pictures):
-    def broken():
-        yield pictures[0]
-        raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        write_video(tmp_path / "v.mkv", broken())
-    with pytest.raises(OSError, match=r"v\.mkv"):
-        write_video(tmp_path / "v.mkv", [])
-    assert list(tmp_path.iterdir()) == []

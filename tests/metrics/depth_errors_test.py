@@ -87,20 +87,6 @@ def test_angles_are_exact_however_small(degrees):
     assert angle_between(a, b) == pytest.approx(degrees, rel=1e-9, abs=0)
 
 
-@pytest.mark.parametrize(
-    ("estimate", "options", "message"),
-    [
-        (np.ones((3, 2)), {}, "truth has shape"),
-        (np.full((2, 3), np.nan), {}, "no pixel"),
-        (ESTIMATE, {"mask": np.ones((3, 2), bool)}, "mask has shape"),
-        (ESTIMATE, {"scale": "mean"}, "scale"),
-    ],
-)
-def test_what_cannot_be_compared(estimate, options, message):
-    with pytest.raises(ValueError, match=message):
-        compare(estimate, TRUTH, COSINE, **options)
-
-
 def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
     """Steps of 0.05, 0.1 and 1 in the logarithm, to the right, back to the left, and downwards."""
     log_distance = np.array([[0.0, 0.05, 0.15, 0.05], [0.0, 0.05, 1.15, 0.05]])
@@ -110,16 +96,8 @@ def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
         cuts = depth_cuts(scale * np.exp(log_distance))
         assert cuts.dtype == bool
         assert_array_equal(cuts, [right, lower])
-    assert_array_equal(
-        depth_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]]
-    )
-
-
-@pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
-def test_what_is_unknown_is_no_contour(unknown):
-    cuts = depth_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
-    assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
-    assert not cuts[1].any()
+    unknown = np.array([[1.0, np.nan, 2.0], [1.0, 4.0, 2.0]])
+    assert_array_equal(depth_cuts(unknown), [[[0, 0, 0], [1, 1, 0]], np.zeros((2, 3))])
 
 
 @pytest.mark.parametrize("width", [160, 100, 320, 480])
@@ -148,9 +126,3 @@ def test_truth_on_another_grid_is_unknown_where_most_of_it_was():
     truth[:2, 0] = truth[:2, 2:4] = truth[2, 4] = np.nan
     assert_array_equal(resample_truth(truth, (2, 3)), [[8, np.nan, 8], [8, 8, 8]])
     assert_array_equal(resample_truth(truth, (4, 6)), truth)
-    for shape in ((4, 3), (2, 6), (40, 20)):
-        with pytest.raises(
-            ValueError,
-            match=f"is {shape[1]}x{shape[0]} px, the truth 6x4 px, of other prop",
-        ):
-            resample_truth(truth, shape)

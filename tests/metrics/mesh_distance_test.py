@@ -1,7 +1,5 @@
 """Distances of meshes, by Open3D, against surfaces whose distance is known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -23,14 +21,3 @@ def test_a_tilted_wall_is_as_far_as_it_was_tilted(truth, open3d):
     assert found.distance == pytest.approx(expected, abs=1e-4)
     stated = (found.mean, found.median, found.percentile_95)
     assert stated == pytest.approx((2.5, 2.5, 3.0), abs=1e-4)
-
-
-def test_a_mesh_without_a_scale_needs_one(open3d):
-    mesh = replace(make_mesh(wall() / 10), unit="relative units")
-    with pytest.raises(ValueError, match="scale"):
-        distance_to(mesh, make_mesh(wall()))
-    assert distance_to(mesh, make_mesh(wall()), scale=10.0).mean == pytest.approx(
-        0, abs=1e-4
-    )
-    with pytest.raises(ValueError, match="nothing to measure"):
-        distance_to(mesh, np.full((3, 3), np.nan), scale=10.0)

@@ -11,12 +11,8 @@ LIGHT = SpotLight(
 )
 
 
-def points(rng, count=50):
-    return rng.uniform([-40, -40, 15], [40, 40, 90], (count, 3))
-
-
 def test_radiance_is_the_papers_formula(rng):
-    x = points(rng)
+    x = rng.uniform([-40, -40, 15], [40, 40, 90], (50, 3))
     offset = x - np.array([3.0, -2.0, 0.5])
     distance = np.sqrt((offset**2).sum(axis=-1))
     axis = np.array([0.2, -0.1, 2.0]) / np.sqrt(0.04 + 0.01 + 4.0)

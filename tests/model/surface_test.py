@@ -24,17 +24,14 @@ CAMERAS = {
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 
 
-def seen(scene, camera, max_off_axis=72.0):
+def seen(scene, camera):
     """Log-distance, exact normals and mask of a scene; for the tube away from its far wall."""
     field = camera.field
     rays = np.where(field.valid[..., None], field.rays, [0.0, 0.0, 1.0])
     distance = scene.distance(rays)
     exact = scene.normals(distance[..., None] * rays)
-    mask = (
-        field.valid
-        & np.isfinite(distance)
-        & (field.cos_alpha > np.cos(np.deg2rad(max_off_axis)))
-    )
+    mask = field.valid & np.isfinite(distance)
+    mask &= field.cos_alpha > np.cos(np.deg2rad(72))
     if isinstance(scene, Tube):
         mask &= distance * field.cos_alpha < scene.length - 0.5
     return np.where(mask, np.log(distance), np.nan), exact, mask
@@ -48,40 +45,18 @@ def eroded(mask, steps=2):
     return inside[steps:-steps, steps:-steps]
 
 
-@pytest.mark.parametrize("xi", surface.XI)
-def test_xi_there_and_back(rng, xi):
-    v = rng.uniform(0, 5, (6, 8))
-    cos_alpha = rng.uniform(0.1, 1, (6, 8))
-    assert_allclose(
-        surface.from_xi(surface.to_xi(v, xi, cos_alpha), xi, cos_alpha),
-        v,
-        rtol=0,
-        atol=1e-14,
-    )
-
-
 @every_camera
 @pytest.mark.parametrize("name", ["plane", "curved", "tube"])
 def test_normals_of_exact_scenes(name, camera):
     v, exact, mask = seen(SCENES[name], camera)
     inside = eroded(mask)
-    by_metric = surface.normals(v, camera.field)
     assert inside.mean() > 0.2
-    error = angle_between(by_metric, exact)
+    found = surface.normals(v, camera.field)
+    error = angle_between(found, exact)
     assert error[inside].mean() < 0.05
     assert np.percentile(error[inside], 99) < 0.5
     assert error[mask].mean() < 0.2
-    assert_array_equal(np.isfinite(by_metric).all(axis=-1), mask)
-
-
-@every_camera
-def test_normals_have_unit_length_and_face_the_camera(rng, camera):
-    """On any map of distances, however rough."""
-    field = camera.field
-    v = rng.normal(3.5, 0.1, field.shape)
-    normals = surface.normals(v, field)[field.valid]
-    assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-9)
-    assert np.all(np.einsum("ni,ni->n", normals, field.rays[field.valid]) < 0)
+    assert_array_equal(np.isfinite(found).all(axis=-1), mask)
 
 
 def test_the_slant_is_the_angle_between_ray_and_normal(rng):
@@ -99,10 +74,9 @@ def test_a_hole_touches_its_neighbours_only(rubbish):
     v, _, mask = seen(SCENES["curved"], camera)
     row, column = np.indices(mask.shape)
     hole = (np.hypot(row - 40, column - 60) < 9) | ((row == 80) & (column == 100))
-    assert mask[hole].all()
     holed = surface.normals(np.where(hole, rubbish, v), camera.field, mask & ~hole)
     assert_array_equal(np.isnan(holed).any(axis=-1), ~mask | hole)
-    touched = mask & ~eroded(mask & ~hole, 1)
     whole = surface.normals(v, camera.field, mask)
-    assert_array_equal(holed[mask & ~touched], whole[mask & ~touched])
-    assert angle_between(holed, whole)[touched & ~hole].max() < 2.0
+    inside = eroded(mask & ~hole, 1)
+    assert_array_equal(holed[inside], whole[inside])
+    assert angle_between(holed, whole)[mask & ~hole].max() < 2.0

@@ -59,7 +59,7 @@ def test_it_is_a_dataclass_that_takes_numpys_numbers_and_lists():
         ({"k": "0.5"}, "k must be a valid number"),
         ({"k": float("nan")}, "k must be a finite number"),
         ({"count": 3.5}, "count must be a valid integer"),
-        ({"gian": 1}, "gian is unknown; did you mean gain?"),
+        ({"k": 1, "count": 1, "gian": 1}, "gian is unknown; did you mean gain?"),
         (
             {"wall": {"model": "matt", "albdo": 1}},
             "wall.albdo is unknown; did you mean",

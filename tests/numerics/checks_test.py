@@ -4,42 +4,9 @@ import numpy as np
 import pytest
 
 from endolab.numerics.checks import (
-    check_int,
-    excerpt,
     mask_array,
-    number,
     readonly_copy,
-    real_array,
 )
-
-HUGE = 10**5000
-
-
-@pytest.mark.parametrize(
-    "value",
-    ["1", None, True, 1j, [[1], [2, 3]], np.ones(2), HUGE, np.nan, -1, np.float64(4)],
-    ids=excerpt,
-)
-def test_what_is_no_number_between_two_others_is_said(value):
-    with pytest.raises(ValueError, match="x must"):
-        number("x", value, 0, 3)
-
-
-@pytest.mark.parametrize("value", [-1, 2.0, True, "2", None, np.nan])
-def test_what_is_no_whole_number_is_said(value):
-    assert check_int("x", np.int32(3)) == 3
-    with pytest.raises(ValueError, match="x must"):
-        check_int("x", value)
-
-
-@pytest.mark.parametrize(
-    "value", [None, "a", [[1], [2, 3]], np.ones(2) * 1j, np.array([HUGE]), {}]
-)
-def test_what_is_no_array_of_real_numbers_is_said(value):
-    assert real_array("x", [1, 2]).dtype == np.float64
-    for check in (real_array, mask_array):
-        with pytest.raises(ValueError, match="x must"):
-            check("x", value)
 
 
 def test_a_mask_may_be_of_numbers_that_leave_no_doubt():

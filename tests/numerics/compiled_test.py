@@ -10,7 +10,6 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from endolab.numerics import compiled
 from endolab.numerics.iteration import Status, drive
 
 PACKAGE = Path(__file__).resolve().parents[2] / "endolab"
@@ -69,16 +68,3 @@ def test_seconds_that_are_told_do_not_count_compiling():  # "98.45 s for 4 itera
     reported = []
     drive(steps(), [], lambda _, seconds: reported.append(seconds))
     assert reported[-1] < 0.5 * sum(took)
-
-
-def test_blocks_lie_alike_from_both_ends(rng):
-    """Of an even number of rows and columns; and on the coarser grids that follow."""
-    for shape in ((4, 6), (10, 14), (180, 90)):
-        a = compiled.pad_maps(rng.normal(size=shape))
-        mirrored = compiled.pad_maps(compiled.inner(a)[::-1, ::-1])
-        while min(a.shape) > 2 * compiled.PAD + 2:
-            a = compiled.block_sums(a)
-            mirrored = compiled.block_sums(mirrored)
-            np.testing.assert_array_equal(
-                compiled.inner(mirrored), compiled.inner(a)[::-1, ::-1]
-            )

@@ -9,7 +9,6 @@ from endolab.numerics.derivatives import (
     forward_gradient,
     gradient,
     hessian,
-    links,
     shift,
 )
 from tests.tools.adjoints import (
@@ -128,21 +127,6 @@ def test_the_norm_is_the_same_whichever_way_a_map_is_turned(rng, mask, operator)
         ),
     ):
         assert_allclose(np.linalg.norm(turned, axis=0)[back], norm, rtol=0, atol=1e-14)
-
-
-def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
-    mask = np.array([[True, True, False], [True, True, True]])
-    assert_array_equal(
-        links(mask), np.array([[[1, 0, 0], [1, 1, 0]], [[1, 1, 0], [0, 0, 0]]]) > 0
-    )
-    cuts = np.zeros((2, 2, 3), dtype=bool)
-    cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = (
-        True  # the last two lead nowhere
-    )
-    assert_array_equal(
-        links(mask, cuts),
-        np.array([[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]]]) > 0,
-    )
 
 
 @pytest.mark.parametrize("operator", OPERATORS)

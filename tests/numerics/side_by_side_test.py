@@ -1,7 +1,5 @@
 """Work on several threads: all of it is done, once, and errors come through."""
 
-from threading import Event
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -9,10 +7,9 @@ from numpy.testing import assert_array_equal
 from endolab.numerics.side_by_side import (
     WORTH_THREADS,
     by_rows,
-    in_background,
     side_by_side,
 )
-from endolab.numerics.threads import free_cores, limit_threads, threads
+from endolab.numerics.threads import limit_threads, threads
 
 
 @pytest.mark.parametrize(
@@ -42,22 +39,3 @@ def test_a_limit_holds_within(all_cores):
     if threads() > 1:
         with limit_threads(2):
             assert side_by_side(lambda _: threads(), range(4), WORTH_THREADS) == [2] * 4
-
-
-def test_loops_leave_a_core_to_what_goes_on_in_the_background(all_cores):
-    if threads() == 1:
-        pytest.skip("this machine has one core")
-    begun, may_end = Event(), Event()
-
-    def work():
-        begun.set()
-        may_end.wait(20)
-        return "done"
-
-    before = threads()
-    ask = in_background(work)
-    assert begun.wait(20)
-    assert free_cores() == before - 1
-    may_end.set()
-    assert ask() == "done"
-    assert free_cores() == before

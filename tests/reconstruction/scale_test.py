@@ -9,13 +9,10 @@ import pytest
 import endolab as el
 from endolab.reconstruction.report import meaning
 from endolab.reconstruction.scale import (
-    check_scale,
-    factor_of_diameter,
     factor_of_distance,
     scale_of,
 )
 from endolab.solvers.energy import energy_terms
-from endolab.solvers.problem import LOWER_BOUND, NONE
 from tests.tools.problems import Shot
 
 CAMERA = el.Pinhole(200, 150, 110.0, 110.0, 99.5, 74.5)
@@ -94,46 +91,11 @@ def test_a_length_that_is_known_changes_the_unit_alone(shot, relative):
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("pixel", "where"),
-    [((200, 20), "picture"), ((20, -1), "picture"), ((20, 20), "mask")],
-)
-def test_a_pixel_without_a_distance_is_refused(relative, pixel, where):
-    hole = relative.mask.copy()
-    hole[10:30, 10:30] = False
-    result = posed(relative, mask=hole)
-    with pytest.raises(
-        ValueError, match=f"the pixel at column {pixel[0]}, .* outside the {where}"
-    ):
-        factor_of_distance(result, 30, *pixel)
-    with pytest.raises(ValueError, match=f"outside the {where}"):
-        factor_of_diameter(result, 30, ONE, pixel)
-
-
-@pytest.mark.parametrize(
-    "given",
-    [
-        {"known_distance": (0, 1, 2)},
-        {"known_distance": "near"},
-        {"known_distance": (3, 1, "2")},
-        {"known_diameter": (3, (1, 2), (3, None))},
-        {"known_diameter": (3, 1, 2, 3, 4)},
-        {"known_diameter": (3, (1, 2), (3,))},
-        {"median_distance": 1e300},
-        {"median_distance": 3, "known_distance": (3, 1, 2)},
-    ],
-)
-def test_a_bad_length_is_refused(given):
-    with pytest.raises(ValueError, match=" and ".join(given)):
-        check_scale(**given)
-
-
-def test_how_the_scale_was_fixed_is_said(shot, relative):
-    result = solve(shot, known_distance=(30, *ONE))
-    assert scale_of(result) == "known distance"
-    assert "30 mm" in meaning(result)[0]
+def test_what_fixed_the_scale_is_named_and_what_the_gain_would_have_made_of_it(
+    shot, relative
+):
     assert scale_of(relative) == "none"
-    assert "unit is arbitrary" in meaning(relative)[0]
+    assert scale_of(solve(shot, known_distance=(30, *ONE))) == "known distance"
     both = shot.reconstruct(known_diameter=(12.5, ONE, OTHER))
     true = float(np.linalg.norm(point(shot, ONE) - point(shot, OTHER)))
     by_gain = float(re.search(r"would be ([\d.]+) mm", note(both, "By the gain"))[1])
@@ -162,14 +124,3 @@ def test_what_gamma_does_is_what_it_does(shot, relative):
     low, middle, high = (np.nanmean(change[pixels]) for pixels in near)
     assert 100 * np.expm1(middle - high) == pytest.approx(nearer, rel=0.1)
     assert 100 * np.expm1(low - middle) == pytest.approx(farther, rel=0.1)
-
-
-def test_pixels_that_say_less_are_counted(relative):
-    unclear = ("saturated", "Highlights")
-    assert not any(word in each for each in meaning(relative) for word in unclear)
-    evidence = np.zeros(relative.mask.shape, np.int8)
-    evidence[:10, :30] = LOWER_BOUND
-    evidence[20:22, :75] = NONE
-    result = posed(relative, evidence=evidence)
-    assert "300 of 30000 pixels (1 %)" in note(result, "saturated")
-    assert "150 of 30000 pixels (0.5 %)" in note(result, "Highlights")

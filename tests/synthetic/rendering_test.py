@@ -10,7 +10,7 @@ from endolab.model.brdf import Lambertian, TabulatedBRDF
 from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.synthetic.rendering import VEIL, render
+from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
 CAMERA = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
@@ -102,18 +102,6 @@ def test_texture_is_a_mottled_albedo():
     assert_allclose(
         ratio[..., 1:], ratio[..., :1].repeat(2, axis=-1), rtol=0, atol=1e-12
     )
-    # Mottles are millimetres wide: neighbouring pixels, half a millimetre apart, are nearly alike.
-    assert np.diff(ratio[..., 0], axis=1).std() < 0.3 * ratio.std()
-    doubled = np.log(render(SCENE, CAMERA, COLOUR, texture=0.2).image ** 2.2 / clean)
-    assert_allclose(doubled, 2 * ratio, rtol=0, atol=1e-12)
-
-
-def test_fog_takes_light_away_and_adds_a_veil():
-    clear = render(SCENE, CAMERA, COLOUR)
-    foggy = render(SCENE, CAMERA, COLOUR, fog=0.01)
-    left = np.exp(-0.01 * clear.distance[..., None])
-    expected = (clear.image**2.2 * left**2 + VEIL * (1 - left)) ** (1 / 2.2)
-    assert_allclose(foggy.image, expected, rtol=1e-12)
 
 
 def test_highlights_are_white_few_and_near_the_mirror_direction():

@@ -133,12 +133,3 @@ def test_mean_distances_are_about_the_papers(name, mean):
     assert SCENES[name].distance(camera.field.rays).mean() == pytest.approx(
         mean, rel=0.2
     )
-
-
-def test_the_camera_must_be_inside():
-    with pytest.raises(ValueError, match="inside the ball"):
-        Bowl(10.0, (20.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="height"):
-        Bump(60.0, 31.0, 10.0)
-    with pytest.raises(ValueError, match="inside the tube"):
-        Tube(10.0, offset=(8.0, 8.0))

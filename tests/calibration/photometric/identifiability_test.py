@@ -10,7 +10,6 @@ from endolab.calibration.photometric.identifiability import (
     NotIdentifiableError,
     gain_jumps,
 )
-from endolab.calibration.photometric.samples import Samples
 from tests.tools import shooting
 from tests.tools.shooting import TRUTH
 
@@ -19,32 +18,29 @@ def video(*given, **how):
     return shooting.video(*given, **how)[0]
 
 
-def disturbed(samples, seed, distance=0.003, degrees=0.1):
-    """Samples whose places are wrong, each in its own way."""
+def disturbed(samples, seed):
+    """Samples whose places are wrong, each in its own way, by 0.3 % and 0.1°."""
     rng = np.random.default_rng(seed)
-    points = samples.points * np.exp(distance * rng.normal(size=(len(samples), 1)))
-    normals = samples.normals + np.deg2rad(degrees) / np.sqrt(2) * rng.normal(
+    points = samples.points * np.exp(0.003 * rng.normal(size=(len(samples), 1)))
+    normals = samples.normals + np.deg2rad(0.07) * rng.normal(
         size=samples.normals.shape
     )
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(samples, points=points, normals=normals)
 
 
-def refused(unknown, samples, *words, **options):
-    """Check that this unknown is refused, for a reason that has these words."""
-    with pytest.raises(NotIdentifiableError) as caught:
+def refused(unknown, samples, word=None, **options):
+    """Check that this unknown is refused, for a reason that has the word."""
+    with pytest.raises(NotIdentifiableError, match=word) as caught:
         calibrate_light(samples, **options)
-    assert isinstance(caught.value, ValueError)
     assert caught.value.unknown == unknown
-    for part in words:
-        assert part in str(caught.value)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_one_flat_sheet_never_gives_gamma(seed):
     samples = video(count=200, seed=seed)
     for known in (samples, disturbed(samples, seed)):
-        refused("gamma", known, "only k/gamma", "fold the sheet", gamma="free")
+        refused("gamma", known, "fold the sheet", gamma="free")
 
 
 @pytest.mark.parametrize(("fold", "seed"), [(3, 0), (5, 1), (5, 2), (10, 3)])
@@ -52,21 +48,11 @@ def test_a_folded_sheet_gives_gamma(fold, seed):
     samples = video("vicalib_folded", 300, fold=np.deg2rad(fold), seed=seed)
     fit = calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma - 2.2) < 3.5 * fit.standard_errors["gamma"]
-    assert fit.verdict[0].startswith("γ = ")
-    assert "measured, by the distance within each frame" in fit.verdict[0]
-    # Disturbed places raise γ, about as the verdict says for 0.1 %.
-    wrong = calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
-    stated = float(fit.verdict[1].split("raise γ by ")[1].split(",")[0])
-    rise = wrong.photometry.gamma - fit.photometry.gamma
-    assert abs(rise - stated) < stated + 0.5 * fit.standard_errors["gamma"]
 
 
-def test_patches_of_unknown_ratio_do_not_give_gamma():
-    samples = video("vicalib_grey", 100)
-    for ratio in (None, (0.5, 0.3)):
-        refused("gamma", samples, gamma="free", reflectance=(ratio,))
-    fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
-    assert "the reflectances that are known" in fit.verdict[0]
+@pytest.mark.parametrize("ratio", [None, (0.5, 0.3)])
+def test_patches_of_unknown_ratio_do_not_give_gamma(ratio):
+    refused("gamma", video("vicalib_grey"), gamma="free", reflectance=(ratio,))
 
 
 def test_patches_of_roughly_known_ratio_leave_gamma_as_uncertain():
@@ -86,13 +72,11 @@ def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
     given = calibrate_light(samples, gamma=2.1)
     fit = calibrate_light(samples, gamma=(2.1, 0.1))
     assert abs(fit.photometry.gamma - 2.1) < 1e-3
-    np.testing.assert_allclose(fit.standard_errors["gamma"], 0.1, rtol=1e-3)
-    np.testing.assert_allclose(fit.standard_errors["k"], 0.1 * given.ratio, rtol=0.02)
-    np.testing.assert_allclose(
-        fit.standard_errors["k/gamma"], given.standard_errors["k/gamma"], rtol=0.1
-    )
-    assert fit.correlation[fit.names.index("gamma"), 0] > 0.99
-    assert "the samples add nothing to that" in fit.verdict[0]
+    errors = fit.standard_errors
+    np.testing.assert_allclose(errors["gamma"], 0.1, rtol=1e-3)
+    np.testing.assert_allclose(errors["k"], 0.1 * given.ratio, rtol=0.02)
+    expected = given.standard_errors["k/gamma"]
+    np.testing.assert_allclose(errors["k/gamma"], expected, rtol=0.1)
 
 
 def test_a_prior_on_gamma_joins_what_the_samples_know():
@@ -100,44 +84,25 @@ def test_a_prior_on_gamma_joins_what_the_samples_know():
     free = calibrate_light(samples, gamma="free")
     own = free.standard_errors["gamma"]
     fit = calibrate_light(samples, gamma=(2.2, own))
-    np.testing.assert_allclose(
-        fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03
-    )
-    np.testing.assert_allclose(
-        fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own
-    )
+    assert fit.standard_errors["gamma"] == pytest.approx(own / np.sqrt(2), rel=0.03)
+    middle = (free.photometry.gamma + 2.2) / 2
+    assert fit.photometry.gamma == pytest.approx(middle, abs=0.1 * own)
 
 
 def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_does():
     samples = video(tilt=0.0)
     refused("k", samples, "tilt the sheet")
     refused("k", video(tilt=np.deg2rad(1)))
-    fit = calibrate_light(samples, brdf="lambertian")
-    assert any("taken to be matt" in sentence for sentence in fit.verdict)
-    assert (
-        calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"]
-        < 0.04
-    )
-    fit = calibrate_light(video(distance=(50.0, 50.0)))
-    assert abs(fit.photometry.k - 2.5) < 4 * fit.standard_errors["k"] < 0.03
+    calibrate_light(samples, brdf="lambertian")
+    for enough in (video(count=300, tilt=np.deg2rad(5)), video(distance=(50.0, 50.0))):
+        fit = calibrate_light(enough)
+        assert abs(fit.k - 2.5) < 4 * fit.standard_errors["k"] < 0.16
 
 
 def test_a_single_frame_and_too_few_samples_are_refused_by_name():
     samples = video()
     refused("k", samples[samples.frame == 10], "single frame")
-    refused(
-        "k", video(count=3, per_frame=12, seed=1), "36 samples of 3 frames", nodes=4
-    )
-
-
-def test_one_incidence_angle_does_not_give_a_brdf(rng):
-    rays = rng.normal(size=(300, 3)) * [0.4, 0.4, 0.0] + [0, 0, 1]
-    points = 40 * rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    level = TRUTH.intensity(points, -points / 40) * 3000 ** (1 / 2.2)
-    samples = Samples(
-        np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int)
-    )
-    refused("brdf", samples)
+    refused("k", video(count=3, per_frame=12, seed=1), "36 samples", nodes=4)
 
 
 def test_unknowns_at_their_bounds_are_refused():
@@ -150,28 +115,25 @@ def test_unknowns_at_their_bounds_are_refused():
     refused("gamma", steep, "out of 0.5 to 5", gamma="free")
 
 
-def shine(samples, lamp, exposed="each"):
-    """Samples lit otherwise: `lamp` gives the linear light of some; each frame, or all, well exposed."""
+def shine(samples, lamp):
+    """Samples lit otherwise, each frame well exposed: `lamp` gives the linear light of some."""
     light = lamp(samples)
     rng = np.random.default_rng(0)
-    groups = samples.frame if exposed == "each" else np.zeros(len(samples), int)
-    bright = np.array(
-        [np.percentile(light[groups == group], 80) for group in range(groups.max() + 1)]
-    )
-    level = (0.5 * light / bright[groups]) ** (1 / 2.2) + rng.normal(
-        0, 3 / 255, len(samples)
-    )
+    frames = [light[samples.frame == n] for n in range(samples.frame.max() + 1)]
+    bright = np.array([np.percentile(one, 80) for one in frames])
+    level = (0.5 * light / bright[samples.frame]) ** (1 / 2.2)
+    level = level + rng.normal(0, 3 / 255, len(samples))
     return replace(samples, level=np.clip(level, 0.0, 1.0))
 
 
-def torch(*place):
-    """A lamp at a place beside the lens, mm."""
+def torch(*place, k=0.0):
+    """A lamp at a place beside the lens, mm, of a beam cosᵏ α."""
 
     def lamp(samples):
         offset = samples.points - place
         reach = np.linalg.norm(offset, axis=1)
         facing = -np.einsum("ni,ni->n", offset, samples.normals) / reach
-        return np.maximum(facing, 0.02) / reach**2
+        return np.maximum(facing, 0.02) / reach**2 * samples.cos_alpha**k
 
     return lamp
 
@@ -180,9 +142,14 @@ def window(samples):
     return np.maximum(samples.normals @ [0.5, -0.6, -0.62], 0.05)
 
 
-def half_a_room(samples):
-    lamp = torch(0, 0, 0)(samples) * samples.cos_alpha**2.5
-    return lamp + np.median(lamp)
+def room(share):
+    """An endoscope's lamp, and so much of its light from elsewhere."""
+
+    def lamp(samples):
+        own = torch(0, 0, 0, k=2.5)(samples)
+        return own + share * np.median(own)
+
+    return lamp
 
 
 ROOMS = {
@@ -190,7 +157,7 @@ ROOMS = {
     "even light, a lens that darkens its rim": lambda samples: samples.cos_alpha**3,
     "a window": window,
     "a lamp in the room": torch(300, -250, -100),
-    "as much of the room as of the lamp": half_a_room,
+    "as much of the room as of the lamp": room(1.0),
     "a torch": torch(0, 40, 0),
 }
 
@@ -200,33 +167,19 @@ ROOMS = {
 @pytest.mark.parametrize("name", ROOMS)
 def test_light_that_is_no_endoscopes_is_refused(name, target, brdf):
     fold = {"fold": np.deg2rad(20)} if target == "vicalib_folded" else {}
-    samples = shine(video(target, 40, **fold), ROOMS[name])
-    refused("light", samples, "lamp at the lens", brdf=brdf)
-
-
-def test_light_of_a_room_under_a_locked_exposure_is_refused():
-    refused("light", shine(video(count=40), ROOMS["even light"], "all"), "lit room")
+    refused("light", shine(video(target, 40, **fold), ROOMS[name]), "lamp", brdf=brdf)
 
 
 @pytest.mark.parametrize("k", [0.1, 1.0, 4.0])
 def test_a_lamp_at_the_lens_is_accepted_whatever_its_beam(k):
-    fit = calibrate_light(
-        shine(video(), lambda seen: torch(0, 0, 0)(seen) * seen.cos_alpha**k)
-    )
+    fit = calibrate_light(shine(video(), torch(0, 0, 0, k=k)))
     assert abs(fit.k - k) < 4 * fit.standard_errors["k"]
 
 
-def test_some_light_of_the_room_is_named():
-    def lamp(samples):
-        own = torch(0, 0, 0)(samples) * samples.cos_alpha**2.5
-        return own + 0.3 * np.median(own)
-
-    fit = calibrate_light(shine(video(count=40), lamp))
-    assert any("another light" in sentence for sentence in fit.verdict)
-    assert not any(
-        "another light" in sentence
-        for sentence in calibrate_light(video(count=40)).verdict
-    )
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_some_light_of_the_room_is_named(share):
+    fit = calibrate_light(shine(video(count=40), room(share)))
+    assert ("another light" in " ".join(fit.verdict)) is (share > 0)
 
 
 def test_residuals_that_no_lamp_at_the_lens_leaves_are_refused():
@@ -239,9 +192,5 @@ def test_jumps_stand_out_from_fast_but_smooth_motion():
     frames = np.arange(0, 200, 2)
     gains = np.exp(1.2 * np.sin(frames / 9))
     assert gain_jumps(frames, gains) == []
-    gains = gains * np.where(frames >= 120, 1.9, 1.0) * np.where(frames == 40, 3.0, 1.0)
-    found = gain_jumps(frames, gains)
-    assert {frame for frame, _ in found} == {40, 42, 120}
-    assert found[-1][0] == 120
-    assert abs(found[-1][1] / 1.9 - 1) < 0.3
-    assert gain_jumps(frames[:4], gains[:4]) == []
+    found = dict(gain_jumps(frames, gains * np.where(frames >= 120, 1.9, 1.0)))
+    assert found == {120: pytest.approx(1.9, rel=0.3)}

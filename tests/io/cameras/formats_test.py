@@ -9,7 +9,6 @@ import yaml
 from numpy.testing import assert_allclose
 
 import endolab as el
-from endolab.cli.main import main
 from endolab.io.cameras.formats import read_camera
 
 POINTS = np.array([[0.3, -0.2, 1.0], [-0.25, 0.1, 1.0], [0.05, 0.3, 1.0]])
@@ -32,12 +31,7 @@ def write(tmp_path):
 def by_opencv(k, fisheye=False):
     """Where OpenCV has the points."""
     project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
-    zero = np.zeros(3)
-    pixels, _ = (
-        project(POINTS[None], zero, zero, K, np.array(k))
-        if fisheye
-        else project(POINTS, zero, zero, K, np.array(k))
-    )
+    pixels, _ = project(POINTS[None], np.zeros(3), np.zeros(3), K, np.array(k))
     return pixels.reshape(-1, 2)
 
 
@@ -70,10 +64,6 @@ def test_a_size_that_is_missing(tmp_path):
     with pytest.raises(ValueError, match=r"a\.yaml.*size"):
         el.load_calibration(path)
     assert el.load_calibration(path, size=(320, 240)).camera.height == 240
-    out = tmp_path / "frame"
-    assert main(f"simulate plane --width 320 --out {out}".split()) == 0
-    words = f"reconstruct {out}/frame.png --calibration {path} --solver facing"
-    assert main([*words.split(), "--out", str(tmp_path / "result")]) == 0
 
 
 ROS = {
@@ -81,8 +71,6 @@ ROS = {
     "image_height": 240,
     "camera_name": "narrow",
     "camera_matrix": {"rows": 3, "cols": 3, "data": K.ravel().tolist()},
-    "distortion_model": "plumb_bob",
-    "distortion_coefficients": {"rows": 1, "cols": 5, "data": BROWN[:5]},
 }
 
 
@@ -96,15 +84,13 @@ ROS = {
 )
 def test_ros(write, model, k):
     matrix = {"rows": 1, "cols": len(k), "data": list(k)}
-    content = ROS | {"distortion_model": model, "distortion_coefficients": matrix}
-    expected = by_opencv(k, model == "equidistant")
-    for text in (yaml.safe_dump(content), json.dumps(content)):
-        camera = read_camera(write("camera.yaml", text))
-        assert_allclose(camera.project(POINTS), expected, atol=1e-9)
+    written = ROS | {"distortion_model": model, "distortion_coefficients": matrix}
     echoed = {"height": 240, "width": 320, "distortion_model": model}
     echoed |= {"D": list(k), "K": K.ravel().tolist()}
-    camera = read_camera(write("echo.yaml", yaml.safe_dump(echoed) + "---\n"))
-    assert_allclose(camera.project(POINTS), expected, atol=1e-9)
+    expected = by_opencv(k, model == "equidistant")
+    for text in (yaml.safe_dump(written), yaml.safe_dump(echoed) + "---\n"):
+        camera = read_camera(write("camera.yaml", text))
+        assert_allclose(camera.project(POINTS), expected, atol=1e-9)
 
 
 # As Kalibr's documentation has it (the file's layout), with two cameras.
@@ -126,13 +112,10 @@ cam1:
 """
 
 
-def test_kalibr(write, caplog):
+def test_kalibr(write):
     path = write("camchain.yaml", KALIBR)
-    first = el.load_calibration(path)
-    assert "cam0" in caplog.text
-    assert "cam1" in caplog.text
-    assert first.evidence["photometry"]["nominal"]
-    assert_allclose(first.camera.project(POINTS), by_opencv(FISHEYE, True), atol=1e-9)
+    first = el.load_calibration(path).camera
+    assert_allclose(first.project(POINTS), by_opencv(FISHEYE, True), atol=1e-9)
     second = el.load_calibration(f"{path}#cam1").camera
     assert_allclose(second.project(POINTS), by_opencv(BROWN[:4]), atol=1e-9)
     omni = write("omni.yaml", KALIBR.replace("pinhole", "omni", 1))
@@ -182,9 +165,6 @@ def test_c3vd(write):
     assert read_camera(write("flat.json", size | flat)) == known
     lines = "".join(f"{name}: {value!r}\n" for name, value in flat.items())
     assert read_camera(write("flat.txt", lines), (1350, 1080)) == known
-    ours = el.load_calibration("c3vd").to_dict()
-    ours["camera"] = {"model": "scaramuzza"} | size | flat
-    assert el.load_calibration(write("ours.json", ours)) == el.load_calibration("c3vd")
 
 
 @pytest.mark.parametrize(
@@ -210,11 +190,8 @@ def test_vicalib(write, kind, k, order):
 @pytest.mark.parametrize(
     "content",
     [
-        "just words",
-        "<a><b>1</b></a>",
         "MATLAB 5.0 MAT-file\0\1\2",
         '{"RadialDistortion": [-0.1, 0.02], "K": [[300, 0, 161], [0, 310, 121], [0, 0, 1]]}',
-        "# mrcal\n{ 'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [ 1512.0,], }",
         "5 -206.5 0 2.2e-03\n1 294.18\n241.8 394.55\n1.0 0.0 0.0\n480 752\n",
     ],
 )

@@ -1,5 +1,7 @@
 """EndoMapper's calibration files: what their numbers mean here, and which files are refused."""
 
+import sys
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -48,16 +50,16 @@ PHOTOMETRY = """<rig>
 def write(tmp_path):
     """Write the two files, with a text in one of them replaced."""
 
-    def files(old="", new="", photometry=PHOTOMETRY, geometry=GEOMETRY):
-        assert old in geometry + photometry
+    def files(old="", new=""):
         folder = tmp_path / "Endoscope_01"
         folder.mkdir(exist_ok=True)
-        paths = (
-            folder / "Endoscope_01_geometrical.xml",
-            folder / "Endoscope_01_photometrical.xml",
-        )
-        for path, text in zip(paths, (geometry, photometry), strict=True):
-            path.write_text(text.replace(old, new) if old else text, encoding="utf-8")
+        paths = []
+        for kind, text in {
+            "geometrical": GEOMETRY,
+            "photometrical": PHOTOMETRY,
+        }.items():
+            paths.append(folder / f"Endoscope_01_{kind}.xml")
+            paths[-1].write_text(text.replace(old, new), encoding="utf-8")
         return paths
 
     return files
@@ -65,58 +67,44 @@ def write(tmp_path):
 
 def test_the_camera(write):
     camera = read_camera(write()[0])
-    assert isinstance(camera, el.KannalaBrandt)
     assert (camera.width, camera.height) == (1440, 1080)
-    assert read_camera(write("734.7278", "0.51")[0]).cx == 0.51
-    assert read_camera(write("<width>", '<width unit="px">')[0]) == camera
     theta = 0.7
-    k = (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
-    radius = theta + sum(
-        c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True)
-    )
+    k = (1.0, -0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
+    radius = sum(c * theta ** (2 * n + 1) for n, c in enumerate(k))
     pixel = camera.project([0.0, np.sin(theta), np.cos(theta)])  # down in the picture
     assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
 
 
 def test_a_light_off_the_axis_is_in_mm(write):
-    calibration = endomapper.read_endomapper(*write())
-    light = calibration.photometry
+    light = endomapper.read_endomapper(*write()).photometry
     (spot,) = light.lights
     assert_allclose(spot.position, (-0.061, -1.135, -3.612))
     assert_allclose(spot.direction, (0.011092, 0.0, 0.999938), atol=1e-6)
     assert (light.gamma, light.k, light.gain) == (2.2, 0.0, None)
-    assert 0.7 * 2.767302 < spot.exponent < 2.767302
-    known = calibration.evidence["converted"]
-    assert known["geometry"] == "Endoscope_01_geometrical.xml"
-    assert known["lights"][0]["mu"] == 2.767302
 
 
 def test_the_light_falls_as_it_did_there(write):
     """cosⁿψ stands for exp(-μ (1 - cos ψ)): nowhere within 60° is a distance off by more than 6 %."""
-    calibration = endomapper.read_endomapper(*write())
-    (spot,) = calibration.photometry.lights
+    (spot,) = endomapper.read_endomapper(*write()).photometry.lights
     angles = np.deg2rad(np.linspace(0, 60, 61))
     direction = np.asarray(spot.direction)
     side = np.cross(direction, (0, 1, 0))
-    side /= np.linalg.norm(side)
-    ways = np.cos(angles)[:, None] * direction + np.sin(angles)[:, None] * side
+    ways = np.outer(np.cos(angles), direction)
+    ways += np.outer(np.sin(angles), side / np.linalg.norm(side))
     radiance, distance = spot.illuminate(np.asarray(spot.position) + 30 * ways)
     ratio = radiance * distance**2 / np.exp(-2.767302 * (1 - np.cos(angles)))
-    error = np.abs(np.sqrt(ratio) - 1)
-    assert error.max() < 0.06
-    assert error[:46].max() < 0.05
-    stated = calibration.evidence["converted"]["lights"][0]["worst_distance_percent"]
-    assert stated == pytest.approx(100 * error.max(), abs=0.5)
+    assert np.abs(np.sqrt(ratio) - 1).max() < 0.06
 
 
-def test_a_light_at_the_centre_becomes_k(write):
+def test_a_light_at_the_centre_becomes_k(write, monkeypatch):
     text = PHOTOMETRY.replace("-6.1e-05; -0.001135; -0.003612", "0; 0; 0")
     text = text.replace("0.011092; 0.0; 0.999938", "0; 0; 1")
-    plain = endomapper.read_endomapper(*write(photometry=text)).photometry
+    monkeypatch.setattr(sys.modules[__name__], "PHOTOMETRY", text)
+    plain = endomapper.read_endomapper(*write()).photometry
     assert plain.lights == ()
     assert 1.9 < plain.k < 2.767302
-    text = text.replace("</gamma>", "</gamma><vignetting> [ 0.500000 ] </vignetting>")
-    vignetted = endomapper.read_endomapper(*write(photometry=text)).photometry
+    more = "</gamma><vignetting> [ 0.500000 ] </vignetting>"
+    vignetted = endomapper.read_endomapper(*write("</gamma>", more)).photometry
     assert vignetted.k == pytest.approx(plain.k + 0.5)
 
 
@@ -124,9 +112,6 @@ def test_a_light_at_the_centre_becomes_k(write):
     ("old", "new", "word"),
     [
         ("kb4", "w", "no lens"),
-        ("717.6911", "nan", "finite"),
-        ("rig>", "cameras>", "Vicalib"),
-        ('"gamma"', '"lut"', "gamma"),
         ('"sls"', '"point"', "sls"),
         ("<mu> 2.767302 </mu>", "", "mu is missing"),
         ("-0.003612", "-3.612", "at most 0.05 m"),
@@ -144,8 +129,3 @@ def test_convert(write, tmp_path):
     assert cli.main(["convert", str(geometry.parent), "--out", str(out)]) == 0
     expected = endomapper.read_endomapper(geometry, photometry)
     assert el.load_calibration(out).to_dict() == expected.to_dict()
-    photometry.unlink()
-    assert (
-        cli.main(["convert", str(geometry), "--out", str(out), "--overwrite"]) == 0
-    )  # the camera alone
-    assert read_camera(out) == expected.camera

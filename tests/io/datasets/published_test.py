@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab import datasets
-from endolab.io.datasets import folders
 from endolab.metrics.depth_errors import compare
 
 
@@ -41,20 +40,12 @@ def write_simcol3d(folder):
     write(folder, "Depth_0007.png", depth)
 
 
-LOAD = {
-    "c3vd": lambda folder, index=42: datasets.read_c3vd(folder, index),
-    "simcol3d": lambda folder, index=7: datasets.read_simcol3d(folder, index),
-}
-
-
 @pytest.mark.parametrize("name", sorted(datasets.CALIBRATIONS))
 def test_known_endoscopes(name):
     whole = datasets.load_calibration(name)
     half = datasets.load_calibration(name, 120)
     height = round(whole.camera.height * 120 / whole.camera.width)
     assert half == whole.resize(120, height)
-    assert whole.photometry.gain is None
-    assert el.Calibration.from_dict(whole.to_dict()) == whole
     corner = (whole.camera.width - 0.5, whole.camera.height - 0.5)
     shrunk = half.camera.unproject((119.5, height - 0.5))
     assert_allclose(shrunk, whole.camera.unproject(corner), atol=1e-9)
@@ -68,12 +59,10 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
     assert_array_equal(sample.frame.image[7, 9] * 255, (30, 20, 10))
     assert_array_equal(sample.frame.mask, np.arange(1350) > np.zeros((1080, 1)))
     z = sample.distance * sample.calibration.camera.field.cos_alpha
-    assert np.isnan(z[540, 1])
-    assert np.all(np.isnan(z[:, 0]))
+    assert np.isnan(z[540, :2]).all()
     assert z[540, 3] == pytest.approx(65534 / 655.35)
     assert np.nanmedian(z) == pytest.approx(20.0, abs=1e-3)
     assert sample.distance[543, 679] == pytest.approx(10.0, abs=1e-3)  # on the axis
-    assert sample.distance[543, 3] > 1.5 * z[543, 3]  # at the rim
 
 
 def test_a_frame_of_simcol3d(tmp_path):
@@ -83,35 +72,8 @@ def test_a_frame_of_simcol3d(tmp_path):
     assert sample.frame.mask.all()
     assert np.isnan(sample.distance[0, 0])
     assert sample.distance[237, 237] == pytest.approx(200 / 255)
-    side = (np.array([474, 0]) - 237) / 227.60416  # the upper right corner
-    assert sample.distance[0, 474] == pytest.approx(
-        40.0 * np.sqrt(1 + side @ side), rel=1e-9
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("0001_depth.png", 1 / 655.35),
-        ("9_depth.TIFF", 1 / 655.35),
-        ("Depth_3.png", 200 / 65280),
-    ],
-)
-def test_true_z_goes_by_the_name(tmp_path, name, unit):
-    stored = np.array([[0, 1, 30000, 65000]], np.uint16)
-    write(tmp_path, name, stored)
-    expected = np.where(stored, stored * unit, np.nan)
-    assert_allclose(datasets.true_z(tmp_path / name), expected)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("0001_depth.png", 0), ("Depth_0001.png", 200), ("Depth_0001.png", 65535)],
-)
-def test_depth_in_another_unit(tmp_path, name, value):
-    write(tmp_path, name, np.full((256, 256), value, np.uint16))
-    with pytest.raises(ValueError, match=rf"^{tmp_path}/{name}: expected"):
-        datasets.true_z(tmp_path / name)
+    corner = 40 * np.sqrt(1 + 2 * (237 / 227.60416) ** 2)
+    assert sample.distance[0, 474] == pytest.approx(corner, rel=1e-9)
 
 
 LAID = {  # where three frames of a sequence lie: colour, depth, the camera
@@ -131,18 +93,12 @@ def write_sequence(folder, kind, numbers=(10, 2, 9)):
     """Frames of z = 10 mm and their number, and as red; what else such a folder holds."""
     colours, depths, _ = LAID[kind]
     for number in numbers:
-        z = round((10 + number) * 655.35)
-        write(
-            folder,
-            colours.format(number),
-            np.full((108, 135, 3), (0, 0, number), np.uint8),
-        )
-        write(folder, depths.format(number), np.full((108, 135), z, np.uint16))
+        red = np.full((108, 135, 3), (0, 0, number), np.uint8)
+        z = np.full((108, 135), round((10 + number) * 655.35), np.uint16)
+        write(folder, colours.format(number), red)
+        write(folder, depths.format(number), z)
     write(folder, "normals/0002_normals.tiff", np.zeros((2, 2), np.uint8))
-    (folder / "pose.txt").touch()
-    if (
-        kind == "EndoGSLAM, raw"
-    ):  # beside them what it makes: without distortion, of 8 bits
+    if "raw" in kind:  # beside them what it makes: without distortion, of 8 bits
         for name in ("color/2_color.png", "depth/0002_depth.tiff"):
             write(folder, name, np.full((108, 135), 50, np.uint8))
 
@@ -173,29 +129,19 @@ def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind)
         dataset[1]
 
 
-def test_a_folder_of_two_layouts(tmp_path):
-    (tmp_path / "0001_color.png").touch()
-    (tmp_path / "FrameBuffer_0001.png").touch()
-    with pytest.raises(ValueError, match="c3vd and simcol3d"):
-        folders.open_dataset(tmp_path)
-
-
 def test_published_frames_are_found(tmp_path, monkeypatch):
     monkeypatch.setenv("ENDOLAB_DATA", str(tmp_path))
     assert datasets.find_dataset("c3vd") is None
-    for place in (tmp_path / "a", tmp_path / "z"):
-        place.mkdir()
-        write_simcol3d(place)
-    write_c3vd(tmp_path)
-    assert datasets.find_dataset("c3vd").path == tmp_path
+    for place in ("a", "z"):
+        write_simcol3d(tmp_path / place)
     assert datasets.find_dataset("simcol3d").path == tmp_path / "a"
     assert datasets.find_dataset("simcol3d", "z").path == tmp_path / "z"
 
 
 def sample_of(data, name, index):
-    return LOAD[name](
-        data / {"c3vd": "c3vd_trans_t1_a", "simcol3d": "simcol3d"}[name], index
-    )
+    if name == "c3vd":
+        return datasets.read_c3vd(data / "c3vd_trans_t1_a", index)
+    return datasets.read_simcol3d(data / name, index)
 
 
 @pytest.mark.parametrize(
@@ -213,27 +159,25 @@ def test_known_pixels(data, name, index, stored, pixel, z):
     assert_allclose(middle * 255, stored, rtol=1e-9)
     ray = sample.calibration.camera.unproject(pixel[::-1])
     assert sample.distance[pixel] == pytest.approx(z / ray[2], rel=1e-9)
-    assert np.isfinite(sample.distance).mean() > 0.85
 
 
 @pytest.mark.parametrize(
-    ("name", "index", "options", "least", "most"),
+    ("name", "index", "options", "most"),
     [
-        ("c3vd", 1, {"width": 675}, 0, 9.5),
-        ("c3vd", 1, {"width": 675, "solver": "facing"}, 13, np.inf),
-        ("simcol3d", 3, {}, 0, 10),
+        ("c3vd", 1, {"width": 675}, 9.5),
+        ("c3vd", 1, {"width": 675, "solver": "facing"}, 15),
+        ("simcol3d", 3, {}, 10),
     ],
 )
-def test_errors_on_published_frames(data, name, index, options, least, most):
+def test_errors_on_published_frames(data, name, index, options, most):
     """Measured: over a phantom the default 8.3 to 9.1 %, d₀ 13.9; over a synthetic colon 9.0 to 10.9."""
     sample = sample_of(data, name, index)
     result = el.reconstruct(sample.frame, sample.calibration, **options)
     cosine = result.problem.field.cos_alpha
     height, width = cosine.shape
-    step = sample.distance.shape[0] // height
-    # Nan where part of it is.
-    truth = sample.distance.reshape(height, step, width, step).mean(axis=(1, 3))
+    shape = height, len(sample.distance) // height, width, -1
+    truth = sample.distance.reshape(shape).mean(axis=(1, 3))  # nan where part of it is
     mask = cosine > np.cos(np.deg2rad(55))
     errors = compare(result.distance, truth, cosine, mask=mask, scale="median")
     assert errors.pixels > 0.5 * mask.sum()
-    assert least <= errors.mean_percent <= most
+    assert 0.6 * most < errors.mean_percent < most

@@ -3,18 +3,16 @@
 import cv2
 import numpy as np
 import pytest
-from endolab.reconstruction.channels import make_problem
-from endolab.reconstruction.contours.choice import CHOICE
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 from scipy import ndimage
-from skimage.morphology import h_minima
-from skimage.segmentation import watershed
 
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
-from endolab.reconstruction.lines import LINE_SEARCH, basins, find_contours
+from endolab.reconstruction.channels import make_problem
+from endolab.reconstruction.contours.choice import CHOICE
+from endolab.reconstruction.contours.lines import find_contours
 
 
 def seen(scene, width=320, **options):
@@ -92,17 +90,6 @@ def test_a_step_is_one_closed_line_one_step_thin():
     assert region[60, 75] == region[60, 60] != region[0, 0]
 
 
-def test_basins_are_those_of_scikit_image():
-    """Of few values none of which is twice there, so that all agree on who is flooded first."""
-    slope = ndimage.gaussian_filter(np.random.default_rng(0).random((60, 80)), 2)
-    region, count = basins(slope, np.ones(slope.shape, bool))
-    pits, number = ndimage.label(h_minima(slope, LINE_SEARCH.shallow))
-    expected = watershed(slope, pits)
-    assert abs(count - number) <= 0.05 * number
-    both = np.unique(region * (number + 1) + expected, return_counts=True)[1]
-    assert np.sort(both)[-number:].sum() > 0.97 * slope.size
-
-
 def test_a_limb_is_cut_on_its_far_side():
     """Near wall, its dark rim, far wall: from left to right, and from right to left."""
     log_d0 = np.full((120, 320), 0.5)
@@ -133,12 +120,3 @@ def test_tiny_pictures_and_empty_masks(shape):
         assert find_contours(
             np.arange(mask.size, dtype=float).reshape(shape), mask
         ).shape == (2, *shape)
-
-
-def test_a_mirrored_picture_has_the_same_lines():
-    _, problem = seen("colon")
-    lines = find_contours(problem.log_d0, problem.mask)
-    across, down = find_contours(problem.log_d0[:, ::-1], problem.mask[:, ::-1])
-    # of each pixel the step to its right, which was the step from its left
-    across = np.append(across[:, -2::-1], np.zeros((len(across), 1)), axis=1)
-    assert_allclose(np.stack([across, down[:, ::-1]]), lines, atol=1e-9)

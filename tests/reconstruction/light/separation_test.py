@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from endolab.reconstruction.channels import make_channels
-from endolab.reconstruction.light.separation import merge, separate
 
 import endolab as el
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.report import notes
+from endolab.reconstruction.channels import make_channels
+from endolab.reconstruction.light.separation import separate
+from endolab.reconstruction.sentences import notes
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import LightOutcome
 from tests.tools.problems import Shot, finish
@@ -74,19 +74,6 @@ def test_a_grey_picture_stored_in_three_colours_says_so(dry):
     assert result.provenance.light.outcome is LightOutcome.NO_COLOUR
 
 
-def test_observers_see_every_solve_with_its_stage_and_round(dry):
-    seen = []
-    result = solved(dry.frame, dry.calibration, contours=True, observers=[seen.append])
-    named = list(dict.fromkeys((step.stage, step.round) for step in seen))
-    trials = len(named) - 5  # of one to four steepnesses, after three rounds
-    stages = ["bounced light"] * 3 + ["contours"] * trials + ["bounced light"]
-    rounds = list(zip(stages, range(1, trials + 5), strict=True))
-    assert trials in (1, 2, 3, 4)
-    assert named == [*rounds, ("solution", 0)]
-    assert [(stage.name, stage.round) for stage in result.stages] == named
-    assert seen[0].problem.mask.shape == (180, 240)  # it is sought on fewer pixels
-
-
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
     """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm."""
     known = without(dry.calibration, gain=None)
@@ -133,24 +120,6 @@ def test_what_is_asked_again_is_answered_again(dry, contours):
         assert {stage.name for stage in result.stages} == {"solution"}
     assert smoother.problem.lam == 2
     assert error(smoother, dry) < error(first, dry) + 1
-
-
-def test_merging_undoes_what_bounced(dry):
-    three = [
-        channel.problem for channel in colours(dry.frame, dry.calibration, smooth=0.0)
-    ]
-    shape = three[1].mask.shape
-    direct = np.random.default_rng(0).uniform(0.1, 0.4, shape)
-    lit = [
-        replace(
-            colour,
-            image=(direct * (1 + 0.5) * rho / ALBEDO[1]) ** (1 / 2.2),
-            mask=np.ones(shape, bool),
-        )
-        for colour, rho in zip(three, ALBEDO, strict=True)
-    ]
-    merged = merge(lit, np.full((*shape, 3), 0.5), ALBEDO)
-    np.testing.assert_allclose(merged.image**2.2, direct, rtol=1e-9)
 
 
 def test_where_nothing_bounces_nothing_is_taken_out():

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.numerics.iteration import Status
-from endolab.reconstruction.estimate_light import estimate_light
+from endolab.reconstruction.light.unknown_light import estimate_light
 
 FISHEYE = el.load_calibration("paper", width=120).camera
 NARROW = el.Pinhole(120, 90, 400.0, 400.0, 59.5, 44.5)  # 9° to the side
@@ -25,10 +24,6 @@ def frame_of(scene, k, camera=FISHEYE, **how):
         **how,
     )
     return el.Frame(seen.image, seen.mask, scene)
-
-
-def grey(frame):
-    return replace(frame, image=frame.image[..., 1])
 
 
 @pytest.fixture(scope="module")
@@ -85,42 +80,12 @@ def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
     assert "count as 1.0" in found.verdict
 
 
-def test_frames_without_colours_are_left_out_and_named(tube):
-    white = replace(
-        tube, image=np.repeat(tube.image[..., 1:2], 3, axis=2), name="white"
-    )
-    for frame, reason in ((grey(tube), "is grey"), (white, "are one")):
-        with pytest.raises(ValueError, match=f"{frame.name}.* {reason}"):
-            estimate_light([frame], FISHEYE)
-
-
 def test_frames_that_cannot_be_used_are_named(tube, of_tube):
     small = el.Frame(tube.image[:50], tube.mask[:50], "small")
     dark = replace(tube, image=np.zeros_like(tube.image), name="dark")
-    seen = []
-    found = estimate_light(
-        [small, tube, dark], FISHEYE, progress=lambda *state: seen.append(state)
-    )
-    assert list(found.refused) == ["small", "dark"]
-    assert "small is 120x50 px" in found.refused["small"]
+    grey = replace(tube, image=tube.image[..., 1], name="grey")
+    white = np.repeat(tube.image[..., 1:2], 3, axis=2)
+    white = replace(tube, image=white, name="white")
+    found = estimate_light([small, tube, dark, grey, white], FISHEYE)
+    assert list(found.refused) == ["small", "dark", "grey", "white"]
     assert (found.names, found.k) == (("tube",), of_tube.k)
-    assert seen == [(1, "small"), (2, "tube"), (3, "dark")]
-
-
-def test_observers_see_every_solve_and_may_stop_it(tube):
-    steps = []
-    done = []
-
-    def stop_in_the_second(step):
-        steps.append(step)
-        return len(done) == 1
-
-    watch = {
-        "observers": [stop_in_the_second],
-        "progress": lambda *state: done.append(state),
-    }
-    found = estimate_light([tube, tube], FISHEYE, **watch)
-    assert (found.names, found.status) == (("tube",), Status.STOPPED)
-    assert {step.problem.photometry.k for step in steps} == {*found.exponents}
-    with pytest.raises(ValueError, match="stopped"):
-        estimate_light([tube], FISHEYE, observers=[lambda step: True])

@@ -49,18 +49,6 @@ def walls(colon):
     return Walls.of(v, np.isfinite(v), field, 2.5)
 
 
-def test_the_exchange_is_that_of_its_plain_twin(rng):
-    x, n, area = ball(120)
-    turned = n + 0.5 * rng.normal(size=n.shape)
-    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-    area = area * rng.uniform(0.5, 2, len(area))
-    assert_allclose(
-        _exchange(x, turned, area, *open_cells(120)),
-        plainly(x, turned, area),
-        atol=1e-15,
-    )
-
-
 def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     """An integrating sphere: S = mean E · ρ/(1 - ρ), wherever the light fell first."""
     x, n, area = ball()

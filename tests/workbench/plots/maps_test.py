@@ -1,8 +1,6 @@
 """Figures: what they say, what they leave out, and that they leave nothing behind."""
 
-import io
 from dataclasses import replace
-from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,7 +12,6 @@ from matplotlib.text import Text
 import endolab as el
 from endolab import plots
 from endolab.workbench.plots import style
-from endolab.workbench.plots.scales import SOURCE_COLOURS
 from tests.tools.problems import coloured_colon
 
 
@@ -33,63 +30,25 @@ def start(colon):
     return el.Iterate.of(colon[0], colon[0].log_d0)
 
 
-def test_what_determined_a_pixel_is_shown_with_shares():
-    decided = np.array([[0, 1, 1, 2], [0, 3, 1, 1]], np.uint8)
-    ax = plots.show_dominant_source(decided)
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
-        *("data\n67 %", "border\nor contour\n17 %", "prior\n17 %")
-    ]
-    colours = [[255 * grey for grey in style.HOUSE.left_out], *SOURCE_COLOURS.values()]
-    shown = np.asarray(ax.images[0].get_array())
-    np.testing.assert_allclose(255 * shown, np.array(colours)[decided])
-
-
 @pytest.fixture(autouse=True)
 def _no_figure_stays():
     yield
     plt.close("all")
 
 
-def pixels(figure):
-    """Draw a figure and read it back, (H, W, 3) in [0, 1]."""
-    figure.savefig(file := io.BytesIO(), format="png")
-    file.seek(0)
-    return plt.imread(file)[..., :3]
-
-
-def test_a_depth_map_has_units_limits_and_neutral_holes():
+def test_a_depth_map_has_units_and_limits_and_equal_ratios_are_equal_steps():
     distance = np.linspace(10.0, 110.0, 1200).reshape(30, 40)
     distance[:10, :10] = np.nan
     ax = plots.show_depth(distance)
     image = ax.images[0]
     assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(distance, [1, 99])))
     assert image.colorbar.ax.get_ylabel() == "distance [mm]"
-    assert image.colorbar.extend == "both"
-    drawn = pixels(ax.figure)
-    holes = np.isclose(drawn, style.HOUSE.left_out, atol=0.01).all(axis=-1).sum()
-    assert holes > 0.02 * drawn[..., 0].size
+    norm = image.norm
+    assert norm(40.0) - norm(20.0) == pytest.approx(norm(20.0) - norm(10.0))
     image = plots.show_depth(distance, limits=(1.0, 200.0)).images[0]
     assert image.get_clim() == (1.0, 200.0)
-    assert image.colorbar.extend == "neither"
-    pixels(plots.show_depth(distance * np.nan).figure)
+    plots.show_depth(distance * np.nan).figure.canvas.draw()
     assert plots.show_sigma(distance * np.nan).images[0].get_clim() == (0, 1)
-
-
-def test_colours_of_distances_are_logarithmic_with_lines_at_round_ones():
-    distance = np.geomspace(10.0, 160.0, 41)[None].repeat(30, axis=0)
-    ax = plots.show_depth(distance, limits=(10.0, 160.0))
-    norm = ax.images[0].norm
-    assert np.diff([norm(10.0), norm(20.0), norm(40.0)]) == pytest.approx(
-        0.25, abs=1e-9
-    )
-    (lines,) = ax.collections
-    crossed = lines.levels
-    assert crossed[:3] == pytest.approx([10, 20, 30])
-    across = lines.get_paths()[1].vertices[:, 0]  # where 20 mm are
-    assert np.interp(across, np.arange(41), distance[0]) == pytest.approx(20, rel=0.01)
-    linear = plots.show_map(distance, label="μ′ [1]", limits=(0.0, 1.0))
-    assert not linear.collections
-    assert linear.images[0].norm(0.5) == 0.5
 
 
 def test_isolines_lie_at_the_ticks_and_not_across_jumps():
@@ -106,37 +65,6 @@ def test_isolines_lie_at_the_ticks_and_not_across_jumps():
     assert not plots.show_depth(np.full((9, 9), 40.0)).collections
 
 
-def test_isolines_stay_away_from_cuts(start):
-    cuts = np.zeros((2, *start.mask.shape), bool)
-    cuts[1, 30] = True  # from row 30 to 31
-    ax = plots.show_depth(replace(start, problem=replace(start.problem, cuts=cuts)))
-    paths = ax.collections[0].get_paths()
-    rows = np.concatenate([path.vertices[:, 1] for path in paths])
-    assert rows.min() < 20 < 40 < rows.max()
-    assert not np.any((rows > 30.01) & (rows < 30.99))
-
-
-@pytest.mark.parametrize("limits", [(10, 115), (2, 900), (0.31, 1.24), (40, 40)])
-def test_numbers_beside_a_colour_bar_do_not_overlap(limits):
-    axes = plt.subplots(1, 3, figsize=(11, 3), layout="constrained")[1]
-    ax = plots.show_depth(np.geomspace(*limits, 120).reshape(10, 12), axes[0])
-    ax.figure.canvas.draw()
-    texts = ax.images[0].colorbar.ax.get_yticklabels()
-    boxes = [text.get_window_extent() for text in texts if text.get_text()]
-    assert all(below.y1 < above.y0 for below, above in pairwise(boxes))
-
-
-def test_maps_end_around_what_is_known():
-    values = np.full((100, 200), np.nan)
-    values[40:60, 50:100] = 1.0
-    facing = values[..., None] * [0.0, 0.0, -1.0]
-    for ax in (plots.show_map(values, label="a [1]"), plots.show_normals(facing)):
-        assert ax.get_xlim() == pytest.approx((49.5, 99.5), abs=2.1)
-        assert ax.get_ylim() == pytest.approx((59.5, 39.5), abs=2.1)
-    values[3:97, 3:197] = 1.0  # hardly smaller
-    assert plots.show_map(values, label="a [1]").get_xlim() == (-0.5, 199.5)
-
-
 def test_an_error_is_signed_and_centred():
     truth = np.full((4, 4), 50.0)
     estimate = truth + np.linspace(-1, 4, 16).reshape(4, 4)
@@ -145,7 +73,7 @@ def test_an_error_is_signed_and_centred():
     assert image.get_array()[3, 3] == pytest.approx(8.0)
     assert image.get_clim()[0] == -image.get_clim()[1]
     assert image.get_clim()[1] == pytest.approx(8.0, rel=0.1)
-    pixels(plots.show_error(truth, truth).figure)  # no error at all
+    plots.show_error(truth, truth).figure.canvas.draw()  # no error at all
 
 
 def test_a_section_lies_on_the_surface(rendered):
@@ -176,56 +104,12 @@ def test_a_section_of_a_cut_surface_has_gaps(rendered, start):
     assert np.isnan(broken[31])
 
 
-def test_a_start_with_spikes_does_not_widen_a_section(rendered):
-    field = rendered.camera.field
-    truth = rendered.distance
-    spiky = truth.copy()
-    spiky[28:32, 38:42] *= 20
-    limits = {}
-    for name, curve in (("start", spiky), ("mine", spiky), ("smooth", truth)):
-        ax = plots.show_section({"truth": truth, name: curve}, field)
-        ax.figure.canvas.draw()
-        limits[name] = ax.get_xlim(), ax.get_ylim()
-    assert limits["start"] == limits["smooth"]
-    assert limits["mine"][0][1] > 5 * limits["start"][0][1]
-    # Alone there is nothing else to follow.
-    alone = plots.show_section({"start": spiky}, field)
-    alone.figure.canvas.draw()
-    assert alone.get_xlim()[1] > 5 * limits["start"][0][1]
-
-
-def test_a_history_is_logarithmic_and_bears_zeros():
-    history = [
-        {"k": k, "energy": 0.5**k, "data": 0.5**k, "regulariser": 0.0} for k in range(5)
-    ]
-    ax = plots.show_history(history)
-    assert ax.get_yscale() == "log"
-    assert {line.get_label() for line in ax.lines} == {"energy", "data"}
-    assert np.allclose(ax.lines[0].get_ydata(), 0.5 ** np.arange(5))
-    pixels(ax.figure)
-
-
-@pytest.mark.parametrize("grey", [False, True])
-def test_a_surface_from_the_side_shows_its_colours_and_a_scale(start, grey):
-    colours = start.problem.image if grey else start.problem.picture
-    ax = plots.show_cloud(start.points, colours)
-    patches = ax.collections[0]
-    assert 0.2 * start.mask.sum() < len(patches.get_paths()) < start.mask.sum()
-    red, green, blue = patches.get_facecolor()[:, :3].T
-    assert np.array_equal(red, blue) if grey else (red >= green).all()
-    assert ax.artists[0].txt_label.get_text().endswith(" mm")
-    pixels(ax.figure)
-
-
 def test_a_surface_from_the_side_is_seen_from_the_left_and_above():
     x, y = np.meshgrid(np.linspace(-10, 10, 30), np.linspace(-8, 8, 24))
     wall = np.stack([x, y, np.full_like(x, 50.0)], axis=-1)
     ax = plots.show_cloud(wall, np.full(x.shape, 0.5), angle=30, elevation=0)
     corners = np.stack([path.vertices[:4] for path in ax.collections[0].get_paths()])
     assert corners.mean(axis=(0, 1)) == pytest.approx([-25.0, 0.0], abs=0.5)
-    back = plots.show_cloud(wall, np.full(x.shape, 0.5), angle=120)
-    assert len(back.collections) == 0
-    pixels(plots.show_cloud(np.full((5, 6, 3), np.nan), np.zeros((5, 6))).figure)
 
 
 def result_of(iterate):
@@ -245,7 +129,6 @@ def test_an_overview_says_everything_and_leaves_no_figure(start, rendered):
     assert "relative" not in figure.get_suptitle()
     names = [text.get_text() for text in section_of(figure).get_legend().get_texts()]
     assert names == ["truth", "start", "estimate"]
-    assert pixels(figure).shape == (900, 1600, 3)
 
 
 def test_an_overview_without_a_gain_says_relative_and_may_be_grey(start, rendered):

@@ -1,7 +1,6 @@
 """The report of a calibration: its page, its numbers, and what becomes of its files."""
 
 import json
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -91,12 +90,3 @@ def test_without_light_and_with_a_given_camera_the_page_says_so_and_no_html_is_t
     assert page.pictures == ["detection.png", "frames.png"]
     assert "a <b> & c" in page.text
     assert session.refused in page.text
-
-
-def test_without_jinja_there_is_all_but_the_page(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "jinja2", None)
-    session, frames, _ = simulated()
-    write_report(refused(session), frames, tmp_path)
-    names = {file.name for file in tmp_path.iterdir()}
-    assert {"report.json", "camera.json", "camera.png", "frames.png"} <= names
-    assert "report.html" not in names

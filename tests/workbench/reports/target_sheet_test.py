@@ -103,10 +103,3 @@ def test_the_page_says_how_to_fold_and_its_ruler_measures_what_it_says():
     assert "50 mm" in words
     lengths = [np.ptp(line.get_xdata()) for line in plain.lines]
     assert max(lengths) == pytest.approx(50, abs=1e-9)
-
-
-def test_other_kinds_of_file_are_refused(tmp_path):
-    for name in ("sheet.png", "sheet"):
-        with pytest.raises(ValueError, match=name):
-            write_sheet(BIG, tmp_path / name)
-    assert not list(tmp_path.iterdir())

@@ -48,12 +48,3 @@ def test_only_what_is_believed_otherwise_is_saved(seen):
     other = Knobs(scene=None, k=light.k + 0.5, gain=2.0).solving_settings(subject)
     assert other.photometry == {"k": light.k + 0.5, "gain": 2.0 * light.gain}
     assert other.keywords["channel"] == "grey"
-
-
-def test_frame_truth_and_calibration_must_fit(seen):
-    frame, calibration, truth = seen
-    with pytest.raises(ValueError, match="160x120 px"):
-        Source(PAPER, frame)
-    for given in ((frame, truth[1:]), (None, truth), (frame, -truth)):
-        with pytest.raises(ValueError, match="truth"):
-            Source(calibration, *given)

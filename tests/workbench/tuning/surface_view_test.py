@@ -10,7 +10,7 @@ import endolab as el
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 from endolab.workbench.recording import viewer
-from endolab.workbench.tuning.surface_view import SurfaceView, box_of, fits_box
+from endolab.workbench.tuning.surface_view import SurfaceView
 
 
 @pytest.fixture
@@ -133,32 +133,6 @@ def test_a_page_that_draws_slowly_has_time_for_other_things(view):
     assert view.number == 3
 
 
-def test_the_box_holds_all_but_spikes_and_stays_while_a_slider_moves():
-    far = np.full((60, 80), 40.0)
-    far[5, 5] *= 30
-    points = wall(60, 80, far=far).points.reshape(-1, 3)
-    box = box_of(points)
-    assert box == pytest.approx([-40, -30, 40, 40, 30, 40], abs=2)
-    assert fits_box(box, box_of(1.05 * points))
-    assert not fits_box(box, box_of(1.5 * points))
-    assert not fits_box(box, box_of(points + np.array([0, 0, 60])))
-    assert not fits_box([], box)
-
-
-def test_a_dark_frame_is_lifted_and_a_picture_of_ones_own_is_not(view):
-    def median_of_picture():
-        seen = cv2.imdecode(np.frombuffer(view.picture, np.uint8), cv2.IMREAD_COLOR)
-        assert seen.shape == (60, 80, 3)
-        return np.median(seen)
-
-    shown = wall(60, 80)
-    view.show(shown, np.full((60, 80), 25, np.uint8))
-    assert median_of_picture() == 25
-    view.drawn = 1
-    view.show(shown)
-    assert median_of_picture() == 255
-
-
 def test_a_closed_view_forgets_its_surface():
     view = SurfaceView()
     view.show(wall(30, 40))
@@ -184,8 +158,3 @@ def test_a_result_is_shown_in_its_frame_and_has_a_still_where_nobody_looks(
     still = cv2.imdecode(np.frombuffer(shown["image/png"], np.uint8), cv2.IMREAD_COLOR)
     assert len(np.unique(still.reshape(-1, 3), axis=0)) > 500
     view.close()
-    with pytest.raises(ValueError, match="result"):
-        el.show_surface("run.rrd")
-    for wrong in ("frame.png", np.ones((120, 160, 4)), np.ones((60, 80))):
-        with pytest.raises(ValueError, match="picture"):
-            el.show_surface(result, wrong)

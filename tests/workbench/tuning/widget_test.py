@@ -10,7 +10,7 @@ import pytest
 import endolab as el
 from endolab.io.images import write_image
 from endolab.io.settings import read_settings
-from endolab.workbench.tuning.panels import PANELS, USUAL_PANELS
+from endolab.workbench.tuning.panels import USUAL_PANELS
 from endolab.workbench.tuning.source import Knobs
 from endolab.workbench.tuning.widget import TunerBox
 
@@ -188,35 +188,6 @@ def test_the_section_follows_the_pointer_and_the_cursor_reads_all_maps(make):
     assert box.cursor_texts == []
 
 
-def test_panels_are_chosen_from_a_list_and_ask_for_no_solve(make, seen):
-    box = make(*seen)
-    result = box.answer.result
-    for name in PANELS:
-        box.choose(0, name)
-        box.engine.wait(60)
-        assert box.names[0] == name
-    assert box.answer.uncertainty is not None  # σ was asked for by its panel
-    turn(box, texture="normals")
-    assert box.answer.result is result
-
-
-def test_a_page_is_filled_and_gets_its_picture_whenever_it_asks(make):
-    box = make()
-    sent = []
-    box.send_state = lambda key=None: sent.append(key or ())
-    for wide, tall, ratio in (
-        (1000, 500, 1),
-        (1600, 870, 1),
-        (1600, 870, 1),
-        (800, 500, 2),
-    ):
-        box.measure(wide, tall, ratio)
-        assert "picture" in sent[-1]
-        height, width = cv2.imdecode(np.frombuffer(box.picture, np.uint8), 1).shape[:2]
-        assert 0 <= wide * ratio - width < 3
-        assert 0 <= tall * ratio - height < 2
-
-
 def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(
     make, seen, until
 ):
@@ -264,22 +235,6 @@ def test_from_frame_to_frame_and_one_that_cannot_be_read_is_passed_by(seen, tmp_
     box.close()
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("frame", "a.png"),
-        ("calibration", "c3vd"),
-        ("truth", np.ones((3, 3))),
-        ("scene", "moon"),
-        ("width", 0.5),
-    ],
-)
-def test_what_does_not_go_together_is_one_sentence(name, wrong, seen):
-    given = {"frame": seen[0], "calibration": seen[1]} | {name: wrong}
-    with pytest.raises(ValueError, match=name):
-        el.tune(**given)
-
-
 def test_no_wish_is_dropped_by_what_is_done_with_the_answer_before(make):
     """Knobs then said what nobody had solved, until another was turned."""
     box = make()
@@ -320,8 +275,6 @@ def test_the_iterates_of_the_last_run_can_be_looked_at_and_no_other_is_exported(
         box.set_state({"scrub": 1})
         assert box.path_place == 1
         box.iterate(box.path)
-    with pytest.raises(ValueError, match="iterates"):
-        box.iterate(0)
 
 
 def test_what_was_refused_stays_to_be_read_when_more_is_known_of_the_answer(
@@ -334,25 +287,6 @@ def test_what_was_refused_stays_to_be_read_when_more_is_known_of_the_answer(
     box.engine.refuse("it cannot be read")
     box.engine.tell(answer)
     assert box.line == {"text": "it cannot be read", "wrong": True}
-
-
-def test_presets_set_all_options_and_the_frame_stays(make):
-    box = make()
-    box.preset("paper")
-    solver, channel, order = "primal_dual", "green", "second"
-    found = box.engine.wait(60).settings
-    assert (found.solver, found.channel, found.regulariser) == (solver, channel, order)
-    assert (found.scene, found.width) == ("tube", 160)
-    box.preset("default")
-    assert box.engine.wait(60).settings == Knobs(scene="tube", width=160)
-
-
-def test_the_frame_is_there_before_the_first_answer(seen):
-    frame, calibration, _ = seen
-    box = TunerBox(frame, calibration, width=160)
-    assert len(box.picture) > 1000
-    box.engine.wait(60)
-    box.close()
 
 
 def test_three_hundred_things_done_at_random_leave_one_answer(make, rng):
