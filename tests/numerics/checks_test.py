@@ -12,12 +12,10 @@ from endolab.numerics.checks import (
     real_array,
 )
 
-HUGE = 10**5000
-
 
 @pytest.mark.parametrize(
     "value",
-    ["1", None, True, 1j, [[1], [2, 3]], np.ones(2), HUGE, np.nan, -1, np.float64(4)],
+    ["1", None, True, 1j, [[1], [2, 3]], np.ones(2), np.nan, -1, np.float64(4)],
     ids=excerpt,
 )
 def test_what_is_no_number_between_two_others_is_said(value):
@@ -32,9 +30,7 @@ def test_what_is_no_whole_number_is_said(value):
         check_int("x", value)
 
 
-@pytest.mark.parametrize(
-    "value", [None, "a", [[1], [2, 3]], np.ones(2) * 1j, np.array([HUGE]), {}]
-)
+@pytest.mark.parametrize("value", [None, "a", [[1], [2, 3]], np.ones(2) * 1j, {}])
 def test_what_is_no_array_of_real_numbers_is_said(value):
     assert real_array("x", [1, 2]).dtype == np.float64
     for check in (real_array, mask_array):
