@@ -168,7 +168,7 @@ def test_a_truth_of_c3vd_is_told_by_its_name(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "named"),
     [
-        ({"disparity": np.ones(SHAPE)}, "disparity.*distance"),
+        ({"disparity": np.ones(SHAPE)}, "distance.*disparity"),
         ({"a": np.ones(SHAPE), "b": np.ones(SHAPE)}, "a, b"),
         ({"depth": np.ones((2, *SHAPE))}, r"\(2, 48, 64\)"),
         ({"depth": np.ones(SHAPE, complex)}, "complex"),

@@ -283,7 +283,7 @@ def test_nobody_needs_to_read_what_is_printed(work, process):
 
 
 def test_the_first_run_says_that_it_compiles_and_no_other(sim, tmp_path, process):
-    known = f"--calibration {sim}/endoscope.json --solver facing --out o"
+    known = f"--calibration {sim}/endoscope.json --solver facing --out o --overwrite"
     for lines in (1, 0):
         cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
         with process(f"reconstruct {sim}/frame.png {known}", **cache) as running:
