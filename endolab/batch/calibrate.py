@@ -77,7 +77,7 @@ def save_sheet_video(
     noise: float = 1.0,
     seed: int = 0,
 ) -> Target:
-    """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`, and return it.
+    """Write a simulated calibration video, pictures or `sheet.mkv`, with `truth.json`; return its target.
 
     Its `name` is as for `read_target`; one with a fold is folded by 20°, and the paper is `PAPER_SHEET`. What
     is there already is replaced as by `stage_folder`.

@@ -17,7 +17,8 @@ from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 def nearest(given: object, choices: Iterable[str]) -> str:
     """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
     plain = {name.lower(): name for name in choices}
-    return next(map(plain.get, difflib.get_close_matches(str(given).lower(), plain, 1)), "")
+    like = difflib.get_close_matches(str(given).lower(), list(plain), 1)
+    return plain[like[0]] if like else ""
 
 
 def unknown_name(
@@ -81,10 +82,11 @@ def number(
     """Return a finite number that lies between two others, which belong to it; else ValueError."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ValueError(f"{name} must be a number, got {excerpt(value)}")
-    if not (math.isfinite(value) and least <= value <= most):
+    plain = float(value)
+    if not (math.isfinite(plain) and least <= plain <= most):
         bounds = f"be finite and lie in [{least:g}, {most:g}]"
         raise ValueError(f"{name} must {bounds}, got {excerpt(value)}")
-    return float(value)
+    return plain
 
 
 def check_int(name: str, value: Any, least: int = 0) -> int:
