@@ -60,15 +60,14 @@ bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.accuracy
 	$(BIN)/python -m tests.benchmarks.causes
 	$(BIN)/python -m tests.benchmarks.uncertainty
-	$(BIN)/python -m tests.benchmarks.unseen traced
-	$(BIN)/python -m tests.benchmarks.colon
+	$(BIN)/python -m tests.benchmarks.paper
 	$(BIN)/python -m tests.benchmarks.refit
 	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.lam
 
 unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'
-	$(BIN)/python -m tests.benchmarks.unseen open
+	$(BIN)/python -m tests.benchmarks.accuracy open
 
 traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'

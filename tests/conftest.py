@@ -78,18 +78,17 @@ def data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def mitsuba() -> None:
-    """Ask for Mitsuba, an optional extra, and the LLVM that it needs."""
+def trace() -> object:
+    """Give the path tracer; it needs Mitsuba, an optional extra, and LLVM."""
     pytest.importorskip(
         "mitsuba",
         reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"',
     )
-    from tests.tools import path_tracing
-
     try:
-        path_tracing.mitsuba()
+        from tests.tools import path_tracing
     except OSError as error:
         pytest.skip(str(error))
+    return path_tracing.trace
 
 
 @pytest.fixture(scope="session")

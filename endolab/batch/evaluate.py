@@ -1,7 +1,8 @@
 """How far depth maps in files, of any program, are from the truth."""
 
+import json
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,14 @@ class Evaluation:
     scale: str  # as of `compare`
     errors: Errors
     coverage: Coverage | None  # of the depth map's σ, if it has one
-    resampled_from: (
-        tuple[int, int] | None
-    )  # rows and columns of the truth, if they are others
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as JSON can hold it; None for what is not known."""
+        facts = asdict(self.errors) | {"depth": self.name, "kind": self.kind}
+        if self.coverage is not None:
+            facts["coverage"] = asdict(self.coverage)
+        known: dict[str, Any] = json.loads(json.dumps(facts), parse_constant=lambda _: None)
+        return known
 
 
 def evaluate(
@@ -133,8 +139,7 @@ def evaluate(
     trusted = None
     if depth.sigma is not None:
         trusted = coverage_of(estimate, depth.sigma, actual, near, scale)
-    resampled = None if size == shape else (size[0], size[1])
-    return Evaluation(str(prediction), compared, scale, errors, trusted, resampled)
+    return Evaluation(str(prediction), compared, scale, errors, trusted)
 
 
 # Folders --------------------------------------------------------------------------------

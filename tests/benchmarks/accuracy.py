@@ -1,4 +1,4 @@
-"""How far the default is from the truth, and what was chosen by that truth: a table in Markdown.
+"""How far the default is from the truth, what was chosen by that truth, and how far one channel alone is.
 
     python -m tests.benchmarks.accuracy [SET]...
 
@@ -11,10 +11,7 @@ import sys
 
 import numpy as np
 
-import endolab as el
-from endolab.metrics.depth_errors import Errors
-from tests.benchmarks.frames import cases_of
-from tests.benchmarks.report import table
+from tests.benchmarks.frames import cases_of, table
 
 NOTHING = "nothing"
 THRESHOLDS = "λ and thresholds"
@@ -35,45 +32,34 @@ SETS = {
     "traced": ("path-traced colons: bare, mottled, wet, foggy", THRESHOLDS),
     "open": ("random cavities", THRESHOLDS),
 }
-HEADS = (
-    "frames",
-    "chosen on them",
-    "number",
-    "mean %",
-    "median %",
-    "worst %",
-    "normals °",
-)
+WAYS = {"the default": {}, "green": {"channel": "green"}}
+HEADS = ("frames", "chosen on them", "number")
+HEADS += ("mean %", "median %", "worst %", "normals °")
 
 
-def score(wanted: str) -> list[Errors]:
-    """Reconstruct all frames of a set with the defaults; say how far each is off."""
-    scores = []
+def rows_of(wanted):
+    """Means over the frames of a set, a row for each way."""
+    scores = {way: [] for way in WAYS}
     for case in cases_of(wanted):
-        errors = case.errors_of(el.reconstruct(case.frame, case.calibration))
         light = case.calibration.photometry
-        print(
-            f"{case.name:18} k {light.k:.2f} γ {light.gamma:.2f}  mean {errors.mean_percent:.2f} %, "
-            f"median {errors.median_percent:.2f} %, normals {errors.mean_degrees:.1f}°",
-            flush=True,
-        )
-        scores.append(errors)
-    return scores
-
-
-def row_of(wanted: str) -> list[str]:
-    """Means over the frames of a set."""
-    scores = score(wanted)
-    means = [
-        np.mean([getattr(errors, name) for errors in scores]) if scores else np.nan
-        for name in ("mean_percent", "median_percent", "mean_degrees")
-    ]
-    worst = max((errors.mean_percent for errors in scores), default=np.nan)
-    values = (*means[:2], worst, means[2])
-    cells = [f"{value:.1f}" if np.isfinite(value) else "–" for value in values]
-    return [*SETS[wanted], str(len(scores)), *cells]
+        print(f"{case.name:18} k {light.k:.2f} γ {light.gamma:.2f}", end="")
+        for way, options in WAYS.items():
+            e = case.errors_of(case.solve(**options))
+            scores[way].append(
+                (e.mean_percent, e.median_percent, e.mean_percent, e.mean_degrees)
+            )
+            print(f"  {way} {e.mean_percent:.2f} / {e.median_percent:.2f} %", end="")
+        print(flush=True)
+    for way, found in scores.items():
+        if found:
+            means = np.mean(found, axis=0)
+            means[2] = np.max(found, axis=0)[2]
+            cells = [f"{v:.1f}" if np.isfinite(v) else "–" for v in means]
+            yield way, [*SETS[wanted], str(len(found)), *cells]
 
 
 if __name__ == "__main__":
     names = sys.argv[1:] or [name for name in SETS if name != "sealed"]
-    table("Accuracy of the default", HEADS, [row_of(name) for name in names])
+    rows = [row for name in names for row in rows_of(name)]
+    for way in WAYS:
+        table(f"Accuracy: {way}", HEADS, [row for own, row in rows if own == way])

@@ -14,24 +14,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from endolab.reconstruction.colours import AlbedoPrior, known_albedo
+from endolab.reconstruction.light_and_contours import estimate_indirect, merge
+from endolab.reconstruction.problem_of_frame import in_units, problem_of_frame
 from matplotlib.figure import Figure
 
-import endolab as el
-from endolab.metrics.depth_errors import compare, depth_cuts
-from endolab.numerics.arrays import FloatArray
+from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.compiled import pad_maps
-from endolab.reconstruction.channels import in_units, prepare_channels
-from endolab.reconstruction.light.colours import AlbedoPrior, known_albedo
-from endolab.reconstruction.light.separation import estimate_indirect, merge
 from endolab.reconstruction.pipeline import SETTLED_CUT
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import model_image
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.grid import Grid
-from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
-from tests.benchmarks.frames import Case, cases_of
-from tests.benchmarks.report import table
+from tests.benchmarks.frames import cases_of, table
 
 PICTURE = Path(__file__).resolve().parents[2] / "notebooks" / "images" / "causes.png"
 SETS = {
@@ -52,48 +48,34 @@ STAGES = (
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
 
 
-def solve(case: Case, problem: Problem, inflow: FloatArray | None = None) -> float:
-    """Mean error of the surface that explains a problem, %."""
-    *_, last = gauss_newton(problem, inflow=inflow, settled=SETTLED_CUT)
-    return compare(
-        last.distance,
-        case.distance,
-        problem.field.cos_alpha,
-        mask=case.scored & problem.mask,
-        scale=case.scale,
-    ).mean_percent
-
-
-def errors_of(case: Case) -> list[float]:
+def errors_of(case):
     """Mean errors, %, of the default, and with ever more truths."""
+
+    def error(problem, inflow=None):
+        *_, last = gauss_newton(problem, inflow=inflow, settled=SETTLED_CUT)
+        return case.errors_of(last).mean_percent
+
     cuts = depth_cuts(case.distance)
-    results = [
-        el.reconstruct(case.frame, case.calibration, **given)
-        for given in ({}, {"cuts": cuts})
-    ]
-    errors = [case.errors_of(result).mean_percent for result in results]
-    lit = _with_true_light(case, cuts)
+    lit = with_true_light(case, cuts)
     v = np.log(case.distance)
     v = v + np.median((lit.log_d0 - v)[lit.mask]) * (case.scale == "median")
     v = np.where(lit.mask, v, 0.0)
-    perfect = replace(
-        lit, image=np.where(lit.mask, model_image(lit, v), 0.0), evidence=None
-    )
+    image = np.where(lit.mask, model_image(lit, v), 0.0)
+    perfect = replace(lit, image=image, evidence=None)
     enters = Grid.of(perfect).inflow_pixels(pad_maps(v))
-    inflow = np.where(enters, v, np.nan)
     return [
-        *errors,
-        solve(case, lit),
-        solve(case, perfect),
-        solve(case, perfect, inflow),
+        case.percent(),
+        case.percent(cuts=cuts),
+        error(lit),
+        error(perfect),
+        error(perfect, np.where(enters, v, np.nan)),
     ]
 
 
-def _with_true_light(case: Case, cuts: np.ndarray) -> Problem:
+def with_true_light(case, cuts):
     """The picture without its indirect light, cut at the true contours, where the truth is known."""
     settings = Settings(cuts=cuts if cuts.any() else None)
-    channels = prepare_channels(case.frame, case.calibration, settings)
-    colours = [channel.problem for channel in channels.full]
+    colours = problem_of_frame(case.frame, case.calibration, settings).colours
     surface = Iterate(colours[1], 0, np.log(case.distance), {})
     prior = AlbedoPrior.of(known_albedo(case.calibration))
     ratio, light = estimate_indirect(colours, surface, prior)
@@ -103,7 +85,7 @@ def _with_true_light(case: Case, cuts: np.ndarray) -> Problem:
     return in_units(replace(merged, mask=merged.mask & np.isfinite(case.distance)))
 
 
-def draw(errors: dict[str, list[float]]) -> None:
+def draw(errors):
     """Draw the errors of every set with ever more truths."""
     figure = Figure(figsize=(8, 4), layout="constrained")
     axes = figure.add_subplot()
@@ -116,23 +98,16 @@ def draw(errors: dict[str, list[float]]) -> None:
     figure.savefig(PICTURE, dpi=100)
 
 
-def main(names: list[str]) -> None:
-    """Print and draw the table of these sets."""
+if __name__ == "__main__":
     means = {}
-    rows = []
-    for name in names:
+    for name in sys.argv[1:] or SETS:
         errors = []
         for case in cases_of(name):
             errors.append(errors_of(case))
             print(case.name, *(f"{e:.2f}" for e in errors[-1]), flush=True)
         if errors:
-            means[name] = np.mean(errors, axis=0).tolist()
-            cells = [f"{value:.1f}" for value in means[name]]
-            rows.append([SETS[name], str(len(errors)), *cells])
-    heads = [stage.replace("\n", " ") for stage in STAGES]
-    table("Mean error, %, with ever more truths", ("frames", "number", *heads), rows)
+            means[name] = np.mean(errors, axis=0)
+    heads = ["frames", *(stage.replace("\n", " ") for stage in STAGES)]
+    rows = [[SETS[name], *(f"{one:.1f}" for one in row)] for name, row in means.items()]
+    table("Mean error, %, with ever more truths", heads, rows)
     draw(means)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:] or list(SETS))

@@ -1,41 +1,28 @@
-"""Frames whose truth is known, by the name of their set: path-traced, published, and random ones."""
+"""Frames whose truth is known, by the name of their set, how far a result is from it, and tables.
 
-from collections.abc import Callable, Iterator, Sequence
+Sets are "scenes" of the model, "traced" ones that come with endolab, random ones, "open" and "sealed", which
+are made if need be, published ones, and folders of frames with a description beside each.
+"""
+
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.io.datasets.sample import Sample
-from endolab.metrics.depth_errors import Errors, compare, resample_truth
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.metrics.depth_errors import compare, resample_truth
+from endolab.numerics.arrays import FloatArray
 from tests.benchmarks.known_surface import measure_light
-from tests.tools.random_frames import SETS, make, read
+from tests.tools import random_frames
 
-FOLDER = Path(__file__).resolve().parents[2] / "build" / "unseen"
 NOMINAL = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
-
-
-@dataclass(frozen=True)
-class Published:
-    """Frames of others: where they lie, on how many columns they are solved, and what of them is scored."""
-
-    folder: str
-    read: Callable[[Path, int], Sample]
-    indices: Sequence[int]
-    width: int
-    field: float = 90.0  # degrees off the axis
-
-
-# C3VD's fisheye is not well known farther off its axis.
-SIMCOL = Published("simcol3d", datasets.read_simcol3d, range(5), 320)
+# Where they lie, how they are read, which, on how many columns they are solved, and degrees off the axis
+# that are scored: C3VD's fisheye is not well known farther out.
 PUBLISHED = {
-    "c3vd": Published("c3vd_trans_t1_a", datasets.read_c3vd, (1, 6), 338, 55.0),
-    "simcol3d": SIMCOL,
-    "simcol3d_nominal": SIMCOL,
+    "c3vd": ("c3vd_trans_t1_a", datasets.read_c3vd, (1, 6), 338, 55.0),
+    "simcol3d": ("simcol3d", datasets.read_simcol3d, range(5), 320, 90.0),
 }
 
 
@@ -44,24 +31,26 @@ class Case:
     """A frame, what is known of its endoscope, and its truth."""
 
     name: str
-    kind: str
     frame: el.Frame
     calibration: el.Calibration
     distance: FloatArray
     normals: FloatArray | None = None
     scale: str = "none"  # "median" where the gain is unknown
     max_angle: float = 90.0  # degrees from the axis that are scored
-    indirect_ratio: FloatArray | None = (
-        None  # (H, W, 3), what is not direct over direct light, if known
-    )
+    # (H, W, 3), what is not direct over direct light, if known
+    indirect_ratio: FloatArray | None = None
 
     @property
-    def scored(self) -> BoolArray:
+    def scored(self):
         """Pixels that are scored."""
         cosine = np.nan_to_num(self.calibration.camera.field.cos_alpha, nan=-1.0)
         return cosine > np.cos(np.deg2rad(self.max_angle))
 
-    def errors_of(self, result: el.Result) -> Errors:
+    def solve(self, **options):
+        """Reconstruct the frame."""
+        return el.reconstruct(self.frame, self.calibration, **options)
+
+    def errors_of(self, result):
         """How far a result is from the truth."""
         return compare(
             result.distance,
@@ -69,11 +58,15 @@ class Case:
             result.problem.field.cos_alpha,
             normals=result.normals,
             true_normals=self.normals,
-            mask=self.scored,
+            mask=self.scored & result.problem.mask,
             scale=self.scale,
         )
 
-    def resize(self, width: int) -> "Case":
+    def percent(self, **options):
+        """Mean error of the distance, solved with these options, %."""
+        return self.errors_of(self.solve(**options)).mean_percent
+
+    def resize(self, width):
         """The same frame on fewer pixels, of this width at most."""
         if self.frame.width <= width:
             return self
@@ -90,50 +83,33 @@ class Case:
             normals=normals,
         )
 
-    def with_light(self, photometry: el.Photometry) -> "Case":
-        """The same frame, of whose light something else is known."""
-        return replace(
-            self, calibration=replace(self.calibration, photometry=photometry)
-        )
 
-
-def cases_of(wanted: str) -> Iterator[Case]:
-    """The frames of a set; none if its folder is not here. Random ones are made if need be."""
+def cases_of(wanted):
+    """The frames of a set; none if its folder is not here."""
     folder = datasets.data_folder() or Path("nowhere")
     if wanted == "scenes":
-        yield from _scenes()
+        known = datasets.load_calibration("simple")
+        for name, scene in el.SCENES.items():
+            made = el.render(scene, known.camera, known.photometry)
+            lit = el.Calibration(made.camera, made.photometry)
+            frame = el.Frame(made.image, made.mask, name)
+            yield Case(name, frame, lit, made.distance, made.normals)
     elif wanted == "traced":
-        for name in datasets.TRACED:
-            yield _exact(name, el.load_traced(name))
-    elif wanted in SETS:
-        make(SETS[wanted], FOLDER / wanted)
-        for path in sorted((FOLDER / wanted).glob("*.npz")):
-            drawn = read(path)
-            yield replace(_exact(drawn.frame.name, drawn), kind=drawn.kind)
-    elif wanted in PUBLISHED:
+        yield from map(_traced, map(el.load_traced, datasets.TRACED))
+    elif wanted in random_frames.SETS:
+        yield from map(_traced, random_frames.frames(wanted))
+    elif wanted.removesuffix("_nominal") in PUBLISHED:
         yield from _published(wanted, folder)
     else:
-        for path in sorted((folder / wanted).glob("*.json")):
-            yield _described(path)
+        yield from map(_described, sorted((folder / wanted).glob("*.json")))
 
 
-def _scenes() -> Iterator[Case]:
-    """What the model itself makes of the four scenes."""
-    known = datasets.load_calibration("simple")
-    for name, scene in el.SCENES.items():
-        made = el.render(scene, known.camera, known.photometry)
-        lit = el.Calibration(made.camera, made.photometry)
-        frame = el.Frame(made.image, made.mask, name)
-        yield Case(name, "", frame, lit, made.distance, made.normals)
-
-
-def _exact(name: str, sample: Any) -> Case:
+def _traced(sample):
     """A path-traced frame, at true scale."""
     others = sample.indirect + sample.mirrored[..., None]
     ratio = others / np.maximum(sample.direct, 0.05 * others + 1e-9)
     return Case(
-        name,
-        "",
+        sample.frame.name,
         sample.frame,
         sample.calibration,
         sample.distance,
@@ -142,39 +118,48 @@ def _exact(name: str, sample: Any) -> Case:
     )
 
 
-def _described(path: Path) -> Case:
+def _described(path):
     """A rendered frame, beside its description, mask and truth."""
     known = el.load_calibration(path)
     mask = path.with_name(f"{path.stem}_mask.png")
     frame = el.read_frame(path.with_suffix(".png"), known, mask=mask)
     with np.load(path.with_name(f"{path.stem}_truth.npz")) as truth:
-        distance, normals = (
-            truth[part].astype(float) for part in ("distance", "normals")
-        )
-    return Case(path.stem, "", frame, known, distance, normals)
+        maps = [truth[part].astype(float) for part in ("distance", "normals")]
+    return Case(path.stem, frame, known, *maps)
 
 
-def _published(wanted: str, folder: Path) -> Iterator[Case]:
+def _published(wanted, folder):
     """Smaller frames, scaled by their median; the light of each is measured on the others, or nominal."""
-    data = PUBLISHED[wanted]
+    place, read, indices, width, field = PUBLISHED[wanted.removesuffix("_nominal")]
     samples = []
-    if (folder / data.folder).is_dir():
-        samples = [data.read(folder / data.folder, index) for index in data.indices]
-    for index, sample in zip(data.indices, samples, strict=False):
+    if (folder / place).is_dir():
+        samples = [read(folder / place, index) for index in indices]
+    for index, sample in zip(indices, samples, strict=False):
         light = NOMINAL
-        if wanted != "simcol3d_nominal":
+        if wanted in PUBLISHED:
             others = [other for other in samples if other is not sample]
-            frames = [other.frame for other in others]
-            distances = [other.distance for other in others]
-            camera = sample.calibration.camera
-            light, *_ = measure_light(frames, camera, distances)
-        case = Case(
+            light, *_ = measure_light(
+                [other.frame for other in others],
+                sample.calibration.camera,
+                [other.distance for other in others],
+            )
+        yield Case(
             f"{wanted} {index}",
-            "",
             sample.frame,
             replace(sample.calibration, photometry=light),
             sample.distance,
             scale="median",
-            max_angle=data.field,
-        )
-        yield case.resize(data.width)
+            max_angle=field,
+        ).resize(width)
+
+
+def table(title, heads, rows):
+    """Print a table in Markdown, aligned."""
+    lines = [list(heads), *map(list, rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    lines.insert(1, ["-" * width for width in widths])
+    print(f"\n{title}\n")
+    for line in lines:
+        cells = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        print(f"| {' | '.join(cells)} |")
+    sys.stdout.flush()

@@ -13,55 +13,53 @@ the scene after the other, and to them comes what computed bounces are off by on
 cameras is near 2.2, and albedos are those of tissue, is heard as four more measurements.
 """
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 import scipy
-from endolab.reconstruction.uncertainty.prior_sigma import GAMMA_ERROR
+from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
+from endolab.reconstruction.estimate_light import EXPONENTS
+from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
-from endolab.frames.frame import SATURATED, Frame
+from endolab.frames.frame import SATURATED
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
-from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
-from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.light.colours import FIT
-from endolab.reconstruction.light.unknown_light import EXPONENTS
-from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope, sectors
+from endolab.reconstruction.prior_sigma import UNMEASURED
 
 WIDTH = 225  # px, of what is fitted
 WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
 LAMP = 0.8  # b
-GAMMA = 2.2  # of cameras, with the standard deviation `GAMMA_ERROR`
+GAMMA = 2.2  # of cameras, with the standard deviation of a γ that nobody measured
 # Of k, γ and albedos' logarithms, that computed bounces make.
 MODEL_ERRORS = (0.1, 0.15, 0.1, 0.3, 0.3)
 USUAL_MISFIT = 8.0  # grey levels that the model leaves; larger ones count as lines
 SECTORS = 4  # around the axis, each with a near and a far part
 
 
-def measure_light(
-    frames: Sequence[Frame], camera: Camera, distances: Sequence[FloatArray]
-) -> tuple[Photometry, dict[str, float], float]:
+def measure_light(frames, camera, distances):
     """Measure k, γ and a matt wall's albedos on colour frames of known distances, mm, nan where unknown.
 
     Returned are the light, of unknown gain, the standard errors of "k", "gamma", "red", "green" and "blue",
     and the median size of what the model leaves, grey levels.
     """
     seen = [_Patches(*pair, camera) for pair in zip(frames, distances, strict=True)]
-    fitted = _fit(seen)
-    parts = [_fit(seen, fitted, part) for part in range(2 * SECTORS)]
-    apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
-    covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(
-        np.square(MODEL_ERRORS)
-    )
-    usual = np.array([GAMMA, *np.log(FIT.tissue)])
-    width = np.array([GAMMA_ERROR, *[FIT.unknown] * 3])
+    start = np.array([1.5, GAMMA, *np.log(TISSUE)])
+    for patches in seen:
+        log_light = GAMMA * np.log(np.maximum(patches.grey, 1) / 255)
+        level = np.median(log_light - patches.light(1.5, np.array(TISSUE)), axis=0)
+        start = np.append(start, level)
+    fitted = _fit(seen, start)
+    parts = [_fit(seen, fitted, part)[:5] for part in range(2 * SECTORS)]
+    apart = np.array(parts) - np.mean(parts, axis=0)
+    covariance = (len(parts) - 1) / len(parts) * apart.T @ apart
+    covariance += np.diag(np.square(MODEL_ERRORS))
+    usual = np.array([GAMMA, *np.log(TISSUE)])
+    width = np.array([UNMEASURED["gamma"], *[UNKNOWN] * 3])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
-    albedo = np.clip(np.exp(logs), *FIT.albedos)
+    albedo = np.clip(np.exp(logs), LEAST_ALBEDO, MOST_ALBEDO)
     spread[2:] *= albedo
     light = Photometry(
         round(max(float(k), 0.0), 2),
@@ -69,16 +67,13 @@ def measure_light(
         brdf=Lambertian(tuple(albedo.round(2).tolist())),
     )
     errors = dict(zip(("k", "gamma", *CHANNELS), spread.tolist(), strict=True))
-    left = np.concatenate(
-        [patches.residuals(fitted, i) for i, patches in enumerate(seen)]
-    )
-    return light, errors, float(np.median(np.abs(left)))
+    return light, errors, float(np.median(np.abs(_left(seen, fitted))))
 
 
 class _Patches:
     """A frame averaged over the P patches of its surface."""
 
-    def __init__(self, frame: Frame, distance: FloatArray, camera: Camera) -> None:
+    def __init__(self, frame, distance, camera):
         height = max(1, round(frame.height * WIDTH / frame.width))
         small = frame.resize(WIDTH, height, GAMMA)
         clipped = (frame.image.max(axis=-1) >= SATURATED).astype(float)
@@ -104,7 +99,7 @@ class _Patches:
         far = np.linalg.norm(points, axis=-1)
         self.part = 2 * sectors(points, SECTORS) + (far > np.median(far))
 
-    def light(self, k: float, albedo: FloatArray) -> FloatArray:
+    def light(self, k, albedo):
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
         place = k / (EXPONENTS[1] - EXPONENTS[0])
         low = min(int(place), len(EXPONENTS) - 2)
@@ -117,40 +112,29 @@ class _Patches:
         bounced = (1 - t) * less + t * more
         return np.log(np.exp(direct)[:, None] + bounced) + (k * self.aside)[:, None]
 
-    def residuals(self, x: FloatArray, number: int, but: int = -1) -> FloatArray:
-        """What the model leaves of the frame of this number, but for one part of it, grey levels.
 
-        x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
-        """
-        level = x[5 + 3 * number : 8 + 3 * number]
-        modelled = np.exp((self.light(x[0], np.exp(x[2:5])) + level) / x[1])
-        return (255 * modelled - self.grey)[self.part != but].ravel()
+def _left(seen, x, but=-1):
+    """What the model leaves of frames, but for one part of the scene, grey levels.
+
+    x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
+    """
+    left = []
+    for patches, level in zip(seen, x[5:].reshape(-1, 3), strict=True):
+        modelled = np.exp((patches.light(x[0], np.exp(x[2:5])) + level) / x[1])
+        left.append((255 * modelled - patches.grey)[patches.part != but].ravel())
+    return np.concatenate(left)
 
 
-def _fit(
-    seen: Sequence[_Patches], start: FloatArray | None = None, but: int = -1
-) -> FloatArray:
+def _fit(seen, start, but=-1):
     """Fit the model to frames, `but` for one part of the scene."""
-    if start is None:
-        k = 1.5
-        albedo = np.array(FIT.tissue)
-        start = np.array([k, GAMMA, *np.log(albedo)])
-        for patches in seen:
-            log_light = GAMMA * np.log(np.maximum(patches.grey, 1) / 255)
-            level = np.median(log_light - patches.light(k, albedo), axis=0)
-            start = np.append(start, level)
-
-    def residual(x: FloatArray) -> FloatArray:
-        left = [patches.residuals(x, i, but) for i, patches in enumerate(seen)]
-        return np.concatenate(left) / USUAL_MISFIT
-
     bounds = np.full((2, len(start)), np.inf)
     bounds[0] = -np.inf
     bounds[:, 0] = EXPONENTS[[0, -1]]
     bounds[:, 1] = 1.2, 4.5
-    bounds[:, 2:5] = np.log(FIT.albedos)[:, None]
-    inside = np.clip(start, bounds[0] + 1e-3, bounds[1] - 1e-3)
-    fitted: FloatArray = scipy.optimize.least_squares(
-        residual, inside, bounds=bounds, loss="soft_l1"
+    bounds[:, 2:5] = np.log([[LEAST_ALBEDO], [MOST_ALBEDO]])
+    return scipy.optimize.least_squares(
+        lambda x: _left(seen, x, but) / USUAL_MISFIT,
+        np.clip(start, bounds[0] + 1e-3, bounds[1] - 1e-3),
+        bounds=bounds,
+        loss="soft_l1",
     ).x
-    return fitted

@@ -105,11 +105,10 @@ def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
     assert solve("--solver facing --out out --mesh --prepare") == 0
     assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
     capsys.readouterr()
-    words = "--width 80 --solver fast_marching --snapshots 3 --out m"
-    assert solve(words, "unknown.json") == 0
+    assert solve("--width 80 --solver fast_marching --out m", "unknown.json") == 0
     out, error = capsys.readouterr()
     assert error == ""
-    for word in ("CONVERGED", "3 iterations", "--median-distance", "written to m"):
+    for word in ("CONVERGED", "12 iterations", "--median-distance", "written to m"):
         assert word in out
 
 
@@ -240,10 +239,12 @@ def test_nobody_needs_to_read_what_is_printed(work, process):
 
 
 def test_the_first_run_says_that_it_compiles_and_no_other(sim, tmp_path, process):
-    known = f"--calibration {sim}/endoscope.json --solver facing --out o"
+    known = f"--calibration {sim}/endoscope.json --solver facing --out"
     for lines in (1, 0):
         cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-        with process(f"reconstruct {sim}/frame.png {known}", **cache) as running:
+        with process(
+            f"reconstruct {sim}/frame.png {known} {lines}", **cache
+        ) as running:
             _, error = running.communicate(timeout=200)
         assert (running.returncode, error.count(b"\n")) == (0, lines)
 

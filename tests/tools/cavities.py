@@ -10,13 +10,11 @@ term is smooth in space, so that F has a steepest slope; a ray goes ahead by F o
 cross the wall.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.rendering import waves
 from tests.tools.meshes import grid_triangles
 
@@ -87,11 +85,11 @@ class Cavity:
     seed: int = 0  # of rugae and bumps
 
     # The shape -----------------------------------------------------------------------------
-    def inside(self, x: FloatArray) -> FloatArray:
+    def inside(self, x):
         """F at points (..., 3) of the camera frame, mm; positive in the cavity."""
         return self._in_tube(self.to_tube(x))
 
-    def _in_tube(self, tube: FloatArray) -> FloatArray:
+    def _in_tube(self, tube):
         """F at points (..., 3) of the tube's own coordinates."""
         u = tube[..., 0]
         v = tube[..., 1]
@@ -125,18 +123,16 @@ class Cavity:
         return value
 
     @cached_property
-    def _turn(self) -> FloatArray:
+    def _turn(self):
         """From the camera's axes to those of the tube at the camera."""
-        (cr, cy, cp), (sr, sy, sp) = (
-            np.cos(np.deg2rad(self.look)),
-            np.sin(np.deg2rad(self.look)),
-        )
+        cr, cy, cp = np.cos(np.deg2rad(self.look))
+        sr, sy, sp = np.sin(np.deg2rad(self.look))
         roll = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
         yaw = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
         pitch = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
         return yaw @ pitch @ roll
 
-    def to_tube(self, x: FloatArray) -> FloatArray:
+    def to_tube(self, x):
         """Points (..., 3) of the camera frame in the tube's coordinates."""
         x = x @ self._turn.T + [*self.place, 0.0]
         u = x[..., 0]
@@ -148,7 +144,7 @@ class Cavity:
             s = np.arctan2(s, arm) / self.bend
         return np.stack([u, v - self._swayed(s), s], axis=-1)
 
-    def from_tube(self, tube: FloatArray) -> FloatArray:
+    def from_tube(self, tube):
         """Points (..., 3) of the tube's coordinates in the camera frame."""
         u = tube[..., 0]
         s = tube[..., 2]
@@ -160,24 +156,22 @@ class Cavity:
             s = arm * np.sin(angle)
         return (np.stack([u, v, s], axis=-1) - [*self.place, 0.0]) @ self._turn
 
-    def _swayed(self, s: FloatArray) -> FloatArray:
+    def _swayed(self, s):
         return self.sway[0] * (1 - np.cos(2 * np.pi / self.sway[1] * s))
 
     # What a scene must tell ----------------------------------------------------------------
-    def distance(self, rays: FloatArray) -> FloatArray:
+    def distance(self, rays):
         """See `Scene.distance`."""
         flat = rays.reshape(-1, 3)
         found = np.full(len(flat), np.nan)
         known = np.isfinite(flat).all(axis=-1)
-        stretched = 1 / (1 - self.bend * self.radius) + 2 * np.pi * abs(
-            self.sway[0] / self.sway[1]
-        )
-        found[known] = _march(
-            self.inside, np.zeros(3), flat[known], stretched * self._steepest
-        )
+        stretched = 1 / (1 - self.bend * self.radius)
+        stretched += 2 * np.pi * abs(self.sway[0] / self.sway[1])
+        steepest = stretched * self._steepest
+        found[known] = _march(self.inside, np.zeros(3), flat[known], steepest)
         return found.reshape(rays.shape[:-1])
 
-    def normals(self, points: FloatArray) -> FloatArray:
+    def normals(self, points):
         """See `Scene.normals`; by central differences."""
         slopes = [
             self.inside(points + step) - self.inside(points - step)
@@ -186,13 +180,13 @@ class Cavity:
         gradient = np.stack(slopes, axis=-1)
         return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
 
-    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+    def mesh(self, size=400):
         """Vertices and triangles, `size` steps along and around, by lines from the tube's middle."""
         start, out = self._lines(size, size)
         place = start + _march(self._in_tube, start, out, self._steepest)[:, None] * out
         return self.from_tube(place), grid_triangles(size, size)
 
-    def _lines(self, along: int, around: int) -> tuple[FloatArray, FloatArray]:
+    def _lines(self, along, around):
         """Points on the middle (n, 3) and directions out of it, from the near end to the far one."""
         arc = np.pi / 2 * self.radius
         place = np.linspace(-self.behind - arc, self.ahead + arc, along)
@@ -213,7 +207,7 @@ class Cavity:
         return start, out / np.linalg.norm(out, axis=-1, keepdims=True)
 
     @cached_property
-    def _steepest(self) -> float:
+    def _steepest(self):
         """The steepest slope of F in the tube's coordinates, of a grid fine against folds; and some more."""
         start, out = self._lines(160, 48)
         reach = np.linspace(0, 1.1 * max(self.radius, *self.ends), 10)[1:, None, None]
@@ -226,11 +220,11 @@ class Cavity:
 
 
 def _march(
-    inside: Callable[[FloatArray], FloatArray],
-    start: FloatArray,
-    rays: FloatArray,
-    steepest: float,
-) -> FloatArray:
+    inside,
+    start,
+    rays,
+    steepest,
+):
     """How far it is along unit rays (n, 3) to the first place where `inside` is 0, mm; it starts above.
 
     A ray that passes a wall by goes ahead by at least `LEAST`, and overlooks what it meets on a shorter way.

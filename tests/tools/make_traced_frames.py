@@ -6,7 +6,6 @@ them and says what a file holds.
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.atomic import write_atomically
 from endolab.io.datasets.known_endoscopes import load_calibration
 from endolab.io.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
 from endolab.model.brdf import Lambertian
@@ -22,7 +21,6 @@ from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.synthetic.scenes import Colon
-from tests.tools.path_tracing import Traced, trace
 
 SAMPLES = 256  # paths a pixel: leaves less than a grey level of their noise
 
@@ -74,23 +72,22 @@ CASES = {
 }
 
 
-def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
-    """Write a frame of the set; ValueError if a distance is beyond 255 mm."""
-    far = float(np.nanmax(traced.distance))
-    if far > 255:
-        raise ValueError(f"the file holds distances up to 255 mm, got {far:.0f} mm")
+def write(path, traced, case, samples):
+    """Write a frame of the set."""
+    gamma = traced.photometry.gamma
     facts = {
         "scene": asdict(case.scene),
         "options": case.options | {"samples": samples},
+        "calibration": Calibration(traced.camera, traced.photometry).to_dict(),
     }
-    facts["calibration"] = Calibration(traced.camera, traced.photometry).to_dict()
+    arrays = {
+        "facts": np.array(json.dumps(facts, allow_nan=False)),
+        "image": np.round(255 * traced.image).astype(np.uint8),
+    }
     layers = {
-        name: GREY_STEPS * getattr(traced, name) ** (1 / traced.photometry.gamma)
-        for name in LAYERS
+        name: GREY_STEPS * getattr(traced, name) ** (1 / gamma) for name in LAYERS
     }
     layers["distance"] = np.nan_to_num(traced.distance) / DISTANCE_STEP
-    arrays = {"facts": np.array(json.dumps(facts, allow_nan=False))}
-    arrays["image"] = np.round(255 * traced.image).astype(np.uint8)
     for name, layer in layers.items():
         code = np.clip(np.round(layer), 0, 65535).astype(np.uint16)
         arrays[name] = np.diff(code, axis=1, prepend=np.uint16(0))
@@ -99,21 +96,13 @@ def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
     write_atomically(path, packed.getvalue())
 
 
-def make(folder: PathLike, names: Sequence[str], *, samples: int = SAMPLES) -> None:
-    """Path-trace frames of the set into a folder, each whole or not at all."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    for name in tqdm(names, unit="frame"):
+if __name__ == "__main__":
+    from tests.tools.path_tracing import trace
+
+    folder = Path(sys.argv[1])
+    for name in tqdm(sys.argv[2:] or CASES, unit="frame"):
         case = CASES[name]
         camera = load_calibration(case.camera, 320).camera
-        traced = trace(
-            case.scene, camera, case.photometry, samples=samples, **case.options
-        )
-        write(Path(folder) / f"{name}.npz", traced, case, samples)
-
-
-if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(
-            f"usage: python -m tests.tools.make_traced_frames FOLDER [{' | '.join(CASES)}]..."
-        )
-    make(sys.argv[1], sys.argv[2:] or list(CASES))
+        how = {"samples": SAMPLES} | case.options
+        traced = trace(case.scene, camera, case.photometry, **how)
+        write(folder / f"{name}.npz", traced, case, SAMPLES)

@@ -2,15 +2,13 @@
 
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.synthetic.scenes import SIDEWAYS, Colon, Scene
+from endolab.synthetic.scenes import SIDEWAYS, Colon
 
 
-def mesh_of(scene: Scene, size: int) -> tuple[FloatArray, IntArray]:
+def mesh_of(scene, size):
     """A scene's mesh, of about `size` steps a side: of a colon, whole; else of what the camera can see."""
     if hasattr(scene, "mesh"):
-        made: tuple[FloatArray, IntArray] = scene.mesh(size)
-        return made
+        return scene.mesh(size)
     if isinstance(scene, Colon):
         return _colon_mesh(scene, size)
     polar = np.linspace(0, np.pi, size)[:, None]
@@ -25,7 +23,7 @@ def mesh_of(scene: Scene, size: int) -> tuple[FloatArray, IntArray]:
     return np.nan_to_num(vertices), triangles[known[triangles].all(axis=-1)]
 
 
-def grid_triangles(rows: int, columns: int) -> IntArray:
+def grid_triangles(rows, columns):
     """Triangles (T, 3) that join the points of a grid, row by row."""
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     upper = np.stack([corner, corner + 1, corner + columns], axis=-1)
@@ -33,7 +31,7 @@ def grid_triangles(rows: int, columns: int) -> IntArray:
     return np.concatenate([upper, lower])
 
 
-def _colon_mesh(colon: Colon, size: int) -> tuple[FloatArray, IntArray]:
+def _colon_mesh(colon, size):
     """Also 60 mm of the tube behind the camera."""
     s = np.linspace(-60.0, colon.length, 2 * size)
     s = np.append(s, colon.length)

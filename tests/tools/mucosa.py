@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from endolab.model.lights import SpotLight
-from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.rendering import RIPPLE_SCALE, RIPPLE_SLOPE, TEXTURE_SCALE, waves
 
 ROUGHNESS = 0.15  # of the film; its GGX width is the square
@@ -18,13 +16,13 @@ RARE = 1.3  # standard deviations above which a smooth random function is a stai
 
 
 def tissue(
-    points: FloatArray,
-    albedo: FloatArray,
-    texture: float,
-    vessels: float,
-    seed: int = 0,
-    stains: float = 0.0,
-) -> FloatArray:
+    points,
+    albedo,
+    texture,
+    vessels,
+    seed=0,
+    stains=0.0,
+):
     """Albedo (..., 3) of mucosa at points (..., 3), mm: mottled, with vessels, stained; from 0.01 to 0.95.
 
     `albedo` is that of red, green and blue without either, `texture` the standard deviation of the
@@ -52,7 +50,7 @@ def tissue(
     return np.clip(albedo * np.exp(log), 0.01, 0.95)
 
 
-def rippled(points: FloatArray, normals: FloatArray, seed: int = 0) -> FloatArray:
+def rippled(points, normals, seed=0):
     """Unit normals (n, 3) of a wet film on a wall, given the wall's points (mm) and normals, (n, 3)."""
     slope = waves(points, RIPPLE_SCALE, np.random.default_rng([seed, 3]))[1]
     turned = normals + RIPPLE_SLOPE * RIPPLE_SCALE * slope
@@ -60,12 +58,12 @@ def rippled(points: FloatArray, normals: FloatArray, seed: int = 0) -> FloatArra
 
 
 def film_radiance(
-    points: FloatArray,
-    normals: FloatArray,
-    light: SpotLight,
-    film: float,
-    roughness: float = ROUGHNESS,
-) -> FloatArray:
+    points,
+    normals,
+    light,
+    film,
+    roughness=ROUGHNESS,
+):
     """Light (n,) that a wet film or a rough wall mirrors from one light to the optical centre.
 
     E D F G / (4 cos θ_i cos θ_v) cos θ_i (Walter et al. 2007), with the light's E at normal incidence;
@@ -78,7 +76,7 @@ def film_radiance(
     half = to_light + to_camera
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
 
-    def cosine(a: FloatArray, b: FloatArray) -> FloatArray:
+    def cosine(a, b):
         return np.maximum(np.einsum("ij,ij->i", a, b), 1e-4)
 
     width = roughness**4

@@ -1,5 +1,7 @@
 """Frames in which light bounces, path-traced with Mitsuba 3 (the optional extra `endolab[render]`).
 
+To import it needs Mitsuba; OSError in one sentence if its LLVM is too old.
+
 Lights, camera and response are those of the general model (`photometry`), so what a traced frame
 shows beyond `rendering.render` is what the model leaves out: light that comes by way of other
 walls, shadows, and a wet film. Each is kept as a layer of its own, in linear light times the gain:
@@ -20,29 +22,30 @@ the direct layer cannot tell the two apart, the indirect one can.
 """
 
 from dataclasses import dataclass, replace
-from importlib import import_module
 from math import isqrt
-from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-from endolab.model.cameras import Camera
 from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.rendering import VEIL, Rendered, develop, expose, truth_of
-from endolab.synthetic.scenes import Scene
 from tests.tools.meshes import mesh_of
 from tests.tools.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 
-VARIANT = "llvm_ad_rgb"
 OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
 SURE_BOUNCES = 3  # before the roulette
 PIXELS_FOR_A_VERTEX = 32  # paths of a pixel for one of a vertex
-
-
 # R2, the golden ratio of the plane: its multiples are even over the square (Roberts, 2018).
 GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
+
+if not dr.has_backend(dr.JitBackend.LLVM) or dr.detail.llvm_version()[0] < OLDEST_LLVM:
+    raise OSError(
+        f"Mitsuba needs LLVM {OLDEST_LLVM} or newer: on Debian apt install libllvm19, or name the library "
+        "in DRJIT_LIBLLVM_PATH"
+    )
+mi.set_variant("llvm_ad_rgb")
 
 
 @dataclass(frozen=True)
@@ -54,42 +57,26 @@ class Traced(Rendered):
     mirrored: FloatArray  # (H, W), the same, of the lamps in film or sheen; equal in all channels
 
 
-def mitsuba() -> tuple[Any, Any]:
-    """Return the modules `mitsuba`, set to its LLVM variant, and `drjit`.
+def _single(parts):
+    """Parts of single precision, as Mitsuba takes them."""
+    return [np.ascontiguousarray(part, dtype=np.float32) for part in parts]
 
-    OSError in one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
-    """
-    try:
-        mi = import_module("mitsuba")
-        dr = import_module("drjit")
-    except ImportError as error:
-        raise OSError(
-            f'path tracing needs Mitsuba 3 ({error}); install it with: python -m pip install "mitsuba>=3.9"'
-        ) from error
-    found = dr.detail.llvm_version()[0] if dr.has_backend(dr.JitBackend.LLVM) else 0
-    if found < OLDEST_LLVM:
-        raise OSError(
-            f"Mitsuba needs LLVM {OLDEST_LLVM} or newer and found {found or 'none'}; on Debian install it "
-            "with: apt install libllvm19 (or name the library in DRJIT_LIBLLVM_PATH)"
-        )
-    mi.set_variant(VARIANT)
-    return mi, dr
+
+def _double(values):
+    """Numbers (n, 3) or (n,) that Mitsuba computed."""
+    return np.array(values, dtype=np.float64).T
+
+
+def _turned(normal, start):
+    """Directions about normals, even in cosine, chosen by two numbers in [0, 1) each (2, n)."""
+    chosen = mi.warp.square_to_cosine_hemisphere(mi.Point2f(*_single(start)))
+    return mi.Frame3f(normal).to_world(chosen)
 
 
 class _Tracer:
     """A scene in Mitsuba's hands, and the light that its walls send."""
 
-    def __init__(
-        self,
-        vertices: FloatArray,
-        triangles: IntArray,
-        normals: FloatArray,
-        albedo: FloatArray,
-        lights: tuple[SpotLight, ...],
-        fog: float,
-    ) -> None:
-        self.mi, self.dr = mitsuba()
-        mi = self.mi
+    def __init__(self, vertices, triangles, normals, albedo, lights, fog):
         self.vertices = vertices
         self.normals = normals
         self.lights = lights
@@ -99,33 +86,20 @@ class _Tracer:
         )
         self.wall.add_attribute("vertex_albedo", 3, albedo.astype(np.float32).ravel())
         self.wall.add_attribute(
-            "vertex_bounced", 3, np.zeros(self.vertices.size, np.float32)
+            "vertex_bounced", 3, np.zeros(vertices.size, np.float32)
         )
-        content = mi.traverse(self.wall)
-        content["vertex_positions"] = vertices.astype(np.float32).ravel()
-        content["vertex_normals"] = normals.astype(np.float32).ravel()
-        content["faces"] = triangles.astype(np.uint32).ravel()
-        content.update()
+        self._set("vertex_positions", vertices.astype(np.float32))
+        self._set("vertex_normals", normals.astype(np.float32))
+        self._set("faces", triangles.astype(np.uint32))
         self.world = mi.load_dict({"type": "scene", "wall": self.wall})
 
-    def _vectors(self, values: FloatArray) -> Any:
-        return self.mi.Vector3f(
-            *(np.ascontiguousarray(part, dtype=np.float32) for part in values.T)
-        )
+    def _set(self, name, values):
+        content = mi.traverse(self.wall)
+        content[name] = values.ravel()
+        content.update()
 
-    def _turned(self, normal: Any, start: FloatArray) -> Any:
-        """Directions about normals, even in cosine, chosen by two numbers in [0, 1) each (2, n)."""
-        chosen = self.mi.Point2f(
-            *(np.ascontiguousarray(part, dtype=np.float32) for part in start)
-        )
-        return self.mi.Frame3f(normal).to_world(
-            self.mi.warp.square_to_cosine_hemisphere(chosen)
-        )
-
-    def _meet(self, ray: Any, active: Any = True) -> tuple[Any, Any, Any, Any]:
+    def _meet(self, ray, active=True):
         """What rays meet: hits, unit normals, whether they see the wall's face, and what is left of 1."""
-        mi = self.mi
-        dr = self.dr
         hit = self.world.ray_intersect(ray, active)
         normal = dr.normalize(hit.sh_frame.n)
         facet = dr.mulsign(
@@ -134,21 +108,18 @@ class _Tracer:
         # The wall's back is black.
         faced = mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)
         left = self._attribute("vertex_albedo", hit, faced)
-        return (
-            hit,
-            normal,
-            faced,
-            left * dr.exp(-self.fog * dr.select(faced, hit.t, 0.0)),
-        )
+        return hit, normal, faced, left * self._clear(hit, faced)
 
-    def _attribute(self, name: str, hit: Any, active: Any) -> Any:
-        value = self.mi.Color3f(hit.shape.eval_attribute_3(name, hit, active))
-        return self.dr.select(active, value, 0.0)
+    def _clear(self, hit, faced):
+        """What fog leaves of light on its way from a hit."""
+        return dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
 
-    def _arriving(self, hit: Any, normal: Any, lamp: SpotLight, active: Any) -> Any:
+    def _attribute(self, name, hit, active):
+        value = mi.Color3f(hit.shape.eval_attribute_3(name, hit, active))
+        return dr.select(active, value, 0.0)
+
+    def _arriving(self, hit, normal, lamp, active):
         """Irradiance of hits from a light; 0 in its shadow."""
-        mi = self.mi
-        dr = self.dr
         way = mi.Point3f(lamp.position) - hit.p
         square = dr.squared_norm(way)
         way = way / dr.sqrt(square)
@@ -156,159 +127,122 @@ class _Tracer:
         cosine = dr.dot(normal, way)
         spread = lamp.weight * dr.power(dr.maximum(front, 1e-6), lamp.exponent)
         active = active & (front > 0) & (cosine > 0)
-        active &= ~self.world.ray_test(
-            hit.spawn_ray_to(mi.Point3f(lamp.position)), active
-        )
-        return dr.select(
-            active, spread * dr.exp(-self.fog * dr.sqrt(square)) * cosine / square, 0.0
-        )
+        shadow = hit.spawn_ray_to(mi.Point3f(lamp.position))
+        active &= ~self.world.ray_test(shadow, active)
+        light = spread * dr.exp(-self.fog * dr.sqrt(square)) * cosine / square
+        return dr.select(active, light, 0.0)
 
-    def _lit(self, hit: Any, normal: Any, active: Any) -> Any:
+    def _lit(self, hit, normal, active):
         return sum(self._arriving(hit, normal, lamp, active) for lamp in self.lights)
 
-    def _follow(self, ray: Any, turns: int, seed: int) -> Any:
+    def _follow(self, ray, turns, seed):
         """Radiance along rays, by one path each of at most `turns` turns."""
-        mi = self.mi
-        dr = self.dr
         count = dr.width(ray)
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(seed, count)
 
-        def turn(bounce, ray, left, sent, active, sampler):  # type: ignore[no-untyped-def]
+        def turn(bounce, ray, left, sent, active, sampler):
             hit, normal, active, kept = self._meet(ray, active)
             left *= kept
-            sent += dr.select(
-                active, left * self._lit(hit, normal, active) / dr.pi, 0.0
-            )
-            away = mi.Frame3f(normal).to_world(
-                mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active))
-            )
-            luck = dr.select(
-                bounce >= SURE_BOUNCES, dr.clip(dr.max(left), 0.05, 0.95), 1.0
-            )
+            light = left * self._lit(hit, normal, active) / dr.pi
+            sent += dr.select(active, light, 0.0)
+            chosen = mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active))
+            away = mi.Frame3f(normal).to_world(chosen)
+            likely = dr.clip(dr.max(left), 0.05, 0.95)
+            luck = dr.select(bounce >= SURE_BOUNCES, likely, 1.0)
             active &= (sampler.next_1d(active) < luck) & (bounce < turns)
             return bounce + 1, hit.spawn_ray(away), left / luck, sent, active, sampler
 
         zero = dr.zeros(mi.Color3f, count)
-        state = (
-            dr.zeros(mi.UInt32, count),
-            ray,
-            zero + 1.0,
-            zero,
-            dr.full(mi.Mask, True, count),
-            sampler,
-        )
-        labels = ("bounce", "ray", "left", "sent", "active", "sampler")
+        every = dr.full(mi.Mask, True, count)
+        state = (dr.zeros(mi.UInt32, count), ray, zero + 1.0, zero, every, sampler)
         # Recorded as one loop: unrolled, the same turns compile for minutes.
-        return dr.while_loop(state, lambda *values: values[4], turn, labels=labels)[3]
+        return dr.while_loop(state, lambda *values: values[4], turn)[3]
 
-    def fill(self, turns: int, paths: int, seed: int) -> None:
+    def fill(self, turns, paths, seed):
         """Give every vertex the irradiance that comes by way of other walls."""
-        mi = self.mi
         rng = np.random.default_rng([seed, 4])
         turned = rng.uniform(size=(2, len(self.vertices)))
-        normal = self._vectors(self.normals)
+        normal = mi.Vector3f(*_single(self.normals.T))
+        above = self.vertices + self.normals * (1e-4 * np.abs(self.vertices).max())
+        place = mi.Point3f(*_single(above.T))
         sums = np.zeros(self.vertices.shape)
-        place = self._vectors(
-            self.vertices + self.normals * (1e-4 * np.abs(self.vertices).max())
-        )
         for index in range(paths):
-            away = self._turned(normal, (turned + index * GOLDEN[:, None]) % 1)
-            radiance = self._follow(
-                mi.Ray3f(o=mi.Point3f(place), d=away), turns, int(rng.integers(2**32))
-            )
-            sums += np.array(radiance, dtype=np.float64).T
-        content = mi.traverse(self.wall)
-        content["vertex_bounced"] = (np.pi / paths * sums).astype(np.float32).ravel()
-        content.update()
+            away = _turned(normal, (turned + index * GOLDEN[:, None]) % 1)
+            ray = mi.Ray3f(o=place, d=away)
+            sums += _double(self._follow(ray, turns, int(rng.integers(2**32))))
+        self._set("vertex_bounced", (np.pi / paths * sums).astype(np.float32))
 
-    def look(self, rays: FloatArray) -> tuple[Any, FloatArray]:
+    def look(self, rays):
         """What unit rays (n, 3) from the centre meet, and its direct light (n, 3)."""
-        met = self._meet(self.mi.Ray3f(o=self.mi.Point3f(0.0), d=self._vectors(rays)))
+        away = mi.Vector3f(*_single(rays.T))
+        met = self._meet(mi.Ray3f(o=mi.Point3f(0.0), d=away))
         hit, normal, faced, left = met
-        direct = left * self._lit(hit, normal, faced) / self.dr.pi
-        self.dr.eval(*met, direct)
-        return met, np.array(direct, dtype=np.float64).T
+        direct = left * self._lit(hit, normal, faced) / dr.pi
+        dr.eval(*met, direct)
+        return met, _double(direct)
 
-    def gather(
-        self, met: Any, start: FloatArray, sheen: float, roughness: float
-    ) -> FloatArray:
+    def gather(self, met, start, sheen, roughness):
         """Indirect light (n, 3) of what was met, by one more ray each that `start` (2, n) chooses."""
-        dr = self.dr
         hit, normal, faced, left = met
-        sent = left * self._sent(hit.spawn_ray(self._turned(normal, start)), faced)
+        sent = left * self._sent(hit.spawn_ray(_turned(normal, start)), faced)
         if sheen:
-            away, weight = self._mirrored_way(hit, normal, start, sheen, roughness)
-            clear = dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
-            sent += (
-                clear * weight * self._sent(hit.spawn_ray(away), faced & (weight > 0))
-            )
-        return np.array(sent, dtype=np.float64).T
+            away, weight = _mirrored_way(hit, normal, start, sheen, roughness)
+            mirrored = self._sent(hit.spawn_ray(away), faced & (weight > 0))
+            sent += self._clear(hit, faced) * weight * mirrored
+        return _double(sent)
 
-    def _sent(self, ray: Any, active: Any) -> Any:
+    def _sent(self, ray, active):
         """What the walls that rays meet send back along them."""
         hit, normal, faced, left = self._meet(ray, active)
-        arriving = self._attribute("vertex_bounced", hit, faced) + self._lit(
-            hit, normal, faced
-        )
-        return self.dr.select(faced, left * arriving / self.dr.pi, 0.0)
+        bounced = self._attribute("vertex_bounced", hit, faced)
+        arriving = bounced + self._lit(hit, normal, faced)
+        return dr.select(faced, left * arriving / dr.pi, 0.0)
 
-    def _mirrored_way(
-        self, hit: Any, normal: Any, start: FloatArray, sheen: float, roughness: float
-    ) -> tuple[Any, Any]:
-        """Ways from which facets, chosen by GGX, mirror light to the camera, and what share of it.
-
-        The share is F G (v·h) / (n·v n·h), with v to the camera and h the facet's normal.
-        """
-        mi = self.mi
-        dr = self.dr
-        width = roughness**4
-        first, turn = (
-            dr.llvm.Float(np.ascontiguousarray(part, dtype=np.float32))
-            for part in start
-        )
-        steep = dr.sqrt(width * first / (1 - first))
-        local = mi.Vector3f(
-            steep * dr.cos(2 * dr.pi * turn), steep * dr.sin(2 * dr.pi * turn), 1.0
-        )
-        facet = mi.Frame3f(normal).to_world(dr.normalize(local))
-        to_camera = dr.normalize(-mi.Vector3f(hit.p))
-        met = dr.dot(to_camera, facet)
-        away = 2 * met * facet - to_camera
-        n_v, n_l, n_h = (
-            dr.maximum(dr.dot(normal, one), 1e-4) for one in (to_camera, away, facet)
-        )
-        share = (sheen + (1 - sheen) * (1 - met) ** 5) * met / (n_v * n_h)
-        for c in (n_l, n_v):
-            share *= 2 * c / (c + dr.sqrt(width + (1 - width) * c * c))
-        return away, dr.select((met > 0) & (dr.dot(normal, away) > 0), share, 0.0)
-
-    def mirrored(
-        self, met: Any, film: float, sheen: float, roughness: float, seed: int
-    ) -> FloatArray:
+    def mirrored(self, met, film, sheen, roughness, seed):
         """Light (n,) of the lamps that the film and the sheen of what was met send back."""
         hit, normal, faced, _ = met
-        points = np.array(hit.p, dtype=np.float64).T
-        normals = np.array(normal, dtype=np.float64).T
+        points = _double(hit.p)
+        normals = _double(normal)
         total = np.zeros(len(points))
-        wet = rippled(points, normals, seed) if film else normals
+        wet = rippled(points, normals, seed)
         for lamp in self.lights:
             lit = np.array(self._arriving(hit, normal, lamp, faced)) > 0
             there = points[lit]
-            way = np.linalg.norm(
-                there - np.asarray(lamp.position), axis=-1
-            ) + np.linalg.norm(there, axis=-1)
-            for share, rough, turned in (
-                (film, ROUGHNESS, wet),
-                (sheen, roughness, normals),
-            ):
+            way = np.linalg.norm(there - lamp.position, axis=-1)
+            way += np.linalg.norm(there, axis=-1)
+            layers = (film, ROUGHNESS, wet), (sheen, roughness, normals)
+            for share, rough, turned in layers:
                 if share:
                     sent = film_radiance(there, turned[lit], lamp, share, rough)
                     total[lit] += np.exp(-self.fog * way) * sent
         return total
 
 
-def _subpixels(camera: Camera, side: int, rng: np.random.Generator) -> FloatArray:
+def _mirrored_way(hit, normal, start, sheen, roughness):
+    """Ways from which facets, chosen by GGX, mirror light to the camera, and what share of it.
+
+    The share is F G (v·h) / (n·v n·h), with v to the camera and h the facet's normal.
+    """
+    width = roughness**4
+    first, turn = (dr.llvm.Float(part) for part in _single(start))
+    steep = dr.sqrt(width * first / (1 - first))
+    across = 2 * dr.pi * turn
+    local = mi.Vector3f(steep * dr.cos(across), steep * dr.sin(across), 1.0)
+    facet = mi.Frame3f(normal).to_world(dr.normalize(local))
+    to_camera = dr.normalize(-mi.Vector3f(hit.p))
+    met = dr.dot(to_camera, facet)
+    away = 2 * met * facet - to_camera
+    n_v, n_l, n_h = (
+        dr.maximum(dr.dot(normal, one), 1e-4) for one in (to_camera, away, facet)
+    )
+    share = (sheen + (1 - sheen) * (1 - met) ** 5) * met / (n_v * n_h)
+    for c in (n_l, n_v):
+        share *= 2 * c / (c + dr.sqrt(width + (1 - width) * c * c))
+    return away, dr.select((met > 0) & (dr.dot(normal, away) > 0), share, 0.0)
+
+
+def _subpixels(camera, side, rng):
     """Rays (side², H·W, 3), one through each part of each pixel; nan where the camera has none."""
     row, column = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
     part = np.mgrid[:side, :side].reshape(2, -1, 1)
@@ -319,23 +253,23 @@ def _subpixels(camera: Camera, side: int, rng: np.random.Generator) -> FloatArra
 
 
 def trace(
-    scene: Scene,
-    camera: Camera,
-    photometry: Photometry,
+    scene,
+    camera,
+    photometry,
     *,
-    texture: float = 0.0,
-    vessels: float = 0.0,
-    stains: float = 0.0,
-    film: float = 0.0,
-    sheen: float = 0.0,
-    roughness: float = 0.5,
-    fog: float = 0.0,
-    noise: float = 0.0,
-    bounces: int = 16,
-    samples: int = 64,
-    seed: int = 0,
-    mesh_size: int = 300,
-) -> Traced:
+    texture=0.0,
+    vessels=0.0,
+    stains=0.0,
+    film=0.0,
+    sheen=0.0,
+    roughness=0.5,
+    fog=0.0,
+    noise=0.0,
+    bounces=16,
+    samples=64,
+    seed=0,
+    mesh_size=300,
+):
     """Path-trace a scene; the paths meet its mesh, of `mesh_size` steps a side.
 
     Lights, response and mean albedos (Lambertian, below 1) are those of the photometry; with an unknown gain,
@@ -345,8 +279,6 @@ def trace(
     wall, whose GGX width is the square of `roughness`, at least 0.2. `bounces` are the turns of a path
     after the first wall, 0 leaving the direct light alone; `samples` the paths a pixel, rounded up to whole
     grids of at most 4x4 places in it. `seed` is of texture, ripples, noise and paths. The picture has 8 bits.
-
-    OSError as for `mitsuba`; ValueError if the camera sees nothing lit.
     """
     mean = np.broadcast_to(np.asarray(photometry.brdf.albedo, dtype=np.float64), (3,))
     vignetting = photometry if photometry.lights else replace(photometry, k=0.0)
@@ -371,43 +303,23 @@ def trace(
         index = (again * side**2 + np.arange(side**2))[:, None]
         start = (turned + index * GOLDEN[:, None, None])[:, defined] % 1
         layers[defined, 3:6] += tracer.gather(met, start, sheen, roughness) / rounds
-    if film or sheen:
-        layers[defined, 6] = tracer.mirrored(met, film, sheen, roughness, seed)
+    layers[defined, 6] = tracer.mirrored(met, film, sheen, roughness, seed)
     layers[defined] *= vignetting.attenuation(rays[defined][:, 2])[:, None]
     average = layers.sum(axis=0) / np.maximum(defined.sum(axis=0), 1)[:, None]
     truth = truth_of(scene, camera)
     mask = truth["mask"]
-    average = np.where(
-        mask[..., None], average.reshape(camera.height, camera.width, 7), 0.0
-    )
+    average = np.where(mask[..., None], average.reshape(*mask.shape, 7), 0.0)
     gain = expose(photometry, (average[..., :3] + average[..., 3:6])[mask])
     direct, indirect, mirrored = np.split(gain * average, [3, 6], axis=-1)
-    image = stored(
-        direct + indirect + mirrored,
-        truth["distance"],
-        photometry.gamma,
-        fog,
-        noise,
-        seed,
-    )
-    light = {"direct": direct, "indirect": indirect, "mirrored": mirrored[..., 0]}
-    return Traced(
-        image=image, photometry=replace(photometry, gain=gain), **truth, **light
-    )
+    light = direct + indirect + mirrored
+    image = stored(light, truth["distance"], photometry.gamma, fog, noise, seed)
+    used = replace(photometry, gain=gain)
+    parts = {"direct": direct, "indirect": indirect, "mirrored": mirrored[..., 0]}
+    return Traced(image=image, photometry=used, **truth, **parts)
 
 
-def stored(
-    light: FloatArray,
-    distance: FloatArray,
-    gamma: float,
-    fog: float,
-    noise: float,
-    seed: int,
-) -> FloatArray:
+def stored(light, distance, gamma, fog, noise, seed):
     """The picture (H, W, 3) of 8 bits that a sensor makes of linear light, with the fog's veil."""
     veil = VEIL * (1 - np.exp(-fog * np.nan_to_num(distance)))[..., None]
-    return np.where(
-        np.isfinite(distance)[..., None],
-        develop(light + veil, gamma, noise, 8, seed),
-        0.0,
-    )
+    seen = np.isfinite(distance)[..., None]
+    return np.where(seen, develop(light + veil, gamma, noise, 8, seed), 0.0)

@@ -11,7 +11,6 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import Bowl, Colon, Plane
-from tests.tools.path_tracing import trace
 
 CAMERA = Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
 ONE = Photometry(k=2.5, gamma=2.2, gain=3000.0, brdf=Lambertian((0.75, 0.38, 0.30)))
@@ -24,7 +23,7 @@ SPHERE = Bowl(100.0, (0.0, 0.0, 0.0))
 
 @pytest.mark.parametrize("light", [ONE, THREE])
 @pytest.mark.parametrize("scene", [Bowl(), Colon()])
-def test_direct_light_is_the_renderers(mitsuba, scene, light):
+def test_direct_light_is_the_renderers(trace, scene, light):
     made = trace(scene, CAMERA, light, bounces=0, samples=16)
     fine = render(scene, CAMERA.resize(160, 120), light).image ** light.gamma
     ratio = (made.direct / fine.reshape(30, 4, 40, 4, 3).mean(axis=(1, 3)))[made.mask]
@@ -38,7 +37,7 @@ def test_direct_light_is_the_renderers(mitsuba, scene, light):
 
 
 @pytest.mark.parametrize("albedo", [0.3, 0.7])
-def test_an_integrating_sphere(mitsuba, albedo):
+def test_an_integrating_sphere(trace, albedo):
     """Inside a sphere the indirect irradiance is the same everywhere: E ρ/(1 - ρ), E the mean direct one."""
     # Lights the front half.
     lamp = Photometry(k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(albedo))
@@ -47,5 +46,5 @@ def test_an_integrating_sphere(mitsuba, albedo):
     assert np.pi * made.indirect.mean() / albedo == pytest.approx(expected, rel=0.01)
 
 
-def test_a_plane_cannot_light_itself(mitsuba):
+def test_a_plane_cannot_light_itself(trace):
     assert not trace(Plane(), CAMERA, ONE, samples=16, mesh_size=60).indirect.any()

@@ -1,16 +1,13 @@
 """Random path-traced frames: what an endoscope may see, drawn by a seed, so that nothing can be tuned to it.
 
-`tests.benchmarks.unseen` makes and scores them: 24 open ones to look at and to judge by, 24 sealed ones, to
-be scored once, at the end. A seed decides everything: the
-cavity, the camera, lamps, wall, sensor and what is known of them. One file a frame holds its picture, truth
-and layers of light, see `read`. Mitsuba is needed to make them, not to read.
+24 open ones to look at and to judge by, 24 sealed ones, to be scored once, at the end. A seed decides
+everything: the cavity, the camera, lamps, wall, sensor and what is known of them. Mitsuba is needed to make
+them, not to read.
 """
 
-import json
 import math
-from collections.abc import Callable, Sequence
+import pickle
 from dataclasses import dataclass, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +16,17 @@ import numpy as np
 from tqdm import tqdm
 
 from endolab.frames.frame import Frame
-from endolab.io.atomic import PathLike, write_atomically
-from endolab.io.datasets.sample import Sample
-from endolab.io.datasets.traced import LAYERS
+from endolab.io.atomic import write_atomically
+from endolab.io.datasets.traced import LAYERS, TracedSample
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import FloatArray
 from tests.tools.cavities import Cavity, Fold, Polyp
-from tests.tools.path_tracing import Traced, stored, trace
 
+FOLDER = Path(__file__).resolve().parents[2] / "build" / "unseen"
 COUNT = 24
 SETS = {
     "open": range(1000, 1000 + COUNT),
@@ -52,6 +47,15 @@ FOLDED = 0.004  # of the steps between pixels that jump, in a colon
 ATTEMPTS = 200
 LOOK_WIDTH = 40  # px, of the glance that tells
 
+# Kinds of cavity, which take turns, and their radii, mm
+RADII = {
+    "colon": (17, 28),
+    "tube": (10, 26),
+    "blind": (18, 30),
+    "bag": (28, 45),
+    "polyps": (16, 28),
+}
+
 
 @dataclass(frozen=True)
 class RandomCase:
@@ -63,7 +67,7 @@ class RandomCase:
     photometry: (
         Photometry  # that the light is made with; the gain follows from the exposure
     )
-    wall: dict[str, float]  # options of `path_tracing.trace`
+    wall: dict[str, Any]  # options of `path_tracing.trace`
     fog: float  # 1/mm
     noise: float  # grey levels of 255
     # This share of the pixels is brighter than this stored value.
@@ -73,124 +77,86 @@ class RandomCase:
     seed: int
 
 
-@dataclass(frozen=True)
-class RandomFrame(Sample):
-    """A random frame: its calibration is what a user would have, one light that stands for all."""
-
-    normals: (
-        FloatArray  # (H, W, 3), true, unit, in the camera frame, towards the camera
-    )
-    direct: (
-        FloatArray  # (H, W, 3), linear light times gain, 1 being the sensor's maximum
-    )
-    indirect: FloatArray  # (H, W, 3), the same
-    mirrored: FloatArray  # (H, W), the same
-    kind: str
-
-
 # Cavities --------------------------------------------------------------------------------
 
 
-def _folds(
-    rng: np.random.Generator, first: float, last: float, radius: float
-) -> tuple[Fold, ...]:
+def _tube_like(rng, low, high):
+    """A tube of a radius between two."""
+    radius = rng.uniform(low, high)
+    off = radius * 0.5 * np.sqrt(rng.uniform())
+    side = rng.uniform(0, 2 * np.pi)
+    return Cavity(
+        radius=radius,
+        ahead=rng.uniform(80, 170),
+        behind=rng.uniform(15, 90),
+        ends=tuple(radius * rng.uniform(0.6, 1.1, 2)),
+        bend=rng.uniform(0, 1 / max(60.0, 2.5 * radius)),
+        sway=(rng.uniform(0, 8), rng.uniform(140, 260)),
+        place=(off * np.cos(side), off * np.sin(side)),
+        look=(rng.uniform(-180, 180), *rng.normal(0, 9, 2)),
+        bumps=rng.uniform(0.0, 0.5),
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def _folds(rng, cavity, beyond=0.0, low=1.0):
+    """The cavity with folds as far as its far end begins, and some radii beyond; lower by a factor."""
+    radius = cavity.radius
     folds = []
-    s = first + rng.uniform(0, 15)
-    while s < last:
+    s = -cavity.behind + rng.uniform(0, 15)
+    while s < cavity.ahead + beyond * radius:
         height = radius * rng.uniform(0.2, 0.5)
         width = rng.uniform(0.35, 0.7) * height
         side = rng.uniform(0, 2 * np.pi)
         reach = rng.uniform(0, 2.5)
         lean = radius * rng.uniform(-0.3, 0.5)
-        folds.append(Fold(s, height, width, side, reach, lean))
+        folds.append(Fold(s, low * height, width, side, reach, lean))
         s += rng.uniform(0.7, 1.5) * radius + 4
-    return tuple(folds)
+    return replace(cavity, folds=tuple(folds))
 
 
-def _put_polyps(
-    rng: np.random.Generator, cavity: Cavity, camera: Camera, count: int
-) -> Cavity:
-    """Polyps where pixels chosen at random see the wall."""
+def _polyps(rng, cavity, camera):
+    """The cavity with polyps where pixels chosen at random see the wall."""
+    count = int(rng.integers(1, 5))
     pixels = rng.uniform(0.15, 0.85, (count, 2)) * [camera.width, camera.height]
     rays = camera.unproject(pixels)
     rays = rays[rays[:, 2] > 0]
     polyps = []
     for u, v, s in cavity.to_tube(cavity.distance(rays)[:, None] * rays):
         radius = rng.uniform(3.0, 8.0)
-        polyps.append(
-            Polyp(s, math.atan2(v, u), radius, radius * rng.uniform(1.0, 2.2))
-        )
+        height = radius * rng.uniform(1.0, 2.2)
+        polyps.append(Polyp(s, math.atan2(v, u), radius, height))
     return replace(cavity, polyps=tuple(polyps))
 
 
-def _tube_like(rng: np.random.Generator, low: float, high: float) -> dict[str, Any]:
-    radius = rng.uniform(low, high)
-    off = radius * 0.5 * np.sqrt(rng.uniform())
-    side = rng.uniform(0, 2 * np.pi)
-    return {
-        "radius": radius,
-        "ahead": rng.uniform(80, 170),
-        "behind": rng.uniform(15, 90),
-        "ends": tuple(radius * rng.uniform(0.6, 1.1, 2)),
-        "bend": rng.uniform(0, 1 / max(60.0, 2.5 * radius)),
-        "sway": (rng.uniform(0, 8), rng.uniform(140, 260)),
-        "place": (off * np.cos(side), off * np.sin(side)),
-        "look": (rng.uniform(-180, 180), *rng.normal(0, 9, 2)),
-        "bumps": rng.uniform(0.0, 0.5),
-        "seed": int(rng.integers(2**31)),
-    }
+def _cavity(kind, rng, camera):
+    """A cavity of a kind."""
+    cavity = _tube_like(rng, *RADII[kind])
+    match kind:
+        case "colon":
+            return _folds(rng, cavity)
+        case "tube":
+            return replace(cavity, bumps=rng.uniform(0, 0.3))
+        case "blind":
+            ahead = rng.uniform(15, 50)
+            cavity = replace(cavity, ahead=ahead, bumps=rng.uniform(0.2, 1.0))
+            folded = _folds(rng, cavity, beyond=0.3)
+            return folded if rng.uniform() < 0.6 else cavity
+        case "bag":
+            return replace(
+                cavity,
+                ahead=rng.uniform(0, 25),
+                behind=rng.uniform(0, 20),
+                look=(rng.uniform(-180, 180), *rng.uniform(-50, 50, 2)),
+                rugae=rng.uniform(0, 4.5),
+                bumps=rng.uniform(0.3, 1.5),
+            )
+    if rng.uniform() < 0.5:
+        cavity = _folds(rng, cavity, low=0.5)
+    return _polyps(rng, cavity, camera)
 
 
-def _colon(rng: np.random.Generator, camera: Camera) -> Cavity:
-    shape = _tube_like(rng, 17, 28)
-    return Cavity(
-        **shape, folds=_folds(rng, -shape["behind"], shape["ahead"], shape["radius"])
-    )
-
-
-def _tube(rng: np.random.Generator, camera: Camera) -> Cavity:
-    return Cavity(**_tube_like(rng, 10, 26) | {"bumps": rng.uniform(0, 0.3)})
-
-
-def _blind(rng: np.random.Generator, camera: Camera) -> Cavity:
-    shape = _tube_like(rng, 18, 30)
-    shape |= {"ahead": rng.uniform(15, 50), "bumps": rng.uniform(0.2, 1.0)}
-    folds = _folds(
-        rng, -shape["behind"], shape["ahead"] + 0.3 * shape["radius"], shape["radius"]
-    )
-    return Cavity(**shape, folds=folds if rng.uniform() < 0.6 else ())
-
-
-def _bag(rng: np.random.Generator, camera: Camera) -> Cavity:
-    shape = _tube_like(rng, 28, 45)
-    shape |= {"ahead": rng.uniform(0, 25), "behind": rng.uniform(0, 20)}
-    shape |= {"look": (rng.uniform(-180, 180), *rng.uniform(-50, 50, 2))}
-    return Cavity(
-        **shape | {"rugae": rng.uniform(0, 4.5), "bumps": rng.uniform(0.3, 1.5)}
-    )
-
-
-def _polyps(rng: np.random.Generator, camera: Camera) -> Cavity:
-    shape = _tube_like(rng, 16, 28)
-    folds = (
-        _folds(rng, -shape["behind"], shape["ahead"], shape["radius"])
-        if rng.uniform() < 0.5
-        else ()
-    )
-    low = tuple(replace(fold, height=0.5 * fold.height) for fold in folds)
-    return _put_polyps(rng, Cavity(**shape, folds=low), camera, int(rng.integers(1, 5)))
-
-
-KINDS: dict[str, Callable[[np.random.Generator, Camera], Cavity]] = {
-    "colon": _colon,
-    "tube": _tube,
-    "blind": _blind,
-    "bag": _bag,
-    "polyps": _polyps,
-}
-
-
-def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
+def _is_a_view(kind, cavity, camera):
     """Whether the camera has room, and sees something at a distance at which endoscopes work."""
     rng = np.random.default_rng(0)
     around = rng.normal(size=(300, 3))
@@ -200,20 +166,19 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
     glance = camera.resize(LOOK_WIDTH, round(LOOK_WIDTH * camera.height / camera.width))
     distance = cavity.distance(glance.field.rays)
     seen = distance[np.isfinite(distance) & (glance.field.cos_alpha > 0)]
-    if (
-        seen.min() < NEAREST
-        or seen.max() > FARTHEST
-        or not MEDIAN[0] < np.median(seen) < MEDIAN[1]
-    ):
-        return False
     jumps = depth_cuts(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
-    return kind != "colon" or bool(jumps > FOLDED)
+    return (
+        seen.min() >= NEAREST
+        and seen.max() <= FARTHEST
+        and MEDIAN[0] < np.median(seen) < MEDIAN[1]
+        and (kind != "colon" or jumps > FOLDED)
+    )
 
 
 # All the rest ----------------------------------------------------------------------------
 
 
-def _camera(rng: np.random.Generator) -> Camera:
+def _camera(rng):
     wide, high = SIZE
     centre = (np.array(SIZE) - 1) / 2 + rng.uniform(-0.03, 0.03, 2) * wide
     # From the axis to the middle of the right border.
@@ -225,7 +190,7 @@ def _camera(rng: np.random.Generator) -> Camera:
     return KannalaBrandt(wide, high, focal, focal, *centre, PAPER)
 
 
-def _light(rng: np.random.Generator, albedo: tuple[float, ...]) -> Photometry:
+def _light(rng, albedo):
     """One lamp at the optical centre, or one to three beside it; the fall-off's exponent is split."""
     joint = rng.uniform(1.0, 3.5)
     of_lens = rng.uniform()
@@ -237,20 +202,19 @@ def _light(rng: np.random.Generator, albedo: tuple[float, ...]) -> Photometry:
         off = 0.0
     angles = first + 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.2, count)
     weights = rng.uniform(0.6, 1.4, count)
+    weights /= weights.sum()
+    exponent = joint * (1 - of_lens)
     lights = tuple(
         SpotLight(
-            (off * np.cos(a), off * np.sin(a), 0.0),
-            exponent=joint * (1 - of_lens),
-            weight=float(w),
+            (off * np.cos(a), off * np.sin(a), 0.0), exponent=exponent, weight=float(w)
         )
-        for a, w in zip(angles, weights / weights.sum(), strict=True)
+        for a, w in zip(angles, weights, strict=True)
     )
-    return Photometry(
-        joint * of_lens, rng.uniform(1.9, 2.5), None, Lambertian(albedo), lights
-    )
+    gamma = rng.uniform(1.9, 2.5)
+    return Photometry(joint * of_lens, gamma, None, Lambertian(albedo), lights)
 
 
-def _wall(rng: np.random.Generator) -> dict[str, float]:
+def _wall(rng):
     """A matt wall, one under a wet film, or a rough one with a sheen; mottled, veined, stained or not."""
     wall = {
         "texture": rng.uniform(0, 0.15),
@@ -267,23 +231,20 @@ def _wall(rng: np.random.Generator) -> dict[str, float]:
     return wall
 
 
-def random_case(seed: int) -> RandomCase:
+def random_case(seed):
     """Draw all that a frame is; kinds of cavity take turns."""
-    kind = tuple(KINDS)[seed % len(KINDS)]
+    kind = tuple(RADII)[seed % len(RADII)]
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, attempt])
         camera = _camera(rng)
-        cavity = KINDS[kind](rng, camera)
+        cavity = _cavity(kind, rng, camera)
         if _is_a_view(kind, cavity, camera):
             break
     else:
         raise RuntimeError(f"seed {seed} makes no {kind} that a camera fits in")
     green = rng.uniform(0.2, 0.45)
-    albedo = (
-        min(green * rng.uniform(1.5, 2.5), 0.85),
-        green,
-        green * rng.uniform(0.6, 1.0),
-    )
+    red = min(green * rng.uniform(1.5, 2.5), 0.85)
+    albedo = red, green, green * rng.uniform(0.6, 1.0)
     saturated = rng.uniform() < 0.35
     return RandomCase(
         kind=kind,
@@ -305,79 +266,45 @@ def random_case(seed: int) -> RandomCase:
 # Frames ----------------------------------------------------------------------------------
 
 
-def frame_of(
-    case: RandomCase, *, samples: int = SAMPLES, mesh_size: int = MESH
-) -> RandomFrame:
-    """Path-trace and develop a case."""
-    lit = replace(case.photometry, gain=1.0)
-    how = {"samples": samples, "mesh_size": mesh_size, "fog": case.fog}
-    return developed_frame(
-        case, trace(case.cavity, case.camera, lit, **how, **case.wall)
-    )
-
-
-def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
-    """What the sensor and the file make of the layers, at a gain that gives the exposure.
+def frame_of(case, samples=SAMPLES, mesh_size=MESH):
+    """Path-trace a case, and develop it as sensor and file do, at a gain that gives the exposure.
 
     The calibration is the one that a user would have: one light at the optical centre, perhaps one albedo.
     """
-    mask = traced.mask
-    gamma = case.photometry.gamma
+    from tests.tools.path_tracing import stored, trace
+
+    how = {"samples": samples, "mesh_size": mesh_size, "fog": case.fog}
+    lit = replace(case.photometry, gain=1.0)
+    traced = trace(case.cavity, case.camera, lit, **how, **case.wall)
+    gamma = lit.gamma
     light = traced.direct + traced.indirect + traced.mirrored[..., None]
     share, level = case.exposure
-    gain = level**gamma / float(
-        np.percentile(light[mask].max(axis=-1), 100 * (1 - share))
-    )
-    image = stored(
-        gain * light, traced.distance, gamma, case.fog, case.noise, case.seed
-    )
+    brightest = np.percentile(light[traced.mask].max(axis=-1), 100 * (1 - share))
+    gain = level**gamma / float(brightest)
+    sensor = gamma, case.fog, case.noise, case.seed
+    image = stored(gain * light, traced.distance, *sensor)
     if case.jpeg is not None:
-        grey_levels = np.round(255 * image[..., ::-1]).astype(np.uint8)
-        packed = cv2.imencode(
-            ".jpg", grey_levels, [cv2.IMWRITE_JPEG_QUALITY, case.jpeg]
-        )[1]
+        grey_levels = np.round(255 * image).astype(np.uint8)[..., ::-1]
+        quality = [cv2.IMWRITE_JPEG_QUALITY, case.jpeg]
+        packed = cv2.imencode(".jpg", grey_levels, quality)[1]
         image = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1] / 255
     one = replace(case.photometry, gain=gain).simplify()
     albedo = one.brdf.albedo if case.albedo_known else one.brdf.albedo[1]
-    known = Calibration(case.camera, replace(one, brdf=Lambertian(albedo)))
-    frame = Frame(image, mask, f"{case.seed}-{case.kind}")
-    layers = {name: gain * getattr(traced, name) for name in LAYERS}
-    return RandomFrame(
-        frame, known, traced.distance, traced.normals, **layers, kind=case.kind
+    return TracedSample(
+        Frame(image, traced.mask, f"{case.seed}-{case.kind}"),
+        Calibration(case.camera, replace(one, brdf=Lambertian(albedo))),
+        traced.distance,
+        traced.normals,
+        **{name: gain * getattr(traced, name) for name in LAYERS},
+        scene=case.cavity,
     )
 
 
-def write(path: PathLike, made: RandomFrame) -> None:
-    """Write a frame: 8 bits a colour of the picture, 16 of layers and normals."""
-    arrays = {name: getattr(made, name).astype(np.float16) for name in LAYERS}
-    arrays["image"] = np.round(255 * made.frame.image).astype(np.uint8)
-    arrays["distance"] = made.distance.astype(np.float32)
-    arrays["normals"] = np.round(32767 * np.nan_to_num(made.normals)).astype(np.int16)
-    facts = json.dumps({"kind": made.kind, "calibration": made.calibration.to_dict()})
-    packed = BytesIO()
-    np.savez_compressed(packed, facts=np.array(facts), **arrays)
-    write_atomically(path, packed.getvalue())
-
-
-def read(path: PathLike) -> RandomFrame:
-    """Read a frame that `write` wrote."""
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files}
-    facts = json.loads(str(arrays["facts"]))
-    distance = arrays["distance"].astype(np.float64)
-    mask = np.isfinite(distance)
-    normals = np.where(mask[..., None], arrays["normals"], np.nan) / 32767
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    frame = Frame(arrays["image"] / 255, mask, Path(path).stem)
-    known = Calibration.from_dict(facts["calibration"], str(path))
-    layers = {name: arrays[name].astype(np.float64) for name in LAYERS}
-    return RandomFrame(frame, known, distance, normals, **layers, kind=facts["kind"])
-
-
-def make(seeds: Sequence[int], folder: PathLike, **how: int) -> None:
-    """Make the frames that are not in a folder yet, each whole or not at all."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    missing = [seed for seed in seeds if not list(Path(folder).glob(f"{seed}-*.npz"))]
-    for seed in tqdm(missing, unit="frame", disable=not missing):
-        made = frame_of(random_case(seed), **how)
-        write(Path(folder) / f"{made.frame.name}.npz", made)
+def frames(name):
+    """The frames of a set; those that are not kept yet are made, each whole or not at all."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for seed in tqdm(SETS[name], unit="frame"):
+        path = FOLDER / f"{seed}.pickle"
+        if not path.exists():
+            write_atomically(path, pickle.dumps(frame_of(random_case(seed))))
+        yield pickle.loads(path.read_bytes())

@@ -16,7 +16,6 @@ import nbformat
 from jinja2 import FileSystemLoader, pass_context
 from mistune import HTMLRenderer
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError
 from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
@@ -48,9 +47,8 @@ class PageExporter(HTMLExporter):
     @pass_context
     def markdown2html(self, context, source):
         path = context["resources"]["metadata"]["path"]
-        return MarkdownWithMath(
-            Renderer(escape=False, embed_images=True, path=path)
-        ).render(source)
+        renderer = Renderer(escape=False, embed_images=True, path=path)
+        return MarkdownWithMath(renderer).render(source)
 
 
 def with_links(text, path, out, names):
@@ -60,15 +58,11 @@ def with_links(text, path, out, names):
         before, target, after = match.groups()
         if re.match(r"[a-z]+:", target):
             return match[0]
-        if (
-            "images/" in target
-        ):  # which the page holds, found from the folder of notebooks
+        if "images/" in target:  # the page holds it, found from the folder of notebooks
             return f"{before}images/{Path(target).name}{after}"
         source = Path(os.path.normpath(path.parent / target))
         page = (
-            f"{names[source]}.html"
-            if source in names
-            else Path(os.path.relpath(source, out)).as_posix()
+            f"{names[source]}.html" if source in names else os.path.relpath(source, out)
         )
         return f"{before}{page}{after}"
 
@@ -76,7 +70,7 @@ def with_links(text, path, out, names):
 
 
 def executed(path):
-    """A notebook that was run, with text in place of what needs a kernel; ValueError if a cell fails."""
+    """A notebook that was run, with text in place of what needs a kernel; raises what a cell raises."""
     print(path.name, flush=True)
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
@@ -89,92 +83,53 @@ def executed(path):
         ],
         store_widget_state=False,  # its script would come from the network
     )
-    inline = {
-        "MPLBACKEND": "module://matplotlib_inline.backend_inline",
-        "PYTHONPATH": str(ROOT),
-    }
-    try:
-        client.execute(env=os.environ | inline)
-    except CellExecutionError as error:
-        raise ValueError(
-            f"{path.name}: a cell failed with {error.ename}: {error.evalue}"
-        ) from error
-    for data in (
-        output.get("data", {})
-        for cell in notebook.cells
-        for output in cell.get("outputs", [])
-    ):
-        if data.pop(WIDGET, None) and "image/png" not in data:
-            data["text/plain"] = NO_WIDGET
+    inline = "module://matplotlib_inline.backend_inline"
+    client.execute(env=os.environ | {"MPLBACKEND": inline, "PYTHONPATH": str(ROOT)})
+    for cell in notebook.cells:
+        for output in cell.get("outputs", ()):
+            data = output.get("data", {})
+            if data.pop(WIDGET, None) and "image/png" not in data:
+                data["text/plain"] = NO_WIDGET
     return notebook
-
-
-def write_formulas(folder):
-    """Write the script that draws formulas, if Dash has it."""
-    dash = find_spec("dash")
-    path = (
-        Path(dash.origin).parent / "dcc" / "async-mathjax.js"
-        if dash and dash.origin
-        else None
-    )
-    if path is None or not path.is_file():
-        print("Dash is not installed: formulas will not be drawn.")
-    else:
-        shutil.copyfile(path, folder / "mathjax.js")
 
 
 def write_reference(folder):
     """Write a reference of the library, by pdoc."""
-    pdoc = [
-        sys.executable,
-        "-W",
-        "ignore",
-        "-m",
-        "pdoc",
-        "endolab",
-        "--no-show-source",
-        "--no-search",
-    ]
-    subprocess.run([*pdoc, "-d", "numpy", "-o", folder], cwd=ROOT, check=True)
+    pdoc = [sys.executable, "-W", "ignore", "-m", "pdoc", "endolab", "-d", "numpy"]
+    pdoc += ["--no-show-source", "--no-search", "-o", folder]
+    subprocess.run(pdoc, cwd=ROOT, check=True)
 
 
 def render_pages(notebooks, out, solutions=False):
     """Run every notebook and render it as a page, and the texts beside them; ``README.md`` is the index.
 
     `solutions` opens the solutions and adds what is for lecturers. The folder `out` is replaced when all are
-    done; ``api/`` in it is a reference of the library. ValueError if a cell fails or there are no notebooks.
+    done; ``api/`` in it is a reference of the library. Formulas are drawn by the script that Dash has.
     """
     source = Path(notebooks).resolve()
     target = Path(out).resolve()
-    paths = sorted(source.glob("*.ipynb"))
-    if not paths:
-        raise ValueError(f"{source}: there are no notebooks")
-    texts = [
-        one
-        for one in sorted(source.rglob("*.md"))
-        if solutions or one.stem not in LECTURERS
-    ]
     names = {
         path: "index" if path.stem == "README" else path.stem
-        for path in (*paths, *texts)
+        for path in (*sorted(source.glob("*.ipynb")), *sorted(source.rglob("*.md")))
+        if solutions or path.stem not in LECTURERS
     }
     exporter = PageExporter()
     with stage_folder(target, overwrite=True) as folder:
-        write_formulas(folder)
+        dash = find_spec("dash")
+        if dash:
+            script = Path(dash.origin).parent / "dcc" / "async-mathjax.js"
+            shutil.copyfile(script, folder / "mathjax.js")
         for path, name in names.items():
             if path.suffix == ".md":
-                text = path.read_text(encoding="utf-8")
-                notebook = nbformat.v4.new_notebook(
-                    cells=[nbformat.v4.new_markdown_cell(text)]
-                )
+                cell = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))
+                notebook = nbformat.v4.new_notebook(cells=[cell])
             else:
                 notebook = executed(path)
             for cell in notebook.cells:
                 if cell.cell_type == "markdown":
-                    text = with_links(cell.source, path, target, names)
-                    cell.source = (
-                        SOLUTION.sub("<details open>", text) if solutions else text
-                    )
+                    cell.source = with_links(cell.source, path, target, names)
+                    if solutions:
+                        cell.source = SOLUTION.sub("<details open>", cell.source)
             where = {"metadata": {"name": name, "path": str(source)}}
             page = exporter.from_notebook_node(notebook, resources=where)[0]
             (folder / f"{name}.html").write_text(page, encoding="utf-8")
@@ -182,7 +137,4 @@ def render_pages(notebooks, out, solutions=False):
 
 
 if __name__ == "__main__":
-    try:
-        render_pages(*sys.argv[1:3], solutions="--solutions" in sys.argv)
-    except (ValueError, OSError) as error:
-        sys.exit(f"endolab: {error}")
+    render_pages(*sys.argv[1:3], solutions="--solutions" in sys.argv)
