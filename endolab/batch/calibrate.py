@@ -1,6 +1,7 @@
 """Frames of a target in, endoscope.json and its report out; and simulated frames of a target."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from endolab._extras import need
-from endolab.calibration.session import Progress, Session, calibrate, check_names, silent
-from endolab.calibration.simulation.trajectory import MOVEMENT
+from endolab.calibration.session import Session, calibrate, check_names
+from endolab.calibration.simulation.sheet_image import Sensor
+from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike, as_json, check_new, stage_folder, write_atomically
@@ -37,37 +39,24 @@ def calibrate_to_files(
     *,
     record: bool = False,
     overwrite: bool = False,
-    progress: Progress = silent,
+    channel: str = "grey",
     **options: Any,
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
     `out` is `endoscope.json`, with a nominal light if that was refused. Beside it are `report_folder`, with
     the page, `camera.json` and, with `record`, a recording for the Rerun viewer. What is there is replaced
-    only if `overwrite`. The rest, camera, channel, every, leave_out and the light's options, is as for
-    `calibrate`. Raises `MissingPackage` at once if a recording is wanted and
-    cannot be written.
+    only if `overwrite`. The rest, camera, every, leave_out and the light's options, is as for `calibrate`.
+    Raises `MissingPackage` at once if a recording is wanted and cannot be written.
     """
     if record:
         need("rerun")
-    folder = report_folder(out)
-    channel = options.setdefault("channel", "grey")
     check_names(options.get("leave_out", ()), frames.names)  # before a long search
     if not overwrite:
         check_new(out)
-    with stage_folder(folder, overwrite=overwrite) as staging:
-        session = calibrate(
-            frames,
-            target,
-            progress=progress,
-            **options,
-        )
-        write_report(
-            session,
-            frames,
-            staging,
-            channel,
-        )
+    with stage_folder(report_folder(out), overwrite=overwrite) as staging:
+        session = calibrate(frames, target, channel=channel, **options)
+        write_report(session, frames, staging, channel)
         if record:
             from endolab.workbench.recording.calibration import record_calibration
 
@@ -78,29 +67,40 @@ def calibrate_to_files(
 
 def save_sheet_video(
     folder: PathLike,
-    target: str,
+    name: str,
     endoscope: Calibration,
     count: int,
-    *,
     video: bool = False,
     overwrite: bool = False,
-    progress: Progress = silent,
-    **options: Any,
-) -> None:
-    """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
+    progress: Callable[[int], object] = lambda done: None,
+    *,
+    noise: float = 1.0,
+    seed: int = 0,
+) -> Target:
+    """Write a simulated calibration video, pictures or `sheet.mkv`, with `truth.json`; return its target.
 
-    `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
-    `simulate_video`. What is there already is replaced as by `stage_folder`.
+    Its `name` is as for `read_target`; one with a fold is folded by 20°, and the paper is `PAPER_SHEET`. What
+    is there already is replaced as by `stage_folder`.
     """
+    target = read_target(name)
+    fold = 0.0 if target.fold is None else math.radians(20)
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
-    frames = simulate_video(read_target(target), endoscope.camera, light, count, **options)
+    frames = simulate_video(
+        target,
+        endoscope.camera,
+        light,
+        count,
+        movement=Movement(fold),
+        sensor=Sensor(noise),
+        seed=seed,
+    )
     truth: list[dict[str, Any]] = []
 
     def images() -> Iterator[FloatArray]:
         for frame in frames:
             poses = [pose.vector.tolist() for pose in frame.poses]
             truth.append({"gain": frame.gain, "poses": poses})
-            progress("rendering", len(truth), count)
+            progress(len(truth))
             yield frame.image
 
     with stage_folder(folder, overwrite=overwrite, last="truth.json") as staging:
@@ -112,7 +112,7 @@ def save_sheet_video(
         theta = np.linspace(0, np.pi / 2, 181)
         value = PAPER_SHEET.value(np.cos(theta), np.cos(theta))
         paper = TabulatedBRDF(tuple(theta), tuple(value))
-        known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
-        fold = options.get("movement", MOVEMENT).fold
-        facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
+        known = replace(endoscope, photometry=replace(light, brdf=paper))
+        facts = known.to_dict() | {"target": name, "fold": fold, "frames": truth}
         write_atomically(staging / "truth.json", as_json(facts))
+    return target

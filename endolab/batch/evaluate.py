@@ -1,7 +1,8 @@
 """How far depth maps in files, of any program, are from the truth."""
 
+import json
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,14 @@ class Evaluation:
     scale: str  # as of `compare`
     errors: Errors
     coverage: Coverage | None  # of the depth map's σ, if it has one
-    resampled_from: (
-        tuple[int, int] | None
-    )  # rows and columns of the truth, if they are others
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as JSON can hold it; None for what is not known."""
+        facts = asdict(self.errors) | {"depth": self.name, "kind": self.kind}
+        if self.coverage is not None:
+            facts["coverage"] = asdict(self.coverage)
+        known: dict[str, Any] = json.loads(json.dumps(facts), parse_constant=lambda _: None)
+        return known
 
 
 def evaluate(
@@ -88,7 +94,6 @@ def evaluate(
     else:
         true = read_depth_map(truth, truth_kind, truth_unit)
     rows, columns = shape = depth.values.shape
-    size = true.values.shape
     cosine = depth.cos_alpha  # z over distance
     if camera is not None:
         if rows != round(camera.height * columns / camera.width):
@@ -102,10 +107,9 @@ def evaluate(
         )
     if mask is not None:
         inside = read_mask(mask)
-        if inside.shape != size:
-            raise ValueError(
-                f"{mask} must have the size of the truth, {size[1]}x{size[0]} px"
-            )
+        if inside.shape != true.values.shape:
+            rows, columns = true.values.shape
+            raise ValueError(f"{mask} must have the truth's size, {columns}x{rows} px")
         true.values[~inside] = np.nan
     compared = depth.kind if cosine is None else "distance"
     if cosine is None:
@@ -133,8 +137,7 @@ def evaluate(
     trusted = None
     if depth.sigma is not None:
         trusted = coverage_of(estimate, depth.sigma, actual, near, scale)
-    resampled = None if size == shape else (size[0], size[1])
-    return Evaluation(str(prediction), compared, scale, errors, trusted, resampled)
+    return Evaluation(str(prediction), compared, scale, errors, trusted)
 
 
 # Folders --------------------------------------------------------------------------------
@@ -166,18 +169,15 @@ def evaluate_folder(
     left, right = _find_maps(Path(predictions)), _find_maps(Path(truths))
     if not left.keys() & right.keys():
         left, right = _by_number(left), _by_number(right)
-    pairs = left.keys() & right.keys()
-    if not pairs:
+    made = [evaluate(left[key], right[key], **options) for key in left if key in right]
+    if not made:
         raise ValueError(
             f"no depth map in {predictions} has the name or number of one in {truths}"
         )
-    alone = [maps[name] for maps in (left, right) for name in maps if name not in pairs]
-    made = [
-        evaluate(path, right[name], **options)
-        for name, path in left.items()
-        if name in pairs
+    alone = left.keys() ^ right.keys()
+    return made, [
+        str(path) for key, path in [*left.items(), *right.items()] if key in alone
     ]
-    return made, list(map(str, alone))
 
 
 def _find_maps(folder: Path) -> dict[str, Path]:

@@ -102,7 +102,6 @@ def reconstruct_video(
         interruption or a MemoryError, what is done stays, and the same call goes on.
     """
     check_int("every", every, 1)
-    check_int("limit", 1 if limit is None else limit, 1)
     inside = None if mask is None else read_mask(mask)
     if inside is not None:
         check_size("the mask", inside.shape[::-1], calibration.camera)
@@ -146,8 +145,8 @@ def reconstruct_video(
             if progress is not None:
                 progress(done, len(wanted), folder.rows[name])
     except KeyboardInterrupt as stop:
-        stay = f"{done} of {len(wanted)} frames are done and stay"
-        raise KeyboardInterrupt(f"{stay}, the same command goes on") from stop
+        text = f"{done} of {len(wanted)} frames are done and stay, the same command goes on"
+        raise KeyboardInterrupt(text) from stop
     rows = [folder.rows[name] for name in wanted]
     made = [row for row in rows if not row["error"]]
     if not made:
@@ -211,8 +210,8 @@ class _Folder:
 
     def is_done(self, name: str) -> bool:
         """Whether a frame needs not be done again."""
-        row = self.rows.get(name)
-        return row is not None and not row["error"] and self._depth(name).is_file()
+        row = self.rows.get(name, {"error": "not tried"})
+        return not row["error"] and self._depth(name).is_file()
 
     def maps(self, name: str) -> dict[str, np.ndarray]:
         """Read the surface of a frame that is done."""
@@ -248,12 +247,12 @@ class _Folder:
         """Write the table and the report."""
         rows = sorted(self.rows.values(), key=lambda row: row["index"])
         write_rows(self.path / "frames.csv", FRAME_COLUMNS, rows)
-        done = [row for row in rows if not row["error"]]
+        units = [row["unit"] for row in rows if not row["error"]]
         report = {
             "endolab": 1,
             "frames": len(self.names),
-            "done": len(done),
-            "unit": done[0]["unit"],
+            "done": len(units),
+            "unit": units[0],
             "settings": self.settings,
         }
         write_atomically(self.path / "report.json", as_json(report))

@@ -56,7 +56,6 @@ def calibrate(
     leave_out: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     channel: Literal["grey", "red", "green", "blue"] = "grey",
     gamma: Value = 2.2,
-    brdf: Literal["tabulated", "lambertian"] = "tabulated",
     gain: Literal["free", "locked"] = "free",
     reflectance: list[Value] | None = None,
     record: bool = False,
@@ -89,8 +88,6 @@ def calibrate(
         Whose response.
     gamma : float
         A number, a number and its standard deviation (2.2,0.1), or free.
-    brdf : str
-        Of the paper.
     gain : str
         Free, or the same in all frames.
     reflectance : float
@@ -106,12 +103,8 @@ def calibrate(
     from endolab.io.video import open_frames
 
     sheet = read_target(target)
-    patches = len(set(sheet.ink.greys[:, 3]))
-    known = [None if value == "free" else value for value in reflectance or []]
-    if known and len(known) != patches:
-        raise ValueError(
-            f"the target has {patches} kinds of grey, --reflectance {len(known)}"
-        )
+    greys = [None] * len(set(sheet.ink.greys[:, 3]))  # free
+    known = [None if value == "free" else value for value in reflectance or greys]
     with show_progress("frame") as show:
         session = calibrate_to_files(
             open_frames(*source),
@@ -124,18 +117,15 @@ def calibrate(
             leave_out=leave_out,
             channel=channel,
             gamma=gamma,
-            brdf=brdf,
             gain=gain,
-            reflectance=known or [None] * patches,
+            reflectance=known,
             record=record,
             progress=lambda stage, done, total: show(done, total, stage),
         )
     print("\n".join(account(session)))
     if session.light is None:
         print("The light is not calibrated: k 2.5 and γ 2.2 of another endoscope stand in.")
-    pageless = lacking("jinja2")
-    page = f"there is no report.html: {pageless}" if pageless else "see its report.html"
-    print(f"written to {out}, and to {report_folder(out)}; {page}")
+    print(f"written to {out}, and to {report_folder(out)}", lacking("jinja2"))
 
 
 def calibrate_light(
@@ -148,7 +138,6 @@ def calibrate_light(
     frames: int = 8,
     gamma: float = 2.2,
     albedo: Value = None,
-    k: float = 2.5,
 ) -> None:
     """Ask frames of tissue for the light's fall-off k.
 
@@ -171,8 +160,6 @@ def calibrate_light(
         Which frames don't tell.
     albedo : floats
         Of the wall's green, or R,G,B, if known.
-    k : float
-        If it is not found.
     """
     import numpy as np
 
@@ -185,16 +172,16 @@ def calibrate_light(
     lens = CALIBRATIONS[camera].camera if camera in CALIBRATIONS else read_camera(camera)
     video = el.open_frames(*source)
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
-    names = [video.names[index] for index in spread]
-    light: dict[str, Any] = {"gamma": gamma, "otherwise": k}
-    if albedo is not None:
-        light["albedo"] = albedo
-    pictures = video.read(names)
+    pictures = video.read([video.names[index] for index in spread])
     read = (as_frame(name, image) for name, image in pictures if image is not None)
     output = stage_file(out, overwrite=overwrite)
     with output as temporary, show_progress("frame") as show:
         estimate = el.estimate_light(
-            read, lens, progress=lambda done, _: show(done, len(names)), **light
+            read,
+            lens,
+            gamma=gamma,
+            albedo=albedo,
+            progress=lambda done, _: show(done, len(spread)),
         )
         if estimate.status is el.Status.STOPPED:
             raise KeyboardInterrupt
@@ -244,11 +231,6 @@ def convert(
         calibration = el.load_calibration(source, size=size)
     else:
         calibration = read_endomapper(source, photometry)
-        fits = calibration.evidence["converted"]["lights"]
-        worst = max(fit["worst_distance_percent"] for fit in fits)
-        print(
-            f"the light is a power of a cosine, which makes at most {worst:.2g} % of a distance"
-        )
     with stage_file(out, overwrite=overwrite) as temporary:
         el.write_calibration(calibration, temporary)
     print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")

@@ -2,20 +2,19 @@
 
 import json
 import os
-from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 COLUMNS = {
-    "AbsRel %": "mean_percent",
-    "median %": "median_percent",
-    "RMSE mm": "rmse_mm",
-    "RMSE z mm": "rmse_z_mm",
-    "δ<1.25 %": "within_125",
-    "δ<1.25² %": "within_125_squared",
-    "δ<1.25³ %": "within_125_cubed",
-    "normals °": "mean_degrees",
+    "mean_percent": "AbsRel %",
+    "median_percent": "median %",
+    "rmse_mm": "RMSE mm",
+    "rmse_z_mm": "RMSE z mm",
+    "within_125": "δ<1.25 %",
+    "within_125_squared": "δ<1.25² %",
+    "within_125_cubed": "δ<1.25³ %",
+    "mean_degrees": "normals °",
     "scale": "scale",
 }
 
@@ -87,34 +86,21 @@ def evaluate(
     )
     found, alone = made if is_folder else ([made], [])
     if as_json:
-        frames = [_facts(one) for one in found]
+        frames = [one.as_dict() for one in found]
         content = {"frames": frames, "without_partner": alone} if is_folder else frames[0]
         print(json.dumps(content, indent=2))
         return
-    values = [[getattr(one.errors, name) for name in COLUMNS.values()] for one in found]
-    labels = [one.name for one in found]
+    rows = {one.name: [getattr(one.errors, name) for name in COLUMNS] for one in found}
     if is_folder:
-        values += [np.mean(values, axis=0), np.median(values, axis=0)]
-        labels += ["mean", "median"]
-    wide = max(map(len, labels))
-    print(" " * wide + "".join(f"{name:>11}" for name in COLUMNS))
-    for label, row in zip(labels, values, strict=True):
+        values = [*rows.values()]
+        rows |= {"mean": np.mean(values, axis=0), "median": np.median(values, axis=0)}
+    wide = max(map(len, rows))
+    print(" " * wide + "".join(f"{title:>11}" for title in COLUMNS.values()))
+    for label, row in rows.items():
         print(f"{label:<{wide}}" + "".join(f"{value:>11.4g}" for value in row))
     for one in found:
-        if one.resampled_from:
-            print(f"{one.name}: the truth is resampled to its size")
         if one.coverage is not None:
             line = "{within_one:.0f} % within 1 σ, {within_two:.0f} % within 2 σ (68 and 95 if right)"
             print(line.format(**vars(one.coverage)))
     if alone:
         print(f"{len(alone)} without a partner: {', '.join(alone)}")
-
-
-def _facts(made: Any) -> dict[str, Any]:
-    """Return an evaluation as JSON can hold it; None for what is not known."""
-    facts = asdict(made.errors) | {"depth": made.name, "kind": made.kind}
-    if made.coverage is not None:
-        facts["coverage"] = asdict(made.coverage)
-    if made.resampled_from:
-        facts["truth_resampled_from"] = made.resampled_from[::-1]
-    return json.loads(json.dumps(facts), parse_constant=lambda _: None)

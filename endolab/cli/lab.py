@@ -1,6 +1,5 @@
 """JupyterLab on the notebooks: no pop-ups, no network, no foreign script, a free port, its own kernel."""
 
-import json
 import os
 import shutil
 import sys
@@ -13,12 +12,9 @@ from endolab.cli.solving import Port
 # Of endolab's checkout, where there is one.
 OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
-PAGE = {"buildCheck": False, "buildAvailable": False}
-NEWS = {"fetchNews": "false", "checkForUpdates": False, "doNotDisturbMode": True}
-SETTINGS = {
-    "page_config": PAGE,
-    "default_setting_overrides": {"@jupyterlab/apputils-extension:notification": NEWS},
-}
+PAGE = '{"buildCheck": false, "buildAvailable": false}'
+NEWS = """{"@jupyterlab/apputils-extension:notification":
+{"fetchNews": "false", "checkForUpdates": false, "doNotDisturbMode": true}}"""
 
 
 def set_up(prefix: str) -> None:
@@ -27,8 +23,8 @@ def set_up(prefix: str) -> None:
 
     config = Path(prefix, "etc/jupyter/labconfig")
     config.mkdir(parents=True, exist_ok=True)
-    for name, content in SETTINGS.items():
-        (config / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
+    (config / "page_config.json").write_text(PAGE)
+    (config / "default_setting_overrides.json").write_text(NEWS)
     kernel = Path(prefix, "share/jupyter/kernels/endolab")
     shutil.rmtree(kernel, ignore_errors=True)
     # Without frozen modules, for else the debugger warns in the first cell.

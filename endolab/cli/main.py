@@ -1,4 +1,21 @@
-"""The command line: one function a command, its docstring the help."""
+"""endolab: see how one endoscope frame becomes 3D.
+
+    reconstruct      Make a surface of a frame, or of each frame of a video.
+    sweep            Make one table of errors and energies of many frames and settings.
+    simulate         Render a scene: a frame with its truth.
+    target           Draw a calibration sheet to print, at true size.
+    calibrate        Make an endoscope.json of frames of a target.
+    calibrate-light  Ask frames of tissue for the light's fall-off k.
+    convert          Make an endoscope.json of another program's calibration.
+    evaluate         Compare a depth map, or those of a folder, with the truth.
+    tune             Open the tuner in the browser.
+    lab              Open JupyterLab on the notebooks.
+
+    --completion     Print what bash, zsh or fish needs to complete commands and options.
+    --version        Print the version.
+
+endolab COMMAND --help shows what a command takes, and examples.
+"""
 
 import gc
 import os
@@ -6,51 +23,48 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import Literal, NoReturn
-
-from cyclopts import App, CycloptsError, Parameter
+from typing import Any, Literal, NoReturn
 
 from endolab import __version__
 from endolab._extras import MissingPackage
-from endolab.cli.calibrate import calibrate, calibrate_light, convert, target
-from endolab.cli.evaluate import evaluate
-from endolab.cli.lab import lab
-from endolab.cli.reconstruct import reconstruct, sweep
-from endolab.cli.simulate import simulate
-from endolab.cli.tune import tune
 
+# Where each is; nothing of it is loaded before it is called.
 COMMANDS = (
-    reconstruct,
-    sweep,
-    simulate,
-    target,
-    calibrate,
-    calibrate_light,
-    convert,
-    evaluate,
-    tune,
-    lab,
+    "reconstruct:reconstruct",
+    "reconstruct:sweep",
+    "simulate:simulate",
+    "calibrate:target",
+    "calibrate:calibrate",
+    "calibrate:calibrate_light",
+    "calibrate:convert",
+    "evaluate:evaluate",
+    "tune:tune",
+    "lab:lab",
 )
 
-app = App(
-    "endolab",
-    help="See how one endoscope frame becomes 3D.",
-    version=f"endolab {__version__}",
-    help_format="markdown",
-    default_parameter=Parameter(negative=()),
-    result_action="return_none",
-    exit_on_error=False,
-    print_error=False,
-    suppress_keyboard_interrupt=False,
-)
-for command in COMMANDS:
-    app.command(command)
 
+def make_app() -> Any:
+    """Make cyclopts' app of the commands: one function each, whose docstring is its help."""
+    from cyclopts import App, Parameter
 
-@app.command(name="--completion")
-def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
-    """Print what a shell needs to complete commands and options."""
-    print(app.generate_completion(shell=shell))
+    app = App(
+        "endolab",
+        help_format="markdown",
+        default_parameter=Parameter(negative=()),
+        result_action="return_none",
+        exit_on_error=False,
+        print_error=False,
+        suppress_keyboard_interrupt=False,
+    )
+    for place in COMMANDS:
+        app.command(f"endolab.cli.{place}")
+
+    @app.command(name="--completion")
+    def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
+        """Print what a shell needs to complete commands and options."""
+        print(app.generate_completion(shell=shell))
+
+    return app
 
 
 def to_one_line(error: Exception) -> str:
@@ -65,8 +79,15 @@ def to_one_line(error: Exception) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    # Said at once: to load cyclopts takes longer.
+    if words in ([], ["-h"], ["--help"], ["--version"]):
+        print(f"endolab {__version__}" if words == ["--version"] else __doc__)
+        return 0
+    from cyclopts import CycloptsError
+
     try:
-        app(argv)
+        make_app()(words)
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -2,20 +2,28 @@
 
 from contextlib import nullcontext
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from endolab._extras import lacking
 from endolab.cli.solving import (
-    OPTIONS,
-    SWEPT,
+    Diameter,
+    Several,
     Value,
     announce_compiling,
     load,
     show_progress,
 )
-from endolab.reconstruction.settings import takes_settings
+from endolab.reconstruction.settings import option_types, takes_settings
+
+# The command line writes these otherwise than Python does.
+OPTIONS = option_types() | {
+    "contours": Literal["auto", "yes", "no"] | None,
+    "known_distance": Several,
+    "known_diameter": Diameter,
+}
+SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
 
 
 @partial(takes_settings, types=OPTIONS)
@@ -32,7 +40,6 @@ def reconstruct(
     uncertainty: bool = False,
     mesh: bool = False,
     prepare: bool = False,
-    snapshots: int | None = None,
     every: int | None = None,
     limit: int | None = None,
     threads: int | None = None,
@@ -68,8 +75,6 @@ def reconstruct(
         Write mesh.ply too: triangles, cut at folds.
     prepare : bool
         Leave out the dark lumen, find highlights, and draw it all: preparation.png.
-    snapshots : int
-        Of fast_marching in the recording (12).
     every : int
         Of a video, every N-th frame only.
     limit : int
@@ -81,27 +86,45 @@ def reconstruct(
     from endolab.io.video import is_sequence
 
     is_video = is_sequence(frame)
-    of_frame = uncertainty or mesh or prepare or snapshots
-    if of_frame if is_video else every or limit:
-        kinds = "--every and --limit are of a video, --uncertainty, --mesh, --prepare and --snapshots"
+    if (uncertainty or mesh or prepare) if is_video else every or limit:
+        kinds = "--every and --limit are of a video, --uncertainty, --mesh and --prepare"
         raise ValueError(f"{kinds} of one picture")
     known, keywords = load(calibration, [frame], options, albedo, threads, settings)
     if is_video:
-        chosen = {"mask": mask, "every": every or 1, "limit": limit, "overwrite": overwrite}
-        _reconstruct_video(frame, known, out, chosen | keywords)
+        from endolab.batch.video import reconstruct_video
+
+        with announce_compiling(), show_progress("frame") as follow_video:
+            video = reconstruct_video(
+                frame,
+                known,
+                out,
+                mask=mask,
+                every=every or 1,
+                limit=limit,
+                overwrite=overwrite,
+                progress=lambda done, total, row: follow_video(done, total, row["frame"]),
+                **keywords,
+            )
+        lost = [row["error"] for row in video.rows if row["error"]]
+        print(*(f"not done: {error}\n" for error in lost), sep="", end="")
+        done = f"{len(video.rows) - len(lost)} of {len(video.rows)} frames"
+        unit = next(row["unit"] for row in video.rows if row["unit"])
+        print(f"{done} ({unit}), by an earlier call: {video.done_before}")
+        print(f"written to {out}: {', '.join(path.name for path in video.paths)}")
         return
 
     import endolab as el
     from endolab.frames.frame import looks_like_depth
     from endolab.io.atomic import stage_folder
     from endolab.io.datasets.folders import depth_layout
-    from endolab.workbench.reports.result import write_files
+    from endolab.reconstruction.report import notes, of_evidence
+    from endolab.workbench.reports.result import report, write_files
 
     picture = el.read_frame(frame, known, mask)
     if depth_layout(frame) or looks_like_depth(picture.image):
         print(f"{frame} may be a depth map, by its name or because it has no noise.")
-    if snapshots or keywords.get("solver") == "fast_marching":
-        keywords["snapshots"] = snapshots or 12
+    if keywords.get("solver") == "fast_marching":
+        keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
     prepared = trusted = None
     with announce_compiling(), stage_folder(out, overwrite=overwrite) as folder:
@@ -123,17 +146,6 @@ def reconstruct(
                     recorder.add_uncertainty(trusted, result)
         write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
         written = sorted(path.name for path in folder.iterdir())
-    _summarise(result, prepared, trusted)
-    if unrecorded:
-        print(f"There is no recording.rrd: {unrecorded}.")
-    print(f"written to {out}: {', '.join(written)}")
-
-
-def _summarise(result: Any, prepared: Any, trusted: Any) -> None:
-    """Print what came out, in a few lines."""
-    from endolab.reconstruction.report import notes, of_evidence
-    from endolab.workbench.reports.result import report
-
     facts = report(result, trusted)
     for line in (
         "{status}: {ended}",
@@ -144,34 +156,17 @@ def _summarise(result: Any, prepared: Any, trusted: Any) -> None:
         print(line.format(**facts))
     if not result.metric:
         print("--median-distance, --known-distance or --known-diameter fixes the scale.")
+    said = [*notes(result), *of_evidence(result), *facts["warnings"]]
     if prepared is not None:
-        print("\n".join(prepared.notes))
-    for note in (*notes(result), *of_evidence(result), *facts["warnings"]):
-        print(note)
+        said += prepared.notes
     if trusted is not None:
         line = "σ of the distance: {median:.2g} % for the median pixel, {10th:.2g} to {90th:.2g} %"
-        print(line.format(**facts["uncertainty"]["sigma_percent"]), "for four in five")
-        print("\n".join(trusted.notes))
-
-
-def _reconstruct_video(
-    source: str, calibration: Any, out: str, options: dict[str, Any]
-) -> None:
-    from endolab.batch.video import reconstruct_video
-
-    with announce_compiling(), show_progress("frame") as show:
-        options["progress"] = lambda done, total, row: show(done, total, row["frame"])
-        video = reconstruct_video(source, calibration, out, **options)
-    done = [row for row in video.rows if not row["error"]]
-    for row in video.rows:
-        if row["error"]:
-            print(f"not done: {row['error']}")
-    medians = [row["median_distance"] for row in done]
-    print(
-        f"{len(done)} of {len(video.rows)} frames, of which {video.done_before} by an earlier call; "
-        f"median distance: {min(medians):.4g} to {max(medians):.4g} ({done[0]['unit']})"
-    )
-    print(f"written to {out}: {', '.join(path.name for path in video.paths)}")
+        said += [line.format(**facts["uncertainty"]["sigma_percent"]), *trusted.notes]
+    for line in said:
+        print(line)
+    if unrecorded:
+        print(f"There is no recording.rrd: {unrecorded}.")
+    print(f"written to {out}: {', '.join(written)}")
 
 
 @partial(takes_settings, types=SWEPT)

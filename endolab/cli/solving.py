@@ -6,18 +6,15 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
-
-from endolab.reconstruction.settings import LENGTHS, option_types
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
 
 Port = Annotated[int, Parameter(validator=Number(gte=1, lte=65535))]
-SWITCHES = {"auto": None, "yes": True, "no": False}
 
 
 def _several(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
@@ -44,13 +41,6 @@ def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
 Several = Annotated[Any, Parameter(converter=_several, n_tokens=1)]
 Value = Annotated[Any, Parameter(converter=_value, n_tokens=1)]
 Diameter = Annotated[Any, Parameter(converter=_diameter, n_tokens=1)]
-# The command line writes these otherwise than Python does.
-OPTIONS = option_types() | {
-    "contours": Literal["auto", "yes", "no"] | None,
-    "known_distance": Several,
-    "known_diameter": Diameter,
-}
-SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
 
 
 def load(
@@ -63,16 +53,17 @@ def load(
 ) -> tuple[Calibration, dict[str, Any]]:
     """Return the calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""
     from endolab.io.settings import SolvingSettings, read_settings
+    from endolab.reconstruction.settings import LENGTHS
 
     if threads is not None:
         os.environ["ENDOLAB_THREADS"] = str(threads)
     kept = SolvingSettings() if settings is None else read_settings(settings)
     believed = kept if albedo is None else kept.believe(albedo=albedo)
     if "contours" in options:
-        options["contours"] = SWITCHES[options["contours"]]
+        options["contours"] = {"auto": None, "yes": True, "no": False}[options["contours"]]
     keywords = dict(kept.keywords)
-    if options.keys() & LENGTHS:  # one alone may fix the scale
-        keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
+    for name in LENGTHS if options.keys() & LENGTHS else ():  # one alone may fix the scale
+        keywords.pop(name, None)
     return believed.apply(load_endoscope(calibration, sources)), keywords | options
 
 
@@ -85,12 +76,10 @@ def load_endoscope(calibration: str, sources: Sequence[str]) -> Calibration:
     try:
         return load_calibration(calibration)
     except MissingSize:
-        frames = open_frames(*sources)
-        ((_, image),) = frames.read(frames.names[:1])
+        image = next(iter(open_frames(*sources)))[1]
         if image is None:
             raise
-        rows, columns = image.shape[:2]
-        return load_calibration(calibration, size=(columns, rows))
+        return load_calibration(calibration, size=image.shape[1::-1])
 
 
 @contextmanager

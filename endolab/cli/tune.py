@@ -89,15 +89,12 @@ def find_pictures(source: str | Path) -> list[Path]:
     OSError or ValueError in one sentence, if there is none.
     """
     from endolab.io.datasets.folders import depth_layout
-    from endolab.io.video import is_sequence, open_frames
+    from endolab.io.video import open_frames
 
-    path = Path(source)
-    if not is_sequence(path):
-        return [path]
-    names = open_frames(path).names if path.is_dir() else []  # not of a video
-    pictures = [path / name for name in names if depth_layout(name) is None]
-    if not pictures:
-        raise ValueError(f"{path}: expected a picture or a folder of pictures")
+    frames = open_frames(source)
+    pictures = [frames.path / name for name in frames.names if not depth_layout(name)]
+    if frames.is_video or not pictures:
+        raise ValueError(f"{source}: expected a picture or a folder of pictures")
     return pictures
 
 

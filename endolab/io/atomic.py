@@ -1,7 +1,6 @@
 """Files and folders that are whole or not there, and JSON."""
 
 import json
-import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -67,8 +66,6 @@ def stage_file(path: PathLike, *, overwrite: bool = True) -> Iterator[Path]:
     if not overwrite:
         check_new(target)
     with _stage(target.parent, target) as temporary:
-        if target.exists() and not target.is_file():
-            raise OSError(f"cannot write {target}: it is a folder, or no plain file")
         yield temporary
         temporary.replace(target)
 
@@ -105,17 +102,12 @@ def write_atomically(path: PathLike, content: bytes) -> None:
 
 
 # Read -----------------------------------------------------------------------------------
-def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> bytes:
-    """Read a file; OSError in one sentence, which calls it `what` if there is none.
-
-    ValueError, if it has more than `most` bytes, before it is read.
-    """
+def read_bytes(path: PathLike, what: str = "file") -> bytes:
+    """Read a file; OSError in one sentence, which calls it `what` if there is none."""
     source = Path(path)
     with one_sentence(f"{source}: cannot be read"):
         if not source.is_file():  # a pipe might never end
             raise FileNotFoundError(f"{source}: there is no such {what}")
-        if source.stat().st_size > most:
-            raise ValueError(f"{source}: expected a {what} of at most {most / 1e6:g} MB")
         return source.read_bytes()
 
 
@@ -128,8 +120,7 @@ def as_json(content: dict[str, Any]) -> bytes:
 
 def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
-    most = 10_000_000  # bytes; a calibration with its evidence has some kB
-    content = read_bytes(path, what, most)
+    content = read_bytes(path, what)
     try:
         # Whatever byte order mark it has.
         return json.loads(content.decode(json.detect_encoding(content)))

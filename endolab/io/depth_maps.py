@@ -88,28 +88,25 @@ def read_depth_map(
 
 def _read_numbers(source: Path) -> np.ndarray:
     """Read an .npy, a PNG, or a TIFF of integers or floats, or an EXR where OpenCV can."""
-    content = read_bytes(source)
     if source.suffix.lower() == ".png":
         return read_stored(source)[0]
+    content = read_bytes(source)
     with name_damage(source, WHAT), quiet():
         if source.suffix.lower() == ".npy":
             return np.asarray(np.load(io.BytesIO(content), allow_pickle=False))
         stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-        if stored is None:
-            raise ValueError
-        return np.asarray(stored)
+        return np.array(stored, np.float64)
 
 
 def _choose_array(source: Path, names: list[str]) -> tuple[str, str]:
     """Choose the array of an .npz that is the depth map; return its name and what it holds."""
+    plain = {name.lower().removesuffix("map").rstrip("_"): name for name in names}
     for known in ARRAYS:
-        for name in names:
-            if name.lower().removesuffix("map").rstrip("_") == known:
-                return name, "distance" if known == "distance" else "z"
+        if known in plain:
+            return plain[known], "distance" if known == "distance" else "z"
     if len(names) == 1 and not names[0].lower().startswith(INVERSE):
         return names[0], "z"
     found = shorten(", ".join(names))
-    text = (
-        f"expected an array called depth, z or distance, not of disparities, found {found}"
+    raise ValueError(
+        f"{source}: expected an array called depth, z or distance, found {found}"
     )
-    raise ValueError(f"{source}: {text}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from endolab.calibration.targets import TARGETS, Target, target_from_dict
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Calibration, camera_from_dict
+from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.checked_types import to_content
 from endolab.numerics.checks import PATH, check_kinds, unknown_name
@@ -21,19 +21,9 @@ if TYPE_CHECKING:
 NOMINAL = Photometry(k=2.5, gamma=2.2)
 
 
-def read_camera(path: PathLike) -> Camera:
-    """Read the camera of an `endoscope.json`, which may hold nothing else."""
-    return camera_from_dict(read_json(path, "calibration file"), str(Path(path)))
-
-
 def write_camera(camera: Camera, path: PathLike) -> None:
     """Write an `endoscope.json` that holds a camera alone, whole or not at all."""
     write_atomically(path, as_json({"endolab": 1, "camera": to_content(camera)}))
-
-
-def read_calibration(path: PathLike) -> Calibration:
-    """Read `endoscope.json`; ValueError names the key of what in it is missing, misspelt or wrong."""
-    return Calibration.from_dict(read_json(path, "calibration file"), str(Path(path)))
 
 
 @check_kinds(calibration=Calibration, path=PATH)

@@ -73,10 +73,7 @@ class TabulatedBRDF:
     @model_validator(mode="after")
     def _check(self) -> Self:
         if len(self.theta) != len(self.values) or len(self.theta) < 2:
-            raise ValueError(
-                "theta and value must be lists of one length, "
-                f"got {len(self.theta)} and {len(self.values)}"
-            )
+            raise ValueError("theta and value must be lists of one length, 2 or more")
         if np.any(np.diff(self.theta) <= 0):
             raise ValueError(f"theta must increase, got {list(self.theta)}")
         return self

@@ -42,15 +42,7 @@ class Calibration:
         return replace(self, camera=self.camera.resize(width, height))
 
 
-@checked
-class _CameraFile:
-    camera: AnyCamera
-    endolab: Literal[1] = 1
-    photometry: Any = None
-    evidence: Any = None
-
-
 def camera_from_dict(content: Any, name: str) -> Camera:
     """Check the camera of an `endoscope.json`, which may hold nothing else."""
-    file: _CameraFile = from_content(_CameraFile, content, name)
-    return file.camera
+    alone = {"photometry": {}} | content if isinstance(content, dict) else content
+    return Calibration.from_dict(alone, name).camera

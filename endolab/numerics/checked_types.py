@@ -108,10 +108,10 @@ def to_content(value: Any) -> dict[str, Any]:
 # Sentences ------------------------------------------------------------------------------
 def _sentence(error: ValidationError, content: Any, names: Sequence[str] = ()) -> str:
     """Say what is wrong: an unknown key, else what lies deepest; `names` are of arguments in their order."""
-    faults: dict[str, list[str]] = {}
+    complaints = []
     for fault in error.errors():
         path = ""
-        parent = inside = content
+        inside = content
         missing = fault["loc"][-1] if fault["type"] == "missing" else None
         for step in fault["loc"]:
             if inside is content and isinstance(step, int) and step < len(names):
@@ -121,46 +121,30 @@ def _sentence(error: ValidationError, content: Any, names: Sequence[str] = ()) -
                 inside = inside[step] if step < len(inside) else None
             elif isinstance(inside, dict) and (step in inside or step == missing):
                 path += f".{step}"
-                parent, inside = inside, inside.get(step)
+                inside = inside.get(step)
             # Else it is the name of one of several types.
-        faults.setdefault(path, []).append(_complaint(fault, parent))
-    unknown = [path for path in faults if faults[path][0].startswith(" is unknown")]
-    path = max(unknown or faults, key=lambda path: len(re.findall(r"[.[]", path)))
-    *others, last = dict.fromkeys(faults[path])
-    ways = [what.partition(", got")[0] for what in others] + [last]
-    return (path + " or".join(ways)).lstrip(" .:")
+        text = _complaint(fault)
+        depth = len(re.findall(r"[.[]", path)) + 99 * text.startswith(" is unknown")
+        complaints.append((depth, path + text))
+    return max(complaints, key=lambda one: one[0])[1].lstrip(" .:")
 
 
-def _complaint(fault: Any, parent: Any) -> str:
+def _complaint(fault: Any) -> str:
     """Say what is wrong with a value, to stand behind its path."""
     facts = fault.get("ctx", {})
     words = re.findall(r"'([^']*)'", facts.get("expected_tags", facts.get("expected", "")))
     if fault["type"] == "value_error":
-        text = str(facts["error"])
-        return f" {text}" if text.startswith("must") else f": {text}"
+        return f": {facts['error']}".replace(": must", " must")
     if fault["type"] == "missing":
         return " is missing"
     if fault["type"] == "unexpected_keyword_argument":
-        # Of all types, what that one holds to which most of the keys beside this one belong.
-        fields = [kind.__pydantic_fields__ for kind in _checked]
-        known = [[part.alias or name for name, part in one.items()] for one in fields]
-        given = fault["loc"][-1]
-        names = max(
-            known,
-            key=lambda names: (len(parent.keys() & set(names)), nearest(given, names)),
-        )
-        meant = nearest(given, names)
-        return " is unknown; " + (
-            f"did you mean {meant}?" if meant else f"expected {', '.join(names)}"
-        )
+        parts = (one for kind in _checked for one in kind.__pydantic_fields__.items())
+        meant = nearest(fault["loc"][-1], [part.alias or name for name, part in parts])
+        return " is unknown" + (f"; did you mean {meant}?" if meant else "")
     if words:
         what = (facts.get("discriminator") or str(fault["loc"][-1])).strip("'")
         return f": {unknown_name(what, facts.get('tag', fault['input']), words)}"
-    if fault["type"] == "union_tag_not_found" and isinstance(fault["input"], dict):
-        return f": {facts['discriminator']} is missing"
-    text = re.sub(r"^\w+ should", " must", fault["msg"])
-    if not text.startswith(" must") or "dictionary or object" in text:
-        text = " is not of the right kind"
+    text = re.sub(r"^: \w+ should", " must", f": {fault['msg']}")
     if "equal to" in text:
         text = f" must be at {'least' if 'ge' in facts else 'most'} {min(facts.values()):g}"
     return f"{text}, got {excerpt(fault['input'])}"

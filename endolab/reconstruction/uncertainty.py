@@ -54,10 +54,10 @@ from endolab.numerics.iteration import (
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.contours.lines import find_contours
-from endolab.reconstruction.light.walls import Walls
+from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.scale import own_pixel
+from endolab.reconstruction.walls import Walls
 from endolab.solvers.energy import model_image
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.grid import Grid

@@ -14,14 +14,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from endolab.reconstruction.colours import AlbedoPrior, known_albedo
-from endolab.reconstruction.light_and_contours import estimate_indirect, merge
-from endolab.reconstruction.problem_of_frame import in_units, problem_of_frame
 from matplotlib.figure import Figure
 
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.compiled import pad_maps
+from endolab.reconstruction.colours import AlbedoPrior, known_albedo
+from endolab.reconstruction.light_and_contours import estimate_indirect, merge
 from endolab.reconstruction.pipeline import SETTLED_CUT
+from endolab.reconstruction.problem_of_frame import in_units, problem_of_frame
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import model_image
 from endolab.solvers.gauss_newton import gauss_newton

@@ -16,16 +16,16 @@ cameras is near 2.2, and albedos are those of tissue, is heard as four more meas
 import cv2
 import numpy as np
 import scipy
-from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
-from endolab.reconstruction.estimate_light import EXPONENTS
-from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
 from endolab.frames.frame import SATURATED
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
 from endolab.model.photometry import CHANNELS, Photometry
+from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
+from endolab.reconstruction.estimate_light import EXPONENTS
 from endolab.reconstruction.prior_sigma import UNMEASURED
+from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
 WIDTH = 225  # px, of what is fitted
 WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough

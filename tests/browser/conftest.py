@@ -1,11 +1,13 @@
 """A JupyterLab on a copy of the notebooks, a Chromium, and a notebook open in it."""
 
+import contextlib
 import os
 import shutil
 import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -150,8 +152,9 @@ def lab(tmp_path_factory, compiled):
         "lab",
         f"--notebooks={root / 'notebooks'}",
     ]
+    port = a_free_port()
     command += [
-        f"--port={a_free_port()}",
+        f"--port={port}",
         "--",
         "--no-browser",
         "--expose-app-in-browser",
@@ -162,12 +165,14 @@ def lab(tmp_path_factory, compiled):
         server = subprocess.Popen(
             command, env=environment, stdout=stream, stderr=subprocess.STDOUT
         )
+    address = f"http://127.0.0.1:{port}"
     for _ in range(600):
-        if "JupyterLab: " in log.read_text() or server.poll() is not None:
+        with contextlib.suppress(OSError):
+            urllib.request.urlopen(f"{address}/lab", timeout=10).close()
             break
+        assert server.poll() is None, log.read_text()
         time.sleep(0.1)
-    assert "JupyterLab: " in log.read_text(), log.read_text()
-    yield log.read_text().split("JupyterLab: ")[1].split("/lab")[0]
+    yield address
     server.terminate()
     server.wait(20)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import endolab as el
-from endolab.cli.main import COMMANDS, app, main
+from endolab.cli.main import COMMANDS, main, make_app
 
 GUIDES = Path(__file__).resolve().parents[2] / "notebooks/guides"
-NAMES = [command.__name__.replace("_", "-") for command in COMMANDS]
+NAMES = [place.partition(":")[2].replace("_", "-") for place in COMMANDS]
 ROOM = Path(main.__code__.co_filename).parent
 PLACES = [path.read_text(encoding="utf-8") for path in sorted(ROOM.glob("*.py"))]
 PLACES += [path.read_text(encoding="utf-8") for path in sorted(GUIDES.glob("*.md"))]
@@ -22,7 +22,7 @@ EXAMPLES = re.findall(
 
 @pytest.mark.parametrize("example", dict.fromkeys(EXAMPLES))
 def test_an_example_parses(example):
-    app.parse_args(shlex.split(example), exit_on_error=False)
+    make_app().parse_args(shlex.split(example), exit_on_error=False)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -30,6 +30,14 @@ def test_help_shows_examples(name, capsys):
     assert main([name, "--help"]) == 0
     _usage, *examples = capsys.readouterr().out.split(f"endolab {name}")
     assert len(examples) >= 2
+
+
+def test_the_help_names_every_command_by_its_first_sentence(capsys):
+    assert main(["--help"]) == 0
+    said = capsys.readouterr().out
+    for name in NAMES:
+        *_, sentence = make_app()[name].help.partition("\n")[0].rpartition("\n")
+        assert re.search(rf"(?m)^ +{name} +{re.escape(sentence)}$", said)
 
 
 def test_the_version(capsys):

@@ -105,11 +105,10 @@ def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
     assert solve("--solver facing --out out --mesh --prepare") == 0
     assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
     capsys.readouterr()
-    words = "--width 80 --solver fast_marching --snapshots 3 --out m"
-    assert solve(words, "unknown.json") == 0
+    assert solve("--width 80 --solver fast_marching --out m", "unknown.json") == 0
     out, error = capsys.readouterr()
     assert error == ""
-    for word in ("CONVERGED", "3 iterations", "--median-distance", "written to m"):
+    for word in ("CONVERGED", "12 iterations", "--median-distance", "written to m"):
         assert word in out
 
 

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from endolab.reconstruction.channels import make_problem
 
 import endolab as el
 from endolab import datasets
+from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.reconstruction.report import notes
 from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.solvers import SOLVERS, solve
@@ -72,7 +72,7 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
                 frame, ball.calibration, solver=solver, smooth=smooth
             )
             percent[solver, smooth] = ball.errors(result).mean_percent
-            used = result.provenance.preparation.smooth
+            used = result.report.smooth
             assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
     assert percent["fast_marching", 0.0] / 3 > percent["fast_marching", None] < 1.0
     assert max(percent["gauss_newton", None], percent["gauss_newton", 0.0]) < 0.05
@@ -201,7 +201,7 @@ def test_contours_that_are_not_wanted_are_not_said_to_be_unclear_after_another_f
     first = el.reconstruct(shot.frame, shot.calibration, **narrow)
     darker = replace(shot.frame, image=0.9 * shot.frame.image)
     again = el.reconstruct(darker, shot.calibration, start=first, **narrow)
-    assert again.provenance.contours.outcome is ContourOutcome.NOT_ASKED
+    assert again.report.contours is ContourOutcome.NOT_ASKED
 
 
 TURNS = {

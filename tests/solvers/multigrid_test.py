@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.sparse as sparse
-from endolab.reconstruction.contours.choice import cut_at_contours
 from scipy.sparse.linalg import spsolve
 
 import endolab as el
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import links, shift
 from endolab.numerics.penalties import huber
+from endolab.reconstruction.light_and_contours import cut_at_contours
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid, multiply

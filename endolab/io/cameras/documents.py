@@ -19,7 +19,7 @@ def read_document(path: PathLike) -> Any:
     Nothing in it is run or constructed: there are numbers, text, lists, and objects by name. Rows of words
     are under the key `ROWS`. OSError or ValueError in one sentence, if it cannot be read.
     """
-    content = read_bytes(path, "calibration file", 10_000_000)
+    content = read_bytes(path, "calibration file")
     kind = "text"
     try:
         text = content.decode(json.detect_encoding(content)).lstrip("\ufeff \t\r\n")

@@ -47,20 +47,14 @@ def _choose(path: PathLike, size: Size | None) -> tuple[Any, Camera | None, dict
             raise unknown_name("camera", which, cameras, "none at all")
         taken = next(iter(cameras)) if which is None else which
         camera = make_camera(form, cameras[taken], size)
-        if size is not None and (camera.width, camera.height) != tuple(size):
-            raise ValueError(
-                f"it says {camera.width}x{camera.height} px, but the size given is {size[0]}x{size[1]}"
-            )
-    except KeyError as error:
-        raise ValueError(f"{file}: {error.args[0]} is missing") from error
     except MissingSize as error:
         raise MissingSize(f"{file}: {error}") from error
-    except (ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{file}: {shorten(str(error), 400)}") from error
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{file}: {shorten(what, 400)}") from error
     source = {"file": Path(file).name, "format": form, "camera": shorten(taken)}
-    others = [name for name in cameras if name != taken]
-    if which is None and others:
-        source["others"] = shorten(", ".join(others))
+    if which is None and len(cameras) > 1:
+        source["others"] = shorten(", ".join(cameras))
     return document, camera, source
 
 
@@ -96,7 +90,7 @@ def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:
         return Calibration.from_dict(document, str(Path(path)))
     text = f"{source['file']}: {source['format']}; its light is nominal: k 2.5, γ 2.2, gain unknown"
     if "others" in source:
-        text += f"; {source['camera']} is taken, {source['file']}#NAME takes another: {source['others']}"
+        text += f"; {source['camera']} is taken, {source['file']}#NAME takes one of {source['others']}"
     logging.getLogger("endolab").warning("%s", text)
     return Calibration(
         camera, NOMINAL, {"photometry": {"nominal": True}, "converted": source}

@@ -25,30 +25,11 @@ C3VD = "C3VD's a0 to a4"
 BROWN = "brown"
 FISHEYE = "fisheye"
 
-# Of each format, its lenses by name: how many coefficients they have, or parameters.
-LENSES: dict[str, dict[str, int]] = {
-    KALIBR: {"none": 0, "radtan": 4, "equi": 4, "equidistant": 4},
-    OPENCV: {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4},
-    COLMAP: {
-        "SIMPLE_PINHOLE": 3,
-        "PINHOLE": 4,
-        "SIMPLE_RADIAL": 4,
-        "RADIAL": 5,
-        "OPENCV": 8,
-        "FULL_OPENCV": 12,
-        "SIMPLE_FISHEYE": 3,
-        "FISHEYE": 4,
-        "SIMPLE_RADIAL_FISHEYE": 4,
-        "RADIAL_FISHEYE": 5,
-        "OPENCV_FISHEYE": 8,
-    },
-    VICALIB: {
-        "calibu_fu_fv_u0_v0": 4,
-        "calibu_fu_fv_u0_v0_k1_k2": 6,
-        "calibu_fu_fv_u0_v0_k1_k2_k3": 7,
-        "calibu_fu_fv_u0_v0_rational6": 10,
-        "calibu_fu_fv_u0_v0_kb4": 8,
-    },
+# The lenses of Kalibr, ROS, COLMAP and Vicalib, which are of two kinds.
+LENSES = {
+    FISHEYE: r"equi(distant)?|fisheye|((SIMPLE_)?(RADIAL_)?|OPENCV_)FISHEYE|calibu_fu_fv_u0_v0_kb4",
+    BROWN: r"none|radtan|plumb_bob|rational_polynomial|(SIMPLE_)?(PINHOLE|RADIAL)|(FULL_)?OPENCV|"
+    r"calibu_fu_fv_u0_v0(_k1_k2(_k3)?|_rational6)?",
 }
 MATRIX = re.compile(
     r"(camera_?matrix|intrinsic_?matrix|intrinsics|mtx|k|m)(|_?[012lr]|_?left|_?right)",
@@ -79,13 +60,12 @@ def numbers(value: Any, count: int | None = None) -> tuple[float, ...]:
     return tuple(found.tolist())
 
 
-def _lens(form: str, name: Any) -> tuple[str, int]:
-    """Return the kind of a lens and how many coefficients it has, or parameters."""
-    if name not in LENSES[form]:
-        known = ", ".join(LENSES[form])
-        raise ValueError(f"no lens {shorten(str(name))} is known here, which are {known}")
-    is_fisheye = re.search("fisheye|equi|kb4", name, re.IGNORECASE)
-    return FISHEYE if is_fisheye else BROWN, LENSES[form][name]
+def _lens(name: str) -> str:
+    """Return the kind of a lens."""
+    for kind, pattern in LENSES.items():
+        if re.fullmatch(pattern, name):
+            return kind
+    raise ValueError(f"no lens {shorten(name)} is known here")
 
 
 def _size(part: dict[str, Any], given: Size | None) -> Sequence[float]:
@@ -147,7 +127,7 @@ def _list_matrices(content: Any) -> dict[str, Any]:
         k = numbers(next((content[key] for key in content if pattern.fullmatch(key)), ()))
         kinds = [FISHEYE, BROWN] if len(k) == 4 else [BROWN]
         if content.get("distortion_model"):
-            kinds = [_lens(OPENCV, content["distortion_model"])[0]]
+            kinds = [_lens(content["distortion_model"])]
         elif content.get("fisheye_model") is not None:
             kinds = [FISHEYE if content["fisheye_model"] else BROWN]
         for kind in kinds:
@@ -161,33 +141,32 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
     if form == KALIBR:
         if part["camera_model"] != "pinhole":
             raise ValueError(f"camera_model {part['camera_model']} is not pinhole")
-        kind, count = _lens(form, part["distortion_model"])
-        k = numbers(part["distortion_coeffs"], count) if count else ()
+        k = numbers(part.get("distortion_coeffs", ()))
         size = numbers(part["resolution"], 2)
-        return _camera(kind, size, numbers(part["intrinsics"], 4), k)
+        return _camera(
+            _lens(part["distortion_model"]), size, numbers(part["intrinsics"], 4), k
+        )
     if form == COLMAP:
         _, name, *values = part
-        kind, count = _lens(form, name)
-        width, height, *values = numbers(values, count + 2)
+        width, height, *values = numbers(values)
         if "SIMPLE" in name or "RADIAL" in name:  # one focal length
             values = [values[0], *values]
         fx, fy, cx, cy, *more = values
-        return _camera(kind, (width, height), (fx, fy, cx - 0.5, cy - 0.5), more)
+        return _camera(_lens(name), (width, height), (fx, fy, cx - 0.5, cy - 0.5), more)
     if form == VICALIB:
         # `<params>` [ fu; fv; u0; v0; k0; … ]; the axes and the pose concern a rig's world frame.
         model = part["camera_model"]
-        kind, count = _lens(form, model["type"])
-        values = numbers(model["params"], count)
-        k = values[4:] if kind == FISHEYE else (*values[4:6], 0.0, 0.0, *values[6:])
-        return _camera(kind, _size(model, None), values[:4], k)
+        kind = _lens(model["type"])
+        values = numbers(model["params"])
+        k1_and_k2, others = values[4:6], values[6:]
+        middle = () if kind == FISHEYE else (0.0, 0.0)
+        return _camera(kind, _size(model, None), values[:4], (*k1_and_k2, *middle, *others))
     if form == C3VD:
         a = numbers([part["a0"], *(part.get(f"a{power}", 0.0) for power in range(1, 5))])
-        more = [part.get("c", 1.0), part.get("d", 0.0), part.get("e", 0.0)]
-        centre = numbers([part["cx"], part["cy"], *more])
-        return Scaramuzza(*_size(part, given), *centre[:2], a, *centre[2:])  # type: ignore
-    binning = [part.get(f"binning_{axis}") not in (None, 0, 1) for axis in "xy"]
-    if any((part.get("roi") or {}).values()) or any(binning):
-        raise ValueError("a part of the picture, or a binned one, is not read")
+        cx, cy, *affine = numbers(
+            [part["cx"], part["cy"], part.get("c", 1), part.get("d", 0), part.get("e", 0)]
+        )
+        return Scaramuzza(*_size(part, given), cx, cy, a, *affine)  # type: ignore
     fx, skew, cx, zero, fy, cy, *last = numbers(part["matrix"], 9)
     if abs(skew) > 1e-6 * abs(fx) or [zero, *last] != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError("expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], without a skew")

@@ -48,10 +48,9 @@ class Folder:
 def _find_frames(place: Path, prefix: str = "") -> dict[str, dict[str, tuple[Path, int]]]:
     """Find the frames that lie in a folder, by data set."""
     simcol3d = files_by_number(place, "", r"FrameBuffer_(\d{4})\.png")
-    lists = zip(LAYOUTS, (list_c3vd(place), simcol3d), strict=True)
     return {
         layout: {prefix + name: (place, number) for number, name in colours.items()}
-        for layout, colours in lists
+        for layout, colours in (("c3vd", list_c3vd(place)), ("simcol3d", simcol3d))
     }
 
 

@@ -10,7 +10,7 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
-from endolab.numerics.checks import PATH, check_kinds, number, unknown_name
+from endolab.numerics.checks import PATH, check_int, check_kinds, unknown_name
 
 # Evidence of a light that was taken from the paper.
 NOMINAL_EVIDENCE = {"photometry": {"nominal": True}}
@@ -146,9 +146,6 @@ def load_calibration(
         calibration = read_calibration(name, size)
     if width is None:
         return calibration
-    height = (
-        calibration.camera.height
-        * number("width", width, 1, 100_000)
-        / calibration.camera.width
-    )
-    return calibration.resize(width, round(height))
+    camera = calibration.camera
+    height = camera.height * check_int("width", width, 1) / camera.width
+    return calibration.resize(width, max(1, round(height)))

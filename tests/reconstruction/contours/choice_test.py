@@ -2,16 +2,18 @@
 
 import numpy as np
 import pytest
-from endolab.reconstruction.channels import Task, make_problem
-from endolab.reconstruction.contours.choice import (
-    choose_contours,
-    enlarge_cuts,
-    solve_cut,
-)
 
 import endolab as el
+from endolab.reconstruction import constants
+from endolab.reconstruction.light_and_contours import (
+    cut_at_contours,
+    enlarge_cuts,
+    light_and_contours,
+    solve_stage,
+)
+from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.solvers.gauss_newton import gauss_newton
-from endolab.solvers.provenance import ContourOutcome, Provenance
+from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.result import name_stage
 from tests.tools.problems import finish
 
@@ -42,7 +44,8 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
     """Measured in %, smooth and cut: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
     problem, truth = direct(name)
     smooth = solved(problem)
-    cut = finish(solve_cut(smooth, price=0.03))
+    cut_problem = cut_at_contours(problem, constants.MIN_STEEPNESS[0])
+    cut = finish(solve_stage(cut_problem, "cut", start=smooth.log_distance))
     assert cut.problem.cuts is not None
     assert error(cut, truth) < min(most, error(smooth, truth) - 1.5)
     assert cut.energy < smooth.energy
@@ -50,16 +53,16 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
 
 def test_what_was_cut_before_is_cut_again_without_asking():
     problem, _ = direct("matt")
-    task = Task(problem, problem, Provenance())
-    first = finish(choose_contours(task, True))
-    assert first.problem.cuts is not None
-    assert first.start.shape == problem.mask.shape
-    before = el.run(gauss_newton(first.problem, start=first.start))
+    first, start = finish(light_and_contours(problem, lambda: problem, contours=True))
+    assert first.cuts is not None
+    assert start.shape == problem.mask.shape
+    before = el.run(gauss_newton(first, start=start))
+    steps = light_and_contours(problem, lambda: problem, before=before)
     with pytest.raises(StopIteration) as end:
-        next(choose_contours(task, None, before))  # nothing is solved
-    again = end.value.value
-    assert again.provenance.contours.outcome is ContourOutcome.AS_BEFORE
-    np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
+        next(steps)  # nothing is solved
+    again, _ = end.value.value
+    assert again.report.contours is ContourOutcome.AS_BEFORE
+    np.testing.assert_array_equal(again.cuts, first.cuts)
 
 
 def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
@@ -71,7 +74,7 @@ def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
     result = el.reconstruct(
         frame, known, observers=[lambda step: tried.append(step.problem.cuts)]
     )
-    assert result.provenance.contours.outcome is ContourOutcome.BY_ENERGY
+    assert result.report.contours is ContourOutcome.BY_ENERGY
     found = result.problem.cuts
     smaller = [cuts for cuts in tried if cuts is not None and cuts.shape != found.shape]
     assert any(

@@ -10,9 +10,9 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.derivatives import links, shift
-from endolab.reconstruction.channels import make_problem
-from endolab.reconstruction.contours.choice import CHOICE
-from endolab.reconstruction.contours.lines import find_contours
+from endolab.reconstruction import constants
+from endolab.reconstruction.lines import find_contours
+from endolab.reconstruction.problem_of_frame import make_problem
 
 
 def seen(scene, width=320, **options):
@@ -40,9 +40,9 @@ def within(lines, others, pixels):
 def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
-    edges = (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any(
-        axis=0
-    )
+    edges = (
+        find_contours(problem.log_d0, problem.mask) > constants.MIN_STEEPNESS[0]
+    ).any(axis=0)
     true = depth_cuts(rendered.distance).any(axis=0)
     near = round(2 * width / 320)
     assert within(edges, true, near) > 0.6
@@ -53,7 +53,7 @@ def test_folds_are_found_where_the_distance_jumps(width):
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[1]
     assert not (
-        find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]
+        find_contours(problem.log_d0, problem.mask) > constants.MIN_STEEPNESS[0]
     ).any()
 
 
@@ -74,7 +74,7 @@ def test_a_step_is_one_closed_line_one_step_thin():
     steepness = find_contours(
         np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool)
     )
-    cuts = steepness > CHOICE.min_steepness[0]
+    cuts = steepness > constants.MIN_STEEPNESS[0]
     apart = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
     assert (cuts & ~apart).sum() + (

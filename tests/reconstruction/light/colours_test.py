@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from endolab.reconstruction.channels import make_problem
 
 import endolab as el
 from endolab.model.photometry import CHANNELS
@@ -17,6 +16,7 @@ from endolab.reconstruction.colours import (
     fit_light,
     refine_per_pixel,
 )
+from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.provenance import LightOutcome
 

@@ -7,11 +7,10 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import compare
-from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.channels import make_channels
-from endolab.reconstruction.light.separation import separate
-from endolab.reconstruction.sentences import notes
+from endolab.reconstruction.light_and_contours import separate
+from endolab.reconstruction.problem_of_frame import problem_of_frame
+from endolab.reconstruction.report import notes
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import LightOutcome
 from tests.tools.problems import Shot, finish
@@ -51,18 +50,18 @@ def without(calibration, **changes):
 
 
 def colours(frame, calibration, width=WIDTH, **options):
-    return make_channels(frame, calibration, Settings(width=width, **options), CHANNELS)
+    return problem_of_frame(frame, calibration, Settings(width=width, **options))
 
 
 def test_a_third_of_the_error_is_left(dry, separated):
     plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH, channel="green")
     assert error(separated, dry) < 9
     assert error(plain, dry) > 14
-    provenance = separated.provenance
-    assert provenance.channel == "separated"
+    report = separated.report
+    assert report.channel == "separated"
     # Given ones are believed nearly.
-    np.testing.assert_allclose(provenance.albedo, ALBEDO, rtol=0.1)
-    assert provenance.contours.steps > 0
+    np.testing.assert_allclose(report.albedo, ALBEDO, rtol=0.1)
+    assert report.cut_links > 0
     assert "Indirect light removed" in note(separated)
     assert separated.metric
 
@@ -71,7 +70,7 @@ def test_a_grey_picture_stored_in_three_colours_says_so(dry):
     """Though albedos are given: the fit alone would say that the channels disagree, and remove light."""
     grey = np.repeat(dry.frame.image[..., 1:2], 3, axis=2)
     result = solved(replace(dry.frame, image=grey), dry.calibration)
-    assert result.provenance.light.outcome is LightOutcome.NO_COLOUR
+    assert result.report.light is LightOutcome.NO_COLOUR
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
@@ -86,7 +85,7 @@ def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
 
 
 def test_the_computed_share_is_the_renderers(dry):
-    found = finish(separate(colours(dry.frame, dry.calibration, 320), ALBEDO))
+    found = finish(separate(colours(dry.frame, dry.calibration, 320), ALBEDO)).trial
     true = np.log1p(dry.indirect / dry.direct)
     made = np.log1p(found.indirect_ratio)
     for index, tolerance in enumerate((0.2, 0.08, 0.06)):
@@ -99,7 +98,7 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
     grey = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(dry.frame, grey)
-    found = np.array(result.provenance.albedo)
+    found = np.array(result.report.albedo)
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
     assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
     assert error(result, dry) < 12.5
@@ -153,7 +152,7 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
         "The colours do not tell how much there is (the channels disagree on the direct light)"
         in note(result)
     )
-    assert result.provenance.albedo == tuple(ALBEDO)
+    assert result.report.albedo == tuple(ALBEDO)
 
 
 def test_colours_of_one_ratio_tell_nothing(dry):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.light.unknown_light import estimate_light
+from endolab.reconstruction.estimate_light import estimate_light
 
 FISHEYE = el.load_calibration("paper", width=120).camera
 NARROW = el.Pinhole(120, 90, 400.0, 400.0, 59.5, 44.5)  # 9° to the side

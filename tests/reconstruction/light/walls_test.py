@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from endolab import datasets
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction import walls as walls_module
+from endolab.reconstruction import constants
 from endolab.reconstruction.walls import Walls, _exchange, bounced_light_and_slope
 from endolab.synthetic.scenes import Colon
 
@@ -98,7 +98,7 @@ def test_what_blocks_is_found_as_by_walking_every_chord(walls, all_cores):
         # Halves, towards the middle.
         row, column = np.rint(place + 1e-9 * (middle - place)).astype(int).T
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
-        if (chord > walls_module.WALL_MODEL.nearer * nearest[row, column]).any():
+        if (chord > constants.NEARER * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
     assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
     found = _exchange(x, n, area, cells, nearest)
@@ -137,9 +137,7 @@ def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(
 
 def test_light_by_bounces_sums_to_that_of_the_balance(walls):
     """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
-    hidden = walls_module.WALL_MODEL.hidden * np.maximum(
-        1 - walls.exchange.sum(axis=1), 0.0
-    )
+    hidden = constants.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
     assert hidden.max() > 0.05
     for albedo in (0.1, 0.38, 0.75):
         left = np.eye(len(hidden)) - albedo * (walls.exchange + np.diag(hidden))

@@ -4,10 +4,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from endolab.reconstruction.contours.choice import cut_at_contours
 
 import endolab as el
 from endolab.numerics.iteration import Status, Stopped
+from endolab.reconstruction.light_and_contours import cut_at_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty import (
     BORDER,
@@ -24,7 +24,7 @@ from endolab.reconstruction.uncertainty import (
 )
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import NONE
-from endolab.solvers.provenance import LightOutcome, LightReport, Provenance, Scale
+from endolab.solvers.provenance import LightOutcome
 from endolab.solvers.result import Iterate, run
 from tests.tools.problems import problem_of
 
@@ -36,6 +36,13 @@ CERTAIN = PriorSigma(
 def solved(problem):
     """The default solver's result."""
     return run(gauss_newton(problem))
+
+
+def reported(result, **facts):
+    """Its iterate, of which the report says so."""
+    problem = result.problem
+    problem = replace(problem, report=replace(problem.report, **facts))
+    return replace(result.iterate, problem=problem)
 
 
 def relative(uncertainty, result, which="sigma"):
@@ -136,11 +143,11 @@ def test_gain_and_albedo_move_all_pixels_alike(curved):
 def test_a_known_length_takes_the_scale_away(curved):
     _, _, result, _ = curved
     prior_sigma = replace(CERTAIN, gain=0.3, k=0.2)
-    for scale in (
-        Scale("median distance", 40.0),
-        Scale("known distance", (40.0, 30, 20)),
+    for scale, length in (
+        ("median distance", 40.0),
+        ("known distance", (40.0, 30, 20)),
     ):
-        known = replace(result.iterate, provenance=Provenance(scale=scale))
+        known = reported(result, scale=scale, length=length)
         uncertainty = uncertainty_of(known, prior_sigma=prior_sigma)
         assert uncertainty.scales["gain"] < 1e-12
     here = uncertainty.sigma[20, 30] / result.distance[20, 30]
@@ -192,7 +199,7 @@ def test_another_choice_moves_a_surface_as_a_whole_run_does(choice):
     v = settle(problem)
     other = replace(problem, lam=4 * problem.lam)
     if choice == "contours":
-        other = cut_at_contours(problem)
+        other = cut_at_contours(problem, 0.07)
     found = re_solve(other, v) - v
     there = settle(other, v) - v
     assert np.std(there) > 0.005
@@ -221,8 +228,7 @@ def test_what_a_picture_does_not_say_is_the_priors():
 def test_light_that_bounced_is_a_cause_unless_the_colours_were_asked(curved):
     """In a single colour nobody knows how much there is."""
     _, _, result, uncertainty = curved
-    light = LightReport(LightOutcome.NONE_BOUNCED)
-    asked = replace(result.iterate, provenance=Provenance(light=light))
+    asked = reported(result, light=LightOutcome.NONE_BOUNCED)
     few = uncertainty_of(asked, draws=LEAST_DRAWS)
     assert "bounced light" in uncertainty.causes
     assert "bounced light" not in few.causes

@@ -11,7 +11,7 @@ import pytest
 import endolab as el
 from endolab.model.cameras import Pinhole
 from endolab.solvers.energy import model_image
-from endolab.solvers.provenance import Provenance
+from endolab.solvers.provenance import Report
 from endolab.workbench.recording.pictures import RESIDUAL_COLOURS
 from endolab.workbench.recording.recorder import Comparison
 from endolab.workbench.recording.sequence import SequenceRecorder
@@ -19,18 +19,18 @@ from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
 
 PAPER = el.load_calibration("paper").camera
-BY_HAND = Provenance({"solver": "by hand"})
+BY_HAND = Report({"solver": "by hand"})
 
 
 def towards(camera, count, metric=True):
     """Iterates from the start to the truth, and the truth."""
-    problem, seen = coloured_colon(camera, metric=metric)
+    problem, seen = coloured_colon(camera, metric=metric, report=BY_HAND)
     goal = np.where(problem.mask, np.log(seen.distance), np.nan)
     steps = []
     for k in range(count):
         v = problem.log_d0 + (1 - 0.7**k) * (goal - problem.log_d0)
         previous = steps[-1] if steps else None
-        shown = {"scalars": {"step": 0.5**k}, "provenance": BY_HAND}
+        shown = {"scalars": {"step": 0.5**k}}
         steps.append(el.Iterate.of(problem, v, previous, **shown))
     return steps, seen.distance
 

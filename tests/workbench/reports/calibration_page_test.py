@@ -8,7 +8,8 @@ import pytest
 
 import endolab as el
 from endolab.calibration.summary import account, plus_minus, verdict
-from endolab.io.descriptions import make_calibration, read_camera
+from endolab.io.cameras.formats import read_camera
+from endolab.io.descriptions import make_calibration
 from endolab.workbench.reports.calibration_page import write_report
 from tests.tools.simulated_session import LOST, refused, simulated
 

@@ -47,7 +47,7 @@ def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start)
         tuner.ask(settings)
         moved = tuner.wait(60)
         assert moved.followed is answers[-2].result
-        assert moved.followed.provenance.preparation.frame == moved.subject.frame.name
+        assert moved.followed.report.frame == moved.subject.frame.name
         assert np.abs(np.nanmedian(moved.change)) < 1
         cold = tuner.solve_cold(settings).result
         assert np.array_equal(moved.result.distance, cold.distance, equal_nan=True)
