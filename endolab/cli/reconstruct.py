@@ -156,13 +156,13 @@ def reconstruct(
         print(line.format(**facts))
     if not result.metric:
         print("--median-distance, --known-distance or --known-diameter fixes the scale.")
-    said = [*notes(result), *of_evidence(result), *facts["warnings"]]
+    lines = [*notes(result), *of_evidence(result), *facts["warnings"]]
     if prepared is not None:
-        said += prepared.notes
+        lines += prepared.notes
     if trusted is not None:
         line = "σ of the distance: {median:.2g} % for the median pixel, {10th:.2g} to {90th:.2g} %"
-        said += [line.format(**facts["uncertainty"]["sigma_percent"]), *trusted.notes]
-    for line in said:
+        lines += [line.format(**facts["uncertainty"]["sigma_percent"]), *trusted.notes]
+    for line in lines:
         print(line)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")

@@ -78,18 +78,6 @@ def test_a_frame_that_cannot_be_used_is_a_row_with_a_sentence(frames, tmp_path):
         assert name in row["error"]
 
 
-def test_an_interrupt_ends_a_sweep_whose_rows_stay(frames, tmp_path):
-    def stop(done, total, row):
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        sweep(
-            frames, CALIBRATION, lam=(1, 2, 3), table=tmp_path / "t.csv", progress=stop
-        )
-    assert (tmp_path / "t.csv").read_text().count("\n") == 3
-
-
 @pytest.mark.parametrize("backend", ["loky", "threading", "dask"])
 def test_workers_find_the_same(frames, tmp_path, backend):
     alone = sweep(frames, CALIBRATION, table=tmp_path / "1.csv")

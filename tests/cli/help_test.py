@@ -34,10 +34,10 @@ def test_help_shows_examples(name, capsys):
 
 def test_the_help_names_every_command_by_its_first_sentence(capsys):
     assert main(["--help"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for name in NAMES:
         *_, sentence = make_app()[name].help.partition("\n")[0].rpartition("\n")
-        assert re.search(rf"(?m)^ +{name} +{re.escape(sentence)}$", said)
+        assert re.search(rf"(?m)^ +{name} +{re.escape(sentence)}$", printed)
 
 
 def test_the_version(capsys):

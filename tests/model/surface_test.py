@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from endolab.io.datasets import load_calibration
 from endolab.metrics import angle_between
@@ -57,15 +57,6 @@ def test_normals_of_exact_scenes(name, camera):
     assert np.percentile(error[inside], 99) < 0.5
     assert error[mask].mean() < 0.2
     assert_array_equal(np.isfinite(found).all(axis=-1), mask)
-
-
-def test_the_slant_is_the_angle_between_ray_and_normal(rng):
-    camera = CAMERAS["scaramuzza"].resize(45, 36)
-    f_u, f_v = rng.normal(scale=0.05, size=(2, 36, 45))
-    p = surface.slant(f_u, f_v, camera.field)
-    normals = surface.normals_from_gradient(f_u, f_v, camera.field)
-    cosine = -np.einsum("hwi,hwi->hw", normals, camera.field.rays)
-    assert_allclose(1 / cosine**2 - 1, p, rtol=1e-9)
 
 
 @pytest.mark.parametrize("rubbish", [np.nan, np.inf, 50.0])

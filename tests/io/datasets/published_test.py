@@ -43,12 +43,8 @@ def write_simcol3d(folder):
 @pytest.mark.parametrize("name", sorted(datasets.CALIBRATIONS))
 def test_known_endoscopes(name):
     whole = datasets.load_calibration(name)
-    half = datasets.load_calibration(name, 120)
     height = round(whole.camera.height * 120 / whole.camera.width)
-    assert half == whole.resize(120, height)
-    corner = (whole.camera.width - 0.5, whole.camera.height - 0.5)
-    shrunk = half.camera.unproject((119.5, height - 0.5))
-    assert_allclose(shrunk, whole.camera.unproject(corner), atol=1e-9)
+    assert datasets.load_calibration(name, 120) == whole.resize(120, height)
 
 
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
