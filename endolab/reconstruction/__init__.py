@@ -1,4 +1,4 @@
 """A frame and a calibration in, a surface out, stage by stage.
 
-Read `pipeline` first, from its top down; then `channels`, `light/separation`, `contours/choice`, `scale`.
+Read `pipeline` first, from its top down; then `problem_of_frame`, `light_and_contours`, `scale`.
 """

@@ -3,7 +3,7 @@
 Any k explains any frame: what it says too much of the light's fall to the side, a surface that comes
 nearer at the side makes good. But that surface bends as walls do not, and the energy says so. So a frame
 is solved for every k of `EXPONENTS`, each from the surface before with its sides moved by what the change
-of k is worth, ½ Δk log cos α, bounced light found again each time (`separation`): a step or two each.
+of k is worth, ½ Δk log cos α, bounced light found again each time (`light_and_contours`): a step or two each.
 
 The regulariser likes little contrast, and the less k, the less of it has the surface. Charged is therefore
 

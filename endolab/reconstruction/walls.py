@@ -118,6 +118,17 @@ def _fill_exchange(
                     factors[j, i] = facing[j] * own
 
 
+def exchange_between(
+    x: FloatArray, n: FloatArray, area: FloatArray, cell: IntArray, nearest: FloatArray
+) -> FloatArray:
+    """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
+    factors = np.zeros((len(x), len(x)))
+    columns = [np.ascontiguousarray(a.T) for a in (x, n, cell.astype(np.int64))]
+    limit = 1 / (constants.NEARER * nearest)
+    _fill_exchange(factors, columns[0], columns[1], area, columns[2], limit)
+    return factors
+
+
 @dataclass(frozen=True)
 class Walls:
     """A surface as patches that exchange light: the picture's patches first, then the walls behind them."""
@@ -183,15 +194,7 @@ class Walls:
         areas = np.concatenate([covered, ring_area])
         places = np.argwhere(seen)
         places = np.concatenate([places, places[rim]])
-        exchange = np.zeros((len(points), len(points)))
-        _fill_exchange(
-            exchange,
-            np.ascontiguousarray(points.T),
-            np.ascontiguousarray(normals.T),
-            areas,
-            np.ascontiguousarray(places.T),
-            1 / (constants.NEARER * nearest),
-        )
+        exchange = exchange_between(points, normals, areas, places, nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         return cls(

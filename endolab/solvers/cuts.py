@@ -1,7 +1,7 @@
 """Half the pixels of a cut surface: no block of 2×2 pixels mixes the two sides of a cut.
 
-A block that cuts divide stands for its largest fragment alone, of equals that nearer the middle. Pixels left out (·)
-follow a neighbouring block of their own side, if there is one:
+A block that cuts divide stands for its largest fragment alone, of equals that nearer the middle, which lies
+behind the other most often. Pixels left out (·) follow a neighbouring block of their side, if there is one:
 
     a  a ┆ a ┃ b ┆ b  b           a  a ┆ a  · ┆ b  b
          ┆   ┗━━━┪        main         ┆      ┆        blocks

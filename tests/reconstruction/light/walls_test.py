@@ -9,7 +9,11 @@ from numpy.testing import assert_allclose
 from endolab import datasets
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction import constants
-from endolab.reconstruction.walls import Walls, _exchange, bounced_light_and_slope
+from endolab.reconstruction.walls import (
+    Walls,
+    bounced_light_and_slope,
+    exchange_between,
+)
 from endolab.synthetic.scenes import Colon
 
 
@@ -52,7 +56,7 @@ def walls(colon):
 def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     """An integrating sphere: S = mean E · ρ/(1 - ρ), wherever the light fell first."""
     x, n, area = ball()
-    exchange = _exchange(x, n, area, *open_cells(len(x)))
+    exchange = exchange_between(x, n, area, *open_cells(len(x)))
     # In a ball F_ij is A_j over the whole area, whatever i and j.
     assert_allclose(
         exchange.sum(axis=1), 1.0, atol=0.012
@@ -68,7 +72,7 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
 
 def test_light_is_exchanged_both_ways_and_none_is_made(walls):
     assert walls.exchange.sum(axis=1).max() <= 1 + 1e-12
-    raw = _exchange(
+    raw = exchange_between(
         walls.points, walls.normals, walls.area, *open_cells(len(walls.points))
     )
     given = walls.area[:, None] * raw
@@ -94,17 +98,15 @@ def test_what_blocks_is_found_as_by_walking_every_chord(walls, all_cores):
         steps = int(np.abs(cells[i] - cells[j]).max())
         share = np.arange(1, steps) / max(steps, 1)
         place = cells[j] + share[:, None] * (cells[i] - cells[j])
-        middle = (np.array(nearest.shape) - 1) / 2
-        # Halves, towards the middle.
-        row, column = np.rint(place + 1e-9 * (middle - place)).astype(int).T
+        row, column = (place + 0.5).astype(int).T
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
         if (chord > constants.NEARER * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
     assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
-    found = _exchange(x, n, area, cells, nearest)
+    found = exchange_between(x, n, area, cells, nearest)
     assert_allclose(found, expected, rtol=1e-9, atol=1e-18)
     with limit_threads(1):
-        assert np.array_equal(_exchange(x, n, area, cells, nearest), found)
+        assert np.array_equal(exchange_between(x, n, area, cells, nearest), found)
 
 
 @pytest.mark.parametrize("turn", [np.fliplr, np.flipud, np.transpose])
