@@ -124,7 +124,7 @@ def check_scale(**lengths: Any) -> None:
             parts = []
         if [part.shape for part in parts] != shapes:
             raise ValueError(f"{name} must be {form}, got {value}")
-        number(f"{name} (mm)", parts[0], *RANGES["length"])
+        number(f"{name} (mm)", float(parts[0]), *RANGES["length"])
 
 
 def pixel_name(pixel: Sequence[float]) -> str:
