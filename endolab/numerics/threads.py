@@ -129,58 +129,40 @@ def _pool(_process: int) -> ThreadPoolExecutor:
 class _OnCores:
     """A compiled loop over rows of maps, of which the first that it is given says how many there are."""
 
-    def __init__(
-        self, function: Callable[..., None], cost: float, turns: int | None
-    ) -> None:
+    def __init__(self, function: Callable[..., None], cost: float) -> None:
         update_wrapper(self, function)
         self.loop = kernel(function)
         self.cost = cost
-        self.turns = turns
 
-    def cores_for(self, first: Any) -> int:
-        """How many cores are worth taking for a map."""
-        is_worth_it = first.shape[-2] * first.shape[-1] * self.cost >= WORTH_A_CORE
-        return free_cores() if is_worth_it else 1
-
-    def __call__(self, first: Any, *others: Any, turns: int | None = None) -> None:
+    def __call__(self, first: Any, *others: Any) -> None:
         rows = first.shape[-2]
-        turns = self.turns if turns is None else turns
-
-        def work(part: Span, now: Span) -> None:
-            self.loop(part, *([] if turns is None else [now]), first, *others)
-
-        count = self.cores_for(first)
+        is_worth_it = rows * first.shape[-1] * self.cost >= WORTH_A_CORE
+        count = free_cores() if is_worth_it else 1
         if count == 1 or not _cores.acquire(blocking=False):
-            work((0, rows), (0, turns or 1))
+            self.loop((0, rows), first, *others)
             return
-        step = -(-rows // (2 * BAND_ROWS * count)) * 2 * BAND_ROWS
+        step = -(-rows // (BAND_ROWS * count)) * BAND_ROWS
         parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
         try:
-            for turn in range(turns or 1):
-                now = (turn, turn + 1)
-                submit = _pool(os.getpid()).submit
-                helped = [submit(work, part, now) for part in parts[1:]]
-                try:
-                    work(parts[0], now)
-                finally:
-                    wait(helped)
-                for done in helped:
-                    done.result()  # or what it raised, such as that memory ran out
+            submit = _pool(os.getpid()).submit
+            helped = [submit(self.loop, part, first, *others) for part in parts[1:]]
+            try:
+                self.loop(parts[0], first, *others)
+            finally:
+                wait(helped)
+            for done in helped:
+                done.result()  # or what it raised, such as that memory ran out
         finally:
             _cores.release()
 
 
-def on_cores(
-    cost: float, turns: int | None = None
-) -> Callable[[Callable[..., None]], _OnCores]:
+def on_cores(cost: float) -> Callable[[Callable[..., None]], _OnCores]:
     """Compile loop(rows, map, ...), such that all cores take part where that is worth it.
 
-    `rows` are the first and the one after the last that it is to do. Where one turn must have ended on all
-    rows before the next begins, say how many `turns` there are: loop(rows, turns, map, ...) is told the
-    first and the one after the last of them, too. `cost` is what a turn takes for a pixel, about, in
-    nanoseconds.
+    `rows` are the first and the one after the last that it is to do. `cost` is what it takes for a pixel,
+    about, in nanoseconds.
     """
-    return lambda function: _OnCores(function, cost, turns)
+    return lambda function: _OnCores(function, cost)
 
 
 @kernel

@@ -11,13 +11,7 @@ from endolab.numerics.derivatives import (
     hessian,
     shift,
 )
-from tests.tools.adjoints import (
-    between,
-    differences_adjoint,
-    forward_gradient_adjoint,
-    gradient_adjoint,
-    hessian_adjoint,
-)
+from tests.tools.cuts import between
 
 ODD_SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (1, 2), (3, 1), (5, 7), (13, 9)]
 
@@ -27,17 +21,6 @@ def two_pixel_gradient(f, mask=None, cuts=None):
 
 
 OPERATORS = [gradient, two_pixel_gradient, forward_gradient, differences, hessian]
-PAIRS = [
-    (two_pixel_gradient, gradient_adjoint),
-    (forward_gradient, forward_gradient_adjoint),
-    (differences, differences_adjoint),
-    (hessian, hessian_adjoint),
-]
-every_pair = pytest.mark.parametrize(
-    ("operator", "adjoint"),
-    PAIRS,
-    ids=["gradient", "forward", "differences", "hessian"],
-)
 
 
 def polynomial(shape, c):
@@ -142,22 +125,6 @@ def test_cuts_tear_a_map_into_maps_of_their_own(rng, mask, operator):
         patch = mask & (labels == label)
         assert_array_equal(
             cut_derivatives[:, patch], np.asarray(operator(f, patch))[:, patch]
-        )
-
-
-@every_pair
-@pytest.mark.parametrize("shape", ODD_SHAPES)
-def test_adjoints_are_adjoint(rng, operator, adjoint, shape):
-    """⟨A f, p⟩ = ⟨f, Aᵀ p⟩ with masks and cuts."""
-    for share in (0.0, 0.2, 0.5):
-        mask = rng.random(shape) >= share
-        cuts = rng.random((2, *shape)) < share
-        f = rng.normal(size=shape)
-        p = rng.normal(size=np.shape(operator(f)))
-        back = adjoint(p, mask, cuts)
-        forward = operator(f, mask, cuts)
-        assert np.sum((forward * p)[:, mask]) == pytest.approx(
-            np.sum(f * back), rel=1e-12, abs=1e-12
         )
 
 

@@ -22,9 +22,7 @@ def start(rng):
 
 
 def blur_rounds(start, rounds=7):
-    a = start.copy()
-    blurred(a, np.zeros(a.shape), turns=2 * rounds)
-    return a
+    return blurred(start, rounds)
 
 
 def output_of(code, **environment):
@@ -125,9 +123,7 @@ from tests.tools.loops import blurred
 warnings.simplefilter("ignore", DeprecationWarning)  # Python's own, of forks beside threads
 a = np.random.default_rng(0).normal(size=(325, 90))
 def solved():
-    one = a.copy()
-    blurred(one, np.zeros(one.shape), turns=14)
-    return one
+    return blurred(a, 7)
 before = solved()
 with threads._cores:  # as another thread of the parent might
     child = os.fork()

@@ -9,7 +9,7 @@ import pytest
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.solvers.solvers import fast_marching
-from tests.tools.adjoints import between
+from tests.tools.cuts import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
 
 
