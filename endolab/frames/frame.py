@@ -7,7 +7,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from endolab.frames.surround import SURE, field_of_view
 from endolab.model.cameras import Camera
@@ -197,18 +196,6 @@ class Frame:
         silent = None if self.silent is None else shrink(self.silent) > 0
         shape = (height, width, *self.image.shape[2:])
         return Frame(image.reshape(shape), kept, self.name, silent)
-
-
-def shrink_bytes(
-    stored: NDArray[np.uint8], width: int, height: int, gamma: float
-) -> FloatArray:
-    """What `Frame.resize` makes of a picture of bytes without a mask, in the time between a camera's frames.
-
-    In single precision, to 1e-6: light is looked up in a table of 256.
-    """
-    light = (np.arange(256) / 255).astype(np.float32) ** np.float32(gamma)
-    mean = cv2.resize(cv2.LUT(stored, light), (width, height), interpolation=cv2.INTER_AREA)
-    return np.clip(mean.astype(np.float64), 0.0, 1.0) ** (1 / gamma)
 
 
 def check_size(

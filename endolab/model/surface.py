@@ -39,14 +39,6 @@ def to_xi(log_distance: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
     return np.where(forward, np.exp(-v) / np.where(forward, cos_alpha, 1.0), np.nan)
 
 
-def from_xi(value: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
-    """Map ξ back to log-distance; the inverse of `to_xi`; nan where ξ is not positive."""
-    value = np.asarray(value, dtype=np.float64)
-    scaled = value * cos_alpha if check_xi(xi) == "1/z" else value
-    logarithm = np.log(np.where(scaled > 0, scaled, np.nan))
-    return logarithm if xi == "d" else -logarithm
-
-
 def slant(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
     """P = tan²θ, (H, W), from ∂v/∂column and ∂v/∂row, per pixel."""
     guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)

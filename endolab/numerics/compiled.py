@@ -97,14 +97,6 @@ def inner(a: Any) -> Any:
     return a[..., PAD:-PAD, PAD:-PAD]
 
 
-def add_frame(array: Any, fill: float = 0.0) -> FloatArray:
-    """Float copy of (..., H, W) with a frame of one pixel."""
-    around = [(0, 0)] * (np.ndim(array) - 2) + [(1, 1), (1, 1)]
-    return np.ascontiguousarray(
-        np.pad(np.asarray(array, dtype=np.float64), around, constant_values=fill)
-    )
-
-
 @kernel
 def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
     for i in range(PAD, out.shape[0] - PAD):
