@@ -187,6 +187,7 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
             writer.write(cv2.cvtColor(whole, kind))
         writer.release()
         # For OpenCV does not say if the disk is full.
-        if count == 0 or len(_open_video(temporary)) < count:
+        kept = cv2.VideoCapture(str(temporary))
+        if count == 0 or any(_next(kept) is None for _ in range(count)):
             text = "not every frame can be read back; the disk may be full"
             raise OSError(f"cannot write {target}: {text}")
