@@ -262,7 +262,7 @@ def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
         shot.frame, shot.calibration, turns, channel="green", **options
     ):
         assert np.percentile(off, 99) < 5e-3
-        assert by_energy < 1e-3
+        assert by_energy < 3e-3
 
 
 @pytest.fixture(scope="module")
@@ -273,9 +273,14 @@ def matt():
 
 
 def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(matt):
-    """Rounding grew in the inner solver: up to 2.6 % at the 99th percentile."""
-    for off, _, _ in changes_when_turned(*matt, contours=False):
-        assert np.percentile(off, 99) < 5e-3
+    """Rounding grew in the inner solver: up to 2.6 % at the 99th percentile.
+
+    Coarse grids begin at the first pixel, so that upside down they are others in both directions: 1.24 %.
+    """
+    limits = {"mirrored": 5e-3, "upside down": 1.5e-2, "transposed": 5e-3}
+    changes = changes_when_turned(*matt, tuple(limits), contours=False)
+    for (off, _, _), limit in zip(changes, limits.values(), strict=True):
+        assert np.percentile(off, 99) < limit
 
 
 def test_a_turned_frame_that_is_cut_anew_is_as_near_the_truth(matt):
