@@ -14,7 +14,7 @@ import endolab as el
 import numpy as np
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.model.surface import XI, to_xi
-from endolab.numerics.derivatives import hessian
+from endolab.numerics.stencils import hessian
 from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.synthetic.scenes import Plane

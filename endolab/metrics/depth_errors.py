@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import forward_gradient, links
+from endolab.numerics.stencils import forward_gradient, links
 
 
 @dataclass(frozen=True)

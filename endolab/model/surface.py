@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
-from endolab.numerics.derivatives import gradient
+from endolab.numerics.stencils import gradient
 
 XI = ("1/z", "d", "1/d")
 

@@ -1,4 +1,4 @@
 """Arrays and loops that know nothing of endoscopes.
 
-Read `arrays`, `derivatives`, `penalties`, `roots`, `compiled`, `iteration`.
+Read `arrays`, `stencils`, `penalties`, `roots`, `compiled`, `iteration`.
 """

@@ -26,8 +26,8 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.side_by_side import side_by_side
+from endolab.numerics.stencils import links, px_per_reference
 from endolab.reconstruction import constants
 
 

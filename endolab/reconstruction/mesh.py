@@ -6,7 +6,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
-from endolab.numerics.derivatives import links
+from endolab.numerics.stencils import links
 from endolab.solvers.result import Iterate, Result
 
 
@@ -107,7 +107,7 @@ def make_mesh(
 def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
     """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all steps.
 
-    `joined`, (2, H, W), are the steps that there are (see `derivatives.links`). A square that has all four is
+    `joined`, (2, H, W), are the steps that there are (see `stencils.links`). A square that has all four is
     split along the diagonal over which the distance, (H, W), changes by the smaller factor.
     """
     number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)

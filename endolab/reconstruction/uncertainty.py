@@ -43,7 +43,6 @@ from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.derivatives import links, px_per_reference, shift
 from endolab.numerics.iteration import (
     Status,
     Stopped,
@@ -53,6 +52,7 @@ from endolab.numerics.iteration import (
 )
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
+from endolab.numerics.stencils import links, px_per_reference, shift
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma

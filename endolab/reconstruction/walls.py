@@ -42,8 +42,8 @@ from numpy.typing import ArrayLike
 from endolab.model.cameras import RayField
 from endolab.model.surface import normals_from_gradient, slant
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, Span
-from endolab.numerics.derivatives import gradient
 from endolab.numerics.resampling import resample
+from endolab.numerics.stencils import gradient
 from endolab.numerics.threads import on_cores
 from endolab.reconstruction import constants
 

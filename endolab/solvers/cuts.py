@@ -24,7 +24,7 @@ import numpy as np
 
 from endolab.numerics.arrays import ByteArray
 from endolab.numerics.compiled import PAD, halve_links, kernel
-from endolab.numerics.derivatives import shift
+from endolab.numerics.stencils import shift
 
 
 @kernel

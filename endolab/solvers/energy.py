@@ -23,7 +23,7 @@ import numpy as np
 from endolab.model.surface import slant
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import pad_maps
-from endolab.numerics.derivatives import gradient
+from endolab.numerics.stencils import gradient
 from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, Problem
 

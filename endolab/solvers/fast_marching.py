@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import links, shift
+from endolab.numerics.stencils import links, shift
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
 _NEIGHBOURS = np.array(

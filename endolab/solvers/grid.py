@@ -36,8 +36,7 @@ from endolab.numerics.compiled import (
     inner,
     pad_maps,
 )
-from endolab.numerics.derivatives import links, shift
-from endolab.numerics.stencils import CENTRAL, ENTRIES
+from endolab.numerics.stencils import CENTRAL, ENTRIES, links, shift
 from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.energy_kernels import (
     Penalties,
@@ -96,9 +95,7 @@ class Grid:
     factor: FloatArray  # ξ/ξ̃ is this times e^±v
     edge: FloatArray  # edge weight g
     active: ByteArray  # the mask
-    link: (
-        ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
-    )
+    link: ByteArray  # (2, ...): steps that derivatives take, see `numerics.stencils.links`
     uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is cut
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
     inflow: (

@@ -40,8 +40,8 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.derivatives import hessian_stencils, links, px_per_reference
 from endolab.numerics.iteration import Status
+from endolab.numerics.stencils import hessian_stencils, links, px_per_reference
 from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, Problem, check_maps
 from endolab.solvers.result import Iterate, Solver

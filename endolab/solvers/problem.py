@@ -21,8 +21,8 @@ from endolab.numerics.checks import (
     real_array,
     unknown_name,
 )
-from endolab.numerics.derivatives import differences, px_per_reference
 from endolab.numerics.noise import noise_level
+from endolab.numerics.stencils import differences, px_per_reference
 from endolab.solvers.provenance import Report
 
 REGULARISERS = ("first", "second")  # in the order of the kinds of `numerics.stencils`

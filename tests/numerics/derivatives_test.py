@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from endolab.numerics.derivatives import (
+from endolab.numerics.stencils import (
     differences,
     forward_gradient,
     gradient,

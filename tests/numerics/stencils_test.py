@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from endolab.numerics.derivatives import forward_gradient, gradient, hessian, links
-from endolab.numerics.stencils import CENTRAL, FIRST, SECOND, Differences
+from endolab.numerics.stencils import (
+    CENTRAL,
+    FIRST,
+    SECOND,
+    Differences,
+    forward_gradient,
+    gradient,
+    hessian,
+    links,
+)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.numerics.derivatives import shift
+from endolab.numerics.stencils import shift
 from endolab.numerics.threads import limit_threads
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.gauss_newton import Look, gauss_newton

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import spsolve
 
 import endolab as el
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.derivatives import links, shift
 from endolab.numerics.penalties import huber
+from endolab.numerics.stencils import links, shift
 from endolab.reconstruction.light_and_contours import cut_at_contours
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.grid import Grid

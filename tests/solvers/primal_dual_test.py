@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.numerics.derivatives import forward_gradient, hessian
+from endolab.numerics.stencils import forward_gradient, hessian
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.primal_dual import Differences, primal_dual
 from endolab.solvers.problem import EXACT, NONE

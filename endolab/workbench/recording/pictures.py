@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from endolab.model.surface import normals, slant
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.derivatives import gradient
+from endolab.numerics.stencils import gradient
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red

@@ -35,8 +35,8 @@ from endolab.frames.frame import Frame
 from endolab.metrics.depth_errors import resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.derivatives import links, px_per_reference
 from endolab.numerics.iteration import Status, Stopped
+from endolab.numerics.stencils import links, px_per_reference
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import explained_share, noise_of
 from endolab.reconstruction.pipeline import reconstruct

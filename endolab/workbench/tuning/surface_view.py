@@ -20,7 +20,7 @@ from skimage.measure import block_reduce
 from endolab.io.images import as_png
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt, real_array
-from endolab.numerics.derivatives import links
+from endolab.numerics.stencils import links
 from endolab.reconstruction.mesh import join_triangles
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Result

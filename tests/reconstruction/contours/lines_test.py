@@ -9,7 +9,7 @@ from scipy import ndimage
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.numerics.derivatives import links, shift
+from endolab.numerics.stencils import links, shift
 from endolab.reconstruction import constants
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.problem_of_frame import make_problem
