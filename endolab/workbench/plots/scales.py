@@ -1,7 +1,8 @@
-"""Scales that figures share with recordings and the tuner, of NumPy alone: of colours and of lengths."""
+"""What figures, recordings and the tuner share: colours, each map's words, palette and limits, lengths."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,43 @@ SOURCE_COLOURS = {
     "data": OKABE_ITO.blue,
     "border or contour": OKABE_ITO.orange,
     "prior": OKABE_ITO.purple,
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How a map of numbers is shown, whoever draws it.
+
+    `unit` is None if it is that of distances; `palette` is Matplotlib's name; `kind` says how colours follow
+    values and where they end, see `limits`; `form` is how one value is written.
+    """
+
+    title: str
+    quantity: str
+    unit: str | None
+    palette: str
+    kind: Literal["log", "from 0", "signed"]
+    form: str
+
+    def label(self, unit: str = "mm") -> str:
+        """Of a colour bar: quantity [unit]; `unit` is that of distances."""
+        return f"{self.quantity} [{self.unit or unit}]"
+
+    def say(self, value: float, unit: str = "mm") -> str:
+        """Say the value of a pixel, as beside a cursor."""
+        return f"{value:{self.form}} {self.unit or unit}"
+
+
+MAPS = {
+    "distance": Scale("Distance", "distance", None, "viridis", "log", ".4g"),
+    "model - frame": Scale(
+        "Model - frame", "difference", "grey levels of 255", "RdBu_r", "signed", "+.1f"
+    ),
+    "error": Scale("Error", "error", "%", "RdBu_r", "signed", "+.1f"),
+    "change": Scale("B / A - 1", "change", "%", "RdBu_r", "signed", "+.1f"),
+    "spread over λ": Scale("Spread over λ", "spread", "%", "magma", "from 0", ".1f"),
+    "bounced light": Scale("Bounced light", "share", "%", "magma", "from 0", ".1f"),
+    "σ": Scale("Uncertainty: σ", "σ of the distance", "%", "magma", "from 0", ".1f"),
 }
 # Of 255: grey levels of model - frame at which a recording's colours end.
 LARGEST_RESIDUAL = 10.0
@@ -71,6 +109,28 @@ def common_limit(errors: Iterable[FloatArray], percentile: float = 98) -> float:
     """
     seen = np.abs(_known_values(errors))
     return float(np.percentile(seen, percentile)) or 1.0 if seen.size else 1.0
+
+
+def limits(name: str, *maps: FloatArray) -> tuple[float, float]:
+    """Where the colours of one of `MAPS` end, such that they suit several maps, nan where unknown.
+
+    Of a logarithmic scale at the 1st and 99th percentile, of others at the 98th of the values' sizes.
+    """
+    kind = MAPS[name].kind
+    if kind == "log":
+        low, high = common_limits(maps)
+        low = max(low, 1e-3 * high)
+        return low, max(high, 1.01 * low)
+    end = common_limit(maps)
+    return (-end if kind == "signed" else 0.0), end
+
+
+def palette(name: str) -> NDArray[np.uint8]:
+    """Colours of one of `MAPS`, from its lower limit to its upper one: (256, 4), R, G, B, A."""
+    from matplotlib import colormaps
+
+    colours = colormaps[MAPS[name].palette](np.arange(256), bytes=True)
+    return np.asarray(colours, np.uint8)
 
 
 def in_colour(picture: FloatArray) -> FloatArray:
