@@ -35,6 +35,7 @@ from endolab.numerics.checks import check_kinds
 from endolab.numerics.side_by_side import in_background
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import known_albedo
+from endolab.reconstruction.held import Held
 from endolab.reconstruction.light_and_contours import (
     light_and_contours,
     problem_as_before,
@@ -73,6 +74,7 @@ def reconstruct(
     calibration: Calibration,
     *,
     start: Result | None = None,
+    held: Held | None = None,
     observers: Iterable[Observer] = (),
     threads: int | None = None,
     **options: Any,
@@ -89,6 +91,9 @@ def reconstruct(
     start : Result, optional
         An earlier result to start from. If it is of the same frame and endoscope, what was found of bounced
         light and contours stays: with another λ, say, the next result is a step or two away.
+    held : Held, optional
+        Direct light, contours and a start that were found before, as the tuner exports them
+        (`endolab.load_held`). Only energy, light and solver are then as asked.
     observers : iterable of callables
         Each is shown every iterate of every stage (`Iterate.stage`), and at last the answer in mm if a
         length is given; one that returns True stops the run.
@@ -122,6 +127,9 @@ def reconstruct(
     """
     with limit_threads(threads):
         settings = Settings.of(options)
+        if held is not None:
+            problem = held.problem_with(settings, calibration.photometry)
+            return run(_solve(problem, settings, held.start, None), observers)
         check_arguments(frame, calibration, settings, start)
         give_full = _prepare(frame, calibration, settings)
         stages = solve_in_stages(frame, calibration, settings, start, give_full)
