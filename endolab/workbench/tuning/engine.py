@@ -291,7 +291,7 @@ class Engine:
         shape = None
         if base is not None and subject is base.still.subject:
             shape = base.result.mask.shape
-            tell = self._show_long(wish, base.still)
+            tell = self._show_long(wish, base.still, None)
 
         def watch(iterate: Iterate) -> bool:
             steps.add(iterate)
@@ -324,13 +324,14 @@ class Engine:
                 iterate = self._look.follow(problem)
             self._last = iterate
             seconds = time.perf_counter() - started
-            look = Answer(wish, Stage.LOOK, base.still, shown_as(iterate, seconds))
+            sofar = shown_as(iterate, seconds)
+            look = Answer(wish, Stage.LOOK, base.still, sofar, self._held)
             self.show(look)
             if not self._rests():
                 return None
-        return self.solve_held(wish, [self._show_long(wish, base.still)])
+        return self.solve_held(wish, [self._show_long(wish, base.still, self._held)])
 
-    def _show_long(self, wish: Knobs, still: Still) -> Observer:
+    def _show_long(self, wish: Knobs, still: Still, held: Held | None) -> Observer:
         """Show the iterates of a solver that has no looks, as they come; stop when a newer wish came."""
         told = time.perf_counter()
 
@@ -340,7 +341,7 @@ class Engine:
             if wish.solver != FOLLOWS and now - told > 0.06:
                 self._last = iterate
                 sofar = shown_as(iterate)
-                self.show(Answer(wish, Stage.ITERATE, still, sofar))
+                self.show(Answer(wish, Stage.ITERATE, still, sofar, held))
                 told = time.perf_counter()
             return self.is_stale()
 
@@ -435,9 +436,12 @@ def variants(
     held = Held(problem, problem.photometry, answer.result.iterate.log_distance)
     found = []
     for regulariser in regularisers:
+        start = held.start
         for lam in lams:
             changes: dict[str, Any] = {"lam": lam, "regulariser": regulariser}
             wish = replace(answer.settings, **changes)
-            steps = solve(held.problem_with(wish, held.light), start=held.start)
-            found.append(Answer(wish, Stage.KEPT, answer.still, run(steps), held))
+            steps = solve(held.problem_with(wish, held.light), start=start)
+            result = run(steps)
+            start = result.iterate.log_distance  # neighbours are near
+            found.append(Answer(wish, Stage.KEPT, answer.still, result, held))
     return found

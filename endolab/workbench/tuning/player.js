@@ -28,7 +28,7 @@ async function play({ facts, first, rows, still, packed, low, step, end }, el) {
   });
   const model = {
     get: () => facts,
-    on(event, action) { listeners.add(action); },
+    on(event, action) { if (event === "msg:custom") listeners.add(action); },
     off(event, action) { listeners.delete(action); },
     send({ do: action, given }) {
       if (action === "ready") show(first.knobs, { ...first, names: still.map(([name, kind]) => [name, kind]) }, arrays);

@@ -142,6 +142,7 @@ class TunerBox(anywidget.AnyWidget):
             str, tuple[float, float]
         ] = {}  # of maps, held until all is asked anew
         self._number = 0  # of the last picture
+        self._drawn: Knobs | None = None  # what the λ curve is of
         self._said = ""  # what the last answer that was asked anew has changed
         self._free = threading.Event()  # the page has painted it
         self._free.set()
@@ -218,6 +219,7 @@ class TunerBox(anywidget.AnyWidget):
         scene = self.knobs["scene"]
         if isinstance(scene, int) and scene != self.frame:
             self._open(scene)
+            anew = True
         if self.knobs["texture"] != before["texture"]:
             self._send_all()
         self.engine.ask(self.settings(), anew)
@@ -390,6 +392,8 @@ class TunerBox(anywidget.AnyWidget):
             if "empty" not in sent.spec:
                 names.append((name, sent.kind))
                 buffers.append(sent.content)
+        if not answer.is_final and not self._is_of_curve(answer):
+            message["curve"] = {"title": ""}
         self._number += 1
         self._free.clear()
         message |= self._words(answer)
@@ -420,7 +424,7 @@ class TunerBox(anywidget.AnyWidget):
         label = label or answer.settings.solver.replace("_", " ")
         words: dict[str, Any] = {
             "label": f"{label}, {100 * answer.explained:.1f} % explained",
-            "badge": "" if answer.stage == Stage.ANEW else "held",
+            "badge": "" if answer.held is None else "held",
             "line": describe(answer.result, answer.explained, answer.stage, answer.errors),
             "tone": "",
         }
@@ -459,6 +463,7 @@ class TunerBox(anywidget.AnyWidget):
             title = f"{answer.settings.solver.replace('_', ' ')} has no λ"
             self.send({"curve": {"title": title}})
             return
+        self._drawn = answer.settings
         best, at_least = self._suggested(answer)
         tried = self.engine.curve_of(answer)
         errors = [one.errors for one in tried]
@@ -472,6 +477,13 @@ class TunerBox(anywidget.AnyWidget):
             "now": answer.settings.lam,
         }
         self.send({"curve": curve} | (self._words(answer) if answer.is_final else {}))
+
+    def _is_of_curve(self, answer: Answer) -> bool:
+        """Whether an answer differs by λ alone from those of the curve that is shown."""
+        drawn = self._drawn
+        return (
+            drawn is not None and replace(drawn, lam=answer.settings.lam) == answer.settings
+        )
 
     def _path(self, answer: Answer, place: int) -> dict[str, Any]:
         """Which iterate of the last run is shown."""
