@@ -127,7 +127,9 @@ def reconstruct(
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
     prepared = trusted = None
-    with announce_compiling(), stage_folder(out, overwrite=overwrite) as folder:
+    read = (frame, calibration, mask, settings)
+    output = stage_folder(out, overwrite=overwrite, read=read)
+    with announce_compiling(), output as folder:
         if prepare:
             prepared = el.prepare(picture, known, highlights="keep")
             picture = prepared.frame
