@@ -1,4 +1,4 @@
-"""Measure the house: files, folders, levels, arrows that run back up, circles, tokens and how dense they are.
+"""Measure the house: files, arrows between them, circles, tokens and how dense they are.
 
 ``python tests/tools/structure.py [FOLDER]`` prints the figures of the package in a folder, by default
 this checkout's. Imports are read from the code, those inside functions and under ``TYPE_CHECKING``
@@ -13,14 +13,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-NO_CODE = {
-    tokenize.COMMENT,
-    tokenize.NL,
-    tokenize.NEWLINE,
-    tokenize.INDENT,
-    tokenize.DEDENT,
-    tokenize.ENDMARKER,
-}
+NO_CODE = ["COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER"]
 
 
 def modules(package):
@@ -67,15 +60,6 @@ def folder_of(module):
     return module.split(".")[0]
 
 
-def by_folder(graph):
-    """The same arrows between folders; a module at the top stands for itself."""
-    folders = {}
-    for module, others in graph.items():
-        here = folders.setdefault(folder_of(module), set())
-        here |= {folder_of(other) for other in others} - {folder_of(module)}
-    return folders
-
-
 def circle(graph):
     """Modules that import one another in a circle; empty if there is none."""
     try:
@@ -83,15 +67,6 @@ def circle(graph):
     except graphlib.CycleError as error:
         return list(error.args[1])
     return []
-
-
-def levels(graph):
-    """Longest way down from each, from 1; the graph has no circle."""
-    depth = {}
-    for name in graphlib.TopologicalSorter(graph).static_order():
-        below = [depth[other] for other in graph.get(name, ())]
-        depth[name] = 1 + max(below, default=0)
-    return depth
 
 
 def upward(graph, order):
@@ -115,7 +90,7 @@ def size_of(text):
     lines = [
         token.start[0]
         for token in tokenize.generate_tokens(io.StringIO(text).readline)
-        if token.type not in NO_CODE and token.start[0] not in words
+        if tokenize.tok_name[token.type] not in NO_CODE and token.start[0] not in words
     ]
     return len(lines), len(set(lines))
 
@@ -124,12 +99,8 @@ if __name__ == "__main__":
     root = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT)
     package = root / "endolab"
     graph = imports(package)
-    folders = by_folder(graph)
     print(f"files   {len(graph)}, {sum(map(len, graph.values()))} arrows between them")
-    print(f"circles {circle(graph)} of files, {circle(folders)} of folders")
-    print(
-        f"levels  {max(levels(graph).values())} of files, {levels(folders)} of folders"
-    )
+    print(f"circles {circle(graph)}")
     print(" tokens  lines  a line")
     rooms = sorted(path.parent for path in package.glob("*/__init__.py"))
     for folder in (package, *rooms, root / "tests"):
