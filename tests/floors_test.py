@@ -14,22 +14,70 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "endolab"
 
 # From the bottom up: a folder imports only folders that stand before it. CONTRIBUTING.md shows the same list.
-ORDER = ["numerics", "model", "frames", "synthetic", "solvers", "calibration", "metrics", "reconstruction", "io", "workbench", "batch", "cli"]
+ORDER = [
+    "numerics",
+    "model",
+    "frames",
+    "synthetic",
+    "solvers",
+    "calibration",
+    "metrics",
+    "reconstruction",
+    "io",
+    "workbench",
+    "batch",
+    "cli",
+]
 CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_extras", "__main__"}  # files at the top
 
-UPSTAIRS_ONLY = set(
-    ["rerun", "matplotlib", "ipywidgets", "IPython", "open3d", "tqdm", "pathlib", "io", "csv"]
-)
-FILE_CALLS = set(
-    ["open", "print", "input", "imread", "imwrite", "imdecode", "VideoCapture", "VideoWriter", "imshow", "savez", "savez_compressed", "loadtxt", "savetxt", "genfromtxt", "fromfile", "tofile", "read_text", "write_text", "read_bytes", "write_bytes"]
-)
+UPSTAIRS_ONLY = {
+    "rerun",
+    "matplotlib",
+    "ipywidgets",
+    "IPython",
+    "open3d",
+    "tqdm",
+    "pathlib",
+    "io",
+    "csv",
+}
+FILE_CALLS = {
+    "open",
+    "print",
+    "input",
+    "imread",
+    "imwrite",
+    "imdecode",
+    "VideoCapture",
+    "VideoWriter",
+    "imshow",
+    "savez",
+    "savez_compressed",
+    "loadtxt",
+    "savetxt",
+    "genfromtxt",
+    "fromfile",
+    "tofile",
+    "read_text",
+    "write_text",
+    "read_bytes",
+    "write_bytes",
+}
 BORROWED = {
     "metrics.mesh_distance": {
         "imports open3d"
     },  # what a library measures, ours need not
 }
-SLOW_TO_IMPORT = ["numpy", "rerun", "open3d", "matplotlib", "ipywidgets", "numba", "cv2"]
+SLOW_TO_IMPORT = [
+    "numpy",
+    "rerun",
+    "open3d",
+    "matplotlib",
+    "ipywidgets",
+    "numba",
+    "cv2",
+]
 
 
 def complaints(source):
