@@ -40,6 +40,3 @@ def test_the_light_of_c3vd_is_what_its_frames_tell():
     assert misfit == pytest.approx(
         evidence["known_surface"]["misfit_grey_levels"], abs=6e-3
     )
-    # The other frame is not needed.
-    alone, *_ = measure_light(frames[:1], shipped.camera, distances[:1])
-    assert alone.k == pytest.approx(light.k, abs=errors["k"])
