@@ -146,10 +146,7 @@ def in_core():
 
 
 def test_every_file_lives_in_a_folder_that_has_its_place():
-    assert {folder_of(name) for name in modules()} == {
-        *ORDER,
-        *BESIDE,
-    }
+    assert {folder_of(name) for name in modules()} == {*ORDER, *BESIDE}
 
 
 def test_no_import_runs_back_up():

@@ -123,15 +123,6 @@ def test_a_mask(tmp_path, truth, guess):
     assert figures(part) == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_truth_of_c3vd_is_told_by_its_name(tmp_path):
-    """In its own unit, 1/655.35 mm."""
-    stored = np.full(SHAPE, round(20 * 655.35), np.uint16)
-    cv2.imwrite(str(tmp_path / "0001_depth.png"), stored)
-    np.save(tmp_path / "z.npy", np.full(SHAPE, 22.0))
-    made = evaluate(tmp_path / "z.npy", tmp_path / "0001_depth.png", unit=1)
-    assert made.errors.mean_percent == pytest.approx(10, abs=0.01)
-
-
 @pytest.mark.parametrize(
     ("prediction", "true"),
     [
