@@ -114,15 +114,11 @@ def reconstruct(
         return
 
     import endolab as el
-    from endolab.frames.frame import looks_like_depth
     from endolab.io.atomic import stage_folder
-    from endolab.io.datasets.folders import depth_layout
     from endolab.reconstruction.report import notes, of_evidence
     from endolab.workbench.reports.result import report, write_files
 
     picture = el.read_frame(frame, known, mask)
-    if depth_layout(frame) or looks_like_depth(picture.image):
-        print(f"{frame} may be a depth map, by its name or because it has no noise.")
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")

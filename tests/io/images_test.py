@@ -69,14 +69,6 @@ def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(
     assert (f"a.{suffix}" in caplog.text) is (orientation != 1)
 
 
-@pytest.mark.parametrize("bits", [10, 12, 16])
-def test_fewer_bits_than_the_file_has_are_named(tmp_path, caplog, bits):
-    ramp = np.linspace(0, 2**bits - 1, 2000).reshape(40, 50).astype(np.uint16)
-    by_opencv(tmp_path / "a.png", ramp)
-    el.read_frame(tmp_path / "a.png")
-    assert (f"{bits} of its 16 bits" in caplog.text) is (bits < 16)
-
-
 # What is damaged is refused --------------------------------------------------------------
 HOW_SAVED = {
     "png": {},
