@@ -176,8 +176,6 @@ def test_a_video_goes_on_and_tells_what_became_of_it(film, tmp_path, capsys):
     for word in ("2 of 3", "earlier call: 1", "not done: 2.png", "relative", ".rrd"):
         assert word in output
     assert len((tmp_path / "o/frames.csv").read_text().splitlines()) == 4
-    assert call(f"{words} --lam 3") == 2
-    assert "--overwrite" in capsys.readouterr().err
 
 
 def test_a_sweep_tells_what_became_of_it(film, tmp_path, capsys):
