@@ -76,24 +76,6 @@ def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name):
     assert made.errors.pixels == np.sum((guess > 0) & np.isfinite(truth[0]))
 
 
-@pytest.mark.parametrize("scale", [None, "medians"])
-def test_figures_to_the_last_digit_where_z_is_compared_with_z(
-    tmp_path, truth, guess, scale
-):
-    """Without a camera; in a unit that nobody named it is scaled by a median."""
-    np.save(tmp_path / "z.npy", guess / 7)
-    np.save(tmp_path / "true.npy", truth[0])
-    made = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", scale=scale)
-    known = guess > 0
-    z, true = guess[known] / np.float32(7), truth[0][known]
-    factor = np.median(true / z)
-    if scale == "medians":
-        factor = np.median(true) / np.median(z)
-    assert made.kind == "z"
-    assert figures(made) == pytest.approx(papers(guess / 7, truth[0], factor), rel=1e-6)
-    assert np.isnan(made.errors.mean_degrees)
-
-
 def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
     tmp_path, truth, guess
 ):

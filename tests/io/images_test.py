@@ -184,18 +184,6 @@ def test_transparent_pixels_are_no_wall_whatever_is_below(
     ].any()  # no white paper, either
 
 
-@pytest.mark.parametrize("opaque", [255, 65280, 65535])
-def test_an_alpha_that_is_full_everywhere_says_nothing_whatever_its_unit(
-    tmp_path, caplog, opaque
-):
-    stored = np.dstack([WALL * 256] * 3 + [np.full(WALL.shape, opaque)])
-    by_opencv(tmp_path / "a.png", stored.astype(np.uint16))
-    frame = el.read_frame(tmp_path / "a.png")
-    assert frame.mask.all()
-    np.testing.assert_array_equal(frame.image, stored[..., :3] / 65535)
-    assert not caplog.text
-
-
 DRAWN = np.where(np.indices(SHAPE.shape)[1] < 25, 255, 0)  # the left half
 CUT_OUT = {
     "white": (np.full(SHAPE.shape, 255), SHAPE),
