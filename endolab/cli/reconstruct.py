@@ -106,7 +106,8 @@ def reconstruct(
                 **keywords,
             )
         lost = [row["error"] for row in video.rows if row["error"]]
-        print(*(f"not done: {error}\n" for error in lost), sep="", end="")
+        for error in lost:
+            print(f"not done: {error}")
         done = f"{len(video.rows) - len(lost)} of {len(video.rows)} frames"
         unit = next(row["unit"] for row in video.rows if row["unit"])
         print(f"{done} ({unit}), by an earlier call: {video.done_before}")

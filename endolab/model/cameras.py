@@ -400,10 +400,8 @@ class KannalaBrandt(_FocalCamera):
 
     @cached_property
     def max_angle(self) -> float:  # noqa: D102
-        slope_in_square = [
-            1.0,
-            *(odd * k for odd, k in zip((3, 5, 7, 9), self.k, strict=True)),
-        ]
+        k1, k2, k3, k4 = self.k
+        slope_in_square = [1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]
         return float(np.sqrt(smallest_positive_root(slope_in_square, np.pi**2)))
 
     @cached_property
