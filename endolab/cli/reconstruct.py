@@ -106,7 +106,8 @@ def reconstruct(
                 **keywords,
             )
         lost = [row["error"] for row in video.rows if row["error"]]
-        print(*(f"not done: {error}\n" for error in lost), sep="", end="")
+        for error in lost:
+            print(f"not done: {error}")
         done = f"{len(video.rows) - len(lost)} of {len(video.rows)} frames"
         unit = next(row["unit"] for row in video.rows if row["unit"])
         print(f"{done} ({unit}), by an earlier call: {video.done_before}")
@@ -114,20 +115,18 @@ def reconstruct(
         return
 
     import endolab as el
-    from endolab.frames.frame import looks_like_depth
     from endolab.io.atomic import stage_folder
-    from endolab.io.datasets.folders import depth_layout
     from endolab.reconstruction.report import notes, of_evidence
     from endolab.workbench.reports.result import report, write_files
 
     picture = el.read_frame(frame, known, mask)
-    if depth_layout(frame) or looks_like_depth(picture.image):
-        print(f"{frame} may be a depth map, by its name or because it has no noise.")
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
     prepared = trusted = None
-    with announce_compiling(), stage_folder(out, overwrite=overwrite) as folder:
+    read = (frame, calibration, mask, settings)
+    output = stage_folder(out, overwrite=overwrite, read=read)
+    with announce_compiling(), output as folder:
         if prepare:
             prepared = el.prepare(picture, known, highlights="keep")
             picture = prepared.frame

@@ -13,7 +13,6 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import mask_array, readonly_copy, real_array, unknown_name
-from endolab.numerics.noise import noise_level
 from endolab.numerics.side_by_side import by_rows
 
 # Stored values, as shares of their maximum.
@@ -235,17 +234,6 @@ def usable_pixels(
             f"{name}: the picture is constant, {values[0] * 255:.4g} of 255 everywhere"
         )
     return usable
-
-
-def looks_like_depth(image: FloatArray) -> bool:
-    """Whether a picture is so like a depth map that it may be one: grey, of many values, without noise.
-
-    A camera's picture of 8 bits has the noise of their rounding at least, 0.3 grey levels; the depth maps
-    of C3VD and SimCol3D have 0.001 and 0.03. A mask, or some other drawing, has fewer than 64 values.
-    """
-    if image.ndim == 3 or len(np.unique(image)) <= 64:
-        return False
-    return 0 < noise_level(image, image > 0) < ROUNDING / 3
 
 
 def smooth_light(
