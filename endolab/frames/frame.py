@@ -179,15 +179,12 @@ class Frame:
                 f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left"
             )
         # Where nothing is in the mask, the others are averaged.
-        weight = None if self.mask.all() else np.where(self.mask, 1.0, 1e-12)
+        weight = np.where(self.mask, 1.0, 1e-12)
+        whole = shrink(weight)
 
         def average_light(plane: FloatArray) -> FloatArray:
-            if weight is None:
-                light = shrink(power(plane, gamma))
-            else:
-                light = power(np.clip(np.nan_to_num(plane), 0, 1), gamma)
-                light = shrink(light * weight) / shrink(weight)
-            return np.clip(light, 0.0, 1.0) ** (1 / gamma)
+            light = power(np.clip(np.nan_to_num(plane), 0, 1), gamma)
+            return np.clip(shrink(light * weight) / whole, 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
         planes = np.moveaxis(np.atleast_3d(self.image), -1, 0)

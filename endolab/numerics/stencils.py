@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, inner, kernel, pad_maps
+from endolab.numerics.compiled import PAD, copy_row, inner, kernel, pad_maps
 from endolab.numerics.threads import on_cores, rows_within
 
 # A pixel and its neighbours: right, left, below, above and lower right.
@@ -125,22 +125,32 @@ def adjoint_row(
 
 
 @on_cores(cost=10)
-def _apply(rows: Span, y: FloatArray, x: FloatArray, link: ByteArray, kind: int) -> None:
+def apply_padded(
+    rows: Span, y: FloatArray, x: FloatArray, link: ByteArray, kind: int
+) -> None:
+    """Write y = K x of padded maps."""
+    row = np.zeros((3, x.shape[1] - 2 * PAD))  # contiguous: twice as fast
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     for i in range(first, last):
-        apply_row(link, kind, x, i, y[:, i, PAD:-PAD])
+        apply_row(link, kind, x, i, row)
+        for k in range(3):
+            copy_row(row[k], y[k, i, PAD:])
 
 
 @on_cores(cost=10)
-def _adjoint(
+def adjoint_padded(
     rows: Span, x: FloatArray, y: FloatArray, link: ByteArray, kind: int, entries: IntArray
 ) -> None:
+    """Write x = Kᵀ y of padded maps."""
     x[rows[0] : rows[1]] = 0.0
     t = np.zeros((3, len(DOWN), x.shape[1] - 2 * PAD))
+    row = np.zeros((3, x.shape[1] - 2 * PAD))
     first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, x.shape[0] - PAD)
     for i in range(first, last):
         stencil_row(link, kind, i, t)
-        adjoint_row(t, entries, y[:, i, PAD:-PAD], i, rows, x)
+        for k in range(3):
+            copy_row(y[k, i, PAD:-PAD], row[k])
+        adjoint_row(t, entries, row, i, rows, x)
 
 
 @dataclass(frozen=True)
@@ -154,14 +164,16 @@ class Differences:
         """K x, (3, H, W)."""
         x = pad_maps(np.asarray(x, dtype=np.float64))
         y = np.zeros((3, *x.shape))
-        _apply(y, x, pad_maps(self.links.view(np.int8)), self.kind)
+        apply_padded(y, x, pad_maps(self.links.view(np.int8)), self.kind)
         return np.asarray(inner(y))
 
     def adjoint(self, y: FloatArray) -> FloatArray:
         """Kᵀ y, (H, W), of y (3, H, W)."""
         y = pad_maps(y)
         x = np.zeros(y.shape[1:])
-        _adjoint(x, y, pad_maps(self.links.view(np.int8)), self.kind, ENTRIES[self.kind])
+        adjoint_padded(
+            x, y, pad_maps(self.links.view(np.int8)), self.kind, ENTRIES[self.kind]
+        )
         return np.asarray(inner(x))
 
     def norm(self, y: FloatArray) -> FloatArray:
