@@ -18,8 +18,6 @@ is, p of the one and q of the other, next to each other,
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray
@@ -102,67 +100,3 @@ def coarser_links(
         return coarse, coarse
     next_main = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
     return halve_links(link & main & next_main), coarse
-
-
-class Cells(NamedTuple):
-    """Which pixels of a grid, or blocks of them, take part, and their links; padded."""
-
-    active: ByteArray
-    link: ByteArray
-    uncut_links: ByteArray
-
-
-@kernel
-def _is_cut(
-    link: ByteArray, uncut_links: ByteArray, i: int, j: int, down: int, right: int
-) -> bool:
-    """Whether the step from (i, j), down or right by ±1, is cut."""
-    axis = abs(down)
-    i = i + min(down, 0)
-    j = j + min(right, 0)
-    return uncut_links[axis, i, j] and not link[axis, i, j]
-
-
-@kernel
-def same_side(
-    main: ByteArray,
-    link: ByteArray,
-    uncut_links: ByteArray,
-    blocks: Cells,
-    i: int,
-    j: int,
-) -> tuple[bool, bool, bool, bool]:
-    """Which of the four blocks around a pixel are of its side.
-
-    The four are those that linear interpolation takes: the pixel's own, the nearest beside it, above or
-    below it, and on the diagonal. A block is reached from block to block, or from pixel to pixel.
-    """
-    active, across, uncut = blocks
-    down = 2 * ((i - PAD) % 2) - 1
-    right = 2 * ((j - PAD) % 2) - 1
-    ci = PAD + (i - PAD) // 2
-    cj = PAD + (j - PAD) // 2
-    if main[i, j]:
-        beside = not _is_cut(across, uncut, ci, cj, 0, right)
-        below = not _is_cut(across, uncut, ci, cj, down, 0)
-    else:
-        beside = link[0, i, j + min(right, 0)] > 0 and main[i, j + right] > 0
-        below = link[1, i + min(down, 0), j] > 0 and main[i + down, j] > 0
-    diagonal = beside and not _is_cut(across, uncut, ci, cj + right, down, 0)
-    diagonal = diagonal or (below and not _is_cut(across, uncut, ci + down, cj, 0, right))
-    return (
-        main[i, j] > 0 and active[ci, cj] > 0,
-        beside and active[ci, cj + right] > 0,
-        below and active[ci + down, cj] > 0,
-        diagonal and active[ci + down, cj + right] > 0,
-    )
-
-
-@kernel
-def nearest_blocks(of_side: tuple[bool, bool, bool, bool]) -> tuple[int, int]:
-    """The first and the last of the blocks that are reached and nearest, which may be two; 4 if none is."""
-    own, beside, below, diagonal = of_side
-    if own or not (beside or below):
-        only = 0 if own else 3 if diagonal else 4
-        return only, only
-    return 1 if beside else 2, 2 if below else 1

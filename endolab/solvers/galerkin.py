@@ -13,18 +13,16 @@ There C is summed to the right, to the left and then down:
                o  o  |  o  +          1/4 · 3/4 of it, along rows, couples their blocks C and C'
               ---C---+---C'--
 
-Beside cuts and rims P has other rows (`Rows`), whose pixels are taken one by one. What they couple
+Beside cuts and rims P has other rows, whose pixels are taken one by one. What they couple
 further apart than two blocks is a hundredth and less; its size is added to the diagonal of both, so that C
 stays positive.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray, IntArray, Span
+from endolab.numerics.arrays import FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, kernel
 from endolab.numerics.threads import on_cores
 from endolab.solvers.interpolation import Interpolation
@@ -34,27 +32,6 @@ ENTRY_AT = np.array([[2, 1, 0, 1, 2], [9, 6, 3, 5, 7], [12, 10, 4, 8, 11]])
 # Rows down and columns right of each entry.
 STEPS = np.array([np.argwhere(entry == ENTRY_AT)[-1] - (0, 2) for entry in range(13)])
 REACH = 3  # blocks from a pixel's own that it and its neighbours follow, along an axis
-
-
-class Rows(NamedTuple):
-    """The rows of P beside cuts and rims, sorted by pixel: for each weight of a pixel the block it is of."""
-
-    of_row: IntArray  # the first weight of each row of pixels
-    of_pixel: IntArray  # (H, W), of each pixel; -1 where there is none
-    pixel: IntArray  # flat
-    row: IntArray  # of the block
-    column: IntArray
-    weight: FloatArray
-
-    @classmethod
-    def of(cls, way: Interpolation, blocks: int) -> Rows:
-        """Sort them; a row of the coarse grid has so many `blocks`."""
-        height, width = way.share.shape
-        of_row = np.searchsorted(way.pixel, width * np.arange(height + 1))
-        of_pixel = np.full(way.share.shape, -1)
-        of_pixel.flat[way.pixel[::-1]] = np.arange(way.pixel.size)[::-1]
-        row, column = np.divmod(way.block, blocks)
-        return cls(of_row, of_pixel, way.pixel, row, column, way.weight)
 
 
 @kernel
@@ -170,8 +147,7 @@ def _row_and_weight(i: int, k: int) -> tuple[int, float]:
 @kernel
 def _add_value(
     value: float,
-    share: FloatArray,
-    special: Rows,
+    way: Interpolation,
     i: int,
     j: int,
     sums: FloatArray,
@@ -182,6 +158,7 @@ def _add_value(
 
     Pixels beside cuts and rims bring the same once more, and count half.
     """
+    share, starts, _, block_row, block_column, weight = way
     if share[i, j] > 0:
         for k in range(2):
             row, by_row = _row_and_weight(i, k)
@@ -189,14 +166,10 @@ def _add_value(
                 column, by_column = _row_and_weight(j, n)
                 sums[row - top, column - first] += value * by_row * by_column
         return
-    n = special.of_pixel[i, j]
-    if n < 0:
-        return
-    pixel = special.pixel[n]
-    while n < special.pixel.size and special.pixel[n] == pixel:
-        half = 0.5 * value * special.weight[n]
-        sums[special.row[n] - top, special.column[n] - first] += half
-        n += 1
+    pixel = i * share.shape[1] + j
+    for k in range(starts[pixel], starts[pixel + 1]):
+        half = 0.5 * value * weight[k]
+        sums[block_row[k] - top, block_column[k] - first] += half
 
 
 @kernel
@@ -227,53 +200,49 @@ def _add_between(
 @kernel
 def _add_special(
     m: FloatArray,
-    share: FloatArray,
-    special: Rows,
+    way: Interpolation,
     i: int,
     rows: Span,
     sums: FloatArray,
     out: FloatArray,
 ) -> None:
     """Add what the pixels of a row beside cuts and rims couple; `sums` is room for a row of A P."""
-    n = special.of_row[i]
-    end = special.of_row[i + 1]
+    share, starts, _, block_row, block_column, weight = way
+    width = share.shape[1]
+    if starts[i * width] == starts[(i + 1) * width]:
+        return
     top = PAD + (i - PAD) // 2 - REACH
-    while n < end:
-        pixel = special.pixel[n]
-        j = pixel - i * share.shape[1]
+    for j in range(PAD, width - PAD):
+        start = starts[i * width + j]
+        end = starts[i * width + j + 1]
+        if start == end:
+            continue
         first = PAD + (j - PAD) // 2 - REACH
-        _add_value(m[0, i, j], share, special, i, j, sums, top, first)
+        _add_value(m[0, i, j], way, i, j, sums, top, first)
         for entry in range(1, len(m)):
             down, right = STEPS[entry]
-            for way in (1, -1):
-                row = i + way * down
-                column = j + way * right
-                value = m[entry, i, j] if way == 1 else m[entry, row, column]
+            for side in (1, -1):
+                row = i + side * down
+                column = j + side * right
+                value = m[entry, i, j] if side == 1 else m[entry, row, column]
                 if value != 0:
-                    _add_value(value, share, special, row, column, sums, top, first)
-        after = n + 1
-        while after < end and special.pixel[after] == pixel:
-            after += 1
+                    _add_value(value, way, row, column, sums, top, first)
         for y in range(sums.shape[0]):
             for x in range(sums.shape[1]):
                 value = sums[y, x]
                 sums[y, x] = 0.0
                 if value == 0:
                     continue
-                for k in range(n, after):
-                    part = special.weight[k] * value
-                    row = special.row[k]
-                    _add_between(
-                        part, row, special.column[k], top + y, first + x, rows, out
-                    )
-        n = after
+                for k in range(start, end):
+                    part = weight[k] * value
+                    row = block_row[k]
+                    _add_between(part, row, block_column[k], top + y, first + x, rows, out)
 
 
 @on_cores(cost=120)
-def _fill(
-    rows: Span, out: FloatArray, share: FloatArray, m: FloatArray, special: Rows
-) -> None:
-    """Write these rows of Pᵀ A P, of all pixels that reach them; `share` is that of `Interpolation`."""
+def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> None:
+    """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels, in these rows."""
+    share = way.share
     for k in range(len(out)):
         for i in range(rows[0], rows[1]):
             clear_row(out[k, i])
@@ -289,9 +258,4 @@ def _fill(
                 _pixels_of_entry(m, share, i, dy, dx, pixels[dx + 2])
             _sum_along(pixels, even, odd, b[dy])
         _sum_down(b, i, rows, summed, out)
-        _add_special(m, share, special, i, rows, around, out)
-
-
-def coarsen(m: FloatArray, way: Interpolation, special: Rows, out: FloatArray) -> None:
-    """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels."""
-    _fill(out, way.share, m, special)
+        _add_special(m, way, i, rows, around, out)

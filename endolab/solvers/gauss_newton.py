@@ -257,9 +257,9 @@ def _guesses(
         v = state.v
         for factor in DESCENT.continuation if guess is None else (1.0,):
             v = _State.at(grids[level], v, factor * lam).descend(tolerance).v
-        shown = guess = grids[level].finer(v, grids[level - 1])
+        shown = guess = grids[level - 1].interpolate(v)
         for coarse in range(level - 1, 0, -1):
-            shown = grids[coarse].finer(shown, grids[coarse - 1])
+            shown = grids[coarse - 1].interpolate(shown)
         yield shown, march
 
 
@@ -267,7 +267,7 @@ def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
     """Return the grid and `most` coarser ones, each of half the rows and columns of the one before."""
     grids = [grid]
     while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * DESCENT.least_size:
-        grids.append(grids[-1].coarser())
+        grids.append(grids[-1].coarser)
     return grids
 
 
@@ -288,10 +288,9 @@ def _adapt_start(
         return start
     state = state.descend(tolerance)
     for level in range(len(grids) - 2, -1, -1):
-        coarse = grids[level + 1]
         fine = grids[level]
-        change = coarse.finer(state.v - starts[level + 1], fine)
-        maps = coarse.finer(state.v, fine), starts[level] + change
+        change = fine.interpolate(state.v - starts[level + 1])
+        maps = fine.interpolate(state.v), starts[level] + change
         state = min((_State.at(fine, v, lam) for v in maps), key=lambda state: state.energy)
         if level > 0:
             state = state.descend(tolerance)
@@ -435,6 +434,6 @@ class Look:
         self._state = state
         change = state.v - self._start
         if self._coarse is not self._fine:
-            change = self._coarse.finer(change, self._fine)
+            change = self._fine.interpolate(change)
         v = self._fine_start + change
         return Iterate.of(problem, inner(v), terms=self._fine.terms(v, problem.lam))

@@ -22,17 +22,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.galerkin import coarsen
-from endolab.solvers.interpolation import (
-    Interpolation,
-)
+from endolab.solvers.interpolation import Structure
 from endolab.solvers.normal_equations import (
     CENTRE,
     EE,
@@ -49,7 +46,6 @@ from endolab.solvers.normal_equations import (
     Coefficients,
     E,
     S,
-    Structure,
 )
 
 
@@ -246,38 +242,16 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
-class _Level(NamedTuple):
-    """One grid: its pixels, its matrix, the way from the coarser one, and room for vectors."""
+class _Level:
+    """One grid: its pixels, its matrix of so many numbers a pixel, and room for vectors."""
 
-    active: ByteArray
-    share: FloatArray  # this and the next three: those of `Interpolation`; empty on the coarsest grid
-    pixel: IntArray
-    block: IntArray
-    weight: FloatArray
-    matrix: FloatArray
-    inverse: FloatArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
-    x: FloatArray
-    b: FloatArray
-    r: FloatArray
-    left: FloatArray
-    steps: FloatArray  # (3, ...), of smoothing
-
-    @classmethod
-    def on(cls, structure: Structure, entries: int) -> _Level:
-        """Make room for so many numbers of a pixel."""
+    def __init__(self, structure: Structure, entries: int) -> None:
         shape = structure.active.shape
-        inverse, x, b, r, left = np.zeros((5, *shape))
-        steps = np.zeros((3, *shape))
-        nowhere = np.empty(0, np.int64)
-        way = Interpolation(np.empty((0, 0)), nowhere, nowhere, np.empty(0))
-        if not _is_coarsest(structure):
-            way = structure.way
-        matrix = np.empty((entries, *shape))
-        return cls(structure.active, *way, matrix, inverse, x, b, r, left, steps)
-
-    @property
-    def way(self) -> Interpolation:
-        return Interpolation(self.share, self.pixel, self.block, self.weight)
+        self.structure = structure
+        self.matrix = np.empty((entries, *shape))
+        # Of the rows' sums of sizes; 0 where a pixel is held at 0
+        self.inverse, self.x, self.b, self.r, self.left = np.zeros((5, *shape))
+        self.steps = np.zeros((3, *shape))  # of smoothing
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
@@ -287,13 +261,9 @@ class _Level(NamedTuple):
     def correct(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
         self.steps[0] = 0.0
-        self.way.add(coarse, self.steps[0])
+        self.structure.way.add(coarse, self.steps[0])
         _smooth(self.x, self.r, self.left, self.matrix, self.inverse, self.steps, 0)
         _add(self.x, 1.0, self.steps[2])
-
-
-def _is_coarsest(structure: Structure) -> bool:
-    return structure.pixels <= CYCLE.coarsest
 
 
 class Multigrid:
@@ -309,26 +279,22 @@ class Multigrid:
         old: Multigrid | None = None,
     ) -> None:
         structure = coefficients.structure
-        if old is None or old.structures[0] is not structure:
+        if old is None or old.levels[0].structure is not structure:
             self.room = np.empty((3, *structure.active.shape))
-            self.structures: list[Structure] = [structure]
-            while not _is_coarsest(self.structures[-1]):
-                self.structures.append(self.structures[-1].coarser)
-            self.levels = [_Level.on(structure, SEE)]
-            self.levels += [_Level.on(each, len(OFFSETS)) for each in self.structures[1:]]
+            self.levels: list[_Level] = [_Level(structure, SEE)]
+            while structure.pixels > CYCLE.coarsest:
+                structure = structure.coarser
+                self.levels.append(_Level(structure, len(OFFSETS)))
         else:
             self.room = old.room
-            self.structures = old.structures
             self.levels = old.levels
         coefficients.matrix(damping, self.levels[0].matrix)
-        for structure, (level, coarser) in zip(
-            self.structures, pairwise(self.levels), strict=False
-        ):
-            _invert_sums(level.inverse, level.matrix, level.active)
-            coarsen(level.matrix, structure.way, structure.rows, coarser.matrix)
+        for level, coarser in pairwise(self.levels):
+            _invert_sums(level.inverse, level.matrix, level.structure.active)
+            coarsen(coarser.matrix, level.matrix, level.structure.way)
         coarsest = self.levels[-1]
-        self.solution = _invert(coarsest.matrix, coarsest.active)
-        self.places = np.flatnonzero(coarsest.active)
+        self.solution = _invert(coarsest.matrix, coarsest.structure.active)
+        self.places = np.flatnonzero(coarsest.structure.active)
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
@@ -338,7 +304,7 @@ class Multigrid:
             return
         at.begin()
         below = self.levels[depth + 1]
-        at.way.adjoint(at.r, below.active, below.b)
+        at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
         at.correct(below.x)
 

@@ -53,7 +53,7 @@ def test_a_block_says_what_its_pixels_say():
     evidence[:2, 4:6] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, NONE]]
     image[:2, 4:6] = [[1.0, 1.0], [0.7, 0.1]]
     evidence[:2, 6:8] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, EXACT]]
-    coarse = Grid.of(replace(problem, image=image, evidence=evidence)).coarser()
+    coarse = Grid.of(replace(problem, image=image, evidence=evidence)).coarser
     np.testing.assert_array_equal(
         inner(coarse.evidence)[0, :4], [EXACT, NONE, LOWER_BOUND, EXACT]
     )
