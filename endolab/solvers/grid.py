@@ -209,6 +209,10 @@ class Grid(Structure):
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
         return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING.height))
 
+    def below_ceiling(self, v: FloatArray) -> FloatArray:
+        """Return the map no higher than the ceiling."""
+        return np.minimum(v, self.ceiling) if self.is_cut else v
+
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
         slopes = self._slopes(v)
