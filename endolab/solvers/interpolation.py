@@ -81,14 +81,8 @@ def _add_up(
 ) -> None:
     """x += the blocks' step, for pixels beside rims and cuts."""
     values = x.reshape(-1)
-    k = 0
-    while k < pixel.size:
-        here = pixel[k]
-        more = 0.0
-        while k < pixel.size and pixel[k] == here:
-            more += weight[k] * step[row[k], column[k]]
-            k += 1
-        values[here] += more
+    for k in range(pixel.size):
+        values[pixel[k]] += weight[k] * step[row[k], column[k]]
 
 
 @kernel
@@ -102,12 +96,8 @@ def _add_down(
 ) -> None:
     """Adjoint of `_add_up`."""
     values = r.ravel()
-    more = np.zeros(out.shape)
     for k in range(pixel.size):
-        more[row[k], column[k]] += weight[k] * values[pixel[k]]
-    for k in range(pixel.size):
-        out[row[k], column[k]] += more[row[k], column[k]]
-        more[row[k], column[k]] = 0.0
+        out[row[k], column[k]] += weight[k] * values[pixel[k]]
 
 
 @kernel
