@@ -51,44 +51,33 @@ def _pixels_of_entry(
 
 
 @kernel
-def _sum_along(
-    pixels: FloatArray, even: FloatArray, odd: FloatArray, b: FloatArray
-) -> None:
+def _sum_along(pixels: FloatArray, first: FloatArray, b: FloatArray) -> None:
     """Sum a row's `pixels` (5, W), two to the left up to two to the right, into blocks: b (5, w) likewise.
 
-    First to the right, `even` and `odd` (4, w), what couples the first and the second pixel of a block to
-    blocks; then to the left.
+    First to the right, into `first` (2, 4, w), what couples the first and the second pixel of a block to
+    blocks, which mirror each other; then to the left.
     """
     count = b.shape[1] - 2 * PAD
+    for k in range(2):
+        for c in range(count):
+            j = 2 * c + PAD + k
+            far = pixels[4 * k, j]
+            near = pixels[1 + 2 * k, j]
+            own = pixels[2, j]
+            beside = pixels[3 - 2 * k, j]
+            last = pixels[4 - 4 * k, j]
+            first[k, 3 * k, c + 2] = far
+            first[k, 1 + k, c + 2] = 3 * (far + near) + own
+            first[k, 2 - k, c + 2] = near + 3 * (own + beside) + last
+            first[k, 3 - 3 * k, c + 2] = beside + 3 * last
     for c in range(count):
-        j = 2 * c + PAD
-        far = pixels[0, j]
-        left = pixels[1, j]
-        own = pixels[2, j]
-        right = pixels[3, j]
-        last = pixels[4, j]
-        even[0, c + 2] = far
-        even[1, c + 2] = 3 * (far + left) + own
-        even[2, c + 2] = left + 3 * (own + right) + last
-        even[3, c + 2] = right + 3 * last
-    for c in range(count):
-        j = 2 * c + PAD
-        far = pixels[0, j + 1]
-        left = pixels[1, j + 1]
-        own = pixels[2, j + 1]
-        right = pixels[3, j + 1]
-        last = pixels[4, j + 1]
-        odd[0, c + 2] = 3 * far + left
-        odd[1, c + 2] = far + 3 * (left + own) + right
-        odd[2, c + 2] = own + 3 * (right + last)
-        odd[3, c + 2] = last
-    for c in range(count):
-        b[0, c + 2] = (3 * even[0, c + 2] + odd[0, c + 1]) / 16
-        b[4, c + 2] = (3 * odd[3, c + 2] + even[3, c + 3]) / 16
+        b[0, c + 2] = (3 * first[0, 0, c + 2] + first[1, 0, c + 1]) / 16
+        b[4, c + 2] = (3 * first[1, 3, c + 2] + first[0, 3, c + 3]) / 16
     for k in range(1, 4):
         for c in range(count):
-            amid = even[k, c + 2] + odd[k - 1, c + 2]
-            b[k, c + 2] = (3 * amid + (odd[k, c + 1] + even[k - 1, c + 3])) / 16
+            amid = first[0, k, c + 2] + first[1, k - 1, c + 2]
+            beyond = first[1, k, c + 1] + first[0, k - 1, c + 3]
+            b[k, c + 2] = (3 * amid + beyond) / 16
 
 
 @kernel
@@ -248,7 +237,7 @@ def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> N
             clear_row(out[k, i])
     pixels = np.zeros((5, share.shape[1]))
     b, summed = np.zeros((2, 3, 5, out.shape[2]))
-    even, odd = np.zeros((2, 4, out.shape[2]))
+    to_right = np.zeros((2, 4, out.shape[2]))
     around = np.zeros((2 * REACH + 1, 2 * REACH + 1))
     first = PAD + 2 * max(rows[0] - PAD - REACH - 1, 0)
     last = PAD + 2 * (rows[1] - PAD + REACH + 1)
@@ -256,6 +245,6 @@ def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> N
         for dy in range(3):
             for dx in range(-2, 3):
                 _pixels_of_entry(m, share, i, dy, dx, pixels[dx + 2])
-            _sum_along(pixels, even, odd, b[dy])
+            _sum_along(pixels, to_right, b[dy])
         _sum_down(b, i, rows, summed, out)
         _add_special(m, way, i, rows, around, out)

@@ -199,7 +199,7 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
             row[j] = abs(m[CENTRE, i, j + 2])
         for entry in range(1, len(m)):
             down, right = OFFSETS[entry]
-            column = PAD - right
+            column = max(PAD - right, 0)  # never less; but, told so, the loop takes many pixels at once
             for j in range(row.size):
                 row[j] += abs(m[entry, i, j + 2]) + abs(m[entry, i - down, j + column])
         for j in range(row.size):
