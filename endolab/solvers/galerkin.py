@@ -43,8 +43,10 @@ def _pixels_of_entry(
     if entry >= len(m):
         clear_row(row)
         return
-    other = PAD + dx
-    holder = min(other, PAD) if dy == 0 else PAD  # the earlier pixel holds the entry
+    other = max(PAD + dx, 0)
+    holder = max(
+        min(other, PAD) if dy == 0 else PAD, 0
+    )  # the earlier pixel holds the entry
     for j in range(row.size - 2 * PAD):
         inside = 256 * share[i, j + PAD] * share[i + dy, j + other]
         row[j + PAD] = inside * m[entry, i, j + holder]
@@ -118,7 +120,7 @@ def _add_row(
         at = row if later else other
         if not rows[0] <= at < rows[1]:
             continue
-        target = PAD + (0 if later else ex)
+        target = max(PAD + (0 if later else ex), 0)
         share = 2 * weight if down == 0 and ex == 0 else weight
         for c in range(b.shape[1] - 2 * PAD):
             out[entry, at, c + target] += share * b[ex + 2, c + PAD]

@@ -67,18 +67,11 @@ from endolab.solvers.problem import (
     Problem,
 )
 
-
-@dataclass(frozen=True)
-class Ceiling:
-    """How far a surface may go where cuts leave islands; chosen by hand."""
-
-    # Of log d above d₀, which is an upper bound: a factor of two, more than noise and mottles ask for.
-    height: float = 0.7
-    # Of log d below that, where a pixel is held that is drawn to it.
-    margin: float = 0.008
-
-
-CEILING = Ceiling()
+# How far a surface may go where cuts leave islands, of log d above d₀, an upper bound; chosen by hand.
+# A factor of two, more than noise and mottles ask for.
+CEILING = 0.7
+# Of log d below that, where a pixel is held that is drawn to it.
+CEILING_MARGIN = 0.008
 
 
 @dataclass(frozen=True)
@@ -207,7 +200,7 @@ class Grid(Structure):
         if not self.is_cut:
             return np.empty((0, 0))
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
-        return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING.height))
+        return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING))
 
     def below_ceiling(self, v: FloatArray) -> FloatArray:
         """Return the map no higher than the ceiling."""
@@ -336,7 +329,7 @@ class Grid(Structure):
         smooth *= parts[SLOPE]
         free = self.free
         if self.is_cut:
-            free = free * ~((v > self.ceiling - CEILING.margin) & (descent > smooth))
+            free = free * ~((v > self.ceiling - CEILING_MARGIN) & (descent > smooth))
         descent -= smooth
         descent *= free
         if slants is None:

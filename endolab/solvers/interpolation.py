@@ -259,9 +259,5 @@ class Structure:
         count = _fill(
             self.active, self.main, self.link, blocks.active, blocks.link, cut, way
         )
-        return way._replace(
-            pixel=way.pixel[:count].copy(),
-            row=way.row[:count].copy(),
-            column=way.column[:count].copy(),
-            weight=way.weight[:count].copy(),
-        )
+        strands: Any = [part[:count].copy() for part in way[2:]]
+        return Interpolation(way.share, way.start, *strands)

@@ -167,26 +167,11 @@ def _smooth(
 
 
 @on_cores(cost=0.4)
-def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
-    """x += share · y."""
+def _add(rows: Span, x: FloatArray, length: float, y: FloatArray) -> None:
+    """x += length · y."""
     for i in range(rows[0], rows[1]):
         for j in range(x.shape[1]):
-            x[i, j] += share * y[i, j]
-
-
-@on_cores(cost=1)
-def _begin(
-    rows: Span,
-    x: FloatArray,
-    b: FloatArray,
-    inverse: FloatArray,
-    step: FloatArray,
-) -> None:
-    """x = 0, and the first of the smoothing steps from there."""
-    for i in range(rows[0], rows[1]):
-        for j in range(x.shape[1]):
-            x[i, j] = 0.0
-            step[i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
+            x[i, j] += length * y[i, j]
 
 
 @on_cores(cost=10)
@@ -199,7 +184,9 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
             row[j] = abs(m[CENTRE, i, j + 2])
         for entry in range(1, len(m)):
             down, right = OFFSETS[entry]
-            column = max(PAD - right, 0)  # never less; but, told so, the loop takes many pixels at once
+            column = max(
+                PAD - right, 0
+            )  # never less; but, told so, the loop takes many pixels at once
             for j in range(row.size):
                 row[j] += abs(m[entry, i, j + 2]) + abs(m[entry, i - down, j + column])
         for j in range(row.size):
@@ -238,7 +225,9 @@ class _Level:
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
-        _begin(self.x, self.b, self.inverse, self.steps[0])
+        self.x[:] = 0.0
+        np.multiply(self.inverse, self.b, out=self.steps[0])
+        self.steps[0] *= 4 / 3
         _smooth(self.x, self.b, self.r, self.matrix, self.inverse, *self.steps, 1)
 
     def correct(self, coarse: FloatArray) -> None:
@@ -246,7 +235,7 @@ class _Level:
         self.steps[0][:] = 0.0
         self.structure.way.add(coarse, self.steps[0])
         _smooth(self.x, self.r, self.left, self.matrix, self.inverse, *self.steps, 0)
-        _add(self.x, 1.0, self.steps[2])
+        self.x += self.steps[2]
 
 
 class Multigrid:

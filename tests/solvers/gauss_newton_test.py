@@ -105,8 +105,7 @@ def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(
         result = solve(problem, start=start)
         check_it_falls(result)
         assert (
-            np.nanmax(result.iterate.log_distance - problem.log_d0)
-            <= CEILING.height + 1e-12
+            np.nanmax(result.iterate.log_distance - problem.log_d0) <= CEILING + 1e-12
         )
 
 
