@@ -41,7 +41,7 @@ def _largest_fragments(
             pixels[:, 0] = top, top, top + 1, top + 1
             pixels[:, 1] = first, first + 1, first + 1, first
             # Around the block from pixel to pixel: 0 to 1, 1 to 2, 2 to 3, 3 to 0.
-            steps = (
+            joined = (
                 link[0, top, first],
                 link[1, top, first + 1],
                 link[0, top + 1, first],
@@ -53,7 +53,7 @@ def _largest_fragments(
                 + uncut_links[0, top + 1, first]
             )
             is_divided = (
-                steps[0] + steps[1] + steps[2] + steps[3]
+                joined[0] + joined[1] + joined[2] + joined[3]
                 < would + uncut_links[1, top, first]
             )
             part[:] = 0
@@ -61,7 +61,7 @@ def _largest_fragments(
                 part[:] = 0, 1, 2, 3
                 for _ in range(3):
                     for k in range(4):
-                        if steps[k]:
+                        if joined[k]:
                             part[k] = part[(k + 1) % 4] = min(part[k], part[(k + 1) % 4])
             largest = 0
             most = 0.0

@@ -26,17 +26,16 @@ from endolab.numerics.arrays import FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, kernel
 from endolab.numerics.threads import on_cores
 from endolab.solvers.interpolation import Interpolation
+from endolab.solvers.normal_equations import OFFSETS
 
 # Which entry of `normal_equations.OFFSETS` couples a pixel to that dy rows down and dx - 2 columns right.
 ENTRY_AT = np.array([[2, 1, 0, 1, 2], [9, 6, 3, 5, 7], [12, 10, 4, 8, 11]])
-# Rows down and columns right of each entry.
-STEPS = np.array([np.argwhere(entry == ENTRY_AT)[-1] - (0, 2) for entry in range(13)])
 REACH = 3  # blocks from a pixel's own that it and its neighbours follow, along an axis
 
 
 @kernel
 def _pixels_of_entry(
-    m: FloatArray, share: FloatArray, i: int, dy: int, dx: int, row: FloatArray
+    m: FloatArray, regular: FloatArray, i: int, dy: int, dx: int, row: FloatArray
 ) -> None:
     """Write what couples the pixels of a row to those dy down and dx right, where P is regular for both."""
     entry = ENTRY_AT[dy, dx + 2]
@@ -48,7 +47,7 @@ def _pixels_of_entry(
         min(other, PAD) if dy == 0 else PAD, 0
     )  # the earlier pixel holds the entry
     for j in range(row.size - 2 * PAD):
-        inside = 256 * share[i, j + PAD] * share[i + dy, j + other]
+        inside = 256 * regular[i, j + PAD] * regular[i + dy, j + other]
         row[j + PAD] = inside * m[entry, i, j + holder]
 
 
@@ -121,9 +120,9 @@ def _add_row(
         if not rows[0] <= at < rows[1]:
             continue
         target = max(PAD + (0 if later else ex), 0)
-        share = 2 * weight if down == 0 and ex == 0 else weight
+        times = 2 * weight if down == 0 and ex == 0 else weight
         for c in range(b.shape[1] - 2 * PAD):
-            out[entry, at, c + target] += share * b[ex + 2, c + PAD]
+            out[entry, at, c + target] += times * b[ex + 2, c + PAD]
 
 
 @kernel
@@ -149,15 +148,15 @@ def _add_value(
 
     Pixels beside cuts and rims bring the same once more, and count half.
     """
-    share, starts, _, block_row, block_column, weight = way
-    if share[i, j] > 0:
+    regular, starts, _, block_row, block_column, weight = way
+    if regular[i, j] > 0:
         for k in range(2):
             row, by_row = _row_and_weight(i, k)
             for n in range(2):
                 column, by_column = _row_and_weight(j, n)
                 sums[row - top, column - first] += value * by_row * by_column
         return
-    pixel = i * share.shape[1] + j
+    pixel = i * regular.shape[1] + j
     for k in range(starts[pixel], starts[pixel + 1]):
         half = 0.5 * value * weight[k]
         sums[block_row[k] - top, block_column[k] - first] += half
@@ -198,8 +197,8 @@ def _add_special(
     out: FloatArray,
 ) -> None:
     """Add what the pixels of a row beside cuts and rims couple; `sums` is room for a row of A P."""
-    share, starts, _, block_row, block_column, weight = way
-    width = share.shape[1]
+    regular, starts, _, block_row, block_column, weight = way
+    width = regular.shape[1]
     if starts[i * width] == starts[(i + 1) * width]:
         return
     top = PAD + (i - PAD) // 2 - REACH
@@ -211,7 +210,7 @@ def _add_special(
         first = PAD + (j - PAD) // 2 - REACH
         _add_value(m[0, i, j], way, i, j, sums, top, first)
         for entry in range(1, len(m)):
-            down, right = STEPS[entry]
+            down, right = OFFSETS[entry]
             for side in (1, -1):
                 row = i + side * down
                 column = j + side * right
@@ -233,20 +232,20 @@ def _add_special(
 @on_cores(cost=120)
 def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> None:
     """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels, in these rows."""
-    share = way.share
+    regular = way.regular
     for k in range(len(out)):
         for i in range(rows[0], rows[1]):
             clear_row(out[k, i])
-    pixels = np.zeros((5, share.shape[1]))
+    pixels = np.zeros((5, regular.shape[1]))
     b, summed = np.zeros((2, 3, 5, out.shape[2]))
     to_right = np.zeros((2, 4, out.shape[2]))
     around = np.zeros((2 * REACH + 1, 2 * REACH + 1))
     first = PAD + 2 * max(rows[0] - PAD - REACH - 1, 0)
     last = PAD + 2 * (rows[1] - PAD + REACH + 1)
-    for i in range(first, min(last, share.shape[0] - PAD)):
+    for i in range(first, min(last, regular.shape[0] - PAD)):
         for dy in range(3):
             for dx in range(-2, 3):
-                _pixels_of_entry(m, share, i, dy, dx, pixels[dx + 2])
+                _pixels_of_entry(m, regular, i, dy, dx, pixels[dx + 2])
             _sum_along(pixels, to_right, b[dy])
         _sum_down(b, i, rows, summed, out)
         _add_special(m, way, i, rows, around, out)

@@ -6,7 +6,7 @@ multigrid preconditioner. A step is halved until the energy falls no further, so
 iterates fall, always.
 
 All is of v = log d. Where a wall faces the camera, brightness does not change with its slope to first order:
-a step may tilt it as it likes, and is good only for a small share of its length. So the equations add a
+a step may tilt it as it likes, and is good only for a small part of its length. So the equations add a
 quadratic penalty on slopes there, as large as the slopes of the last steps were (`Grid.equations_at`); as
 steps become short, it vanishes.
 
@@ -47,7 +47,7 @@ from endolab.solvers.result import Iterate, Solver
 class Descent:
     """The constants of the method, chosen by hand; the tests of this module hold what they lead to.
 
-    Damping is added to the diagonal, as a share of what the data put there without slant. It grows by
+    Damping is added to the diagonal, as a fraction of what the data put there without slant. It grows by
     `damping_factor` with every step of which less than half lowered the energy, and falls by it with a whole
     one. Cut surfaces need it: what hangs together by little is to move far otherwise.
     """
@@ -80,7 +80,7 @@ class Descent:
     # of its own afterwards.
     look_tolerance: float = 1e-2
     look_inner_steps: int = 2
-    # Share by which energies of one map differ, once distances were in another unit.
+    # By what fraction energies of one map differ, once distances were in another unit.
     same_energy: float = 1e-9
 
 
@@ -204,15 +204,15 @@ def line_search(
 
 
 def has_converged(step: Step, tolerance: float) -> bool:
-    """Whether no more than this share of the energy is left to fall."""
+    """Whether no more than this fraction of the energy is left to fall."""
     return step.left <= tolerance * step.energy + DESCENT.rounding
 
 
 def falls_to_come(fall: float, rate: float, promise: float) -> float:
-    """Return what further falls sum to, each a share r of the last: fall (r + r² + ...) = fall r/(1 - r).
+    """Return what further falls sum to, each r times the last: fall (r + r² + ...) = fall r/(1 - r).
 
     r is the rate of the last falls, or larger: a whole step that fell by (1 + q) · promise, q > 0, was solved
-    with a quadratic that bends more than the energy, as Huber's parabolas do. Then a share q of the error
+    with a quadratic that bends more than the energy, as Huber's parabolas do. Then q of the error
     remains, and q² of the fall.
     """
     if fall > promise > 0:
@@ -314,11 +314,11 @@ def gauss_newton(
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser grids
     are used only if it is far from the frame's surface. A grid that is halved so many times, `halvings`,
     tells whether it is; 0 if it is known to be near. `inflow` is log d where it is known, nan elsewhere, and
-    is kept. The run has converged when by the last steps no more than the share `tolerance` of the energy is
+    is kept. The run has converged when by the last steps no more than the fraction `tolerance` of the energy is
     left to fall: their quadratics promise no more, the inner solver left no more of them, and falls at the
     rate of the last ones sum to no more. That is an estimate: where an energy creeps, hundreds of further
     steps find up to 10 % more, rarely a quarter. It ends as SETTLED when of two steps neither changed
-    distances by more than the share `settled`, root mean square, though the energy still falls. A start whose
+    distances by more than the fraction `settled`, root mean square, though the energy still falls. A start whose
     energy is `converged_at` is where an earlier run ended: it stays, unless one step tells that it has not.
     The run ends as STALLED when no length of a step lowers the energy although more is left. A step costs
     O(pixels).

@@ -170,7 +170,7 @@ class Grid(Structure):
         way.add(v, out)
         if self.is_cut:
             is_alone = np.diff(way.start).reshape(out.shape) == 0
-            i, j = np.nonzero((self.active > 0) & (way.share == 0) & is_alone)
+            i, j = np.nonzero((self.active > 0) & (way.regular == 0) & is_alone)
             out[i, j] = v[PAD + (i - PAD) // 2, PAD + (j - PAD) // 2]
             left_out = (self.active > 0) & (self.main == 0)
             out[left_out] = np.minimum(out, pad_maps(self.log_d0))[left_out]

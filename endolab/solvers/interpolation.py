@@ -35,7 +35,7 @@ from endolab.solvers.cuts import coarser_links, largest_fragments
 
 
 @on_cores(cost=0.4)
-def prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
+def prolong_add(rows: Span, x: FloatArray, regular: FloatArray, step: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     for i in range(first, last):
@@ -47,13 +47,13 @@ def prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) 
             beneath = step[ci + ni, cj + 2]
             left = nearest + 3 * (beneath + step[ci, cj + 1]) + step[ci + ni, cj + 1]
             right = nearest + 3 * (beneath + step[ci, cj + 3]) + step[ci + ni, cj + 3]
-            x[i, j] += share[i, j] * left
-            x[i, j + 1] += share[i, j + 1] * right
+            x[i, j] += regular[i, j] * left
+            x[i, j + 1] += regular[i, j + 1] * right
 
 
 @on_cores(cost=2)
 def restrict(
-    rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray
+    rows: Span, out: FloatArray, r: FloatArray, regular: FloatArray, coarse: ByteArray
 ) -> None:
     """Adjoint of `prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
@@ -61,8 +61,8 @@ def restrict(
     for ci in range(first, last):
         i = 2 * ci - PAD
         for j in range(r.shape[1]):
-            inner_rows = share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j]
-            outer_rows = share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
+            inner_rows = regular[i, j] * r[i, j] + regular[i + 1, j] * r[i + 1, j]
+            outer_rows = regular[i - 1, j] * r[i - 1, j] + regular[i + 2, j] * r[i + 2, j]
             sums[j] = 3 * inner_rows + outer_rows
         for cj in range(out.shape[1] - 2 * PAD):
             j = PAD + 2 * cj
@@ -111,8 +111,8 @@ def _fill(
     way: Interpolation,
 ) -> int:
     """Write the way from blocks to pixels; return how many weights it has beside rims and cuts."""
-    share, start, pixel, block_row, block_column, weight = way
-    height, width = share.shape
+    regular, start, pixel, block_row, block_column, weight = way
+    height, width = regular.shape
     count = 0
     for i in range(height):
         down = 2 * ((i - PAD) % 2) - 1
@@ -140,7 +140,7 @@ def _fill(
             below = below and blocks[ci + down, cj] > 0
             diagonal = diagonal and blocks[ci + down, cj + right] > 0
             if own and beside and below and diagonal:
-                share[i, j] = 1 / 16
+                regular[i, j] = 1 / 16
                 continue
 
             # The nearest of them, which may be two
@@ -183,7 +183,7 @@ def _fill(
 class Interpolation(NamedTuple):
     """Linear interpolation P from blocks to the active pixels of a grid."""
 
-    share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
+    regular: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
     # Of the other pixels' rows of P, pixel after pixel: where each pixel's begins, and at last their number.
     start: IntArray
     pixel: IntArray  # flat
@@ -193,12 +193,12 @@ class Interpolation(NamedTuple):
 
     def add(self, step: FloatArray, x: FloatArray) -> None:
         """x += P step."""
-        prolong_add(x, self.share, step)
+        prolong_add(x, self.regular, step)
         _add_up(self.pixel, self.row, self.column, self.weight, step, x)
 
     def adjoint(self, r: FloatArray, active: ByteArray, out: FloatArray) -> None:
         """Write Pᵀ r to out, for blocks that are active."""
-        restrict(out, r, self.share, active)
+        restrict(out, r, self.regular, active)
         _add_down(self.pixel, self.row, self.column, self.weight, r, out)
 
 
@@ -247,7 +247,7 @@ class Structure:
         """Linear interpolation from the coarser grid."""
         most = 6 * np.count_nonzero(self.active)
         way = Interpolation(
-            share=np.zeros(self.active.shape),
+            regular=np.zeros(self.active.shape),
             start=np.empty(self.active.size + 1, np.int64),
             pixel=np.empty(most, np.int64),
             row=np.empty(most, np.int64),
@@ -260,4 +260,4 @@ class Structure:
             self.active, self.main, self.link, blocks.active, blocks.link, cut, way
         )
         strands: Any = [part[:count].copy() for part in way[2:]]
-        return Interpolation(way.share, way.start, *strands)
+        return Interpolation(way.regular, way.start, *strands)

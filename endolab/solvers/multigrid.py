@@ -54,7 +54,7 @@ class Cycle:
     """How a V-cycle is made; chosen by hand."""
 
     coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
-    # Share of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
+    # Fraction of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
     ridge: float = 1e-4
     degree: int = 2  # smoothing steps before and after a coarser grid
 
@@ -286,9 +286,9 @@ class Multigrid:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
 
         A residual may be that of a few pixels at first, beside which all others look solved. So what it
-        promises still, r·M⁻¹r, must also be no more than this share of what x has, b·x. Returns x, which
+        promises still, r·M⁻¹r, must also be no more than this fraction of what x has, b·x. Returns x, which
         the next call overwrites (0 where a pixel is not active), the steps that were taken, `most` at most,
-        and that share.
+        and that fraction.
         """
         top = self.levels[0]
         x, direction, product = self.room

@@ -197,7 +197,7 @@ class Coefficients:
         return self.parts[WEIGHT]
 
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
-        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+        """Matrix of the normal equations; a fraction `damping` of a² W is added to its diagonal."""
         on = self.structure
         m = np.empty((SEE, *self.active.shape)) if out is None else out
         kind = on.kind
