@@ -314,11 +314,11 @@ def gauss_newton(
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser grids
     are used only if it is far from the frame's surface. A grid that is halved so many times, `halvings`,
     tells whether it is; 0 if it is known to be near. `inflow` is log d where it is known, nan elsewhere, and
-    is kept. The run has converged when by the last steps no more than the fraction `tolerance` of the energy is
+    is kept. The run has converged when by the last steps no more than `tolerance` times the energy is
     left to fall: their quadratics promise no more, the inner solver left no more of them, and falls at the
     rate of the last ones sum to no more. That is an estimate: where an energy creeps, hundreds of further
     steps find up to 10 % more, rarely a quarter. It ends as SETTLED when of two steps neither changed
-    distances by more than the fraction `settled`, root mean square, though the energy still falls. A start whose
+    distances by more than a fraction `settled`, r.m.s., though the energy still falls. A start whose
     energy is `converged_at` is where an earlier run ended: it stays, unless one step tells that it has not.
     The run ends as STALLED when no length of a step lowers the energy although more is left. A step costs
     O(pixels).

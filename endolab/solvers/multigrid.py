@@ -101,18 +101,13 @@ def dot(a: FloatArray, b: FloatArray) -> float:
 
 
 @on_cores(cost=2)
-def multiply_into(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None:
+def multiply(rows: Span, m: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """out = M x."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
         _row_times(m, x, i, row)
         copy_row(row, out[i, PAD:])
-
-
-def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
-    """out = M x."""
-    multiply_into(out, m, x)
 
 
 @on_cores(cost=20)

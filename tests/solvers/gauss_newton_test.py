@@ -7,12 +7,12 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.numerics.stencils import shift
 from endolab.numerics.threads import limit_threads
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.gauss_newton import Look, gauss_newton
 from endolab.solvers.grid import CEILING
 from endolab.solvers.problem import Problem
+from tests.tools.cuts import between
 from tests.tools.problems import (
     border,
     check_it_falls,
@@ -114,10 +114,8 @@ def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     problem, _ = problem_of("curved", 96)
     inside = np.zeros(problem.mask.shape, bool)
     inside[30:33, 40:43] = True
-    cuts = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
-    cut_problem = replace(
-        problem, image=np.where(inside, 0.02, 1.0) * problem.image, cuts=cuts
-    )
+    dark = np.where(inside, 0.02, 1.0) * problem.image
+    cut_problem = replace(problem, image=dark, cuts=between(inside))
     cold, warm = (
         solve(cut_problem, start=start)
         for start in (None, solve(problem).iterate.log_distance)
@@ -200,16 +198,18 @@ def test_slow_falls_are_not_taken_for_the_end():
     assert further.energy > 0.95 * result.energy
 
 
-def test_a_start_that_cannot_be_used_is_refused():
-    problem, _ = problem_of("plane", 80)
-    for name, given in (
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
         ("start", np.zeros((3, 4))),
         ("start", np.full((60, 80), np.nan)),
         ("inflow", np.zeros((3, 4))),
         ("inflow", np.full((60, 80), np.inf)),
-    ):
-        with pytest.raises(ValueError, match=name):
-            next(gauss_newton(problem, **{name: given}))
+    ],
+)
+def test_a_start_that_cannot_be_used_is_refused(name, given):
+    with pytest.raises(ValueError, match=name):
+        solve(problem_of("plane", 80)[0], **{name: given})
 
 
 @every_regulariser

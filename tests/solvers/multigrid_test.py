@@ -16,6 +16,7 @@ from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid, multiply
 from endolab.solvers.normal_equations import OFFSETS
 from endolab.solvers.problem import Problem
+from tests.tools.cuts import between
 from tests.tools.problems import at_truth, every_regulariser
 
 
@@ -77,21 +78,13 @@ def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(
     np.testing.assert_allclose(back[:, np.abs(columns[0] - last) > 4], 0, atol=1e-13)
 
 
-def around(shape, rows, columns, radius):
-    """Cuts along a circle: who is inside, and the steps that lead out."""
-    i, j = np.indices(shape)
-    inside = np.hypot(i - rows, j - columns) < radius
-    return inside, np.stack(
-        [inside ^ shift(inside, 1, axis, False) for axis in (1, 0)]
-    ) & links(np.ones(shape, bool))
-
-
 @pytest.mark.parametrize("centre", [(30, 40), (31, 41), (30.5, 40.3)])
 def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
     """A map of two levels has them on every grid, and a line of cuts is closed on all of them."""
     problem, _ = at_truth("plane", 80)
-    inside, cuts = around(problem.mask.shape, *centre, 14.3)
-    grid = Grid.of(replace(problem, cuts=cuts))
+    i, j = np.indices(problem.mask.shape)
+    inside = np.hypot(i - centre[0], j - centre[1]) < 14.3
+    grid = Grid.of(replace(problem, cuts=between(inside)))
     v = pad_maps(np.where(inside, 1.0, 2.0))
     for _ in range(3):
         fine = grid
@@ -179,8 +172,7 @@ def test_a_thin_strip_that_runs_askew_costs_few_steps(thickness):
     problem, truth = at_truth("tube", 320)
     i, j = np.indices(problem.mask.shape)
     strip = (abs(i - j + 40) < thickness / 1.4) & (j > 100) & (j < 240)
-    apart = [strip ^ shift(strip, 1, axis, False) for axis in (1, 0)]
-    cuts = np.stack(apart) & links(problem.mask) & (j >= 115)  # it hangs by one end
+    cuts = between(strip) & links(problem.mask) & (j >= 115)  # it hangs by one end
     problem = replace(problem, cuts=cuts)
     coefficients, _ = equations(problem, truth)
     solver = Multigrid(coefficients)
@@ -243,8 +235,7 @@ def test_a_step_on_a_turned_grid_is_the_turned_one(rng, size, turn):
     steps = []
     for change in (lambda a: a, turn):
         turned = np.ascontiguousarray(change(mask))
-        beside = change(apart)
-        cuts = np.stack([beside ^ shift(beside, 1, axis, False) for axis in (1, 0)])
+        cuts = between(change(apart))
         height, width = turned.shape
         middle = (width - 1) / 2, (height - 1) / 2
         camera = el.Pinhole(width, height, 40.0, 40.0, *middle)
