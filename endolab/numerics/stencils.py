@@ -293,13 +293,3 @@ def hessian(
     lower = [0.5 * square, 0.5 * shift(square, -1, 1, 0.0)]
     upper = [shift(mixed, -1, 0, 0.0) for mixed in lower]
     return np.stack([f_uu, f_vv, *lower, *upper])
-
-
-def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Where f_uu, f_uv and f_vv have all the steps that they need."""
-    along_u, along_v = link
-    return (
-        along_u & shift(along_u, -1, 1, False),
-        along_u & shift(along_u, 1, 0, False) & along_v & shift(along_v, 1, 1, False),
-        along_v & shift(along_v, -1, 0, False),
-    )
