@@ -512,8 +512,7 @@ def pixels_of_scale(iterate: Iterate) -> BoolArray:
         return mask
     fixed = np.zeros_like(mask)
     for pixel in np.reshape(report.length[1:], (-1, 2)):
-        column, row = (own_pixel(iterate, pixel) + 0.5 - 1e-9).astype(int)
-        fixed[row, column] = True
+        fixed[own_pixel(iterate, pixel)[1]] = True
     return fixed
 
 
