@@ -255,10 +255,9 @@ def _solve_for_all_k(
     for index in (*range(first + 1, len(EXPONENTS)), *reversed(range(first))):
         neighbour = surfaces[index - 1 if index > first else index + 1]
         k = EXPONENTS[index]
-        found = yield from separate_from(
-            _under(problem, k), albedo, _move_sides(neighbour, k)
-        )
-        surfaces[index] = found.trial.surface
+        moved = _move_sides(neighbour, k)
+        trial = yield from separate_from(_under(problem, k), albedo, moved)
+        surfaces[index] = trial.surface
     return [surface for _, surface in sorted(surfaces.items())]
 
 

@@ -59,7 +59,7 @@ from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import DESCENT, gauss_newton
 from endolab.solvers.problem import EXACT, NONE, Problem
-from endolab.solvers.provenance import ContourOutcome, LightOutcome, SearchedPicture
+from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, name_stage
 
 # Stages
@@ -67,9 +67,8 @@ SMOOTH = "smooth"  # one channel, before anything is cut
 BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
 
-GUESSED_STEEPNESS = (
-    0.8  # before indirect light is known, lines are less steep by this factor
-)
+# Before indirect light is known, lines are less steep by this factor.
+GUESSED_STEEPNESS = 0.8
 # Median difference of stored values, as a fraction, up to which two colours are one.
 SAME_COLOUR = 0.01
 # Of one channel, which tells nothing.
@@ -83,9 +82,7 @@ class Trial:
     surface: Iterate
     light: Light = NO_LIGHT
     indirect_ratio: FloatArray = field(default_factory=lambda: np.empty(0))  # ι, (H, W, 3)
-    min_steepness: float | None = (
-        None  # of the lines that are cut; None of the uncut surface
-    )
+    min_steepness: float | None = None  # of the lines that are cut; None: uncut
 
     @property
     def is_clean(self) -> bool:
@@ -106,7 +103,8 @@ class Found:
 
     trial: Trial  # the surface that was chosen, with its light
     contours: ContourOutcome
-    searched: SearchedPicture  # where lines were looked for
+    # Where red, green and blue, on however many pixels, are to be cut, if the trial is.
+    find_cuts: Callable[[Sequence[Problem]], BoolArray | None]
 
 
 def light_and_contours(
@@ -135,8 +133,7 @@ def light_and_contours(
                 found = yield from _separate_as_before(
                     small, give_full(), albedo, contours, before
                 )
-            is_given = albedo is not None and albedo.ndim == 1
-            return _direct_light_on_all_pixels(found, give_full(), is_given)
+            return _on_all_pixels(found, give_full(), albedo)
         except NoColour as error:
             reason = str(error)
     full = give_full()
@@ -175,17 +172,11 @@ def _cut_one_channel(
 
 
 def _with_contours(
-    problem: Problem,
-    outcome: ContourOutcome,
-    min_steepness: float | None = None,
-    searched: SearchedPicture | None = None,
+    problem: Problem, outcome: ContourOutcome, min_steepness: float | None = None
 ) -> Problem:
+    cut_links = 0 if problem.cuts is None else int(problem.cuts.sum())
     report = replace(
-        problem.report,
-        contours=outcome,
-        cut_links=0 if problem.cuts is None else int(problem.cuts.sum()),
-        min_steepness=min_steepness,
-        searched=searched,
+        problem.report, contours=outcome, cut_links=cut_links, min_steepness=min_steepness
     )
     return replace(problem, report=report)
 
@@ -204,73 +195,75 @@ def separate(
     _check_colours(colours)
     prior = AlbedoPrior.of(albedo)
 
-    # Uncut
+    # Uncut: solve without the indirect light that is known so far, and ask the colours again.
     ratio = np.zeros((*problem.mask.shape, 3))
-    first = merge(colours, ratio, prior.albedo)
-    surface = yield from solve_stage(
-        first, BOUNCED, 1, max_iterations=constants.UNCUT_ROUNDS[0]
-    )
-    trial = _with_light(Trial(surface), colours, prior)
-    counts = constants.UNCUT_ROUNDS[1:]
-    if trial.is_clean:  # there is nothing to ask the colours again
-        counts = (sum(counts),)
-    number = 1
-    for count in counts:
+    light = prior.light
+    surface = None
+    counts = list(constants.UNCUT_ROUNDS)
+    number = 0
+    while counts:
         number += 1
-        searched = SearchedPicture(trial.indirect_ratio, trial.light.albedo)
-        surface = yield from _solve_direct(colours, trial, number, count)
-        trial = _with_light(replace(trial, surface=surface), colours, prior)
+        picture = (ratio, light.albedo)
+        count = counts.pop(0)
+        surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
+        if light.outcome is not LightOutcome.NONE_BOUNCED:
+            ratio, light = estimate_indirect(colours, surface, prior)
+            if light.outcome is LightOutcome.NONE_BOUNCED and counts:
+                counts = [sum(counts)]
+    assert surface is not None
+    trial = Trial(surface, light, ratio)
 
-    # Cut at ever less steep lines
+    # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
     if contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
+    cuts = trial.surface.problem.cuts
+    steepness = trial.min_steepness
 
-    # The best of these, ι refined per pixel
+    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
+        """Take the lines that the energy chose, or find those that are as steep as the colours chose.
+
+        The latter in the picture of the uncut surface: the ι of a cut one is so large at limbs and behind
+        folds that it would make lines of its own there.
+        """
+        if cuts is None or outcome is ContourOutcome.BY_ENERGY:
+            return None if cuts is None else resample_cuts(cuts, colours[1].mask.shape)
+        return _find_cuts(colours, *picture, steepness or 0.0)
+
+    # The best of these, ι refined per pixel.
     if trial.light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
-        refined = replace(trial, indirect_ratio=ratio)
         surface = yield from _solve_direct(
-            colours, refined, number + 1, constants.REFINED_STEPS
+            colours, trial.light, ratio, trial.surface, number + 1, constants.REFINED_STEPS
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
-        trial = Trial(surface, light, ratio, trial.min_steepness)
-    return Found(trial, outcome, searched)
+        trial = Trial(surface, light, ratio, steepness)
+    return Found(trial, outcome, find_cuts)
 
 
 def separate_from(
     problem: Problem,
     albedo: FloatArray | None,
     log_distance: FloatArray,
-    min_steepness: float | None = None,
-    searched: SearchedPicture | None = None,
-) -> Generator[Iterate, None, Found]:
+    cuts: BoolArray | None = None,
+) -> Generator[Iterate, None, Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives. If there
-    is a `min_steepness`, it is cut at this frame's lines that are steeper, or at those of the picture that
-    was `searched`.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives, and
+    `cuts` is where it is cut.
     """
     colours = problem.colours
+    surface = Iterate(replace(problem, cuts=cuts), 0, log_distance, {})
     prior = AlbedoPrior.of(albedo)
-    if searched is None:
-        nothing = np.zeros((*problem.mask.shape, 3))
-        searched = SearchedPicture(nothing, prior.albedo, GUESSED_STEEPNESS)
-    outcome = ContourOutcome.NONE_CLEAR
-    if min_steepness is not None:
-        problem = replace(problem, cuts=_find_cuts(colours, searched, min_steepness))
-        if problem.cuts is not None:
-            outcome = ContourOutcome.AS_BEFORE
-    surface = Iterate(problem, 0, log_distance, {})
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
-    trial = Trial(surface, light, ratio, min_steepness)
+    count = constants.UNCUT_ROUNDS[-1]
     halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        colours, trial, 1, constants.UNCUT_ROUNDS[-1], halvings=halvings
+        colours, light, ratio, surface, 1, count, halvings=halvings
     )
-    return Found(replace(trial, surface=surface), outcome, searched)
+    return Trial(surface, light, ratio)
 
 
 def _separate_as_before(
@@ -281,13 +274,28 @@ def _separate_as_before(
     before: Result,
 ) -> Generator[Iterate, None, Found]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
-    surface = resample_surface(before.iterate, small)
     steepness = None if contours is False else min_steepness_of(before)
-    # Another frame has other lines; those of the same one stay.
     is_same = np.array_equal(before.problem.shown, full.shown)
-    searched = before.report.searched if is_same else None
-    found = yield from separate_from(small, albedo, surface, steepness, searched)
-    return replace(found, contours=ContourOutcome.NOT_ASKED) if contours is False else found
+
+    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
+        """Keep the lines of the same picture; another frame has other lines."""
+        shape = colours[1].mask.shape
+        cuts = before.problem.cuts
+        if steepness is None or cuts is None:
+            return None
+        if is_same:
+            return resample_cuts(cuts, shape)
+        known = AlbedoPrior.of(albedo).albedo
+        nothing = np.zeros((*shape, 3))
+        return _find_cuts(colours, nothing, known, GUESSED_STEEPNESS * steepness)
+
+    cuts = find_cuts(small.colours)
+    outcome = ContourOutcome.NONE_CLEAR if cuts is None else ContourOutcome.AS_BEFORE
+    surface = resample_surface(before.iterate, small)
+    trial = yield from separate_from(small, albedo, surface, cuts)
+    if contours is False:
+        outcome = ContourOutcome.NOT_ASKED
+    return Found(replace(trial, min_steepness=steepness), outcome, find_cuts)
 
 
 def problem_as_before(
@@ -323,23 +331,16 @@ def problem_as_before(
     return in_units(problem)
 
 
-def _direct_light_on_all_pixels(
-    found: Found, full: Problem, is_given: bool
+def _on_all_pixels(
+    found: Found, full: Problem, albedo: FloatArray | None
 ) -> tuple[Problem, FloatArray]:
-    """Return the problem of the light that has not bounced, and a start; whether albedos were given."""
-    colours = full.colours
-    shape = full.mask.shape
+    """Return the problem of the light that has not bounced, and a start."""
     trial = found.trial
     light = trial.light
-    problem = merge(colours, resample(trial.indirect_ratio, shape), light.albedo)
-    small = trial.surface.problem
-    if small.cuts is not None:
-        by_energy = found.contours is ContourOutcome.BY_ENERGY
-        if by_energy or small.mask.shape == shape:  # it chose these very lines
-            problem = replace(problem, cuts=enlarge_cuts(small.cuts, shape))
-        else:  # the colours chose how steep they must be
-            steepness = trial.min_steepness or constants.MIN_STEEPNESS[0]
-            problem = replace(problem, cuts=_find_cuts(colours, found.searched, steepness))
+    ratio = resample(trial.indirect_ratio, full.mask.shape)
+    problem = merge(full.colours, ratio, light.albedo)
+    if trial.surface.problem.cuts is not None:
+        problem = replace(problem, cuts=found.find_cuts(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
         outcome = ContourOutcome.GIVEN
@@ -353,13 +354,13 @@ def _direct_light_on_all_pixels(
         light=light.outcome,
         reason=light.reason,
         wall_albedo=tuple(float(value) for value in light.albedo),
-        albedo_given=is_given,
+        albedo_given=AlbedoPrior.of(albedo).is_given,
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
         lamp=light.lamp,
     )
     problem = in_units(replace(problem, report=report))
-    problem = _with_contours(problem, outcome, trial.min_steepness, found.searched)
+    problem = _with_contours(problem, outcome, trial.min_steepness)
     return problem, start_from(trial.surface, problem)
 
 
@@ -393,17 +394,22 @@ def _with_light(
 
 
 def _solve_direct(
-    colours: Sequence[Problem], trial: Trial, number: int, count: int, **options: Any
+    colours: Sequence[Problem],
+    light: Light,
+    indirect_ratio: FloatArray,
+    surface: Iterate | None,
+    number: int,
+    count: int,
+    **options: Any,
 ) -> Generator[Iterate, None, Iterate]:
-    """Solve again from a surface, without its indirect light: `count` steps at most, as round `number`."""
-    problem = merge(colours, trial.indirect_ratio, trial.light.albedo)
-    surface = trial.surface
-    if surface.problem.cuts is not None:
+    """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
+    problem = merge(colours, indirect_ratio, light.albedo)
+    if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
-    v = surface.log_distance
-    start = np.where(np.isfinite(v), v, problem.log_d0)
-    options |= {"start": start, "max_iterations": count}
-    return (yield from solve_stage(problem, BOUNCED, number, **options))
+        options["start"] = start_from(surface, problem)
+    return (
+        yield from solve_stage(problem, BOUNCED, number, max_iterations=count, **options)
+    )
 
 
 def solve_stage(
@@ -537,34 +543,35 @@ def cut_at_contours(
 
 
 def _find_cuts(
-    colours: Sequence[Problem], searched: SearchedPicture, min_steepness: float
+    colours: Sequence[Problem],
+    indirect_ratio: FloatArray,
+    albedo: FloatArray,
+    min_steepness: float,
 ) -> BoolArray | None:
-    """Return cuts at the contours of the picture that is searched.
+    """Return cuts at the contours of the picture without this indirect light, ι (h, w, 3)."""
+    ratio = resample(indirect_ratio, colours[1].mask.shape)
+    return cut_at_contours(merge(colours, ratio, albedo), min_steepness).cuts
 
-    It is the picture without the indirect light of the uncut surface. The ι of a cut one is so large at limbs
-    and behind folds that it would make lines of its own there.
+
+def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
+    """Return cuts (2, h, w), as `Problem` has them, on more pixels or fewer, (H, W).
+
+    A pixel becomes the one in which its centre lies, the nearer to the picture's middle of two. A step is
+    cut if one on the way between these is.
     """
-    ratio = resample(searched.indirect_ratio, colours[1].mask.shape)
-    picture = merge(colours, ratio, searched.albedo)
-    return cut_at_contours(picture, searched.steepness_factor * min_steepness).cuts
-
-
-def enlarge_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
-    """Return cuts (2, h, w), as `Problem` has them, on more pixels (H, W).
-
-    A pixel halfway between two of the fewer counts as the one nearer to the picture's middle.
-    """
-
-    def source(fewer: int, more: int) -> np.ndarray:
-        middle = np.arange(more) + 0.5 - more / 2
-        return np.floor(fewer / 2 + (1 - 1e-9) * fewer / more * middle).astype(int)
-
-    rows = source(cuts.shape[1], shape[0])
-    columns = source(cuts.shape[2], shape[1])
-    enlarged = cuts[:, rows[:, None], columns]
-    enlarged[0] &= np.diff(columns, append=columns[-1]) > 0
-    enlarged[1] &= np.diff(rows, append=rows[-1])[:, None] > 0
-    return enlarged
+    rows, columns = (
+        np.floor(old / 2 + (1 - 1e-9) * old / new * (np.arange(new) + 0.5 - new / 2))
+        for old, new in zip(cuts.shape[1:], shape, strict=True)
+    )
+    places = np.ix_(rows.astype(int), columns.astype(int))
+    resampled = []
+    for cut, axis in zip(cuts, (1, 0), strict=True):
+        passed = (np.cumsum(cut, axis) - cut)[
+            places
+        ]  # on the way from the border to each pixel
+        ahead = np.diff(passed, axis=axis, append=passed.take([-1], axis))
+        resampled.append(ahead > 0)
+    return np.stack(resampled)
 
 
 def min_steepness_of(result: Result) -> float | None:

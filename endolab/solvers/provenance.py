@@ -10,8 +10,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-from endolab.numerics.arrays import FloatArray
-
 
 class LightOutcome(Enum):
     """What became of light that bounced from wall to wall."""
@@ -32,16 +30,6 @@ class ContourOutcome(Enum):
     BY_ENERGY = "energy"
     BY_COLOURS = "colour evidence"
     AS_BEFORE = "as before"
-
-
-@dataclass(frozen=True)
-class SearchedPicture:
-    """The picture in which contours were looked for: the frame without indirect light, as then known."""
-
-    indirect_ratio: FloatArray  # ι, (h, w, 3)
-    albedo: FloatArray  # (3,)
-    # Of `min_steepness`: its contours are so much less steep.
-    steepness_factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +72,6 @@ class Report:
     cut_links: int = 0  # between neighbours
     # Of log d₀ per 1/320 of the longer side; None if nothing is cut.
     min_steepness: float | None = None
-    searched: SearchedPicture | None = field(default=None, compare=False, repr=False)
 
     # What fixed the unit of distances, other than the gain of the endoscope: "known distance", "known
     # diameter", "median distance", or "frame before" of a video; and that length as it was given.

@@ -7,7 +7,7 @@ import endolab as el
 from endolab.reconstruction import constants
 from endolab.reconstruction.light_and_contours import (
     cut_at_contours,
-    enlarge_cuts,
+    resample_cuts,
     light_and_contours,
     solve_stage,
 )
@@ -78,7 +78,7 @@ def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
     found = result.problem.cuts
     smaller = [cuts for cuts in tried if cuts is not None and cuts.shape != found.shape]
     assert any(
-        np.array_equal(enlarge_cuts(cuts, found.shape[1:]), found) for cuts in smaller
+        np.array_equal(resample_cuts(cuts, found.shape[1:]), found) for cuts in smaller
     )
     assert (
         error(result, np.load(f"{place}_truth.npz")["distance"]) < 7.0
