@@ -223,13 +223,13 @@ def separate(
     steepness = trial.min_steepness
 
     def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
-        """Take the lines that the energy chose, or find those that are as steep as the colours chose.
+        """Take the very lines that are cut, or find those that are as steep as the colours chose.
 
         The latter in the picture of the uncut surface: the ι of a cut one is so large at limbs and behind
         folds that it would make lines of its own there.
         """
-        if cuts is None or outcome is ContourOutcome.BY_ENERGY:
-            return None if cuts is None else resample_cuts(cuts, colours[1].mask.shape)
+        if cuts is not None and outcome is not ContourOutcome.BY_COLOURS:
+            return resample_cuts(cuts, colours[1].mask.shape)
         return _find_cuts(colours, *picture, steepness or 0.0)
 
     # The best of these, ι refined per pixel.
@@ -247,15 +247,13 @@ def separate_from(
     problem: Problem,
     albedo: FloatArray | None,
     log_distance: FloatArray,
-    cuts: BoolArray | None = None,
 ) -> Generator[Iterate, None, Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives, and
-    `cuts` is where it is cut.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
     """
     colours = problem.colours
-    surface = Iterate(replace(problem, cuts=cuts), 0, log_distance, {})
+    surface = Iterate(problem, 0, log_distance, {})
     prior = AlbedoPrior.of(albedo)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
@@ -289,12 +287,13 @@ def _separate_as_before(
         nothing = np.zeros((*shape, 3))
         return _find_cuts(colours, nothing, known, GUESSED_STEEPNESS * steepness)
 
-    cuts = find_cuts(small.colours)
-    outcome = ContourOutcome.NONE_CLEAR if cuts is None else ContourOutcome.AS_BEFORE
+    outcome = ContourOutcome.NOT_ASKED
+    if contours is not False:
+        small = replace(small, cuts=find_cuts(small.colours))
+        is_cut = small.cuts is not None
+        outcome = ContourOutcome.AS_BEFORE if is_cut else ContourOutcome.NONE_CLEAR
     surface = resample_surface(before.iterate, small)
-    trial = yield from separate_from(small, albedo, surface, cuts)
-    if contours is False:
-        outcome = ContourOutcome.NOT_ASKED
+    trial = yield from separate_from(small, albedo, surface)
     return Found(replace(trial, min_steepness=steepness), outcome, find_cuts)
 
 
@@ -305,30 +304,30 @@ def problem_as_before(
 
     Light and contours are known then, and only the energy may be another.
     """
-    old = before.report
-    cuts = before.problem.cuts
+    solved = before.problem
+    old = solved.report
     is_same = (
         bool(full.colours)
         and before.status.is_done
         and old.fingerprint == full.report.fingerprint
-        and old.light not in (None, LightOutcome.NO_COLOUR)
-        and old.contours not in (None, ContourOutcome.GIVEN)
+        and old.channel == SEPARATED
+        and old.contours is not ContourOutcome.GIVEN
         and full.cuts is None
-        and contours in (None, cuts is not None)
+        and contours in (None, solved.cuts is not None)
     )
     if not is_same:
         return None
-    solved = before.problem
-    problem = replace(
-        full,
-        image=solved.image,
-        mask=solved.mask,
-        evidence=solved.evidence,
-        cuts=cuts,
-        colours=(),
-        report=replace(old, scale="", length=None, length_by_gain=None),
+    return in_units(
+        replace(
+            full,
+            image=solved.image,
+            mask=solved.mask,
+            evidence=solved.evidence,
+            cuts=solved.cuts,
+            colours=(),
+            report=replace(old, scale="", length=None, length_by_gain=None),
+        )
     )
-    return in_units(problem)
 
 
 def _on_all_pixels(
@@ -371,8 +370,6 @@ def estimate_indirect(
     per_pixel: bool = False,
 ) -> tuple[FloatArray, Light]:
     """Return ι (H, W, 3) of a surface, refined if `per_pixel`, and what the colours tell of its light."""
-    if not all_exact(colours).any():
-        raise NoColour("no pixel shows all three of them")
     green = colours[1]
     k = green.photometry.k
     v = surface.log_distance
@@ -381,16 +378,6 @@ def estimate_indirect(
     light = fit_light(Patches.of(colours, walls), prior)
     ratio = light.indirect_ratio(walls, k)
     return (refine_per_pixel(colours, ratio, light) if per_pixel else ratio), light
-
-
-def _with_light(
-    trial: Trial, colours: Sequence[Problem], prior: AlbedoPrior | None
-) -> Trial:
-    """Ask the colours of the light on a surface, if there are three and something may have bounced."""
-    if prior is None or trial.is_clean:
-        return trial
-    ratio, light = estimate_indirect(colours, trial.surface, prior)
-    return replace(trial, indirect_ratio=ratio, light=light)
 
 
 def _solve_direct(
@@ -435,13 +422,13 @@ def _try_contours(
     Where colours tell which is right, the first two start from the uncut surface, side by side. All others
     start from the one before. `number` is the first trial's round.
     """
-    problem = uncut.surface.problem
-    lines = find_contours(problem.log_d0, problem.mask)
+    picture = uncut.surface.problem
+    lines = find_contours(picture.log_d0, picture.mask)
     cut = [
-        (steepness, cut_at_contours(problem, steepness, lines))
+        (steepness, replace(picture, cuts=lines > steepness))
         for steepness in constants.MIN_STEEPNESS
+        if (lines > steepness).any()
     ]
-    cut = [(steepness, problem) for steepness, problem in cut if problem.cuts is not None]
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
@@ -455,31 +442,25 @@ def _try_contours(
 
     trials = [uncut]
     begun = []
-    if _colours_are_reliable(trials) and not uncut.is_clean:
+    if uncut.light.outcome is LightOutcome.REMOVED:
         begun = run_together([solve(i, uncut.surface) for i in range(len(cut[:2]))])
     for index, (steepness, _) in enumerate(cut):
         steps = begun[index] if index < len(begun) else solve(index, trials[-1].surface)
         surface = yield from steps
         trial = replace(uncut, surface=surface, min_steepness=steepness)
-        trials.append(_with_light(trial, colours, prior))
-        if not _goes_on(trials):
+        if prior is not None and not uncut.is_clean:
+            ratio, light = estimate_indirect(colours, surface, prior)
+            trial = replace(trial, indirect_ratio=ratio, light=light)
+        trials.append(trial)
+        # Less steep lines might do better where nothing bounced, or while the colours agree as well.
+        limit = _misfit_limit(trials, trials)
+        is_as_good = _colours_are_reliable(trials) and trial.light.misfit <= limit
+        if not uncut.is_clean and not is_as_good:
             break
     return trials
 
 
-def _goes_on(trials: Sequence[Trial]) -> bool:
-    """Whether less steep lines might do better than those that were tried."""
-    if trials[0].is_clean:
-        return True
-    if not _colours_are_reliable(trials):
-        return False
-    return trials[-1].light.misfit <= _misfit_limit(trials, trials)
-
-
-def choose(
-    trials: Sequence[Trial],
-    always: bool = False,
-) -> tuple[Trial, ContourOutcome]:
+def choose(trials: Sequence[Trial], always: bool = False) -> tuple[Trial, ContourOutcome]:
     """Return the trial that is taken, and what decided; the uncut one is the first.
 
     The uncut surface is not taken if there are to be contours `always`.
@@ -492,7 +473,8 @@ def choose(
     if uncut.is_clean:
         chosen = _cheapest(allowed, constants.CLEAN_PRICE)
     elif not _colours_are_reliable(trials):
-        is_cut = always or is_worth_cutting(cut[0], uncut, constants.PRICE)
+        saved = 1 - cut[0].surface.energy / uncut.surface.energy
+        is_cut = always or saved > constants.PRICE * cut[0].cut_length
         chosen = cut[0] if is_cut else uncut
     else:
         limit = _misfit_limit(trials, allowed)
@@ -503,11 +485,6 @@ def choose(
         else:
             outcome = ContourOutcome.BY_COLOURS
     return chosen, ContourOutcome.NONE_CLEAR if chosen is uncut else outcome
-
-
-def is_worth_cutting(cut: Trial, uncut: Trial, price: float) -> bool:
-    """Whether cuts save this price."""
-    return cut.surface.energy / uncut.surface.energy + price * cut.cut_length < 1
 
 
 def _cheapest(trials: Sequence[Trial], price: float) -> Trial:
@@ -530,15 +507,9 @@ def _misfit_limit(trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(
-    problem: Problem,
-    min_steepness: float,
-    lines: FloatArray | None = None,
-) -> Problem:
+def cut_at_contours(problem: Problem, min_steepness: float) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
-    if lines is None:
-        lines = find_contours(problem.log_d0, problem.mask)
-    cuts = lines > min_steepness
+    cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 
@@ -600,7 +571,6 @@ def merge(
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
-    noises = [_noise(colour) for colour in colours]
     image = np.empty(mask.shape)
 
     def merge_rows(rows: slice) -> None:
@@ -608,21 +578,17 @@ def merge(
         weights = np.zeros(mask[rows].shape)
         for c, colour in enumerate(colours):
             ratio = indirect_ratio[rows, :, c]
-            counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
-            shade = np.maximum(colour.image[rows], noises[c])
-            by_noise = (gamma * noises[c] / shade) ** 2
-            by_ratio = (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
-            weight = np.where(
-                counts, 1 / (by_noise + by_ratio + constants.TEXTURE[c] ** 2), 0.0
-            )
-            log_direct = (
-                gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
-            )
-            total += weight * log_direct
+            noise = _noise(colour)
+            shade = np.maximum(colour.image[rows], noise)
+            variance = (gamma * noise / shade) ** 2
+            variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
+            variance += constants.TEXTURE[c] ** 2
+            weight = (colour.mask & (kinds[c] == evidence))[rows] / variance
+            log_albedo = np.log(albedo[1] / albedo[c])
+            total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
             weights += weight
-        mean = total / np.where(mask[rows], weights, 1.0)
-        light = np.where(mask[rows], np.exp(mean), 0.0)
-        image[rows] = light ** (1 / gamma)
+        light = np.exp(total / np.where(mask[rows], weights, 1.0))
+        image[rows] = np.where(mask[rows], light, 0.0) ** (1 / gamma)
 
     by_rows(merge_rows, mask.shape)
     evidence[~mask] = EXACT
@@ -639,16 +605,14 @@ def _noise(problem: Problem) -> float:
 def _signal(problem: Problem) -> float:
     """Return median grey level over noise; less where much is saturated."""
     image = problem.image[problem.mask]
-    share = np.mean(image < SATURATED)
-    return float(np.median(image) * share) / _noise(problem)
+    return float(np.median(image) * np.mean(image < SATURATED)) / _noise(problem)
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:
     """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
-    mask = np.all([colour.mask for colour in colours], axis=0)
-    if not mask.any():
-        return
-    red, green, blue = (colour.image[mask] for colour in colours)
-    differences = [np.median(np.abs(other / green - 1)) for other in (red, blue)]
-    if max(differences) < SAME_COLOUR:
+    exact = all_exact(colours)
+    if not exact.any():
+        raise NoColour("no pixel shows all three of them")
+    red, green, blue = (colour.image[exact] for colour in colours)
+    if max(np.median(np.abs(other / green - 1)) for other in (red, blue)) < SAME_COLOUR:
         raise NoColour("red, green and blue are one")

@@ -7,8 +7,8 @@ import endolab as el
 from endolab.reconstruction import constants
 from endolab.reconstruction.light_and_contours import (
     cut_at_contours,
-    resample_cuts,
     light_and_contours,
+    resample_cuts,
     solve_stage,
 )
 from endolab.reconstruction.problem_of_frame import make_problem
