@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from endolab.reconstruction.uncertainty import (
-    enlarge,
     take_every_nth_pixel,
     uncertainty_of,
 )
@@ -23,19 +22,6 @@ def large():
     mask[:50, :90] = False
     problem = replace(problem, mask=mask)
     return run(gauss_newton(problem, max_iterations=10))
-
-
-def test_a_large_frame_is_taken_at_every_third_pixel(large):
-    """Pixels kept are where they were, and a map comes back."""
-    small = take_every_nth_pixel(large.iterate)
-    assert small.mask.shape[1] == 200
-    assert take_every_nth_pixel(small).mask.shape == small.mask.shape
-    rays = large.problem.field.rays[1:-1:3, 1:-1:3][: small.mask.shape[0]]
-    assert np.abs(small.problem.field.rays - rays).max() < 1e-9
-    back = enlarge(np.where(small.mask, small.distance, 0.0), small.mask, large.mask)
-    off = np.abs(back / large.distance - 1)
-    np.testing.assert_array_equal(np.isfinite(off), large.mask)
-    assert np.nanmean(off) < 5e-3
 
 
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
