@@ -75,6 +75,10 @@ SAME_COLOUR = 0.01
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
 
+# Where red, green and blue, on however many pixels, are to be cut.
+FindCuts = Callable[[Sequence[Problem]], BoolArray | None]
+
+
 @dataclass(frozen=True)
 class Trial:
     """A surface that is cut, or not, with the light that its colours tell."""
@@ -103,8 +107,7 @@ class Found:
 
     trial: Trial  # the surface that was chosen, with its light
     contours: ContourOutcome
-    # Where red, green and blue, on however many pixels, are to be cut, if the trial is.
-    find_cuts: Callable[[Sequence[Problem]], BoolArray | None]
+    find_cuts: FindCuts  # if the trial is cut
 
 
 def light_and_contours(
@@ -199,17 +202,11 @@ def separate(
     ratio = np.zeros((*problem.mask.shape, 3))
     light = prior.light
     surface = None
-    counts = list(constants.UNCUT_ROUNDS)
-    number = 0
-    while counts:
-        number += 1
+    for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
         picture = (ratio, light.albedo)
-        count = counts.pop(0)
         surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
         if light.outcome is not LightOutcome.NONE_BOUNCED:
             ratio, light = estimate_indirect(colours, surface, prior)
-            if light.outcome is LightOutcome.NONE_BOUNCED and counts:
-                counts = [sum(counts)]
     assert surface is not None
     trial = Trial(surface, light, ratio)
 
@@ -219,18 +216,15 @@ def separate(
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
+    # Those very lines are cut on all pixels, or others that are as steep as the colours chose. These are
+    # lines of the uncut surface's picture: the ι of a cut one is so large at limbs and behind folds that it
+    # would make lines of its own there.
     cuts = trial.surface.problem.cuts
     steepness = trial.min_steepness
-
-    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
-        """Take the very lines that are cut, or find those that are as steep as the colours chose.
-
-        The latter in the picture of the uncut surface: the ι of a cut one is so large at limbs and behind
-        folds that it would make lines of its own there.
-        """
-        if cuts is not None and outcome is not ContourOutcome.BY_COLOURS:
-            return resample_cuts(cuts, colours[1].mask.shape)
-        return _find_cuts(colours, *picture, steepness or 0.0)
+    if cuts is None or outcome is ContourOutcome.BY_COLOURS:
+        find_cuts = _at_lines(*picture, steepness or 0.0)
+    else:
+        find_cuts = _at_cuts(cuts)
 
     # The best of these, ι refined per pixel.
     if trial.light.outcome is LightOutcome.REMOVED:
@@ -273,25 +267,20 @@ def _separate_as_before(
 ) -> Generator[Iterate, None, Found]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
-    is_same = np.array_equal(before.problem.shown, full.shown)
-
-    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
-        """Keep the lines of the same picture; another frame has other lines."""
-        shape = colours[1].mask.shape
-        cuts = before.problem.cuts
-        if steepness is None or cuts is None:
-            return None
-        if is_same:
-            return resample_cuts(cuts, shape)
+    cuts = before.problem.cuts
+    if cuts is not None and np.array_equal(before.problem.shown, full.shown):
+        find_cuts = _at_cuts(cuts)
+    else:  # another frame has other lines
         known = AlbedoPrior.of(albedo).albedo
-        nothing = np.zeros((*shape, 3))
-        return _find_cuts(colours, nothing, known, GUESSED_STEEPNESS * steepness)
-
-    outcome = ContourOutcome.NOT_ASKED
-    if contours is not False:
+        nothing = np.zeros((1, 1, 3))
+        find_cuts = _at_lines(nothing, known, GUESSED_STEEPNESS * (steepness or 0.0))
+    if steepness is not None:
         small = replace(small, cuts=find_cuts(small.colours))
-        is_cut = small.cuts is not None
-        outcome = ContourOutcome.AS_BEFORE if is_cut else ContourOutcome.NONE_CLEAR
+    outcome = ContourOutcome.NONE_CLEAR
+    if contours is False:
+        outcome = ContourOutcome.NOT_ASKED
+    elif small.cuts is not None:
+        outcome = ContourOutcome.AS_BEFORE
     surface = resample_surface(before.iterate, small)
     trial = yield from separate_from(small, albedo, surface)
     return Found(replace(trial, min_steepness=steepness), outcome, find_cuts)
@@ -308,7 +297,6 @@ def problem_as_before(
     old = solved.report
     is_same = (
         bool(full.colours)
-        and before.status.is_done
         and old.fingerprint == full.report.fingerprint
         and old.channel == SEPARATED
         and old.contours is not ContourOutcome.GIVEN
@@ -453,8 +441,7 @@ def _try_contours(
             trial = replace(trial, indirect_ratio=ratio, light=light)
         trials.append(trial)
         # Less steep lines might do better where nothing bounced, or while the colours agree as well.
-        limit = _misfit_limit(trials, trials)
-        is_as_good = _colours_are_reliable(trials) and trial.light.misfit <= limit
+        is_as_good = _colours_tell(trials) and trial.light.misfit <= _misfit_limit(trials)
         if not uncut.is_clean and not is_as_good:
             break
     return trials
@@ -463,47 +450,34 @@ def _try_contours(
 def choose(trials: Sequence[Trial], always: bool = False) -> tuple[Trial, ContourOutcome]:
     """Return the trial that is taken, and what decided; the uncut one is the first.
 
-    The uncut surface is not taken if there are to be contours `always`.
+    The uncut surface is not taken if there are to be contours `always`. Where colours do not tell it from
+    those that are cut, that one is taken whose log energy and cuts cost least.
     """
-    uncut, *cut = trials
-    if not cut:
-        return uncut, ContourOutcome.NONE_CLEAR
-    allowed = cut if always else trials
-    outcome = ContourOutcome.BY_ENERGY
-    if uncut.is_clean:
-        chosen = _cheapest(allowed, constants.CLEAN_PRICE)
-    elif not _colours_are_reliable(trials):
-        saved = 1 - cut[0].surface.energy / uncut.surface.energy
-        is_cut = always or saved > constants.PRICE * cut[0].cut_length
-        chosen = cut[0] if is_cut else uncut
-    else:
-        limit = _misfit_limit(trials, allowed)
-        as_good = [trial for trial in allowed if trial.light.misfit <= limit]
-        chosen = as_good[0]
-        if chosen is uncut:  # the colours do not tell it from those that are cut
-            chosen = _cheapest(as_good, constants.PRICE)
-        else:
-            outcome = ContourOutcome.BY_COLOURS
-    return chosen, ContourOutcome.NONE_CLEAR if chosen is uncut else outcome
-
-
-def _cheapest(trials: Sequence[Trial], price: float) -> Trial:
-    """Return the trial whose log energy and cuts cost least."""
-    return min(
-        trials,
+    uncut = trials[0]
+    allowed = trials[1:] if always and len(trials) > 1 else trials
+    if _colours_tell(trials):
+        limit = _misfit_limit(allowed)
+        allowed = [trial for trial in allowed if trial.light.misfit <= limit]
+        if allowed[0] is not uncut:
+            return allowed[0], ContourOutcome.BY_COLOURS
+    price = constants.CLEAN_PRICE if uncut.is_clean else constants.PRICE
+    cheapest = min(
+        allowed,
         key=lambda trial: np.log(trial.surface.energy) + price * trial.cut_length,
     )
+    is_cut = cheapest is not uncut
+    return cheapest, ContourOutcome.BY_ENERGY if is_cut else ContourOutcome.NONE_CLEAR
 
 
-def _colours_are_reliable(trials: Sequence[Trial]) -> bool:
-    """Whether what the colours say of the first two surfaces can be."""
-    reliable = (LightOutcome.REMOVED, LightOutcome.NONE_BOUNCED)
-    return all(trial.light.outcome in reliable for trial in trials[:2])
+def _colours_tell(trials: Sequence[Trial]) -> bool:
+    """Whether light bounced, and what the colours say of the first two surfaces can be."""
+    bounced = trials[0].light.outcome is LightOutcome.REMOVED
+    return bounced and not any(trial.light.reason for trial in trials[:2])
 
 
-def _misfit_limit(trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
-    """Return the largest misfit at which a surface is as good as the best of those that are allowed."""
-    least = min(trial.light.misfit for trial in allowed)
+def _misfit_limit(trials: Sequence[Trial]) -> float:
+    """Return the largest misfit at which a surface is as good as the best of these."""
+    least = min(trial.light.misfit for trial in trials)
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
@@ -513,15 +487,21 @@ def cut_at_contours(problem: Problem, min_steepness: float) -> Problem:
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 
-def _find_cuts(
-    colours: Sequence[Problem],
-    indirect_ratio: FloatArray,
-    albedo: FloatArray,
-    min_steepness: float,
-) -> BoolArray | None:
-    """Return cuts at the contours of the picture without this indirect light, ι (h, w, 3)."""
-    ratio = resample(indirect_ratio, colours[1].mask.shape)
-    return cut_at_contours(merge(colours, ratio, albedo), min_steepness).cuts
+def _at_lines(
+    indirect_ratio: FloatArray, albedo: FloatArray, min_steepness: float
+) -> FindCuts:
+    """Cut at the contours of the picture without this indirect light, ι (h, w, 3)."""
+
+    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
+        ratio = resample(indirect_ratio, colours[1].mask.shape)
+        return cut_at_contours(merge(colours, ratio, albedo), min_steepness).cuts
+
+    return find_cuts
+
+
+def _at_cuts(cuts: BoolArray) -> FindCuts:
+    """Cut where these are."""
+    return lambda colours: resample_cuts(cuts, colours[1].mask.shape)
 
 
 def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
