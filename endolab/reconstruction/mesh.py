@@ -28,10 +28,10 @@ def make_mesh(
         Of the pixels, in [0, 1]; by default those of the frame, or grey for bare points.
     sigma : (H, W) float array, optional
         How far each distance of a result can be trusted, in its unit (`endolab.uncertainty_of`): instead, the
-        colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
+        colours tell it in % of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
     cuts : (2, H, W) bool array, optional
-        Steps to the right and lower neighbour over which the surface is cut, as
+        Links to the right and lower neighbour over which the surface is cut, as
         `metrics.depth_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
@@ -102,9 +102,9 @@ def make_mesh(
 
 
 def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
-    """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all steps.
+    """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all links.
 
-    `joined`, (2, H, W), are the steps that there are (see `derivatives.links`). A square that has all four is
+    `joined`, (2, H, W), are the links that there are (see `derivatives.links`). A square that has all four is
     split along the diagonal over which the distance, (H, W), changes by the smaller factor.
     """
     across, down = joined

@@ -119,7 +119,7 @@ def reconstruct(
     """
     with limit_threads(threads):
         settings = Settings.of(options)
-        give_full = _prepare(frame, calibration, settings, start)
+        give_full = _begin(frame, calibration, settings, start)
         stages = _solve_in_stages(frame, calibration, settings, start, give_full)
 
         def to_scale(answer: Iterate) -> Iterate:
@@ -156,11 +156,11 @@ def iterate(
             raise ValueError(
                 f"{name} is an option of reconstruct(); iterates have the unit of the gain"
             )
-    give_full = _prepare(frame, calibration, settings, start)
+    give_full = _begin(frame, calibration, settings, start)
     return _solve_in_stages(frame, calibration, settings, start, give_full)
 
 
-def _prepare(
+def _begin(
     frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
 ) -> Callable[[], Problem]:
     """Check what is given and prepare the frame on all its pixels, in the background if few come first."""

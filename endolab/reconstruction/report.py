@@ -155,14 +155,14 @@ def _of_evidence(result: Result | Iterate) -> Iterator[str]:
         return
     known = problem.evidence[problem.mask]
 
-    def counted(what: int) -> str:
+    def fraction_of(what: int) -> str:
         count = int((known == what).sum())
         return f"{count} of {known.size} pixels ({100 * count / known.size:.2g} %)"
 
     if LOWER_BOUND in known:
-        yield f"The sensor is saturated in {counted(LOWER_BOUND)}, which count as 'at least this bright'."
+        yield f"The sensor is saturated in {fraction_of(LOWER_BOUND)}, which count as 'at least this bright'."
     if NONE in known:
-        yield f"Highlights and overlays hide {counted(NONE)}, where the surface is interpolated."
+        yield f"Highlights and overlays hide {fraction_of(NONE)}, where the surface is interpolated."
 
 
 def summary(result: Result, uncertainty: Uncertainty | None = None) -> Iterator[str]:

@@ -243,7 +243,7 @@ def scale_between(before: Result, result: Result) -> float:
     median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
     pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
-    and turning up the gain look the same: then the priors share the change between them.
+    and turning up the gain look the same: then the priors divide the change between them.
     """
     by_gain = _by_gain(before, result)
     if before.mask.shape != result.mask.shape:

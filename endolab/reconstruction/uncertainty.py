@@ -218,17 +218,13 @@ def uncertainty_of(
 class Linearised:
     """The model at a map v = log d of a problem; maps are (H, W), 0 outside the mask.
 
-    H x = b is solved until this much of the residual is left, a tenth of what draws scatter by, or for so
-    many steps.
+    H x = b is solved until so much of the residual is left, a tenth of what draws scatter by, or for so many
+    steps.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        log_distance: FloatArray,
-        precision: float = 3e-2,
-        most_steps: int = 15,
-    ) -> None:
+    accuracy = (3e-2, 15)
+
+    def __init__(self, problem: Problem, log_distance: FloatArray) -> None:
         self.problem = problem
         self.v = np.where(problem.mask, log_distance, 0.0)
         self.grid = Grid.of(problem)
@@ -236,7 +232,6 @@ class Linearised:
         # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
         self.coefficients = Coefficients(found.parts, self.grid.structure(self.grid.free))
         self.multigrid = Multigrid(self.coefficients)
-        self.accuracy = (precision, most_steps)
         model = model_image(problem, self.v)
         self.model = np.where(problem.mask, model, 0.0)  # I of the surface
         self.by_light = self.model / problem.photometry.gamma  # ∂I by the light's logarithm
@@ -480,10 +475,10 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
 def islands_without_evidence(surface: Linearised) -> BoolArray:
     """Pixels, (H, W), of islands of which the picture says nothing."""
     mask = surface.problem.mask
-    steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
-    steps[::2, ::2] = mask
-    steps[::2, 1::2], steps[1::2, ::2] = links(mask, surface.problem.cuts)
-    island = label(steps)[0][::2, ::2]
+    joined = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
+    joined[::2, ::2] = mask
+    joined[::2, 1::2], joined[1::2, ::2] = links(mask, surface.problem.cuts)
+    island = label(joined)[0][::2, ::2]
     return mask & ~np.isin(island, island[surface.weight > 0])
 
 

@@ -103,17 +103,17 @@ def _fill_exchange(
                 down = down_at[j] - row
                 across = across_at[j] - column
                 change = inverse[j] - nearness
-                steps = max(abs(down), abs(across))
+                cells = max(abs(down), abs(across))
                 k = 1
                 # In a picture 1/distance is nearly linear along a straight chord.
-                while k < steps:
-                    way = k / steps  # fraction of the chord
+                while k < cells:
+                    way = k / cells  # fraction of the chord
                     i_at = int(row + way * down + 0.5)
                     j_at = int(column + way * across + 0.5)
                     if nearness + way * change < limit[i_at, j_at]:
                         break
                     k += 1
-                if k >= steps:
+                if k >= cells:
                     factors[i, j] = facing[j] * area[j]
                     factors[j, i] = facing[j] * own
 
@@ -154,7 +154,7 @@ class Walls:
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
+        k is the exponent of the lamp's spread; `cuts` (2, H, W) are links over which the
         surface is cut, see `Problem`.
         """
         f_u, f_v = gradient(log_distance, mask, cuts)

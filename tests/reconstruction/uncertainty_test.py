@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
+from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty import (
@@ -18,13 +19,15 @@ from endolab.reconstruction.uncertainty import (
     PRIOR,
     Linearised,
     correlated_field,
+    take_every_nth_pixel,
     uncertainty_of,
 )
 from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.multigrid import multiply
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import LightOutcome
 from endolab.solvers.result import Iterate, run
-from tests.tools.problems import problem_of
+from tests.tools.problems import at_truth, problem_of
 
 CERTAIN = PriorSigma(
     **{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"}
@@ -263,3 +266,67 @@ def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     for wish, raised in ((None, Stopped), (KeyboardInterrupt, KeyboardInterrupt)):
         with pytest.raises(raised):
             stopped_at(LEAST_DRAWS - 1, wish)
+
+
+# Fewer pixels
+
+
+@pytest.fixture(scope="module")
+def large():
+    problem, _ = problem_of("tube", 602, noise=1.0)
+    mask = problem.mask.copy()
+    mask[:50, :90] = False
+    problem = replace(problem, mask=mask)
+    return run(gauss_newton(problem, max_iterations=10))
+
+
+def test_sigma_is_that_of_the_frame_taken_smaller(large):
+    small = take_every_nth_pixel(large.iterate)
+    whole = uncertainty_of(large)
+    fewer = uncertainty_of(small)
+    known = [
+        np.isfinite(whole.sigma),
+        np.isfinite(whole.shares[0]),
+        whole.dominant_source > 0,
+    ]
+    np.testing.assert_array_equal(known, [large.mask] * 3)
+    np.testing.assert_allclose(whole.shares.sum(axis=0)[large.mask], 1)
+    medians = [
+        np.nanmedian(uncertainty.sigma / result.distance)
+        for uncertainty, result in ((whole, large), (fewer, small))
+    ]
+    assert medians[0] / medians[1] == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("column", [399, 400, 401])
+def test_cuts_and_evidence_go_along(large, column):
+    """A cut in any place between two pixels that are kept is one between these."""
+    shape = large.mask.shape
+    evidence = np.zeros(shape, np.int8)
+    evidence[200:300, 300:500] = NONE
+    cuts = np.zeros((2, *shape), bool)
+    cuts[0, :, column] = True
+    problem = replace(large.problem, evidence=evidence, cuts=cuts)
+    fewer = take_every_nth_pixel(replace(large.iterate, problem=problem)).problem
+    assert (fewer.evidence[67:99, 100:166] == NONE).all()
+    cut = np.flatnonzero(fewer.cuts[0].all(axis=0))
+    assert cut == (column - 1) // 3
+
+
+# The linear answer
+
+
+@pytest.mark.parametrize("regulariser", ["first", "second"])
+def test_its_slopes_are_those_of_the_steps(rng, regulariser):
+    """JᵀWJ of a worn tube at a rough map, without a prior, and xᵀ(Jᵀy) = (Jx)ᵀy."""
+    problem, truth = at_truth("tube", 16, regulariser=regulariser)
+    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
+    cuts = rng.random((2, *mask.shape)) > 0.97
+    problem = replace(problem, mask=mask, cuts=cuts, lam=0.0)
+    surface = Linearised(problem, truth + 0.02 * rng.normal(size=mask.shape))
+    x, y = mask * rng.normal(size=(2, *mask.shape))
+    assert np.vdot(x, surface.adjoint(y)) == pytest.approx(np.vdot(surface.apply(x), y))
+    expected = np.zeros(surface.coefficients.active.shape)
+    multiply(surface.coefficients.matrix(0.0), pad_maps(x), expected)
+    found = surface.adjoint(surface.weight * surface.apply(x))
+    np.testing.assert_allclose(found, inner(expected), atol=1e-12 * np.abs(found).max())
