@@ -146,11 +146,14 @@ def reconstruct(
                     recorder.add_uncertainty(trusted, result)
         write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
         written = sorted(path.name for path in folder.iterdir())
-    print(*summary(result, trusted), sep="\n")
+    lines = [*summary(result, None if trusted is None else trusted.sigma)]
     if not result.metric:
-        print("--median-distance, --known-distance or --known-diameter fixes the scale.")
-    if prepared is not None:
-        print(*prepared.notes, sep="\n")
+        lines.append(
+            "--median-distance, --known-distance or --known-diameter fixes the scale."
+        )
+    for more in (prepared, trusted):
+        lines += [] if more is None else more.notes
+    print(*lines, sep="\n")
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {out}: {', '.join(written)}")

@@ -1,22 +1,17 @@
 """What the numbers of a result mean, what they rest on, what is doubtful: all sentences about it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from endolab.frames.surround import unclear_surround
+from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contrast import explained_contrast
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
-
-if TYPE_CHECKING:
-    from endolab.reconstruction.estimate_light import LightEstimate
-    from endolab.reconstruction.uncertainty import Uncertainty
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
 
@@ -165,8 +160,8 @@ def _of_evidence(result: Result | Iterate) -> Iterator[str]:
         yield f"Highlights and overlays hide {fraction_of(NONE)}, where the surface is interpolated."
 
 
-def summary(result: Result, uncertainty: Uncertainty | None = None) -> Iterator[str]:
-    """Say what a run found, a line each, as the command line prints it."""
+def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
+    """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
     yield f"{result.status.name}: {result.status.value}"
     yield (
@@ -178,11 +173,10 @@ def summary(result: Result, uncertainty: Uncertainty | None = None) -> Iterator[
         f"({result.problem.unit})"
     )
     yield from (*notes(result), *_of_evidence(result), *warnings(result))
-    if uncertainty is not None:
-        percent = 100 * uncertainty.sigma[result.mask] / known
+    if sigma is not None:
+        percent = 100 * sigma[result.mask] / known
         low, middle, high = np.percentile(percent, [10, 50, 90])
         yield f"σ of the distance: {middle:.2g} % for the median pixel, {low:.2g} to {high:.2g} %"
-        yield from uncertainty.notes
 
 
 def prior_notes(
@@ -202,8 +196,8 @@ def prior_notes(
         yield f"{why}; assuming {stated}."
 
 
-def light_verdict(estimate: LightEstimate) -> str:
-    """Say in a sentence or two what frames tell of the light's fall-off."""
+def light_verdict(estimate: Any) -> str:
+    """Say in a sentence or two what a `LightEstimate` tells of the light's fall-off."""
     count = len(estimate.names)
     frames = f"{count} frame{'s' * (count > 1)}"
     taken = f"{estimate.photometry.k:.3g} is taken."
