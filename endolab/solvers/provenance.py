@@ -14,19 +14,20 @@ from typing import Any
 class LightOutcome(Enum):
     """What became of light that bounced from wall to wall."""
 
-    REMOVED = "removed, by what the colours say"
-    COMPUTED = "removed, as the surface and albedos predict it; the colours do not tell how much there is"
-    NONE_BOUNCED = "the colours show none"
-    NO_COLOUR = "left in, since the colours tell nothing of it"
-    GREY = "left in, since the picture is grey"
+    REMOVED = "removed"  # by what the colours say
+    # Removed, as the surface and albedos predict it: the colours do not tell how much there is.
+    COMPUTED = "computed"
+    NONE_BOUNCED = "none bounced"  # the colours show none
+    NO_COLOUR = "no colour"  # left in, since the colours tell nothing of it
+    GREY = "grey"  # left in, since the picture is
 
 
 class ContourOutcome(Enum):
     """What became of occluding contours, and what decided that."""
 
-    NOT_ASKED = "not looked for"
-    GIVEN = "as given"
-    NONE_CLEAR = "none is clear"
+    NOT_ASKED = "not asked"
+    GIVEN = "given"
+    NONE_CLEAR = "none clear"
     BY_ENERGY = "energy"
     BY_COLOURS = "colour evidence"
     AS_BEFORE = "as before"
