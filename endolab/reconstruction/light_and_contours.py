@@ -563,8 +563,9 @@ def merge(
             variance = (gamma * noise / shade) ** 2
             variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
             variance += constants.TEXTURE[c] ** 2
-            weight = (colour.mask & (kinds[c] == evidence))[rows] / variance
+            counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
             log_albedo = np.log(albedo[1] / albedo[c])
+            weight = counts / variance
             total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
             weights += weight
         light = np.exp(total / np.where(mask[rows], weights, 1.0))
