@@ -116,8 +116,8 @@ def reconstruct(
 
     import endolab as el
     from endolab.io.atomic import stage_folder
-    from endolab.reconstruction.report import notes, of_evidence
-    from endolab.workbench.reports.result import report, write_files
+    from endolab.reconstruction.report import summary
+    from endolab.workbench.reports.result import write_files
 
     picture = el.read_frame(frame, known, mask)
     if keywords.get("solver") == "fast_marching":
@@ -145,24 +145,14 @@ def reconstruct(
                     recorder.add_uncertainty(trusted, result)
         write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
         written = sorted(path.name for path in folder.iterdir())
-    facts = report(result, trusted)
-    for line in (
-        "{status}: {ended}",
-        "{iterations} iterations, {seconds:.2f} s, energy {energy:.3e}, {pixels} pixels",
-        "distance: median {distance[median]:.4g}, from {distance[least]:.4g} "
-        "to {distance[greatest]:.4g} ({unit})",
-    ):
-        print(line.format(**facts))
+    lines = [*summary(result, None if trusted is None else trusted.sigma)]
     if not result.metric:
-        print("--median-distance, --known-distance or --known-diameter fixes the scale.")
-    lines = [*notes(result), *of_evidence(result), *facts["warnings"]]
-    if prepared is not None:
-        lines += prepared.notes
-    if trusted is not None:
-        line = "σ of the distance: {median:.2g} % for the median pixel, {10th:.2g} to {90th:.2g} %"
-        lines += [line.format(**facts["uncertainty"]["sigma_percent"]), *trusted.notes]
-    for line in lines:
-        print(line)
+        lines.append(
+            "--median-distance, --known-distance or --known-diameter fixes the scale."
+        )
+    for more in (prepared, trusted):
+        lines += [] if more is None else more.notes
+    print(*lines, sep="\n")
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {out}: {', '.join(written)}")
