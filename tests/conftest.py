@@ -32,11 +32,7 @@ for _name, _usual in (
 
 ROOT = Path(__file__).resolve().parent.parent
 # Folders: what opens a browser, kills, fills a disk, measures.
-SLOW = (
-    "browser",
-    "hostile",
-    "benchmarks",
-)
+SLOW = ("browser", "hostile", "benchmarks")
 
 
 @pytest.hookimpl(tryfirst=True)

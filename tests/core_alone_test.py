@@ -19,47 +19,34 @@ LAB = ["anywidget", "IPython", "ipywidgets", "jinja2", "jupyterlab", "open3d", "
 SENTENCE = '{} is not installed; pip install "endolab[lab]" brings it'
 
 
+HERE = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
+def python(*words, program=sys.executable, cwd=None, **environment):
+    """Run Python in a process of its own, on which this checkout's path is not set."""
+    command = [program, *map(str, words)]
+    how = {"capture_output": True, "text": True, "timeout": 200, "cwd": cwd}
+    return subprocess.run(command, env=HERE | environment, **how)
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Run the Python of a fresh environment that holds the core alone, of the versions in the lock."""
     folder = tmp_path_factory.mktemp("alone")
     source = folder / "source"
-    python = folder / "venv/bin/python"
-    shutil.copytree(
-        ROOT / "endolab",
-        source / "endolab",
-        ignore=shutil.ignore_patterns("__pycache__"),
-    )
+    fresh = folder / "venv/bin/python"
+    left_out = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "endolab", source / "endolab", ignore=left_out)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    environment = {
-        name: value for name, value in os.environ.items() if name != "PYTHONPATH"
-    }
-    how = {
-        "cwd": folder,
-        "env": environment,
-        "capture_output": True,
-        "text": True,
-        "timeout": 200,
-    }
-    subprocess.run(
-        [sys.executable, "-m", "venv", folder / "venv"], check=True, timeout=60
-    )
-    uv = Path(sys.executable).with_name("uv")  # several times faster, where it is
-    pip = (
-        [uv, "pip", "install", "--python", python]
-        if uv.exists()
-        else [python, "-m", "pip", "install"]
-    )
+    python("-m", "venv", folder / "venv")
+    install = ["-m", "uv", "pip", "install", "--python", fresh]  # quicker than pip
     for what in (["setuptools"], ["--no-build-isolation", source]):
-        command = [*pip, "-q", "-c", ROOT / "requirements.lock", *what]
-        done = subprocess.run(command, **how)
+        done = python(*install, "-q", "-c", ROOT / "requirements.lock", *what)
         if done.returncode and what == ["setuptools"]:
             pytest.skip("no package can be installed here: the index is out of reach")
         assert done.returncode == 0, done.stderr
-    yield lambda *words: subprocess.run(
-        [python, "-W", "error", *map(str, words)], **how
-    )
+    yield lambda *words: python("-W", "error", *words, program=fresh, cwd=folder)
     shutil.rmtree(folder)  # some 600 MB
 
 
@@ -68,17 +55,9 @@ def test_the_core_alone_simulates_and_reconstructs(run):
     assert run("-c", code).stdout == "[]\n"
     done = run("-m", "endolab", "simulate", "curved", "--width", 64, "--out", "sim")
     assert done.returncode == 0, done.stderr
-    given = (
-        "sim/frame.png",
-        "--calibration",
-        "sim/endoscope.json",
-        "--mesh",
-        "--prepare",
-        "--out",
-        "out",
-    )
-    given += ("--solver", "fast_marching")  # of which little must be compiled
-    done = run("-m", "endolab", "reconstruct", *given)
+    given = "sim/frame.png --calibration sim/endoscope.json --mesh --prepare --out out"
+    given += " --solver fast_marching"  # of which little must be compiled
+    done = run("-m", "endolab", "reconstruct", *given.split())
     assert done.returncode == 0, done.stderr
     assert SENTENCE.format("rerun") in done.stdout
     done = run("-m", "endolab", "evaluate", "out/depth.npz", "sim/truth.npz")
@@ -88,23 +67,11 @@ def test_the_core_alone_simulates_and_reconstructs(run):
 @pytest.fixture
 def without_lab(monkeypatch):
     """No package of the extra can be imported, and none has been."""
-    for name in [
-        name
-        for name in sys.modules
-        if name.startswith(("endolab.workbench.recording", "endolab.workbench.tuning"))
-    ]:
+    rooms = ("endolab.workbench.recording", "endolab.workbench.tuning")
+    for name in [name for name in sys.modules if name.startswith(rooms)]:
         monkeypatch.delitem(sys.modules, name)
-    # Once asked for.
-    kept = {
-        "recording",
-        "tuning",
-        "record",
-        "show",
-        "read_recording",
-        "Comparison",
-        "tune",
-    }
-    for name in kept & vars(el).keys():
+    kept = {"recording", "tuning", "record", "show", "read_recording", "tune"}
+    for name in kept & vars(el).keys():  # once asked for
         monkeypatch.delattr(el, name)
     for name in LAB:
         monkeypatch.setitem(sys.modules, name, None)
@@ -142,11 +109,8 @@ def test_an_older_opencv_is_refused_in_one_sentence_at_the_first_import(
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "version.py").write_text(f'opencv_version = "{version}"\n')
-    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "-c", "import endolab"]
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=60
-    )
+    path = f"{tmp_path}{os.pathsep}{ROOT}"
+    done = python("-c", "import endolab", PYTHONPATH=path)
     assert (done.returncode == 0) == accepted, done.stderr
     if not accepted:
         assert f"needs OpenCV 5, found {version}" in done.stderr.splitlines()[-1]
@@ -156,16 +120,5 @@ def test_a_script_beside_the_clone_imports_the_package_not_the_clones_folder(tmp
     (tmp_path / "endolab").symlink_to(ROOT, target_is_directory=True)
     script = tmp_path / "script.py"
     script.write_text("import endolab; print(endolab.__version__)")
-    environment = {
-        name: value for name, value in os.environ.items() if name != "PYTHONPATH"
-    }
-    command = [sys.executable, script]
-    done = subprocess.run(
-        command,
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    done = python(script, cwd=tmp_path)
     assert done.stdout.strip() == el.__version__, done.stderr

@@ -52,8 +52,7 @@ def calibrate_to_files(
     if record:
         need("rerun")
     check_names(options.get("leave_out", ()), frames.names)  # before a long search
-    if not overwrite:
-        check_new(out)
+    check_new(out, overwrite)
     with stage_folder(report_folder(out), overwrite=overwrite) as staging:
         session = calibrate(frames, target, channel=channel, **options)
         write_report(session, frames, staging, channel)

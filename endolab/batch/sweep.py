@@ -107,8 +107,8 @@ def sweep(
         tasks.append(
             joblib.delayed(_solve_row)(frame, true, calibration, setting | options, row)
         )
-    if not overwrite:
-        check_new(table)
+    read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]
+    check_new(table, overwrite, read)
     rows: list[Row] = []
     write_rows(table, SWEEP_COLUMNS, rows)  # now, rather than after an hour's run
     parallel = joblib.Parallel(

@@ -1,6 +1,7 @@
 """A video as a folder of results: each frame starts from the last, and the same call goes on."""
 
 import csv
+import itertools
 import json
 import math
 from collections.abc import Callable, Collection, Iterator
@@ -67,7 +68,7 @@ def reconstruct_video(
     progress: Callable[[int, int, Row], object] | None = None,
     **options: Any,
 ) -> VideoSummary:
-    """Reconstruct the frames of a folder or a video that are not done yet, each from the last.
+    """Reconstruct the frames of a folder or a video, each from the last, from the first not done on.
 
     Parameters
     ----------
@@ -117,33 +118,28 @@ def reconstruct_video(
     folder = _Folder(Path(out), frames.names, json.loads(json.dumps(made_with)))
     if not overwrite:
         folder.read_done()
-    before = [name for name in wanted if folder.is_done(name)]
-    pictures = _read(frames, [name for name in wanted if name not in before], inside)
-    last = before[0] if before else None  # of those that are done, the one before
-    carried = None
+    before = list(itertools.takewhile(folder.is_done, wanted))
     done = len(before)
+    carried = None
+    good = [name for name in before if not folder.rows[name]["error"]]
+    if good and done < len(wanted):
+        (seen,) = _read(frames, good[-1:], inside)
+        carried = Carried.take_up(
+            folder.maps(good[-1])["distance"],
+            folder.rows[good[-1]],
+            as_frame(*seen),
+            calibration,
+        )
+    pictures = _read(frames, wanted[done:], inside)
+    steps = reconstruct_sequence(pictures, calibration, before=carried, **options)
     try:
-        for name in wanted:
-            if name in before:
-                last = name
-                carried = None
-                continue
-            if carried is None and last is not None:
-                (seen,) = _read(frames, [last], inside)
-                distance = folder.maps(last)["distance"]
-                carried = Carried.take_up(
-                    distance, folder.rows[last], as_frame(*seen), calibration
-                )
-            (step,) = reconstruct_sequence(
-                [next(pictures)], calibration, before=carried, **options
-            )
+        for step in steps:
             if step.result is not None and step.result.status is Status.STOPPED:
                 raise KeyboardInterrupt  # the user's, which ends more than this frame
-            carried = step.carried or carried
             folder.add(step)
             done += 1
             if progress is not None:
-                progress(done, len(wanted), folder.rows[name])
+                progress(done, len(wanted), folder.rows[step.name])
     except KeyboardInterrupt as stop:
         text = f"{done} of {len(wanted)} frames are done and stay, the same command goes on"
         raise KeyboardInterrupt(text) from stop
@@ -209,9 +205,9 @@ class _Folder:
         return self.path / "frames" / Path(name).stem / "depth.npz"
 
     def is_done(self, name: str) -> bool:
-        """Whether a frame needs not be done again."""
-        row = self.rows.get(name, {"error": "not tried"})
-        return not row["error"] and self._depth(name).is_file()
+        """Whether a frame needs not be done again; one that could not be used stays so."""
+        row = self.rows.get(name)
+        return row is not None and (bool(row["error"]) or self._depth(name).is_file())
 
     def maps(self, name: str) -> dict[str, np.ndarray]:
         """Read the surface of a frame that is done."""

@@ -98,10 +98,12 @@ def calibrate(
     """
     from endolab.batch.calibrate import calibrate_to_files, report_folder
     from endolab.calibration.summary import account
+    from endolab.io.atomic import check_new
     from endolab.io.cameras.formats import read_camera
     from endolab.io.descriptions import read_target
     from endolab.io.video import open_frames
 
+    check_new(out, overwrite, (*source, target, camera))
     sheet = read_target(target)
     greys = [None] * len(set(sheet.ink.greys[:, 3]))  # free
     known = [None if value == "free" else value for value in reflectance or greys]
@@ -174,7 +176,7 @@ def calibrate_light(
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
     pictures = video.read([video.names[index] for index in spread])
     read = (as_frame(name, image) for name, image in pictures if image is not None)
-    output = stage_file(out, overwrite=overwrite)
+    output = stage_file(out, overwrite=overwrite, read=(*source, camera))
     with output as temporary, show_progress("frame") as show:
         estimate = el.estimate_light(
             read,
@@ -222,15 +224,15 @@ def convert(
         Replace what is there.
     """
     import endolab as el
-    from endolab.io.atomic import stage_file
+    from endolab.io.atomic import check_new
     from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
 
+    check_new(out, overwrite, (source, photometry))
     if os.path.isdir(source):
         source, photometry = map(str, find_calibrations(source))
     if photometry is None:
         calibration = el.load_calibration(source, size=size)
     else:
         calibration = read_endomapper(source, photometry)
-    with stage_file(out, overwrite=overwrite) as temporary:
-        el.write_calibration(calibration, temporary)
+    el.write_calibration(calibration, out)
     print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")

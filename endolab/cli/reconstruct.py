@@ -106,7 +106,8 @@ def reconstruct(
                 **keywords,
             )
         lost = [row["error"] for row in video.rows if row["error"]]
-        print(*(f"not done: {error}\n" for error in lost), sep="", end="")
+        for error in lost:
+            print(f"not done: {error}")
         done = f"{len(video.rows) - len(lost)} of {len(video.rows)} frames"
         unit = next(row["unit"] for row in video.rows if row["unit"])
         print(f"{done} ({unit}), by an earlier call: {video.done_before}")
@@ -114,20 +115,18 @@ def reconstruct(
         return
 
     import endolab as el
-    from endolab.frames.frame import looks_like_depth
     from endolab.io.atomic import stage_folder
-    from endolab.io.datasets.folders import depth_layout
-    from endolab.reconstruction.report import notes, of_evidence
-    from endolab.workbench.reports.result import report, write_files
+    from endolab.reconstruction.report import summary
+    from endolab.workbench.reports.result import write_files
 
     picture = el.read_frame(frame, known, mask)
-    if depth_layout(frame) or looks_like_depth(picture.image):
-        print(f"{frame} may be a depth map, by its name or because it has no noise.")
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
     prepared = trusted = None
-    with announce_compiling(), stage_folder(out, overwrite=overwrite) as folder:
+    read = (frame, calibration, mask, settings)
+    output = stage_folder(out, overwrite=overwrite, read=read)
+    with announce_compiling(), output as folder:
         if prepare:
             prepared = el.prepare(picture, known, highlights="keep")
             picture = prepared.frame
@@ -146,24 +145,14 @@ def reconstruct(
                     recorder.add_uncertainty(trusted, result)
         write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
         written = sorted(path.name for path in folder.iterdir())
-    facts = report(result, trusted)
-    for line in (
-        "{status}: {ended}",
-        "{iterations} iterations, {seconds:.2f} s, energy {energy:.3e}, {pixels} pixels",
-        "distance: median {distance[median]:.4g}, from {distance[least]:.4g} "
-        "to {distance[greatest]:.4g} ({unit})",
-    ):
-        print(line.format(**facts))
+    lines = [*summary(result, None if trusted is None else trusted.sigma)]
     if not result.metric:
-        print("--median-distance, --known-distance or --known-diameter fixes the scale.")
-    lines = [*notes(result), *of_evidence(result), *facts["warnings"]]
-    if prepared is not None:
-        lines += prepared.notes
-    if trusted is not None:
-        line = "σ of the distance: {median:.2g} % for the median pixel, {10th:.2g} to {90th:.2g} %"
-        lines += [line.format(**facts["uncertainty"]["sigma_percent"]), *trusted.notes]
-    for line in lines:
-        print(line)
+        lines.append(
+            "--median-distance, --known-distance or --known-diameter fixes the scale."
+        )
+    for more in (prepared, trusted):
+        lines += [] if more is None else more.notes
+    print(*lines, sep="\n")
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {out}: {', '.join(written)}")

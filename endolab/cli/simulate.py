@@ -20,9 +20,9 @@ def simulate(
     width: int = 640,
     noise: float = 1.0,
     seed: int = 0,
-    highlights: float = 0.0,
-    target: str = "vicalib_small",
-    frames: int = 300,
+    highlights: float | None = None,
+    target: str | None = None,
+    frames: int | None = None,
     video: bool = False,
 ) -> None:
     """Render a scene: a frame with its truth.
@@ -48,11 +48,11 @@ def simulate(
     seed : int
         Of all that is random.
     highlights : float
-        Of a frame: share of light that a wet film mirrors.
+        Of a frame: share of light that a wet film mirrors (0).
     target : str
-        Of a calibration video: its name, as for `target`.
+        Of a calibration video: its name, as for `target` (vicalib_small).
     frames : int
-        Of a calibration video: how many.
+        Of a calibration video: how many (300).
     video : bool
         Of a calibration video: write one video instead of pictures.
     """
@@ -65,9 +65,14 @@ def simulate(
 
     if scene not in (*el.SCENES, SHEET):
         raise unknown_name("scene", scene, (*el.SCENES, SHEET))
+    if (highlights is not None) if scene == SHEET else (target or frames or video):
+        frames_only = "--highlights is of a frame, --target, --frames and --video"
+        raise ValueError(f"{frames_only} are of a calibration video")
     known = el.load_calibration(calibration, width)
     random: Any = {"noise": noise, "seed": seed}
     if scene == SHEET:
+        target = target or "vicalib_small"
+        frames = 300 if frames is None else frames
         with show_progress("frame") as show:
             progress = partial(show, total=frames)
             made = save_sheet_video(
@@ -78,8 +83,9 @@ def simulate(
         given = f"{source} --target {shlex.quote(target)}{gamma}"
         print(f"written to {out}; next: endolab calibrate {given} --out endoscope.json")
         return
-    random["highlights"] = highlights
-    with stage_folder(out, overwrite=overwrite) as folder:
+    random["highlights"] = highlights or 0.0
+    output = stage_folder(out, overwrite=overwrite, read=[calibration])
+    with output as folder:
         shown = el.render(el.SCENES[scene], known.camera, known.photometry, **random)
         write_image(folder / "frame.png", shown.image)
         used = replace(known, photometry=shown.photometry)

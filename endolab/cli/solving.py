@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -58,7 +59,8 @@ def load(
     if threads is not None:
         os.environ["ENDOLAB_THREADS"] = str(threads)
     kept = SolvingSettings() if settings is None else read_settings(settings)
-    believed = kept if albedo is None else kept.believe(albedo=albedo)
+    if albedo is not None:
+        kept = replace(kept, photometry={**kept.photometry, "albedo": albedo})
     if "contours" in options:
         options["contours"] = {"auto": None, "yes": True, "no": False}[options["contours"]]
     keywords = dict(kept.keywords)
@@ -68,7 +70,7 @@ def load(
         keywords["held"] = load_held(kept.held)
     for name in LENGTHS if options.keys() & LENGTHS else ():  # one alone may fix the scale
         keywords.pop(name, None)
-    return believed.apply(load_endoscope(calibration, sources)), keywords | options
+    return kept.apply(load_endoscope(calibration, sources)), keywords | options
 
 
 def load_endoscope(calibration: str, sources: Sequence[str]) -> Calibration:

@@ -13,7 +13,6 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import mask_array, readonly_copy, real_array, unknown_name
-from endolab.numerics.noise import noise_level
 from endolab.numerics.side_by_side import by_rows
 
 # Stored values, as shares of their maximum.
@@ -180,15 +179,12 @@ class Frame:
                 f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left"
             )
         # Where nothing is in the mask, the others are averaged.
-        weight = None if self.mask.all() else np.where(self.mask, 1.0, 1e-12)
+        weight = np.where(self.mask, 1.0, 1e-12)
+        whole = shrink(weight)
 
         def average_light(plane: FloatArray) -> FloatArray:
-            if weight is None:
-                light = shrink(power(plane, gamma))
-            else:
-                light = power(np.clip(np.nan_to_num(plane), 0, 1), gamma)
-                light = shrink(light * weight) / shrink(weight)
-            return np.clip(light, 0.0, 1.0) ** (1 / gamma)
+            light = power(np.clip(np.nan_to_num(plane), 0, 1), gamma)
+            return np.clip(shrink(light * weight) / whole, 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
         planes = np.moveaxis(np.atleast_3d(self.image), -1, 0)
@@ -235,17 +231,6 @@ def usable_pixels(
             f"{name}: the picture is constant, {values[0] * 255:.4g} of 255 everywhere"
         )
     return usable
-
-
-def looks_like_depth(image: FloatArray) -> bool:
-    """Whether a picture is so like a depth map that it may be one: grey, of many values, without noise.
-
-    A camera's picture of 8 bits has the noise of their rounding at least, 0.3 grey levels; the depth maps
-    of C3VD and SimCol3D have 0.001 and 0.03. A mask, or some other drawing, has fewer than 64 values.
-    """
-    if image.ndim == 3 or len(np.unique(image)) <= 64:
-        return False
-    return 0 < noise_level(image, image > 0) < ROUNDING / 3
 
 
 def smooth_light(

@@ -15,7 +15,6 @@ import scipy
 from endolab.frames.frame import ROUNDING, power
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
-from endolab.numerics.side_by_side import by_rows
 
 STEEPEST = (
     0.7  # change of log light over twice a highlight's width that still counts as a slope
@@ -68,23 +67,17 @@ def _white_part(
     With u = colour/spread and v = 1/spread, v⊥ = v - u (u·v)/(u·u) is white that the tissue's colour is not;
     the white part is v⊥·l / v⊥·v⊥, of variance 1 / v⊥·v⊥.
     """
-    part, certainty = np.empty((2, *light.shape[:2]))
+    own = colour / spread
+    white = 1 / spread
+    least = 1e-9 * _dot(white, white)  # where the tissue itself is white
+    white -= own * (_dot(own, white) / _dot(own, own))[..., None]
+    squared = np.maximum(_dot(white, white), least)
+    part = _dot(white, light / spread) / squared
+    return part, part * np.sqrt(squared)
 
-    def dot(one: FloatArray, other: FloatArray) -> FloatArray:
-        product = one * other  # NumPy's own sum takes several times as long for three
-        return product[..., 0] + product[..., 1] + product[..., 2]
 
-    def split(rows: slice) -> None:
-        own = colour[rows] / spread[rows]
-        white = 1 / spread[rows]
-        least = 1e-9 * dot(white, white)  # where the tissue itself is white
-        white -= own * (dot(own, white) / dot(own, own))[..., None]
-        squared = np.maximum(dot(white, white), least)
-        part[rows] = dot(white, light[rows] / spread[rows]) / squared
-        certainty[rows] = part[rows] * np.sqrt(squared)
-
-    by_rows(split, light.shape)
-    return part, certainty
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ijk,ijk->ij", a, b))
 
 
 def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
@@ -95,13 +88,10 @@ def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
     edge = 2 * step
     padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
     for turn in np.arange(8) * np.pi / 4:
-        ahead, beyond = (
-            padded[edge + down :, edge + across :][:rows, :columns]
-            for down, across in (
-                np.rint(reach * np.array([np.sin(turn), np.cos(turn)])).astype(int)
-                for reach in (step, edge)
-            )
-        )
+        direction = np.array([np.sin(turn), np.cos(turn)])
+        near, far = np.rint(np.outer((step, edge), direction)).astype(int) + edge
+        ahead = padded[near[0] :, near[1] :][:rows, :columns]
+        beyond = padded[far[0] :, far[1] :][:rows, :columns]
         slope = np.clip(ahead - beyond, -STEEPEST, STEEPEST)
         brightest = np.maximum(brightest, ahead + slope)
     return np.exp(brightest)
@@ -187,20 +177,17 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray) -> FloatArray:
     shown = mask.ravel()
     wanted = holes.ravel()
     pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
-    ends = np.stack([here[pairs], there[pairs]])
-    signs = np.broadcast_to([[1.0], [-1.0]], ends.shape)
-    step = np.broadcast_to(np.arange(ends.shape[1]), ends.shape)
-    differences = scipy.sparse.csc_array(
-        (signs.ravel(), (step.ravel(), ends.ravel())), (ends.shape[1], holes.size)
+    graph = scipy.sparse.coo_array(
+        (np.ones(pairs.sum()), (here[pairs], there[pairs])), (holes.size, holes.size)
     )
-    inner = differences[:, wanted]
+    laplacian = scipy.sparse.csgraph.laplacian(graph, symmetrized=True).tocsr()[wanted]
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
     hint = 1e-9
-    matrix = inner.T @ inner + hint * scipy.sparse.eye_array(inner.shape[1], format="csc")
-    around = differences @ np.where(wanted[:, None], 0.0, log)
+    matrix = laplacian[:, wanted] + hint * scipy.sparse.eye_array(wanted.sum())
+    around = laplacian[:, ~wanted] @ log[~wanted]
     # The matrix is symmetric: ordered for that, its factors stay thin.
     factors = scipy.sparse.linalg.splu(matrix.tocsc(), "MMD_AT_PLUS_A")
     filled = image.copy().reshape(holes.size, -1)
-    solved = factors.solve(hint * log[wanted] - inner.T @ around)
+    solved = factors.solve(hint * log[wanted] - around)
     filled[wanted] = np.clip(np.exp(solved), 0.0, 1.0)
     return filled.reshape(image.shape)

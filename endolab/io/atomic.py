@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,12 +33,20 @@ def name_damage(path: PathLike, what: str) -> Iterator[None]:
 
 
 # Written beside, then renamed -----------------------------------------------------------
-def check_new(path: PathLike) -> None:
-    """Raise FileExistsError in one sentence, if there is a file, or a folder that holds one."""
+def check_new(
+    path: PathLike, overwrite: bool = False, read: Sequence[PathLike | None] = ()
+) -> None:
+    """Raise FileExistsError in one sentence, if there is a file, or a folder that holds one.
+
+    With `overwrite` that is replaced, but for one of the files that are `read`.
+    """
     target = Path(path)
     with one_sentence(f"cannot write {target}"):
         is_there = target.is_file() or any(target.glob("[!.]*"))
-    if is_there:
+        found = [one for one in read if one is not None and os.path.exists(one)]
+        if is_there and any(target.samefile(one) for one in found):
+            raise FileExistsError(f"{target} is read, too; choose another name to write")
+    if is_there and not overwrite:
         text = "is there already; choose another name, or replace it with overwrite=True"
         raise FileExistsError(f"{target} {text}")
 
@@ -57,14 +65,15 @@ def _stage(home: Path, target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def stage_file(path: PathLike, *, overwrite: bool = True) -> Iterator[Path]:
-    """Give a temporary file's name, which becomes `path` only if the block succeeds.
+def stage_file(
+    path: PathLike, *, overwrite: bool = True, read: Sequence[PathLike] = ()
+) -> Iterator[Path]:
+    """Give a temporary file's name, which becomes `path` only if the block succeeds; see `check_new`.
 
     OSError in one sentence, if it cannot be written; then there is nothing, or what was there before.
     """
     target = Path(path)
-    if not overwrite:
-        check_new(target)
+    check_new(target, overwrite, read)
     with _stage(target.parent, target) as temporary:
         yield temporary
         temporary.replace(target)
@@ -72,23 +81,29 @@ def stage_file(path: PathLike, *, overwrite: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def stage_folder(
-    folder: PathLike, *, overwrite: bool = False, last: str = "report.json"
+    folder: PathLike,
+    *,
+    overwrite: bool = False,
+    last: str = "report.json",
+    read: Sequence[PathLike | None] = (),
 ) -> Iterator[Path]:
     """Give a temporary folder, which becomes `folder` only if the block succeeds.
 
     Into one that is there, its files move by their names, `last` after all others; unless that is empty,
-    only with `overwrite`. OSError in one sentence, if it cannot be written.
+    only with `overwrite`, and none that is `read`. OSError in one sentence, if it cannot be written.
     """
     target = Path(folder)
-    if not overwrite:
-        check_new(target)
+    check_new(target, overwrite)
     places = (target, *target.absolute().parents)
     home = next(place for place in places if os.path.exists(place))
     with _stage(home, target) as staging:
         staging.mkdir(exist_ok=True)
         yield staging
         if target.exists():
-            for path in sorted(staging.iterdir(), key=lambda path: path.name == last):
+            made = sorted(staging.iterdir(), key=lambda path: path.name == last)
+            for path in made:
+                check_new(target / path.name, True, read)
+            for path in made:
                 path.replace(target / path.name)
         else:
             target.parent.mkdir(parents=True, exist_ok=True)

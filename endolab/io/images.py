@@ -220,21 +220,17 @@ def read_frame(
     rows, columns = image.shape[:2]
     if calibration is not None:
         check_size(str(path), (columns, rows), calibration.camera)
-    bits = int(stored.max()).bit_length()
-    if stored.dtype == np.uint16 and 0 < bits < 16:
-        hint = "%s uses %d of its 16 bits; unless it is so dark, multiply its values by %d"
-        log.warning(hint, path, bits, 2 ** (16 - bits))
     inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
     if inside.shape != (rows, columns):
         shape = f"{inside.shape[1]}x{inside.shape[0]} px"
         raise ValueError(f"the mask {mask} is {shape}, the frame {columns}x{rows} px")
-    if not inside.any():
-        raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     opaque = alpha >= OPAQUE
     if not opaque.all():
         share = 100 * np.mean(~opaque)
         log.warning("%s: %.3g %% of it is transparent, and left out", path, share)
         inside &= opaque
-        if not inside.any():
-            raise ValueError(f"{path} is transparent wherever it would be used")
+    if not inside.any():
+        raise ValueError(
+            f"{mask or path} leaves no pixel: what is dark, or transparent, is not used"
+        )
     return Frame(image, inside, Path(path).name)

@@ -8,7 +8,7 @@ default.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.brdf import Lambertian
@@ -34,10 +34,6 @@ class SolvingSettings:
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
     held: str = ""
-
-    def believe(self, **light: Any) -> Self:
-        """Return settings that believe otherwise of the light."""
-        return replace(self, photometry={**self.photometry, **light})
 
     def apply(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""

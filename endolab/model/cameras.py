@@ -9,8 +9,8 @@ centre of the top-left pixel.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Annotated, ClassVar, Literal, Self
+from functools import cached_property, lru_cache
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -28,6 +28,7 @@ Centre = Annotated[float, Field(ge=-1e6, le=1e6)]  # px
 Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]  # of a distortion
 Degree = Annotated[float, Field(ge=-1e7, le=1e7)]  # of a polynomial in px, its coefficient
 Affine = Annotated[float, Field(ge=-1e3, le=1e3)]
+Lens = TypeVar("Lens", bound="Camera")
 
 
 @dataclass(frozen=True)
@@ -76,22 +77,19 @@ class Camera:
     _in_pixels: ClassVar[dict[str, int]]
 
     @property
-    def _affine(self) -> FloatArray:
-        """Return the 2×2 map from the model's plane to pixels, centre apart."""
+    def _affine(self) -> tuple[FloatArray, FloatArray]:
+        """Return the 2×2 map from the model's plane to pixels, and the centre, px."""
         raise NotImplementedError
 
     @property
-    def _centre(self) -> FloatArray:
+    def _max_radius(self) -> float:
+        """The largest radius h that the model maps one to one."""
         raise NotImplementedError
 
     @property
     def max_angle(self) -> float:
         """The largest angle off the axis that the model maps one to one, rad."""
-        raise NotImplementedError
-
-    @property
-    def _max_radius(self) -> float:
-        raise NotImplementedError
+        return float(self._angle(np.asarray(self._max_radius))[0])
 
     def _radius(self, theta: FloatArray) -> FloatArray:
         """Return h(ϑ) for angles within the range."""
@@ -103,12 +101,14 @@ class Camera:
 
     def _to_pixels(self, plane: FloatArray) -> FloatArray:
         """Bring points of the model's plane (..., 2) within its range to the picture, px."""
-        return plane @ self._affine.T + self._centre
+        matrix, centre = self._affine
+        return plane @ matrix.T + centre
 
     def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bring pixels (..., 2) to the model's plane, nan if it has none; the derivative, (..., 2, 2)."""
-        to_plane = np.asarray(np.linalg.inv(self._affine), dtype=np.float64)
-        return (pixels - self._centre) @ to_plane.T, to_plane
+        matrix, centre = self._affine
+        to_plane = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        return (pixels - centre) @ to_plane.T, to_plane
 
     def project(self, points: ArrayLike) -> FloatArray:
         """Project points or directions (..., 3) in the camera frame, mm, to columns and rows (..., 2), px.
@@ -191,22 +191,19 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        # Never changed: other threads read it.
-        resized: tuple[Self, ...] = vars(self).get("_resized", ())
-        for camera in resized:
-            if (camera.width, camera.height) == (width, height):
-                return camera
-        scale = (width / self.width, height / self.height)
-        scaled = {
-            name: getattr(self, name) * scale[axis]
-            for name, axis in self._in_pixels.items()
-        }
-        scaled["cx"] += 0.5 * scale[0] - 0.5
-        scaled["cy"] += 0.5 * scale[1] - 0.5
-        camera = replace(self, width=width, height=height, **scaled)
-        # The last two with their ray fields: one wanted, and a coarse one.
-        vars(self)["_resized"] = (camera, *resized[:1])
-        return camera
+        return _resized(self, width, height)
+
+
+@lru_cache(maxsize=4)  # with their ray fields: those wanted, and coarse ones
+def _resized(camera: Lens, width: int, height: int) -> Lens:
+    scale = (width / camera.width, height / camera.height)
+    scaled = {
+        name: getattr(camera, name) * scale[axis]
+        for name, axis in camera._in_pixels.items()
+    }
+    scaled["cx"] += 0.5 * scale[0] - 0.5
+    scaled["cy"] += 0.5 * scale[1] - 0.5
+    return replace(camera, width=width, height=height, **scaled)
 
 
 @checked
@@ -221,12 +218,8 @@ class _FocalCamera(Camera):
     _in_pixels: ClassVar = {"fx": 0, "fy": 1, "cx": 0, "cy": 1}
 
     @property
-    def _affine(self) -> FloatArray:
-        return np.diag([self.fx, self.fy])
-
-    @property
-    def _centre(self) -> FloatArray:
-        return np.array([self.cx, self.cy])
+    def _affine(self) -> tuple[FloatArray, FloatArray]:
+        return np.diag([self.fx, self.fy]), np.array([self.cx, self.cy])
 
     def _radius(self, theta: FloatArray) -> FloatArray:
         return np.tan(theta)
@@ -257,12 +250,8 @@ class Pinhole(_FocalCamera):
     model: Literal["pinhole"] = field(default="pinhole", kw_only=True, repr=False)
 
     @property
-    def max_angle(self) -> float:  # noqa: D102
-        return float(np.nextafter(np.pi / 2, 0))
-
-    @property
     def _max_radius(self) -> float:
-        return np.inf
+        return 1e15  # below 90°
 
 
 def distort(
@@ -327,10 +316,6 @@ class BrownConrady(_FocalCamera):
         default="brown_conrady", kw_only=True, repr=False
     )
     k: Annotated[tuple[Coefficient, ...], AfterValidator(_all_eight)] = (0.0,) * 8
-
-    @property
-    def max_angle(self) -> float:  # noqa: D102
-        return float(np.arctan(self._max_radius))
 
     @cached_property
     def _max_radius(self) -> float:
@@ -415,10 +400,8 @@ class KannalaBrandt(_FocalCamera):
 
     @cached_property
     def max_angle(self) -> float:  # noqa: D102
-        slope_in_square = [
-            1.0,
-            *(odd * k for odd, k in zip((3, 5, 7, 9), self.k, strict=True)),
-        ]
+        k1, k2, k3, k4 = self.k
+        slope_in_square = [1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]
         return float(np.sqrt(smallest_positive_root(slope_in_square, np.pi**2)))
 
     @cached_property
@@ -477,12 +460,9 @@ class Scaramuzza(Camera):
     _in_pixels: ClassVar = {"cx": 0, "cy": 1, "c": 0, "d": 0, "e": 1, "row_scale": 1}
 
     @property
-    def _affine(self) -> FloatArray:
-        return np.array([[self.c, self.d], [self.e, self.row_scale]])
-
-    @property
-    def _centre(self) -> FloatArray:
-        return np.array([self.cx, self.cy])
+    def _affine(self) -> tuple[FloatArray, FloatArray]:
+        matrix = np.array([[self.c, self.d], [self.e, self.row_scale]])
+        return matrix, np.array([self.cx, self.cy])
 
     @cached_property
     def _max_radius(self) -> float:
@@ -490,10 +470,6 @@ class Scaramuzza(Camera):
         a0, _, a2, a3, a4 = self.a
         scaled = [1.0, 0.0, -a2 * a0, -2 * a3 * a0**2, -3 * a4 * a0**3]
         return a0 * smallest_positive_root(scaled, 100.0)
-
-    @cached_property
-    def max_angle(self) -> float:  # noqa: D102
-        return float(self._angle(np.asarray(self._max_radius))[0])
 
     def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         a0, _, a2, a3, a4 = self.a
@@ -503,11 +479,10 @@ class Scaramuzza(Camera):
         return np.arctan2(r, height), turn / (r * r + height * height)
 
     def _radius(self, theta: FloatArray) -> FloatArray:
-        return (
-            invert_increasing(self._scaled_angle, theta, 0.0, self._max_radius / self.a[0])
-            * self.a[0]
-        )
+        a0 = self.a[0]
 
-    def _scaled_angle(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-        angle, slope = self._angle(r * self.a[0])
-        return angle, slope * self.a[0]
+        def scaled(r: FloatArray) -> tuple[FloatArray, FloatArray]:
+            angle, slope = self._angle(r * a0)
+            return angle, slope * a0
+
+        return a0 * invert_increasing(scaled, theta, 0.0, self._max_radius / a0)

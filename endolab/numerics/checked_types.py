@@ -33,7 +33,6 @@ _RULES = ConfigDict(
     arbitrary_types_allowed=True,
     validate_by_name=True,
 )
-_checked: list[Any] = []
 
 
 def as_plain(value: Any) -> Any:
@@ -70,10 +69,9 @@ def checked(cls: type[Kind]) -> type[Kind]:
             )
         except ValidationError as error:
             given = dict(zip(names, args, strict=False)) | kwargs
-            raise ValueError(_sentence(error, given, names)) from None
+            raise ValueError(_sentence(error, made, given, names)) from None
 
     made.__init__ = construct
-    _checked.append(made)
     return made
 
 
@@ -96,7 +94,7 @@ def from_content(kind: Any, content: Any, name: str) -> Any:
     try:
         return TypeAdapter(kind).validate_json(text)
     except ValidationError as error:
-        raise ValueError(f"{name}: {_sentence(error, content)}") from None
+        raise ValueError(f"{name}: {_sentence(error, kind, content)}") from None
 
 
 def to_content(value: Any) -> dict[str, Any]:
@@ -106,7 +104,9 @@ def to_content(value: Any) -> dict[str, Any]:
 
 
 # Sentences ------------------------------------------------------------------------------
-def _sentence(error: ValidationError, content: Any, names: Sequence[str] = ()) -> str:
+def _sentence(
+    error: ValidationError, kind: Any, content: Any, names: Sequence[str] = ()
+) -> str:
     """Say what is wrong: an unknown key, else what lies deepest; `names` are of arguments in their order."""
     complaints = []
     for fault in error.errors():
@@ -123,13 +123,37 @@ def _sentence(error: ValidationError, content: Any, names: Sequence[str] = ()) -
                 path += f".{step}"
                 inside = inside.get(step)
             # Else it is the name of one of several types.
-        text = _complaint(fault)
+        text = _complaint(fault, kind)
         depth = len(re.findall(r"[.[]", path)) + 99 * text.startswith(" is unknown")
         complaints.append((depth, path + text))
     return max(complaints, key=lambda one: one[0])[1].lstrip(" .:")
 
 
-def _complaint(fault: Any) -> str:
+def _types_in(hint: Any) -> list[Any]:
+    """List the checked types that an annotation names."""
+    if hasattr(hint, "__pydantic_fields__"):
+        return [hint]
+    if isinstance(hint, OneOf):
+        return list(hint.kinds)
+    parts = (*getattr(hint, "__args__", ()), *getattr(hint, "__metadata__", ()))
+    return [kind for part in parts for kind in _types_in(part)]
+
+
+def _keys_at(kind: Any, path: Sequence[Any]) -> list[str]:
+    """List the keys that the content of a type may have at a path."""
+    kinds = _types_in(kind)
+    for step in path:
+        fields = [one.__pydantic_fields__.get(step) for one in kinds]
+        hints = [(part.annotation, *part.metadata) for part in fields if part]
+        below = [one for hint in hints for part in hint for one in _types_in(part)]
+        tags = [(getattr(one, "model", 0), getattr(one, "kind", 0)) for one in kinds]
+        tagged = [one for one, tag in zip(kinds, tags, strict=True) if step in tag]
+        kinds = below or tagged or kinds
+    parts = (one for kind in kinds for one in kind.__pydantic_fields__.items())
+    return [part.alias or name for name, part in parts]
+
+
+def _complaint(fault: Any, kind: Any) -> str:
     """Say what is wrong with a value, to stand behind its path."""
     facts = fault.get("ctx", {})
     words = re.findall(r"'([^']*)'", facts.get("expected_tags", facts.get("expected", "")))
@@ -138,8 +162,8 @@ def _complaint(fault: Any) -> str:
     if fault["type"] == "missing":
         return " is missing"
     if fault["type"] == "unexpected_keyword_argument":
-        parts = (one for kind in _checked for one in kind.__pydantic_fields__.items())
-        meant = nearest(fault["loc"][-1], [part.alias or name for name, part in parts])
+        *path, key = fault["loc"]
+        meant = nearest(key, _keys_at(kind, path))
         return " is unknown" + (f"; did you mean {meant}?" if meant else "")
     if words:
         what = (facts.get("discriminator") or str(fault["loc"][-1])).strip("'")

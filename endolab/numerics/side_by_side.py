@@ -9,6 +9,7 @@ fresh memory and read from it.
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
+from functools import partial
 from typing import TypeVar
 
 from endolab.numerics.threads import background_core, threads
@@ -72,16 +73,13 @@ def run_together(
 ) -> list[Generator[Item, None, Found]]:
     """Run generators at once, a core each; return generators that yield and return what these did."""
 
-    def run(steps: Generator[Item, None, Found]) -> Callable[[], tuple[list[Item], Found]]:
-        def collect() -> tuple[list[Item], Found]:
-            items = []
-            while True:
-                try:
-                    items.append(next(steps))
-                except StopIteration as end:
-                    return items, end.value
-
-        return in_background(collect)
+    def record(steps: Generator[Item, None, Found]) -> tuple[list[Item], Found]:
+        items = []
+        while True:
+            try:
+                items.append(next(steps))
+            except StopIteration as end:
+                return items, end.value
 
     def replay(
         wait: Callable[[], tuple[list[Item], Found]],
@@ -90,4 +88,5 @@ def run_together(
         yield from items
         return found
 
-    return [replay(wait) for wait in [run(steps) for steps in generators]]
+    waits = [in_background(partial(record, steps)) for steps in generators]
+    return [replay(wait) for wait in waits]

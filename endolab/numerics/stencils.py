@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, inner, kernel, pad_maps
+from endolab.numerics.compiled import PAD, copy_row, inner, kernel, pad_maps
 from endolab.numerics.threads import on_cores, rows_within
 
 # A pixel and its neighbours: right, left, below, above and lower right.
@@ -33,15 +33,13 @@ RIGHT = (0, 1, -1, 0, 0, 1)
 FIRST, SECOND, CENTRAL = range(3)
 ROOT_2 = 2**0.5
 # Of each kind, which weights are not 0 everywhere: (term, neighbour).
+_CROSS = [(0, 0), (0, 1), (0, 2), (2, 0), (2, 3), (2, 4)]
+_SQUARE = [(1, 0), (1, 1), (1, 3), (1, 5)]
 ENTRIES = [
     np.array([(0, 0), (0, 1), (2, 0), (2, 3)]),
-    np.array(
-        [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 3), (1, 5), (2, 0), (2, 3), (2, 4)]
-    ),
-    np.array([(0, 0), (0, 1), (0, 2), (2, 0), (2, 3), (2, 4)]),
+    np.array(sorted(_CROSS + _SQUARE)),
+    np.array(_CROSS),
 ]
-
-
 # Of each kind, with r = 1 where there is a link ahead, else 0, and l likewise behind: the weight of the pixel
 # ahead is r (a + b l), of that behind l (c + d r), and of the pixel itself what makes their sum 0.
 COEFFICIENTS = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 1.0), (1.0, -0.5, -1.0, 0.5))
@@ -125,22 +123,32 @@ def adjoint_row(
 
 
 @on_cores(cost=10)
-def _apply(rows: Span, y: FloatArray, x: FloatArray, link: ByteArray, kind: int) -> None:
+def apply_padded(
+    rows: Span, y: FloatArray, x: FloatArray, link: ByteArray, kind: int
+) -> None:
+    """Write y = K x of padded maps."""
+    row = np.zeros((3, x.shape[1] - 2 * PAD))  # contiguous: twice as fast
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     for i in range(first, last):
-        apply_row(link, kind, x, i, y[:, i, PAD:-PAD])
+        apply_row(link, kind, x, i, row)
+        for k in range(3):
+            copy_row(row[k], y[k, i, PAD:])
 
 
 @on_cores(cost=10)
-def _adjoint(
+def adjoint_padded(
     rows: Span, x: FloatArray, y: FloatArray, link: ByteArray, kind: int, entries: IntArray
 ) -> None:
+    """Write x = Kᵀ y of padded maps."""
     x[rows[0] : rows[1]] = 0.0
     t = np.zeros((3, len(DOWN), x.shape[1] - 2 * PAD))
+    row = np.zeros((3, x.shape[1] - 2 * PAD))
     first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, x.shape[0] - PAD)
     for i in range(first, last):
         stencil_row(link, kind, i, t)
-        adjoint_row(t, entries, y[:, i, PAD:-PAD], i, rows, x)
+        for k in range(3):
+            copy_row(y[k, i, PAD:-PAD], row[k])
+        adjoint_row(t, entries, row, i, rows, x)
 
 
 @dataclass(frozen=True)
@@ -154,22 +162,17 @@ class Differences:
         """K x, (3, H, W)."""
         x = pad_maps(np.asarray(x, dtype=np.float64))
         y = np.zeros((3, *x.shape))
-        _apply(y, x, pad_maps(self.links.view(np.int8)), self.kind)
+        apply_padded(y, x, pad_maps(self.links.view(np.int8)), self.kind)
         return np.asarray(inner(y))
 
     def adjoint(self, y: FloatArray) -> FloatArray:
         """Kᵀ y, (H, W), of y (3, H, W)."""
         y = pad_maps(y)
         x = np.zeros(y.shape[1:])
-        _adjoint(x, y, pad_maps(self.links.view(np.int8)), self.kind, ENTRIES[self.kind])
+        adjoint_padded(
+            x, y, pad_maps(self.links.view(np.int8)), self.kind, ENTRIES[self.kind]
+        )
         return np.asarray(inner(x))
-
-    def norm(self, y: FloatArray) -> FloatArray:
-        """|K x| of each pixel, (H, W): a square's difference counts a quarter in each of its pixels."""
-        along, square, down = pad_maps(y) ** 2
-        square = square + np.roll(square, 1, axis=0)
-        square = 0.25 * (square + np.roll(square, 1, axis=1))
-        return np.asarray(inner(np.sqrt(along + square + down)))
 
 
 def px_per_reference(shape: tuple[int, ...]) -> float:
@@ -179,14 +182,9 @@ def px_per_reference(shape: tuple[int, ...]) -> float:
 
 def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     """Return the array whose element at i is ``a`` at i + step, `fill` beyond the border."""
-    out = np.full_like(a, fill)
-    length = a.shape[axis]
-    if abs(step) < length:
-        target = [slice(None)] * a.ndim
-        source = [slice(None)] * a.ndim
-        target[axis] = slice(max(0, -step), length - max(0, step))
-        source[axis] = slice(max(0, step), length - max(0, -step))
-        out[tuple(target)] = a[tuple(source)]
+    out = np.roll(a, -step, axis)
+    beyond = slice(-step, None) if step > 0 else slice(0, -step)
+    np.moveaxis(out, axis, 0)[beyond] = fill
     return out
 
 
@@ -205,17 +203,29 @@ def _links_of(
     return inside, links(inside, cuts)
 
 
-def _derivative(
+def gradient(
     f: FloatArray,
-    inside: BoolArray,
-    link: BoolArray,
-    axis: int,
-    edge_order: int,
-    step: int,
-) -> FloatArray:
+    mask: BoolArray | None = None,
+    cuts: BoolArray | None = None,
+    step: int = 1,
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient of a map (H, W): central differences; beside a missing step the three-point formula.
+
+    That is as accurate; two pixels have one difference. Returns the derivatives along columns (u, to the
+    right) and rows (v, downwards), per pixel: nan outside the mask; 0 along an axis on which a pixel has no
+    neighbour. Of every `step`-th row and column alone, if it is given.
+    """
+    inside, link = _links_of(f, mask, cuts)
+    f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
+    f_u, f_v = (_derivative(f, link[i], axis, step) for i, axis in ((0, 1), (1, 0)))
+    outside = ~inside[::step, ::step]
+    return np.where(outside, np.nan, f_u), np.where(outside, np.nan, f_v)
+
+
+def _derivative(f: FloatArray, link: BoolArray, axis: int, step: int) -> FloatArray:
     pad = [(2, 2) if i == axis else (0, 0) for i in (0, 1)]
 
-    def beside(a: NDArray) -> list[NDArray]:
+    def around(a: NDArray) -> list[NDArray]:
         """Values two pixels before, one before, here, one on and two on; views, thinned."""
         length = a.shape[axis]
         padded = np.moveaxis(np.pad(a, pad), axis, 0)
@@ -223,53 +233,40 @@ def _derivative(
             np.moveaxis(padded[i : i + length : step, ::step], 0, axis) for i in range(5)
         ]
 
-    values = beside(f)
-    far_behind, behind, ahead, far_ahead = (b - a for a, b in pairwise(values))
-    far_before, before, after, far_after, _ = beside(link)
-    one_sided = np.select([after, before], [ahead, behind], 0.0)
-    if edge_order == 2:
-        # A border pixel takes the three-point formula, as accurate as the central one.
-        bends = [ahead - far_ahead, behind - far_behind]
-        far = [after & far_after, before & far_before]
-        one_sided = one_sided + 0.5 * np.select(far, bends, 0.0)
+    far_behind, behind, ahead, far_ahead = (b - a for a, b in pairwise(around(f)))
+    far_before, before, after, far_after, _ = around(link)
     return np.select(
-        [~inside[::step, ::step], after & before],
-        [np.nan, 0.5 * (ahead + behind)],
-        one_sided,
+        [after & before, after & far_after, before & far_before, after, before],
+        [
+            0.5 * (ahead + behind),
+            1.5 * ahead - 0.5 * far_ahead,
+            1.5 * behind - 0.5 * far_behind,
+            ahead,
+            behind,
+        ],
+        0.0,
     )
 
 
-def gradient(
-    f: FloatArray,
-    mask: BoolArray | None = None,
-    cuts: BoolArray | None = None,
-    edge_order: int = 2,
-    step: int = 1,
-) -> tuple[FloatArray, FloatArray]:
-    """Gradient of a map (H, W): central differences, one-sided where a step is missing.
+def central_gradient(
+    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
+    """The gradient as the energy has it, (2, H, W): from two pixels beside a missing step."""
+    return _apply_over(f, mask, cuts, CENTRAL)[::2]
 
-    `edge_order` is the accuracy of the one-sided ones: from three pixels (2) or from two (1). Returns the
-    derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask; 0
-    along an axis on which a pixel has no neighbour. Of every `step`-th row and column alone, if it is given.
-    """
+
+def _apply_over(
+    f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None, kind: int
+) -> FloatArray:
     inside, link = _links_of(f, mask, cuts)
-    f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
-    f_u, f_v = (
-        _derivative(f, inside, link[i], axis, edge_order, step)
-        for i, axis in ((0, 1), (1, 0))
-    )
-    return f_u, f_v
+    return Differences(link, kind).apply(np.where(inside, f, 0.0))
 
 
 def forward_gradient(
     f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
 ) -> FloatArray:
     """Differences to the right and lower neighbour, (2, H, W), per pixel; 0 where there is no such step."""
-    inside, link = _links_of(f, mask, cuts)
-    f = np.where(inside, f, 0.0)
-    return np.stack(
-        [(shift(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))]
-    )
+    return _apply_over(f, mask, cuts, FIRST)[::2]
 
 
 def differences(
@@ -279,19 +276,9 @@ def differences(
 
     Their norm is the gradient's, whichever way the map is turned; 0 where there is no such step.
     """
-    ahead = forward_gradient(f, mask, cuts)
-    behind = [shift(part, -1, axis, 0.0) for part, axis in zip(ahead, (1, 0), strict=True)]
-    return np.concatenate([ahead, behind]) / np.sqrt(2)
-
-
-def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Where f_uu, f_uv and f_vv have all the steps that they need."""
-    along_u, along_v = link
-    return (
-        along_u & shift(along_u, -1, 1, False),
-        along_u & shift(along_u, 1, 0, False) & along_v & shift(along_v, 1, 1, False),
-        along_v & shift(along_v, -1, 0, False),
-    )
+    right, down = forward_gradient(f, mask, cuts)
+    left, up = shift(right, -1, 1, 0.0), shift(down, -1, 0, 0.0)
+    return np.stack([right, down, left, up]) / ROOT_2
 
 
 def hessian(
@@ -302,17 +289,7 @@ def hessian(
     f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per
     pixel squared; 0 where the stencil (three in a row, or a square of four) is not valid.
     """
-    inside, link = _links_of(f, mask, cuts)
-    f = np.where(inside, f, 0.0)
-    valid_uu, valid_uv, valid_vv = hessian_stencils(link)
-    along_u, along_v = (shift(f, 1, axis, 0.0) - f for axis in (1, 0))
-    mixed = valid_uv * (shift(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
-    above = shift(mixed, -1, 0, 0.0)
-    return np.stack(
-        [
-            valid_uu * (along_u - shift(along_u, -1, 1, 0.0)),
-            valid_vv * (along_v - shift(along_v, -1, 0, 0.0)),
-            *(mixed, shift(mixed, -1, 1, 0.0)),
-            *(above, shift(above, -1, 1, 0.0)),
-        ]
-    )
+    f_uu, square, f_vv = _apply_over(f, mask, cuts, SECOND)
+    lower = [0.5 * square, 0.5 * shift(square, -1, 1, 0.0)]
+    upper = [shift(mixed, -1, 0, 0.0) for mixed in lower]
+    return np.stack([f_uu, f_vv, *lower, *upper])

@@ -12,7 +12,7 @@ blue:
     blue   log q_b - log a_b (1 + p ι_b)  /
 
 So the colours, in level and in tint, tell how right S is: a factor p for walls that are not in the picture,
-the share b of the light's fall cos^k α that is the lamp's (the lens's part lights no walls), and the albedos.
+the part b of the light's fall cos^k α that is the lamp's (the lens's part lights no walls), and the albedos.
 All have priors, so that what the colours do not tell stays as it was: given albedos as given, others those
 of mucosa. The prior of p is a line, not a square, far from its middle, so that a picture in which nothing
 bounces is heard. The sheen of a wet film was once fitted, too; without it, no set is worse by 0.1 points.
@@ -20,8 +20,9 @@ bounces is heard. The sheen of a wet film was once fitted, too; without it, no s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,8 +35,7 @@ from endolab.reconstruction.walls import Walls, bounced_light_and_slope
 from endolab.solvers.problem import EXACT, Problem
 from endolab.solvers.provenance import LightOutcome
 
-LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
-
+LAMPS = (0.0, 0.5, 1.0)  # b for which S is computed, to be interpolated
 
 # Widths of the logarithm of albedos that are given, and of those that are not.
 GIVEN = 0.03
@@ -123,7 +123,7 @@ class Light:
     reason: str = ""  # why the colours' word is not taken, in words; else ""
 
     def indirect_ratio(self, walls: Walls, k: float) -> FloatArray:
-        """Return what is seen beside direct light, as a share of it, (H, W, 3).
+        """Return what is seen beside direct light, over it, (H, W, 3).
 
         k is the joint exponent of lamp and lens.
         """
@@ -136,7 +136,7 @@ class Patches:
 
     light: FloatArray  # (P, 3), log q_c
     direct: FloatArray  # (L, P), E under each of LAMPS
-    orders: list[FloatArray]  # (bounces, P) under each, see `Walls.orders`
+    orders: FloatArray  # (L, bounces, P) under each, see `Walls.orders`
 
     @classmethod
     def of(cls, colours: Sequence[Problem], walls: Walls) -> Patches:
@@ -153,24 +153,20 @@ class Patches:
     def ratio_and_slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return indirect over direct light, (P, 3), and its derivatives, (3, P, 3).
 
-        They are those by the factor, the lamp's share and the logarithm of the colour's albedo; x is as of
-        `ColourResiduals`.
+        They are those by the factor, the lamp's part and the logarithm of the colour's albedo; x is as of
+        `residuals`.
         """
         factor, lamp = x[:2]
         albedo = np.exp(x[2:])
         place = lamp * (len(LAMPS) - 1)
         low = min(int(place), len(LAMPS) - 2)
-        ratios = []
-        slopes = []
-        for index in (low, low + 1):
-            bounced, slope = bounced_light_and_slope(self.orders[index], albedo)
-            direct = self.direct[index][:, None]
-            ratios.append(bounced / direct)
-            slopes.append(slope / direct)
-        change = ratios[1] - ratios[0]
-        ratio = ratios[0] + (place - low) * change
-        by_albedo = slopes[0] + (place - low) * (slopes[1] - slopes[0])
-        by_lamp = factor * (len(LAMPS) - 1) * change
+        of_lamps = []
+        for lit in (low, low + 1):
+            both = bounced_light_and_slope(self.orders[lit], albedo)
+            of_lamps.append(np.stack(both) / self.direct[lit][:, None])
+        change = of_lamps[1] - of_lamps[0]
+        ratio, by_albedo = of_lamps[0] + (place - low) * change
+        by_lamp = factor * (len(LAMPS) - 1) * change[0]
         return factor * ratio, np.stack([ratio, by_lamp, factor * by_albedo])
 
 
@@ -239,51 +235,37 @@ def _charbonnier(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.sign(r) * size, slope
 
 
-@dataclass(frozen=True)
-class ColourResiduals:
-    """How far the colours and the priors are from what light and albedos x make of them.
+def residuals(
+    x: FloatArray, patches: Patches, prior: AlbedoPrior, sigma: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the colours and the priors are from what light and albedos x make of them.
 
-    x holds p, b and the logarithms of the albedos.
+    x holds p, b and the logarithms of the albedos; sigma is of the tint, in units of texture. Returned is
+    what least squares are of, (2 P + 5,), and its derivatives, a column for each of x.
     """
+    ratio, slopes = patches.ratio_and_slopes(x)
+    slopes = -slopes / (1 + ratio)
+    tint = _tint_whitening().T / sigma
+    weight = float(np.sqrt(min(constants.PIECES / len(ratio), 1.0)))
+    apart, bend = _charbonnier((patches.light - np.log1p(ratio) - x[2:]) @ tint)
+    by_colours = np.empty((*apart.shape, len(x)))
+    by_colours[..., :2] = np.moveaxis(slopes[:2] @ tint, 0, -1)
+    by_colours[..., 2:] = (slopes[2] - 1)[:, None] * tint.T
+    by_colours *= weight * bend[..., None]
 
-    patches: Patches
-    prior: AlbedoPrior
-    sigma: float  # of the tint, in units of texture
-
-    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what least squares are of, (2 P + 5,), and its derivatives, a column for each of x."""
-        by_colours, slopes_by_colours = self._of_colours(x)
-        by_prior, slopes_by_prior = self._of_prior(x)
-        slopes = [slopes_by_colours.reshape(-1, len(x)), slopes_by_prior]
-        return np.concatenate([by_colours.ravel(), by_prior]), np.concatenate(slopes)
-
-    def _of_colours(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (P, 2), and by x (P, 2, 5)."""
-        ratio, slopes = self.patches.ratio_and_slopes(x)
-        tint = _tint_whitening().T / self.sigma
-        weight = float(np.sqrt(min(constants.PIECES / len(ratio), 1.0)))
-        apart = (self.patches.light - np.log1p(ratio) - x[2:]) @ tint
-        slopes = -slopes / (1 + ratio)
-        jacobian = np.empty((*apart.shape, len(x)))
-        jacobian[..., :2] = np.moveaxis(slopes[:2] @ tint, 0, -1)
-        jacobian[..., 2:] = (slopes[2] - 1)[:, None] * tint.T
-        apart, bend = _charbonnier(apart)
-        jacobian *= weight * bend[..., None]
-        return weight * apart, jacobian
-
-    def _of_prior(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (5,), and by x (5, 5): a line far from the middle for p."""
-        middle, width = np.transpose([constants.FACTOR_PRIOR, constants.LAMP_PRIOR])
-        whitening = self.prior.whitening
-        light = (x[:2] - middle) / width
-        by_light = np.diag(1 / width)
-        light[0], bend = _charbonnier(light[0])
-        by_light[0, 0] *= bend
-        albedo = whitening @ (x[2:] - np.log(self.prior.albedo))
-        none = np.zeros((2, 3))
-        return np.concatenate([light, albedo]), np.block(
-            [[by_light, none], [none.T, whitening]]
-        )
+    # Priors: a line far from the middle for p.
+    middle, width = np.transpose([constants.FACTOR_PRIOR, constants.LAMP_PRIOR])
+    factor, bend = _charbonnier((x[:1] - middle[:1]) / width[:1])
+    lamp = (x[1:2] - middle[1:]) / width[1:]
+    albedo = prior.whitening @ (x[2:] - np.log(prior.albedo))
+    by_prior = np.zeros((len(x), len(x)))
+    by_prior[0, 0] = bend[0] / width[0]
+    by_prior[1, 1] = 1 / width[1]
+    by_prior[2:, 2:] = prior.whitening
+    return (
+        np.concatenate([weight * apart.ravel(), factor, lamp, albedo]),
+        np.concatenate([by_colours.reshape(-1, len(x)), by_prior]),
+    )
 
 
 def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
@@ -293,49 +275,49 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     """
     if len(patches.light) < LEAST_PATCHES:
         return replace(prior.light, reason="too little of the picture shows all three")
-
-    def log_direct(x: FloatArray) -> FloatArray:
-        """Return log E_c but for a constant, (P, 3)."""
-        ratio, _ = patches.ratio_and_slopes(x)
-        return patches.light - np.log1p(ratio) - x[2:]
-
     low = np.array([0.0, 0.0, *np.log(3 * [LEAST_ALBEDO])])
     high = np.array([LARGEST_FACTOR, 1.0, *np.log(3 * [MOST_ALBEDO])])
-    x = np.array(
-        [constants.FACTOR_PRIOR[0], constants.LAMP_PRIOR[0], *np.log(prior.albedo)]
-    )
+    x = np.array([prior.light.factor, prior.light.lamp, *np.log(prior.albedo)])
     sigma = 1.0
     for _ in range(constants.FIT_ROUNDS):
-        x = _fit_within(ColourResiduals(patches, prior, sigma), x, low, high)
-        tint = np.median(np.abs(log_direct(x) @ _tint_whitening().T))
+        x = _fit_within(
+            partial(residuals, patches=patches, prior=prior, sigma=sigma), x, low, high
+        )
+        log_direct = patches.light - np.log1p(patches.ratio_and_slopes(x)[0]) - x[2:]
+        tint = np.median(np.abs(log_direct @ _tint_whitening().T))
         sigma = max(1.48 * float(tint), constants.LEAST_SPREAD)
-    light = log_direct(x)
-    misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
+    misfit = float(np.abs(log_direct - log_direct.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[2:])
-    estimate = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), misfit)
     if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():
         raise NoColour("they are as good as equal")
-    reason = _why_unlikely(misfit, x <= low, x >= high)
+    reason = ""
+    if x[0] >= high[0]:
+        reason = "more light than can have bounced"
+    elif ((x <= low) | (x >= high))[2:].any():
+        reason = "albedos that no tissue has"
+    elif misfit > constants.MOST_MISFIT:
+        reason = "the channels disagree on the direct light"
     if reason:
         return replace(prior.light, misfit=misfit, reason=reason)
-    if estimate.factor < NONE_BOUNCED:
-        known = prior.light if prior.is_given else estimate
+    light = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), misfit)
+    if light.factor < NONE_BOUNCED:
+        known = prior.light if prior.is_given else light
         none = LightOutcome.NONE_BOUNCED
         return replace(known, outcome=none, factor=0.0, misfit=misfit)
-    return estimate
+    return light
 
 
 def _fit_within(
-    residuals: ColourResiduals,
+    residuals: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
     x: FloatArray,
     low: FloatArray,
     high: FloatArray,
-    precision: float = 1e-5,
 ) -> FloatArray:
     """Fit x by the steps of Levenberg and Marquardt; what would leave its bounds stays at them.
 
     (JᵀJ + damping · its diagonal) step = -Jᵀr. SciPy's trust region finds the same in ten times the time.
     """
+    precision = 1e-5
     residual, jacobian = residuals(x)
     misfit = residual @ residual
     damping = 1e-4
@@ -343,31 +325,20 @@ def _fit_within(
         slope = jacobian.T @ residual
         free = np.where(slope > 0, x > low, x < high)
         bend = (jacobian.T @ jacobian)[np.ix_(free, free)]
+        bend += damping * np.diag(np.diag(bend))
         step = np.zeros_like(x)
-        step[free] = np.linalg.solve(bend + damping * np.diag(np.diag(bend)), -slope[free])
+        step[free] = np.linalg.solve(bend, -slope[free])
         tried = np.clip(x + step, low, high)
-        residual_there, jacobian_there = residuals(tried)
-        fall = misfit - residual_there @ residual_there
+        there = residuals(tried)
+        fall = misfit - there[0] @ there[0]
         if fall <= 0:
             damping *= 10
             continue
         change = np.abs(tried - x).max()
         x = tried
-        residual = residual_there
-        jacobian = jacobian_there
+        residual, jacobian = there
         if fall < precision * misfit or change < precision:
             break
         misfit -= fall
         damping /= 10
     return x
-
-
-def _why_unlikely(misfit: float, at_low: BoolArray, at_high: BoolArray) -> str:
-    """Say why a fit is no answer; "" if it is one. Which of x ended at a bound are given."""
-    if at_high[0]:
-        return "more light than can have bounced"
-    if (at_low | at_high)[2:].any():
-        return "albedos that no tissue has"
-    if misfit > constants.MOST_MISFIT:
-        return "the channels disagree on the direct light"
-    return ""

@@ -19,7 +19,7 @@ ENOUGH_CONTRAST = 0.99
 
 @check_kinds(result=Result)
 def explained_contrast(result: Result) -> float:
-    """Return the share of the picture's variance that the surface explains, but for noise.
+    """Return the fraction of the picture's variance that the surface explains, but for noise.
 
     With r what the model is brighter than the picture, and σ the picture's noise, it is
 
@@ -89,5 +89,5 @@ def suggest_lam(
     last = int(enough[-1])
     if last == len(tried) - 1:
         return float(np.exp(tried[last])), True
-    share = excess[last] / (excess[last] - excess[last + 1])
-    return float(np.exp(tried[last] + share * (tried[last + 1] - tried[last]))), False
+    way = excess[last] / (excess[last] - excess[last + 1])
+    return float(np.exp(tried[last] + way * (tried[last + 1] - tried[last]))), False

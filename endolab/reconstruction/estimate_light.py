@@ -43,44 +43,29 @@ from endolab.numerics.iteration import Status, check_observers, close_observers,
 from endolab.reconstruction.colours import NoColour, known_albedo
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
+from endolab.reconstruction.report import light_verdict
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Observer
 
-EXPONENTS = np.linspace(
-    0.0, 5.0, 11
-)  # k for which light is computed; endoscopes have 0.5 to 3.5
-
-
-@dataclass(frozen=True)
-class ExponentSearch:
-    """How k is found. T and the widths make the true k of 31 path-traced frames likeliest."""
-
-    first: int = 4  # of the exponents that are tried, with which to begin: 2
-    width: int = 200  # px; it is the surface's large shape that tells
-    # px, of that width; more blur, against noise, makes dark lumens brighter and k
-    # smaller.
-    smooth: float = 1.0
-    usual: float = 2.5  # k of the paper's endoscope, taken if nothing is found
-    # Standard deviation of the usual k, which what is found roughly is averaged with.
-    usual_error: float = 1.0
-    contrast: float = 0.5  # power of it by which the energy is divided
-    # T, of c.
-    temperature: float = 0.03
-    # What shapes pretend: standard deviation of the part of a frame's log light that looks like
-    # log cos α, as a share of the spread of that; and of k, for all frames of an endoscope together.
-    aside: float = 0.08
-    alike: float = 0.3
-    wrong: float = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
-    # Power of two shapes' correlation to which they are one place; 0.98 of neighbours,
-    # 0.5 of others.
-    same: float = 8.0
-    step: float = 0.05  # of the k whose likelihood is told
-    found: float = 0.5  # standard error up to which k is found; knowing nothing: 1.7
-    roughly: float = 1.0  # likewise, found roughly
-
-
-EXPONENT_SEARCH = ExponentSearch()
+EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
+FIRST = 4  # of these, with which to begin: 2
+WIDTH = 200  # px; it is the surface's large shape that tells
+SMOOTH = 1.0  # px; more blur, against noise, makes dark lumens brighter and k smaller
+USUAL = 2.5  # k of the paper's endoscope, taken if nothing is found
+USUAL_ERROR = 1.0  # with which it is averaged with what is found roughly
+# T and the widths make the true k of 31 path-traced frames likeliest.
+TEMPERATURE = 0.03  # T, of c
+# What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
+# fraction of the spread of that; and of k, for all frames of an endoscope together.
+ASIDE = 0.08
+ALIKE = 0.3
+WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
+# Power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others.
+SAME_PLACE = 8.0
+STEP = 0.05  # of the k whose likelihood is told
+FOUND = 0.5  # standard error up to which k is found; knowing nothing: 1.7
+ROUGHLY = 1.0  # likewise, found roughly
 
 
 @dataclass(frozen=True)
@@ -95,7 +80,6 @@ class LightEstimate:
     standard_error: float  # half the width of its middle 68 %
     interval: tuple[float, float]  # its middle 95 %
     outcome: str  # "found", "roughly" or "not found"
-    verdict: str  # the same in a sentence
     photometry: Photometry
     exponents: FloatArray  # (K,), those that were tried
     costs: FloatArray  # (F, K), c of every frame, its least being 0
@@ -105,9 +89,14 @@ class LightEstimate:
     status: Status  # STOPPED if not all frames were asked
 
     @property
+    def verdict(self) -> str:
+        """The outcome in a sentence."""
+        return light_verdict(self)
+
+    @property
     def evidence(self) -> dict[str, Any]:
         """All of it in plain numbers, for `endoscope.json`."""
-        plain = (
+        names = [
             "k",
             "standard_error",
             "interval",
@@ -115,8 +104,8 @@ class LightEstimate:
             "verdict",
             "places",
             "refused",
-        )
-        record = {name: getattr(self, name) for name in plain}
+        ]
+        record = {name: getattr(self, name) for name in names}
         record["exponents"] = self.exponents.tolist()
         costs = np.round(self.costs, 4).tolist()
         record["costs"] = dict(zip(self.names, costs, strict=True))
@@ -129,7 +118,7 @@ def estimate_light(
     *,
     gamma: float = 2.2,
     albedo: ArrayLike | None = None,
-    otherwise: float = EXPONENT_SEARCH.usual,
+    otherwise: float = USUAL,
     observers: Iterable[Observer] = (),
     progress: Callable[[int, str], object] | None = None,
 ) -> LightEstimate:
@@ -221,149 +210,96 @@ class _Scan:
 
 
 def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
-    """Solve a frame under every k; the iterates are yielded."""
+    """Solve a frame under every k, from a middle one outwards; the iterates are yielded."""
     if frame.image.ndim == 2:
         raise NoColour("the picture is grey")
-    surfaces = yield from _solve_for_all_k(frame, calibration)
-    costs = np.array([_cost(surface) for surface in surfaces])
-    middle = surfaces[EXPONENT_SEARCH.first]
-    mask = middle.mask
-    v = middle.log_distance[mask]
-    fall = np.log(middle.problem.field.cos_alpha[mask])
+    width = min(WIDTH, frame.width)
+    settings = Settings(width=width, smooth=SMOOTH, highlights="ignore")
+    check_frame(frame, calibration, settings)
+    colours = problem_of_frame(frame, calibration, settings).colours
+    albedo = known_albedo(calibration)
+    fall = np.log(np.where(colours[1].mask, colours[1].field.cos_alpha, 1.0))
+
+    def under(k: float) -> Problem:
+        lit = [replace(c, photometry=replace(c.photometry, k=float(k))) for c in colours]
+        return replace(lit[1], colours=tuple(lit))
+
+    found = yield from separate(under(EXPONENTS[FIRST]), albedo, False)
+    surfaces = {FIRST: found.trial.surface}
+    for index in (*range(FIRST + 1, len(EXPONENTS)), *reversed(range(FIRST))):
+        neighbour = index - 1 if index > FIRST else index + 1
+        # The surface of the same slants that makes the same picture under another k.
+        moved = 0.5 * (EXPONENTS[index] - EXPONENTS[neighbour]) * fall
+        start = surfaces[neighbour].log_distance + moved
+        trial = yield from separate_from(under(EXPONENTS[index]), albedo, start)
+        surfaces[index] = trial.surface
+
+    costs = []
+    for _, surface in sorted(surfaces.items()):
+        nearness = 1 / surface.distance[surface.mask]
+        with np.errstate(divide="ignore"):
+            contrast = np.log(nearness.std() / nearness.mean())
+        costs.append(np.log(surface.energy) - 0.5 * contrast)
+    mask = surfaces[FIRST].mask
+    v = surfaces[FIRST].log_distance[mask]
+    fall = fall[mask]
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
         raise ValueError(f"{frame.name}: its surface has no contrast")
     shape = np.full(mask.shape, np.nan)
     shape[mask] = v - np.polyval(np.polyfit(fall, v, 1), fall)
-    return _Scan(frame.name, costs - costs.min(), float(fall.std()), shape)
-
-
-def _solve_for_all_k(
-    frame: Frame, calibration: Calibration
-) -> Generator[Iterate, None, list[Iterate]]:
-    """Return the surface under every k, from a middle one outwards, indirect light removed each time."""
-    settings = Settings(
-        width=min(EXPONENT_SEARCH.width, frame.width),
-        smooth=EXPONENT_SEARCH.smooth,
-        highlights="ignore",
-    )
-    check_frame(frame, calibration, settings)
-    problem = problem_of_frame(frame, calibration, settings)
-    albedo = known_albedo(calibration)
-    first = EXPONENT_SEARCH.first
-    found = yield from separate(_under(problem, EXPONENTS[first]), albedo, False)
-    surfaces = {first: found.trial.surface}
-    for index in (*range(first + 1, len(EXPONENTS)), *reversed(range(first))):
-        neighbour = surfaces[index - 1 if index > first else index + 1]
-        k = EXPONENTS[index]
-        found = yield from separate_from(
-            _under(problem, k), albedo, _move_sides(neighbour, k)
-        )
-        surfaces[index] = found.trial.surface
-    return [surface for _, surface in sorted(surfaces.items())]
-
-
-def _under(problem: Problem, k: float) -> Problem:
-    """Return the same picture under a light of another k."""
-    lit = [
-        replace(colour, photometry=replace(colour.photometry, k=float(k)))
-        for colour in problem.colours
-    ]
-    return replace(lit[1], colours=tuple(lit))
-
-
-def _move_sides(surface: Iterate, k: float) -> FloatArray:
-    """Log-distance of a surface of the same slants that makes the same picture under another k."""
-    problem = surface.problem
-    cosine = np.where(problem.mask, problem.field.cos_alpha, 1.0)
-    return surface.log_distance + 0.5 * (k - problem.photometry.k) * np.log(cosine)
-
-
-def _cost(surface: Iterate) -> float:
-    """What a surface costs for its contrast, c."""
-    nearness = 1 / surface.distance[surface.mask]
-    contrast = nearness.std() / nearness.mean()
-    with np.errstate(divide="ignore"):
-        cost = np.log(surface.energy) - EXPONENT_SEARCH.contrast * np.log(contrast)
-    return float(cost)
+    return _Scan(frame.name, np.array(costs) - min(costs), float(fall.std()), shape)
 
 
 # All of them ----------------------------------------------------------------------------
-
-
-def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
-    """What each of several frames counts: two that show one place count half each."""
-    correlation = np.eye(len(shapes))
-    for i, j in combinations(range(len(shapes)), 2):
-        both = np.isfinite(shapes[i]) & np.isfinite(shapes[j])
-        alike = max(0.0, np.corrcoef(shapes[i][both], shapes[j][both])[0, 1])
-        correlation[i, j] = correlation[j, i] = alike**EXPONENT_SEARCH.same
-    return np.asarray(1 / correlation.sum(axis=1))
-
-
-def _likelihood(k: FloatArray, scans: Sequence[_Scan], weights: FloatArray) -> FloatArray:
-    """How likely every k is, per unit of k, (N,)."""
-    step = EXPONENT_SEARCH.step
-
-    def blur(density: FloatArray, width: float) -> FloatArray:
-        smooth = np.asarray(gaussian_filter1d(density, width / step, mode="constant"))
-        return smooth / (smooth.sum() * step)
-
-    total = np.zeros(len(k))
-    wrong = EXPONENT_SEARCH.wrong
-    for scan, weight in zip(scans, weights, strict=True):
-        cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
-        alone = np.exp(-(cost - cost.min()) / EXPONENT_SEARCH.temperature)
-        alone = blur(alone, EXPONENT_SEARCH.aside / scan.spread)
-        total += weight * np.log((1 - wrong) * alone + wrong / (k[-1] - k[0]))
-    return blur(np.exp(total - total.max()), EXPONENT_SEARCH.alike)
 
 
 def _estimate(
     scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry, status: Status
 ) -> LightEstimate:
     """What the frames tell together."""
-    weights = _weights([scan.shape for scan in scans])
-    steps = round(EXPONENTS[-1] / EXPONENT_SEARCH.step)
-    k = np.linspace(0.0, EXPONENTS[-1], steps + 1)
-    likelihood = _likelihood(k, scans, weights)
-    share = np.cumsum(likelihood) * EXPONENT_SEARCH.step
-    low, below, middle, above, high = np.interp(
-        [0.025, 0.16, 0.5, 0.84, 0.975], share, k
-    ).tolist()
-    error = (above - below) / 2
-    frames = f"{len(scans)} frame{'' if len(scans) == 1 else 's'}"
-    found = f"{middle:.1f} ± {error:.1f}, by {frames}"
+    # Of several frames that show one place each counts less: of two, half.
+    correlation = np.eye(len(scans))
+    for i, j in combinations(range(len(scans)), 2):
+        both = np.isfinite(scans[i].shape + scans[j].shape)
+        alike = np.corrcoef(scans[i].shape[both], scans[j].shape[both])[0, 1]
+        alike = max(0.0, alike) ** SAME_PLACE
+        correlation[i, j] = correlation[j, i] = alike
+    weights = 1 / correlation.sum(axis=1)
+
+    def blur(density: FloatArray, width: float) -> FloatArray:
+        smooth = np.asarray(gaussian_filter1d(density, width / STEP, mode="constant"))
+        return smooth / (smooth.sum() * STEP)
+
+    # How likely every k is, per unit of k.
+    k = np.linspace(0.0, EXPONENTS[-1], round(EXPONENTS[-1] / STEP) + 1)
+    total = np.zeros(len(k))
+    for scan, weight in zip(scans, weights, strict=True):
+        cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
+        alone = blur(np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE / scan.spread)
+        total += weight * np.log((1 - WRONG) * alone + WRONG / k[-1])
+    likelihood = blur(np.exp(total - total.max()), ALIKE)
+    below = np.cumsum(likelihood) * STEP
+    quantiles = np.interp([0.025, 0.16, 0.5, 0.84, 0.975], below, k).tolist()
+    low, less, middle, more, high = quantiles
+    error = (more - less) / 2
+
     taken = middle
-    if k[np.argmax(likelihood)] > EXPONENTS[-2]:  # at its bound, as good as
+    outcome = "found"
+    if (
+        error > ROUGHLY or k[np.argmax(likelihood)] > EXPONENTS[-2]
+    ):  # at its bound, as good as
         outcome = "not found"
-        why = f"it would be {k[-1]:g} or more"
-    elif error > EXPONENT_SEARCH.roughly:
-        outcome = "not found"
-        why = f"{low:.1f} to {high:.1f} are likely"
-    elif error > EXPONENT_SEARCH.found:
+        taken = usual.k
+    elif error > FOUND:
         outcome = "roughly"
-        precision = [error**-2, EXPONENT_SEARCH.usual_error**-2]
+        precision = [error**-2, USUAL_ERROR**-2]
         taken = float(np.average([middle, usual.k], weights=precision))
-        verdict = (
-            f"The light falls off with k = roughly {found}; with {usual.k:g} in mind, "
-            f"{taken:.1f} is taken."
-        )
-    else:
-        outcome = "found"
-        verdict = f"The light falls off with k = {found}."
-    if outcome == "not found":
-        verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
-    else:
-        usual = replace(usual, k=round(taken, 2))
-    if weights.sum() < 0.75 * len(scans):
-        verdict += f" They show much the same, and count as {weights.sum():.1f}."
     return LightEstimate(
         k=middle,
         standard_error=error,
         interval=(low, high),
         outcome=outcome,
-        verdict=f"{verdict} They do not tell γ, taken to be {usual.gamma:g}.",
-        photometry=usual,
+        photometry=replace(usual, k=round(taken, 2)),
         exponents=freeze(EXPONENTS.copy()),
         costs=freeze(np.array([scan.costs for scan in scans])),
         places=float(weights.sum()),

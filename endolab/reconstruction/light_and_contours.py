@@ -59,7 +59,7 @@ from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import DESCENT, gauss_newton
 from endolab.solvers.problem import EXACT, NONE, Problem
-from endolab.solvers.provenance import ContourOutcome, LightOutcome, SearchedPicture
+from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, name_stage
 
 # Stages
@@ -67,13 +67,16 @@ SMOOTH = "smooth"  # one channel, before anything is cut
 BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
 
-GUESSED_STEEPNESS = (
-    0.8  # before indirect light is known, lines are less steep by this factor
-)
+# Before indirect light is known, lines are less steep by this factor.
+GUESSED_STEEPNESS = 0.8
 # Median difference of stored values, as a fraction, up to which two colours are one.
 SAME_COLOUR = 0.01
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
+
+
+# Where red, green and blue, on however many pixels, are to be cut.
+FindCuts = Callable[[Sequence[Problem]], BoolArray | None]
 
 
 @dataclass(frozen=True)
@@ -83,9 +86,7 @@ class Trial:
     surface: Iterate
     light: Light = NO_LIGHT
     indirect_ratio: FloatArray = field(default_factory=lambda: np.empty(0))  # ι, (H, W, 3)
-    min_steepness: float | None = (
-        None  # of the lines that are cut; None of the uncut surface
-    )
+    min_steepness: float | None = None  # of the lines that are cut; None: uncut
 
     @property
     def is_clean(self) -> bool:
@@ -106,7 +107,7 @@ class Found:
 
     trial: Trial  # the surface that was chosen, with its light
     contours: ContourOutcome
-    searched: SearchedPicture  # where lines were looked for
+    find_cuts: FindCuts  # if the trial is cut
 
 
 def light_and_contours(
@@ -135,8 +136,7 @@ def light_and_contours(
                 found = yield from _separate_as_before(
                     small, give_full(), albedo, contours, before
                 )
-            is_given = albedo is not None and albedo.ndim == 1
-            return _direct_light_on_all_pixels(found, give_full(), is_given)
+            return _on_all_pixels(found, give_full(), albedo)
         except NoColour as error:
             reason = str(error)
     full = give_full()
@@ -175,17 +175,11 @@ def _cut_one_channel(
 
 
 def _with_contours(
-    problem: Problem,
-    outcome: ContourOutcome,
-    min_steepness: float | None = None,
-    searched: SearchedPicture | None = None,
+    problem: Problem, outcome: ContourOutcome, min_steepness: float | None = None
 ) -> Problem:
+    cut_links = 0 if problem.cuts is None else int(problem.cuts.sum())
     report = replace(
-        problem.report,
-        contours=outcome,
-        cut_links=0 if problem.cuts is None else int(problem.cuts.sum()),
-        min_steepness=min_steepness,
-        searched=searched,
+        problem.report, contours=outcome, cut_links=cut_links, min_steepness=min_steepness
     )
     return replace(problem, report=report)
 
@@ -204,73 +198,64 @@ def separate(
     _check_colours(colours)
     prior = AlbedoPrior.of(albedo)
 
-    # Uncut
+    # Uncut: solve without the indirect light that is known so far, and ask the colours again.
     ratio = np.zeros((*problem.mask.shape, 3))
-    first = merge(colours, ratio, prior.albedo)
-    surface = yield from solve_stage(
-        first, BOUNCED, 1, max_iterations=constants.UNCUT_ROUNDS[0]
-    )
-    trial = _with_light(Trial(surface), colours, prior)
-    counts = constants.UNCUT_ROUNDS[1:]
-    if trial.is_clean:  # there is nothing to ask the colours again
-        counts = (sum(counts),)
-    number = 1
-    for count in counts:
-        number += 1
-        searched = SearchedPicture(trial.indirect_ratio, trial.light.albedo)
-        surface = yield from _solve_direct(colours, trial, number, count)
-        trial = _with_light(replace(trial, surface=surface), colours, prior)
+    light = prior.light
+    surface = None
+    for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
+        picture = (ratio, light.albedo)
+        surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
+        if light.outcome is not LightOutcome.NONE_BOUNCED:
+            ratio, light = estimate_indirect(colours, surface, prior)
+    assert surface is not None
+    trial = Trial(surface, light, ratio)
 
-    # Cut at ever less steep lines
+    # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
     if contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
+    # Those very lines are cut on all pixels, or others that are as steep as the colours chose. These are
+    # lines of the uncut surface's picture: the ι of a cut one is so large at limbs and behind folds that it
+    # would make lines of its own there.
+    cuts = trial.surface.problem.cuts
+    steepness = trial.min_steepness
+    if cuts is None or outcome is ContourOutcome.BY_COLOURS:
+        find_cuts = _at_lines(*picture, steepness or 0.0)
+    else:
+        find_cuts = _at_cuts(cuts)
 
-    # The best of these, ι refined per pixel
+    # The best of these, ι refined per pixel.
     if trial.light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
-        refined = replace(trial, indirect_ratio=ratio)
         surface = yield from _solve_direct(
-            colours, refined, number + 1, constants.REFINED_STEPS
+            colours, trial.light, ratio, trial.surface, number + 1, constants.REFINED_STEPS
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
-        trial = Trial(surface, light, ratio, trial.min_steepness)
-    return Found(trial, outcome, searched)
+        trial = Trial(surface, light, ratio, steepness)
+    return Found(trial, outcome, find_cuts)
 
 
 def separate_from(
     problem: Problem,
     albedo: FloatArray | None,
     log_distance: FloatArray,
-    min_steepness: float | None = None,
-    searched: SearchedPicture | None = None,
-) -> Generator[Iterate, None, Found]:
+) -> Generator[Iterate, None, Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives. If there
-    is a `min_steepness`, it is cut at this frame's lines that are steeper, or at those of the picture that
-    was `searched`.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
     """
     colours = problem.colours
-    prior = AlbedoPrior.of(albedo)
-    if searched is None:
-        nothing = np.zeros((*problem.mask.shape, 3))
-        searched = SearchedPicture(nothing, prior.albedo, GUESSED_STEEPNESS)
-    outcome = ContourOutcome.NONE_CLEAR
-    if min_steepness is not None:
-        problem = replace(problem, cuts=_find_cuts(colours, searched, min_steepness))
-        if problem.cuts is not None:
-            outcome = ContourOutcome.AS_BEFORE
     surface = Iterate(problem, 0, log_distance, {})
+    prior = AlbedoPrior.of(albedo)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
-    trial = Trial(surface, light, ratio, min_steepness)
+    count = constants.UNCUT_ROUNDS[-1]
     halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        colours, trial, 1, constants.UNCUT_ROUNDS[-1], halvings=halvings
+        colours, light, ratio, surface, 1, count, halvings=halvings
     )
-    return Found(replace(trial, surface=surface), outcome, searched)
+    return Trial(surface, light, ratio)
 
 
 def _separate_as_before(
@@ -281,13 +266,24 @@ def _separate_as_before(
     before: Result,
 ) -> Generator[Iterate, None, Found]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
-    surface = resample_surface(before.iterate, small)
     steepness = None if contours is False else min_steepness_of(before)
-    # Another frame has other lines; those of the same one stay.
-    is_same = np.array_equal(before.problem.shown, full.shown)
-    searched = before.report.searched if is_same else None
-    found = yield from separate_from(small, albedo, surface, steepness, searched)
-    return replace(found, contours=ContourOutcome.NOT_ASKED) if contours is False else found
+    cuts = before.problem.cuts
+    if cuts is not None and np.array_equal(before.problem.shown, full.shown):
+        find_cuts = _at_cuts(cuts)
+    else:  # another frame has other lines
+        known = AlbedoPrior.of(albedo).albedo
+        nothing = np.zeros((1, 1, 3))
+        find_cuts = _at_lines(nothing, known, GUESSED_STEEPNESS * (steepness or 0.0))
+    if steepness is not None:
+        small = replace(small, cuts=find_cuts(small.colours))
+    outcome = ContourOutcome.NONE_CLEAR
+    if contours is False:
+        outcome = ContourOutcome.NOT_ASKED
+    elif small.cuts is not None:
+        outcome = ContourOutcome.AS_BEFORE
+    surface = resample_surface(before.iterate, small)
+    trial = yield from separate_from(small, albedo, surface)
+    return Found(replace(trial, min_steepness=steepness), outcome, find_cuts)
 
 
 def problem_as_before(
@@ -297,49 +293,41 @@ def problem_as_before(
 
     Light and contours are known then, and only the energy may be another.
     """
-    old = before.report
-    cuts = before.problem.cuts
+    solved = before.problem
+    old = solved.report
     is_same = (
         bool(full.colours)
-        and before.status.is_done
         and old.fingerprint == full.report.fingerprint
-        and old.light not in (None, LightOutcome.NO_COLOUR)
-        and old.contours not in (None, ContourOutcome.GIVEN)
+        and old.channel == SEPARATED
+        and old.contours is not ContourOutcome.GIVEN
         and full.cuts is None
-        and contours in (None, cuts is not None)
+        and contours in (None, solved.cuts is not None)
     )
     if not is_same:
         return None
-    solved = before.problem
-    problem = replace(
-        full,
-        image=solved.image,
-        mask=solved.mask,
-        evidence=solved.evidence,
-        cuts=cuts,
-        colours=(),
-        report=replace(old, scale="", length=None, length_by_gain=None),
+    return in_units(
+        replace(
+            full,
+            image=solved.image,
+            mask=solved.mask,
+            evidence=solved.evidence,
+            cuts=solved.cuts,
+            colours=(),
+            report=replace(old, scale="", length=None, length_by_gain=None),
+        )
     )
-    return in_units(problem)
 
 
-def _direct_light_on_all_pixels(
-    found: Found, full: Problem, is_given: bool
+def _on_all_pixels(
+    found: Found, full: Problem, albedo: FloatArray | None
 ) -> tuple[Problem, FloatArray]:
-    """Return the problem of the light that has not bounced, and a start; whether albedos were given."""
-    colours = full.colours
-    shape = full.mask.shape
+    """Return the problem of the light that has not bounced, and a start."""
     trial = found.trial
     light = trial.light
-    problem = merge(colours, resample(trial.indirect_ratio, shape), light.albedo)
-    small = trial.surface.problem
-    if small.cuts is not None:
-        by_energy = found.contours is ContourOutcome.BY_ENERGY
-        if by_energy or small.mask.shape == shape:  # it chose these very lines
-            problem = replace(problem, cuts=enlarge_cuts(small.cuts, shape))
-        else:  # the colours chose how steep they must be
-            steepness = trial.min_steepness or constants.MIN_STEEPNESS[0]
-            problem = replace(problem, cuts=_find_cuts(colours, found.searched, steepness))
+    ratio = resample(trial.indirect_ratio, full.mask.shape)
+    problem = merge(full.colours, ratio, light.albedo)
+    if trial.surface.problem.cuts is not None:
+        problem = replace(problem, cuts=found.find_cuts(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
         outcome = ContourOutcome.GIVEN
@@ -353,13 +341,13 @@ def _direct_light_on_all_pixels(
         light=light.outcome,
         reason=light.reason,
         wall_albedo=tuple(float(value) for value in light.albedo),
-        albedo_given=is_given,
+        albedo_given=AlbedoPrior.of(albedo).is_given,
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
         lamp=light.lamp,
     )
     problem = in_units(replace(problem, report=report))
-    problem = _with_contours(problem, outcome, trial.min_steepness, found.searched)
+    problem = _with_contours(problem, outcome, trial.min_steepness)
     return problem, start_from(trial.surface, problem)
 
 
@@ -370,8 +358,6 @@ def estimate_indirect(
     per_pixel: bool = False,
 ) -> tuple[FloatArray, Light]:
     """Return ι (H, W, 3) of a surface, refined if `per_pixel`, and what the colours tell of its light."""
-    if not all_exact(colours).any():
-        raise NoColour("no pixel shows all three of them")
     green = colours[1]
     k = green.photometry.k
     v = surface.log_distance
@@ -382,28 +368,23 @@ def estimate_indirect(
     return (refine_per_pixel(colours, ratio, light) if per_pixel else ratio), light
 
 
-def _with_light(
-    trial: Trial, colours: Sequence[Problem], prior: AlbedoPrior | None
-) -> Trial:
-    """Ask the colours of the light on a surface, if there are three and something may have bounced."""
-    if prior is None or trial.is_clean:
-        return trial
-    ratio, light = estimate_indirect(colours, trial.surface, prior)
-    return replace(trial, indirect_ratio=ratio, light=light)
-
-
 def _solve_direct(
-    colours: Sequence[Problem], trial: Trial, number: int, count: int, **options: Any
+    colours: Sequence[Problem],
+    light: Light,
+    indirect_ratio: FloatArray,
+    surface: Iterate | None,
+    number: int,
+    count: int,
+    **options: Any,
 ) -> Generator[Iterate, None, Iterate]:
-    """Solve again from a surface, without its indirect light: `count` steps at most, as round `number`."""
-    problem = merge(colours, trial.indirect_ratio, trial.light.albedo)
-    surface = trial.surface
-    if surface.problem.cuts is not None:
+    """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
+    problem = merge(colours, indirect_ratio, light.albedo)
+    if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
-    v = surface.log_distance
-    start = np.where(np.isfinite(v), v, problem.log_d0)
-    options |= {"start": start, "max_iterations": count}
-    return (yield from solve_stage(problem, BOUNCED, number, **options))
+        options["start"] = start_from(surface, problem)
+    return (
+        yield from solve_stage(problem, BOUNCED, number, max_iterations=count, **options)
+    )
 
 
 def solve_stage(
@@ -429,13 +410,13 @@ def _try_contours(
     Where colours tell which is right, the first two start from the uncut surface, side by side. All others
     start from the one before. `number` is the first trial's round.
     """
-    problem = uncut.surface.problem
-    lines = find_contours(problem.log_d0, problem.mask)
+    picture = uncut.surface.problem
+    lines = find_contours(picture.log_d0, picture.mask)
     cut = [
-        (steepness, cut_at_contours(problem, steepness, lines))
+        (steepness, replace(picture, cuts=lines > steepness))
         for steepness in constants.MIN_STEEPNESS
+        if (lines > steepness).any()
     ]
-    cut = [(steepness, problem) for steepness, problem in cut if problem.cuts is not None]
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
@@ -449,122 +430,99 @@ def _try_contours(
 
     trials = [uncut]
     begun = []
-    if _colours_are_reliable(trials) and not uncut.is_clean:
+    if uncut.light.outcome is LightOutcome.REMOVED:
         begun = run_together([solve(i, uncut.surface) for i in range(len(cut[:2]))])
     for index, (steepness, _) in enumerate(cut):
         steps = begun[index] if index < len(begun) else solve(index, trials[-1].surface)
         surface = yield from steps
         trial = replace(uncut, surface=surface, min_steepness=steepness)
-        trials.append(_with_light(trial, colours, prior))
-        if not _goes_on(trials):
+        if prior is not None and not uncut.is_clean:
+            ratio, light = estimate_indirect(colours, surface, prior)
+            trial = replace(trial, indirect_ratio=ratio, light=light)
+        trials.append(trial)
+        # Less steep lines might do better where nothing bounced, or while the colours agree as well.
+        is_as_good = _colours_tell(trials) and trial.light.misfit <= _misfit_limit(trials)
+        if not uncut.is_clean and not is_as_good:
             break
     return trials
 
 
-def _goes_on(trials: Sequence[Trial]) -> bool:
-    """Whether less steep lines might do better than those that were tried."""
-    if trials[0].is_clean:
-        return True
-    if not _colours_are_reliable(trials):
-        return False
-    return trials[-1].light.misfit <= _misfit_limit(trials, trials)
-
-
-def choose(
-    trials: Sequence[Trial],
-    always: bool = False,
-) -> tuple[Trial, ContourOutcome]:
+def choose(trials: Sequence[Trial], always: bool = False) -> tuple[Trial, ContourOutcome]:
     """Return the trial that is taken, and what decided; the uncut one is the first.
 
-    The uncut surface is not taken if there are to be contours `always`.
+    The uncut surface is not taken if there are to be contours `always`. Where colours do not tell it from
+    those that are cut, that one is taken whose log energy and cuts cost least.
     """
-    uncut, *cut = trials
-    if not cut:
-        return uncut, ContourOutcome.NONE_CLEAR
-    allowed = cut if always else trials
-    outcome = ContourOutcome.BY_ENERGY
-    if uncut.is_clean:
-        chosen = _cheapest(allowed, constants.CLEAN_PRICE)
-    elif not _colours_are_reliable(trials):
-        is_cut = always or is_worth_cutting(cut[0], uncut, constants.PRICE)
-        chosen = cut[0] if is_cut else uncut
-    else:
-        limit = _misfit_limit(trials, allowed)
-        as_good = [trial for trial in allowed if trial.light.misfit <= limit]
-        chosen = as_good[0]
-        if chosen is uncut:  # the colours do not tell it from those that are cut
-            chosen = _cheapest(as_good, constants.PRICE)
-        else:
-            outcome = ContourOutcome.BY_COLOURS
-    return chosen, ContourOutcome.NONE_CLEAR if chosen is uncut else outcome
-
-
-def is_worth_cutting(cut: Trial, uncut: Trial, price: float) -> bool:
-    """Whether cuts save this price."""
-    return cut.surface.energy / uncut.surface.energy + price * cut.cut_length < 1
-
-
-def _cheapest(trials: Sequence[Trial], price: float) -> Trial:
-    """Return the trial whose log energy and cuts cost least."""
-    return min(
-        trials,
+    uncut = trials[0]
+    allowed = trials[1:] if always and len(trials) > 1 else trials
+    if _colours_tell(trials):
+        limit = _misfit_limit(allowed)
+        allowed = [trial for trial in allowed if trial.light.misfit <= limit]
+        if allowed[0] is not uncut:
+            return allowed[0], ContourOutcome.BY_COLOURS
+    price = constants.CLEAN_PRICE if uncut.is_clean else constants.PRICE
+    cheapest = min(
+        allowed,
         key=lambda trial: np.log(trial.surface.energy) + price * trial.cut_length,
     )
+    is_cut = cheapest is not uncut
+    return cheapest, ContourOutcome.BY_ENERGY if is_cut else ContourOutcome.NONE_CLEAR
 
 
-def _colours_are_reliable(trials: Sequence[Trial]) -> bool:
-    """Whether what the colours say of the first two surfaces can be."""
-    reliable = (LightOutcome.REMOVED, LightOutcome.NONE_BOUNCED)
-    return all(trial.light.outcome in reliable for trial in trials[:2])
+def _colours_tell(trials: Sequence[Trial]) -> bool:
+    """Whether light bounced, and what the colours say of the first two surfaces can be."""
+    bounced = trials[0].light.outcome is LightOutcome.REMOVED
+    return bounced and not any(trial.light.reason for trial in trials[:2])
 
 
-def _misfit_limit(trials: Sequence[Trial], allowed: Sequence[Trial]) -> float:
-    """Return the largest misfit at which a surface is as good as the best of those that are allowed."""
-    least = min(trial.light.misfit for trial in allowed)
+def _misfit_limit(trials: Sequence[Trial]) -> float:
+    """Return the largest misfit at which a surface is as good as the best of these."""
+    least = min(trial.light.misfit for trial in trials)
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(
-    problem: Problem,
-    min_steepness: float,
-    lines: FloatArray | None = None,
-) -> Problem:
+def cut_at_contours(problem: Problem, min_steepness: float) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
-    if lines is None:
-        lines = find_contours(problem.log_d0, problem.mask)
-    cuts = lines > min_steepness
+    cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 
-def _find_cuts(
-    colours: Sequence[Problem], searched: SearchedPicture, min_steepness: float
-) -> BoolArray | None:
-    """Return cuts at the contours of the picture that is searched.
+def _at_lines(
+    indirect_ratio: FloatArray, albedo: FloatArray, min_steepness: float
+) -> FindCuts:
+    """Cut at the contours of the picture without this indirect light, ι (h, w, 3)."""
 
-    It is the picture without the indirect light of the uncut surface. The ι of a cut one is so large at limbs
-    and behind folds that it would make lines of its own there.
+    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
+        ratio = resample(indirect_ratio, colours[1].mask.shape)
+        return cut_at_contours(merge(colours, ratio, albedo), min_steepness).cuts
+
+    return find_cuts
+
+
+def _at_cuts(cuts: BoolArray) -> FindCuts:
+    """Cut where these are."""
+    return lambda colours: resample_cuts(cuts, colours[1].mask.shape)
+
+
+def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
+    """Return cuts (2, h, w), as `Problem` has them, on more pixels or fewer, (H, W).
+
+    A pixel becomes the one in which its centre lies, the nearer to the picture's middle of two. A step is
+    cut if one on the way between these is.
     """
-    ratio = resample(searched.indirect_ratio, colours[1].mask.shape)
-    picture = merge(colours, ratio, searched.albedo)
-    return cut_at_contours(picture, searched.steepness_factor * min_steepness).cuts
-
-
-def enlarge_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
-    """Return cuts (2, h, w), as `Problem` has them, on more pixels (H, W).
-
-    A pixel halfway between two of the fewer counts as the one nearer to the picture's middle.
-    """
-
-    def source(fewer: int, more: int) -> np.ndarray:
-        middle = np.arange(more) + 0.5 - more / 2
-        return np.floor(fewer / 2 + (1 - 1e-9) * fewer / more * middle).astype(int)
-
-    rows = source(cuts.shape[1], shape[0])
-    columns = source(cuts.shape[2], shape[1])
-    enlarged = cuts[:, rows[:, None], columns]
-    enlarged[0] &= np.diff(columns, append=columns[-1]) > 0
-    enlarged[1] &= np.diff(rows, append=rows[-1])[:, None] > 0
-    return enlarged
+    rows, columns = (
+        np.floor(old / 2 + (1 - 1e-9) * old / new * (np.arange(new) + 0.5 - new / 2))
+        for old, new in zip(cuts.shape[1:], shape, strict=True)
+    )
+    places = np.ix_(rows.astype(int), columns.astype(int))
+    resampled = []
+    for cut, axis in zip(cuts, (1, 0), strict=True):
+        passed = (np.cumsum(cut, axis) - cut)[
+            places
+        ]  # on the way from the border to each pixel
+        ahead = np.diff(passed, axis=axis, append=passed.take([-1], axis))
+        resampled.append(ahead > 0)
+    return np.stack(resampled)
 
 
 def min_steepness_of(result: Result) -> float | None:
@@ -593,7 +551,6 @@ def merge(
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
-    noises = [_noise(colour) for colour in colours]
     image = np.empty(mask.shape)
 
     def merge_rows(rows: slice) -> None:
@@ -601,21 +558,18 @@ def merge(
         weights = np.zeros(mask[rows].shape)
         for c, colour in enumerate(colours):
             ratio = indirect_ratio[rows, :, c]
+            noise = _noise(colour)
+            shade = np.maximum(colour.image[rows], noise)
+            variance = (gamma * noise / shade) ** 2
+            variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
+            variance += constants.TEXTURE[c] ** 2
             counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
-            shade = np.maximum(colour.image[rows], noises[c])
-            by_noise = (gamma * noises[c] / shade) ** 2
-            by_ratio = (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
-            weight = np.where(
-                counts, 1 / (by_noise + by_ratio + constants.TEXTURE[c] ** 2), 0.0
-            )
-            log_direct = (
-                gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
-            )
-            total += weight * log_direct
+            log_albedo = np.log(albedo[1] / albedo[c])
+            weight = counts / variance
+            total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
             weights += weight
-        mean = total / np.where(mask[rows], weights, 1.0)
-        light = np.where(mask[rows], np.exp(mean), 0.0)
-        image[rows] = light ** (1 / gamma)
+        light = np.exp(total / np.where(mask[rows], weights, 1.0))
+        image[rows] = np.where(mask[rows], light, 0.0) ** (1 / gamma)
 
     by_rows(merge_rows, mask.shape)
     evidence[~mask] = EXACT
@@ -632,16 +586,14 @@ def _noise(problem: Problem) -> float:
 def _signal(problem: Problem) -> float:
     """Return median grey level over noise; less where much is saturated."""
     image = problem.image[problem.mask]
-    share = np.mean(image < SATURATED)
-    return float(np.median(image) * share) / _noise(problem)
+    return float(np.median(image) * np.mean(image < SATURATED)) / _noise(problem)
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:
     """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
-    mask = np.all([colour.mask for colour in colours], axis=0)
-    if not mask.any():
-        return
-    red, green, blue = (colour.image[mask] for colour in colours)
-    differences = [np.median(np.abs(other / green - 1)) for other in (red, blue)]
-    if max(differences) < SAME_COLOUR:
+    exact = all_exact(colours)
+    if not exact.any():
+        raise NoColour("no pixel shows all three of them")
+    red, green, blue = (colour.image[exact] for colour in colours)
+    if max(np.median(np.abs(other / green - 1)) for other in (red, blue)) < SAME_COLOUR:
         raise NoColour("red, green and blue are one")

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
@@ -29,10 +28,10 @@ def make_mesh(
         Of the pixels, in [0, 1]; by default those of the frame, or grey for bare points.
     sigma : (H, W) float array, optional
         How far each distance of a result can be trusted, in its unit (`endolab.uncertainty_of`): instead, the
-        colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
+        colours tell it in % of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
     cuts : (2, H, W) bool array, optional
-        Steps to the right and lower neighbour over which the surface is cut, as
+        Links to the right and lower neighbour over which the surface is cut, as
         `metrics.depth_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
@@ -60,31 +59,28 @@ def make_mesh(
     >>> mesh.unit, mesh.triangles.shape[1]
     ('mm', 3)
     """
-    legend = ""
     unit = "mm"
     if isinstance(shown, Result | Iterate):
-        problem = shown.problem
         points = shown.points
-        unit = problem.unit
-        colours = problem.shown if colours is None else colours
-        cuts = problem.cuts if cuts is None else cuts
+        unit = shown.problem.unit
+        colours = shown.problem.shown if colours is None else colours
+        cuts = shown.problem.cuts if cuts is None else cuts
     else:
         points = np.asarray(shown, dtype=np.float64)
     if points.ndim != 3 or points.shape[2] != 3:
         raise ValueError(f"points must have shape (H, W, 3), found {points.shape}")
-    shape = points.shape[:2]
     distance = np.linalg.norm(points, axis=-1)
+    legend = ""
     if sigma is not None:
         percent = 100 * sigma / distance
         # As in figures, 98 % of the pixels are within the scale.
         most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
         places = np.round(255 * np.clip(np.nan_to_num(percent) / most, 0, 1))
         bgr = cv2.applyColorMap(places.astype(np.uint8), cv2.COLORMAP_MAGMA)
-        colours = np.asarray(bgr[..., ::-1], np.float64) / 255
+        colours = bgr[..., ::-1] / 255
         legend = (
             f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
         )
-    colours = np.full(shape, 0.7) if colours is None else colours  # grey
     joined = links(np.isfinite(distance) & (distance > 0), cuts)
     triangles = join_triangles(distance, joined)
     points = points.reshape(-1, 3)
@@ -98,30 +94,37 @@ def make_mesh(
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
     triangles = (np.cumsum(used, dtype=np.int32) - 1)[triangles]
-    vertices = points[used]
-    rgb = np.broadcast_to(colours.reshape(*shape, -1), (*shape, 3)).reshape(-1, 3)
-    normals = vertex_normals(vertices, triangles)
-    return Mesh(vertices, triangles, rgb[used].clip(0, 1), normals, unit, legend)
+    grey = np.full(distance.shape, 0.7)
+    rgb = np.atleast_3d(grey if colours is None else colours).clip(0, 1)
+    rgb = np.broadcast_to(rgb, (*distance.shape, 3)).reshape(-1, 3)
+    normals = vertex_normals(points[used], triangles)
+    return Mesh(points[used], triangles, rgb[used], normals, unit, legend)
 
 
 def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
-    """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all steps.
+    """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all links.
 
-    `joined`, (2, H, W), are the steps that there are (see `stencils.links`). A square that has all four is
+    `joined`, (2, H, W), are the links that there are (see `stencils.links`). A square that has all four is
     split along the diagonal over which the distance, (H, W), changes by the smaller factor.
     """
-    number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)
-    corners = sliding_window_view(number, (2, 2)).reshape(-1, 4)  # a, b and below c, d
     across, down = joined
-    top, bottom = across[:-1, :-1].ravel(), across[1:, :-1].ravel()
-    left, right = down[:-1, :-1].ravel(), down[:-1, 1:].ravel()
+    top, bottom = across[:-1, :-1], across[1:, :-1]
+    left, right = down[:-1, :-1], down[:-1, 1:]
+    number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)
+    a, b, c, d = _corners(number)
+    log = np.log(np.maximum(distance, 1e-300))
+    here, ahead, below, beyond = _corners(log)
+    flatter = np.abs(here - beyond) < np.abs(ahead - below)
+    # At a and d they share the diagonal b-c, at c and b the other.
+    kinds = (a, c, b), (b, c, d), (a, c, d), (a, d, b)
     there = np.stack([top & left, bottom & right, left & bottom, top & right])
-    far = np.log(np.maximum(distance, 1e-300)).ravel()[corners]
-    flatter = np.abs(far[:, 0] - far[:, 3]) < np.abs(far[:, 1] - far[:, 2])
-    # The diagonal is b-c, else a-d.
     rises = there[:2].sum(axis=0) >= there[2:].sum(axis=0) + 0.5 * flatter
     there &= [rises, rises, ~rises, ~rises]
-    kinds = [0, 2, 1], [1, 2, 3], [0, 2, 3], [0, 3, 1]
     return np.concatenate(
-        [corners[one][:, kind] for one, kind in zip(there, kinds, strict=True)]
+        [np.stack(kind, -1)[wanted] for kind, wanted in zip(kinds, there, strict=True)]
     )
+
+
+def _corners(a: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The upper left, upper right, lower left and lower right values of each square of a grid."""
+    return a[:-1, :-1], a[:-1, 1:], a[1:, :-1], a[1:, 1:]

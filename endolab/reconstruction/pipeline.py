@@ -26,8 +26,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -129,10 +127,9 @@ def reconstruct(
         settings = Settings.of(options)
         if held is not None:
             problem = held.problem_with(settings, calibration.photometry)
-            return run(_solve(problem, settings, held.start, None), observers)
-        check_arguments(frame, calibration, settings, start)
-        give_full = _prepare(frame, calibration, settings)
-        stages = solve_in_stages(frame, calibration, settings, start, give_full)
+            return run(_solve(problem, settings, held.start), observers)
+        give_full = _begin(frame, calibration, settings, start)
+        stages = _solve_in_stages(frame, calibration, settings, start, give_full)
 
         def to_scale(answer: Iterate) -> Iterate:
             if answer.stage != SOLUTION:  # it was stopped on the way
@@ -168,24 +165,17 @@ def iterate(
             raise ValueError(
                 f"{name} is an option of reconstruct(); iterates have the unit of the gain"
             )
-    check_arguments(frame, calibration, settings, start)
-    give_full = _prepare(frame, calibration, settings)
-    return solve_in_stages(frame, calibration, settings, start, give_full)
+    give_full = _begin(frame, calibration, settings, start)
+    return _solve_in_stages(frame, calibration, settings, start, give_full)
 
 
-def check_arguments(
+def _begin(
     frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
-) -> None:
-    """Raise a ValueError in one sentence if something cannot be used."""
+) -> Callable[[], Problem]:
+    """Check what is given and prepare the frame on all its pixels, in the background if few come first."""
     check_frame(frame, calibration, settings)
     if start is not None:
         check_solver_options(settings.solver, {"start": start})
-
-
-def _prepare(
-    frame: Frame, calibration: Calibration, settings: Settings
-) -> Callable[[], Problem]:
-    """Begin to prepare the frame on all its pixels: long before it is needed, if few come first."""
 
     def full() -> Problem:
         return problem_of_frame(frame, calibration, settings)
@@ -196,59 +186,56 @@ def _prepare(
     return lambda: problem
 
 
-def solve_in_stages(
+def _solve_in_stages(
     frame: Frame,
     calibration: Calibration,
     settings: Settings,
-    start: Result | FloatArray | None,
+    start: Result | None,
     give_full: Callable[[], Problem],
 ) -> Solver:
     """Take indirect light out, cut the surface where contours are, and solve what is left."""
-    before = start if isinstance(start, Result) else None
     contours = settings.contours if settings.searches_contours else False
-    known = None
-    if before is not None:
+    problem = first = None
+    if start is not None:
         full = give_full()
-        if before.mask.shape != full.mask.shape:
+        if start.mask.shape != full.mask.shape:
             raise ValueError(
-                f"start has shape {before.mask.shape}, the frame {full.mask.shape}"
+                f"start has shape {start.mask.shape}, the frame {full.mask.shape}"
             )
-        known = problem_as_before(full, before, contours)
-    if before is not None and known is not None:
-        problem = known
-        first: FloatArray | None = start_from(before.iterate, problem)
-    else:
+        problem = problem_as_before(full, start, contours)
+    if problem is None:
         few = on_few_pixels(frame, settings)
         small = give_full() if few is None else problem_of_frame(frame, calibration, few)
         albedo = known_albedo(calibration)
         problem, first = yield from light_and_contours(
-            small, give_full, albedo, contours, before
+            small, give_full, albedo, contours, start
         )
-    return (yield from _solve(problem, settings, start, first))
+    elif start is not None:
+        first = start_from(start.iterate, problem)
 
-
-def _solve(
-    problem: Problem,
-    settings: Settings,
-    start: Result | FloatArray | None,
-    first: FloatArray | None,
-) -> Solver:
-    """Solve the problem that is left, from a first map of the stage before, or from a start."""
-    asked = settings.as_dict() | {"regulariser": problem.regulariser}
-    problem = replace(problem, report=replace(problem.report, asked=asked))
     halvings = DESCENT.like_halvings  # as it was found on fewer pixels
     converged_at = None
-    if isinstance(start, np.ndarray):
-        first = start
-        halvings = DESCENT.start_halvings
-    elif start is not None:
+    if start is not None:
         if start.status.is_done:
             converged_at = start.energy
         if first is None:
             first = start_from(start.iterate, problem)
             halvings = DESCENT.start_halvings
+    return (yield from _solve(problem, settings, first, halvings, converged_at))
+
+
+def _solve(
+    problem: Problem,
+    settings: Settings,
+    start: FloatArray | None,
+    halvings: int = DESCENT.start_halvings,
+    converged_at: float | None = None,
+) -> Solver:
+    """Solve the problem that is left, from a first map if there is one."""
+    asked = settings.as_dict() | {"regulariser": problem.regulariser}
+    problem = replace(problem, report=replace(problem.report, asked=asked))
     offered: dict[str, Any] = {
-        "start": first,
+        "start": start,
         "halvings": halvings,
         "converged_at": converged_at,
         "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,

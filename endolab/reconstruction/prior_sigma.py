@@ -15,6 +15,7 @@ import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
+from endolab.reconstruction.report import prior_notes
 
 UNMEASURED = {"k": 1.0, "gamma": 0.2}  # of a light that nobody measured
 
@@ -66,7 +67,7 @@ class PriorSigma:
         }
         assumed = UNMEASURED if is_unmeasured else {"k": cls.k, "gamma": cls.gamma}
         assumed = {name: error for name, error in assumed.items() if name not in measured}
-        notes = _notes(measured, assumed, is_unmeasured)
+        notes = tuple(prior_notes(measured, assumed, is_unmeasured))
         return cls(**measured, **assumed, notes=notes)
 
 
@@ -75,22 +76,3 @@ def _at(value: Any, *keys: str) -> Any:
     for key in keys:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value
-
-
-def _notes(
-    measured: dict[str, float], assumed: dict[str, float], is_unmeasured: bool
-) -> tuple[str, ...]:
-    """Say which numbers are a calibration's and which are assumed."""
-    listed, stated = (
-        ", ".join(f"{name} ± {value:.2g}" for name, value in each.items())
-        for each in (measured, assumed)
-    )
-    why = "The calibration states no standard errors"
-    if is_unmeasured:
-        why = "Light partly uncalibrated" if measured else "Light uncalibrated"
-    notes = []
-    if measured:
-        notes.append(f"Standard errors of the calibration: {listed}.")
-    if assumed:
-        notes.append(f"{why}; assuming {stated}.")
-    return tuple(notes)

@@ -53,12 +53,12 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         camera = camera.resize(width, height)
     highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
     known = frame.pixels_to_use() & camera.field.valid
-    no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
-    mirrored = no_evidence
+    silent = np.zeros_like(known) if frame.silent is None else frame.silent
+    mirrored = silent
     if highlights != "keep":
-        mirrored = no_evidence | find_highlights(frame.image, known, photometry.gamma)
+        mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
     if highlights == "ignore":
-        no_evidence = mirrored
+        silent = mirrored
     treated = frame
     if mirrored.any():
         treated = replace(frame, image=inpaint(frame.image, mirrored, known))
@@ -67,15 +67,14 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     def make(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)
         own = photometry.simplify().channel(name)
-        saturated = image >= SATURATED
+        evidence = np.where(image >= SATURATED, LOWER_BOUND, EXACT).astype(np.int8)
+        evidence[silent] = NONE
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = settings.smooth
         if blur is None:
             blur = 2 * float(np.sqrt(255 * noise_level(image, known)))
         image = smooth_light(image, known, photometry.gamma, blur)
-        evidence = np.where(saturated, LOWER_BOUND, EXACT).astype(np.int8)
-        evidence[no_evidence] = NONE
         called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
         report = Report(
             frame=frame.name,
@@ -135,32 +134,29 @@ def on_few_pixels(frame: Frame, settings: Settings) -> Settings | None:
     """Return the settings by which light and contours are looked for first; None: on all pixels, or not."""
     width, height = _size_of_problem(frame, settings)
     fraction = FEW / max(width, height)
-    is_colour = settings.uses_colours and frame.image.ndim == 3
-    if not (is_colour or settings.searches_contours) or fraction >= 1:
+    if not (settings.searches_contours or _asks_colours(frame, settings)):
         return None
-    if fraction * min(width, height) < LEAST_SIDE:
+    if fraction >= 1 or fraction * min(width, height) < LEAST_SIDE:
         return None
     return replace(settings, width=round(fraction * width), cuts=None)
 
 
 def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> None:
     """Raise a ValueError or a MemoryError if a frame cannot be solved by these settings."""
-    camera = calibration.camera
-    check_size(frame.name, (frame.width, frame.height), camera)
+    check_size(frame.name, (frame.width, frame.height), calibration.camera)
     if settings.used_channel == SEPARATED and frame.image.ndim == 2:
         raise ValueError(
             f"{frame.name} is grey, and channel='separated' needs its three colours"
         )
     width, height = _size_of_problem(frame, settings)
-    height = round(height)
-    if min(width, height) < LEAST_SIDE:
-        least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
+    size = f"a frame of {width}x{round(height)} px"
+    if min(width, round(height)) < LEAST_SIDE:
         raise ValueError(
-            f"a frame of {width}x{height} px is too small to be solved: {least}"
+            f"{size} is too small to be solved: expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
         )
-    channels = 3 if settings.uses_colours and frame.image.ndim == 3 else 1
-    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
-    check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
+    channels = 3 if _asks_colours(frame, settings) else 1
+    needed = RUN_BYTES + width * round(height) * BYTES_PER_PIXEL[channels]
+    check_memory(needed, size, "; make it smaller with width=")
     if settings.smooth is not None and settings.smooth > width:
         most = f"the frame's width of {width} px"
         raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
@@ -169,6 +165,10 @@ def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> N
 def _size_of_problem(frame: Frame, settings: Settings) -> tuple[int, float]:
     width = settings.width or frame.width
     return width, frame.height * width / frame.width
+
+
+def _asks_colours(frame: Frame, settings: Settings) -> bool:
+    return settings.uses_colours and frame.image.ndim == 3
 
 
 def _fingerprint(frame: Frame, calibration: Calibration, *treated: object) -> str:
@@ -194,13 +194,12 @@ def in_units(problem: Problem) -> Problem:
 
 def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
     """Return log d of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
-    shape = problem.mask.shape
-    known = resample(surface.mask.astype(np.float64), shape)
-    v = resample(np.where(surface.mask, surface.log_distance, 0.0), shape)
+    maps = np.dstack([surface.mask, np.where(surface.mask, surface.log_distance, 0.0)])
+    known, v = np.moveaxis(resample(maps, problem.mask.shape), -1, 0)
     gain = problem.photometry.gain or 1.0
     gain_before = surface.problem.photometry.gain or 1.0
-    moved = v / np.where(known > 0, known, 1) + 0.5 * np.log(gain / gain_before)
-    return np.where(known > 0, moved, np.nan)
+    mean = np.divide(v, known, out=np.full(v.shape, np.nan), where=known > 0)
+    return mean + 0.5 * np.log(gain / gain_before)
 
 
 def start_from(surface: Iterate, problem: Problem) -> FloatArray:

@@ -1,11 +1,12 @@
 """What the numbers of a result mean, what they rest on, what is doubtful: all sentences about it."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from endolab.frames.surround import unclear_surround
+from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE
@@ -26,7 +27,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
         *_of_albedo(result),
         _of_bounces(result),
         _of_gamma(result),
-        *of_evidence(result),
+        *_of_evidence(result),
         *notes(result),
     )
 
@@ -142,41 +143,91 @@ def _of_gamma(result: Result | Iterate) -> str:
     )
 
 
-def of_evidence(result: Result | Iterate) -> Iterator[str]:
+def _of_evidence(result: Result | Iterate) -> Iterator[str]:
     """Say how many pixels are saturated, and how many say nothing."""
     problem = result.problem
     if problem.evidence is None:
         return
     known = problem.evidence[problem.mask]
 
-    def share(what: int) -> str:
+    def fraction_of(what: int) -> str:
         count = int((known == what).sum())
         return f"{count} of {known.size} pixels ({100 * count / known.size:.2g} %)"
 
     if LOWER_BOUND in known:
-        yield f"The sensor is saturated in {share(LOWER_BOUND)}, which count as 'at least this bright'."
+        yield f"The sensor is saturated in {fraction_of(LOWER_BOUND)}, which count as 'at least this bright'."
     if NONE in known:
-        yield f"Highlights and overlays hide {share(NONE)}, where the surface is interpolated."
+        yield f"Highlights and overlays hide {fraction_of(NONE)}, where the surface is interpolated."
+
+
+def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
+    """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
+    known = result.distance[result.mask]
+    yield f"{result.status.name}: {result.status.value}"
+    yield (
+        f"{result.iterations} iterations, {result.seconds:.2f} s, energy {result.energy:.3e}, "
+        f"{known.size} pixels"
+    )
+    yield (
+        f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
+        f"({result.problem.unit})"
+    )
+    yield from (*notes(result), *_of_evidence(result), *warnings(result))
+    if sigma is not None:
+        percent = 100 * sigma[result.mask] / known
+        low, middle, high = np.percentile(percent, [10, 50, 90])
+        yield f"σ of the distance: {middle:.2g} % for the median pixel, {low:.2g} to {high:.2g} %"
+
+
+def prior_notes(
+    measured: Mapping[str, float], assumed: Mapping[str, float], is_unmeasured: bool
+) -> Iterator[str]:
+    """Say which standard deviations are a calibration's and which are assumed."""
+    listed, stated = (
+        ", ".join(f"{name} ± {value:.2g}" for name, value in part.items())
+        for part in (measured, assumed)
+    )
+    if measured:
+        yield f"Standard errors of the calibration: {listed}."
+    why = "The calibration states no standard errors"
+    if is_unmeasured:
+        why = "Light partly uncalibrated" if measured else "Light uncalibrated"
+    if assumed:
+        yield f"{why}; assuming {stated}."
+
+
+def light_verdict(estimate: Any) -> str:
+    """Say in a sentence or two what a `LightEstimate` tells of the light's fall-off."""
+    count = len(estimate.names)
+    frames = f"{count} frame{'s' * (count > 1)}"
+    taken = f"{estimate.photometry.k:.3g} is taken."
+    found = f"{estimate.k:.1f} ± {estimate.standard_error:.1f}, by {frames}"
+    if estimate.outcome == "found":
+        verdict = f"The light falls off with k = {found}."
+    elif estimate.outcome == "roughly":
+        verdict = f"The light falls off with k = roughly {found}; {taken}"
+    else:
+        low, high = estimate.interval
+        why = f"{low:.1f} to {high:.1f} are likely"
+        if estimate.k > estimate.exponents[-2]:
+            why = f"it would be {estimate.exponents[-1]:g} or more"
+        verdict = f"k is not found: by {frames}, {why}; {taken}"
+    if estimate.places < 0.75 * count:
+        verdict += f" They show much the same, and count as {estimate.places:.1f}."
+    return f"{verdict} They do not tell γ, taken to be {estimate.photometry.gamma:g}."
 
 
 # Doubts: nothing is refused, since a frame may be a rare one ------------------------------
 
 
-@dataclass(frozen=True)
-class Plausible:
-    """What frames of endoscopes usually show."""
-
-    # Degrees from the axis to the picture's rim; endoscopes see 35 to 85.
-    least_angle: float = 5.0
-    distances: tuple[float, float] = (2.0, 300.0)  # mm, of the median
-    # Of the picture's variance; frames of cavities have 0.99 and more.
-    explained: float = 0.97
-    # Of what the file can hold; the brightest pixel of a usual frame has 0.8 and more.
-    dim: float = 0.1
-    darkest_albedo: float = 0.05  # of tissue and of phantoms
-
-
-PLAUSIBLE = Plausible()
+# What frames of endoscopes usually show.
+LEAST_ANGLE = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
+DISTANCES = (2.0, 300.0)  # mm, of the median
+EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
+DIM = (
+    0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
+)
+DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 
 
 def warnings(result: Result) -> tuple[str, ...]:
@@ -190,17 +241,17 @@ def _warnings(result: Result) -> Iterator[str]:
     widest = float(
         np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1)))
     )
-    if widest < PLAUSIBLE.least_angle:
+    if widest < LEAST_ANGLE:
         yield f"The camera sees only {widest:.2g}° to the side: its focal length may be wrong."
     median = float(np.median(result.distance[mask]))
-    if result.metric and not PLAUSIBLE.distances[0] <= median <= PLAUSIBLE.distances[1]:
+    if result.metric and not DISTANCES[0] <= median <= DISTANCES[1]:
         yield (
-            f"The median distance is {median:.3g} mm, where endoscopes see {PLAUSIBLE.distances[0]:g} to "
-            f"{PLAUSIBLE.distances[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
+            f"The median distance is {median:.3g} mm, where endoscopes see {DISTANCES[0]:g} to "
+            f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
         )
     explained = explained_contrast(result)
     picture = problem.shown
-    if explained < PLAUSIBLE.explained:
+    if explained < EXPLAINED:
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; 99 % is usual. "
             "This may not be an endoscope's frame, or λ is too large."
@@ -212,7 +263,7 @@ def _warnings(result: Result) -> Iterator[str]:
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
     brightest = float(picture[mask].max())
-    if brightest < PLAUSIBLE.dim:
+    if brightest < DIM:
         yield (
             f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
             "bits than the file, such as 12 of 16."
@@ -228,10 +279,8 @@ def _warnings(result: Result) -> Iterator[str]:
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."
         )
-    albedo = float(
-        np.min(getattr(problem.photometry.brdf, "albedo", PLAUSIBLE.darkest_albedo))
-    )
-    if albedo < PLAUSIBLE.darkest_albedo:
+    albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", DARKEST_ALBEDO)))
+    if albedo < DARKEST_ALBEDO:
         yield f"An albedo of {albedo:.2g} is too dark for tissue, which has 0.1 to 0.8."
 
 

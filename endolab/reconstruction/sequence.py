@@ -20,42 +20,33 @@ from endolab.model.surface import normals
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
-from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
-from endolab.reconstruction.settings import LENGTHS
+from endolab.reconstruction.scale import in_unit, scale_by_length
+from endolab.reconstruction.settings import LENGTHS, Settings
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import ContourOutcome, Report
 from endolab.solvers.result import Iterate, Result
 from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
-
-@dataclass(frozen=True)
-class Linking:
-    """How much neighbouring frames are believed to share."""
-
-    # Times the energy of the last cold start: then a warm start is not trusted.
-    worse: float = 1.3
-    refresh: int = 25  # frames after which a cold start is tried anyway
-    # Standard deviation of the change of log gain from frame to frame.
-    gain_step: float = 0.1
-    motion_step: float = 0.05  # of the camera's motion: median distances, and rad
-    samples: int = 8000  # pixels that are compared; their link is that of all within 1e-4
-    independent: float = 100.0  # as many of them tell their own story
-    rounds: int = 20  # of reweighting
-    settled: float = 1e-5  # change of the unknowns after which there is no other round
-    # Cosine between ray and normal below which a surface says little of its place.
-    grazing: float = 0.25
-
-
-LINKING = Linking()
+WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
+REFRESH = 25  # frames after which a cold start is tried anyway
+# Standard deviations of what changes from frame to frame: the gain's logarithm, and the camera's place, in
+# median distances, and direction, rad.
+GAIN_STEP = 0.1
+MOTION_STEP = 0.05
+SAMPLES = 8000  # pixels that are compared; their link is that of all within 1e-4
+INDEPENDENT = 100.0  # as many of them tell their own story
+ROUNDS = 20  # of reweighting, at most
+GRAZING = (
+    0.25  # cosine between ray and normal below which a surface says little of its place
+)
 
 
 @dataclass(frozen=True)
 class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
-    result: (
-        Result  # of which `take_up` knows only the surface, its unit, and whether it is cut
-    )
+    # Of which `take_up` knows only the surface, its unit, and whether it is cut.
+    result: Result
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
     age: int  # frames since
@@ -84,8 +75,7 @@ class Carried:
             cuts=np.zeros((2, height, width), dtype=bool) if min_steepness else None,
             report=report,
         )
-        v = freeze(np.log(distance, dtype=np.float64))
-        iterate = Iterate(problem, 0, v, {})
+        iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)), {})
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
 
@@ -114,8 +104,8 @@ def reconstruct_sequence(
     """Reconstruct the frames of a video, one after the other.
 
     A frame starts from the last one's result if the solver can. Its result is kept if the solver
-    got on and the energy is at most `LINKING.worse` times that of the last cold start; otherwise, and
-    every `LINKING.refresh` frames, it is begun again and the lower energy wins: an error is not passed on
+    got on and the energy is at most `WORSE` times that of the last cold start; otherwise, and
+    every `REFRESH` frames, it is begun again and the lower energy wins: an error is not passed on
     for long. Where the gain is unknown, scales are linked by `scale_between`.
 
     Parameters
@@ -144,43 +134,33 @@ def reconstruct_sequence(
     ValueError
         If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
-    lengths = {name: options.pop(name, None) for name in LENGTHS[1:]}
-    check_scale(median_distance=options.get("median_distance"), **lengths)
+    lengths = {name: options.pop(name, None) for name in LENGTHS}
+    Settings(**lengths)  # checks them
+    is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     carried = before
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
-        if carried is not None:
-            options.pop("median_distance", None)
         try:
             frame = as_frame(name, picture)
             start = carried if can_start else None
             found, warm = _solve_next(frame, calibration, start, options)
-            result = found.result
+            iterate = found.result.iterate
             if carried is None:
-                result = replace(result, iterate=scale_by_length(result.iterate, **lengths))
+                iterate = scale_by_length(iterate, **lengths)
             else:
-                result = _link(carried.result, result)
+                iterate = _link(carried.result, found.result)
         except (ValueError, OSError) as error:
-            message = str(error)
-            if name not in message:
-                message = f"{name}: {message}"
-            if carried is None and any(length is not None for length in lengths.values()):
+            message = str(error) if name in str(error) else f"{name}: {error}"
+            if carried is None and is_of_the_first_alone:
                 raise ValueError(message) from error  # another frame shows other places
-            seconds = time.perf_counter() - started
-            yield Step(index, name, None, message, seconds=seconds)
-            continue
-        carried = replace(found, result=result)
-        seconds = time.perf_counter() - started
-        yield Step(
-            index,
-            name,
-            result,
-            warm=warm,
-            seconds=seconds,
-            carried=carried,
-        )
-        if result.status is Status.STOPPED:
+            step = Step(index, name, None, message)
+        else:
+            result = replace(found.result, iterate=iterate)
+            carried = replace(found, result=result)
+            step = Step(index, name, result, warm=warm, carried=carried)
+        yield replace(step, seconds=time.perf_counter() - started)
+        if step.result is not None and step.result.status is Status.STOPPED:
             return
 
 
@@ -191,18 +171,21 @@ def _solve_next(
     options: dict[str, Any],
 ) -> tuple[Carried, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
-    photometry = calibration.photometry
-    light = _light(frame, photometry.gamma)
+    light = _light(frame, calibration.photometry.gamma)
     warm = None
     if before is not None:
         start = before.result
-        if photometry.gain is None:
-            start = _as_bright(start, light / before.light)
+        if calibration.photometry.gain is None:
+            # `reconstruct` takes a brighter picture of unknown gain for one of the same surface with more
+            # gain, in a unit that is smaller; but the unit is tied to the picture's brightness, so that the
+            # surface stays what it was.
+            moved = start.iterate.log_distance - 0.5 * np.log(light / before.light)
+            start = replace(start, iterate=replace(start.iterate, log_distance=moved))
         warm = reconstruct(frame, calibration, start=start, **options)
         is_good = (
             warm.status.is_done
-            and warm.energy <= LINKING.worse * before.least
-            and before.age < LINKING.refresh
+            and warm.energy <= WORSE * before.least
+            and before.age < REFRESH
         )
         if is_good or warm.status is Status.STOPPED:
             return Carried(warm, light, before.least, before.age + 1), True
@@ -212,15 +195,15 @@ def _solve_next(
     return Carried(cold, light, cold.energy, 1), False
 
 
-def _link(before: Result, result: Result) -> Result:
-    """Give a result the scale of the frame before."""
+def _link(before: Result, result: Result) -> Iterate:
+    """Give a result's surface the scale of the frame before."""
     scale = "frame before"
-    factor = scale_between(before, result)
     if result.metric:
         factor = _by_gain(before, result)
         scale = result.report.scale if np.isclose(factor, 1) else scale
-    iterate = in_unit(result.iterate, factor, before.metric, scale=scale)
-    return replace(result, iterate=iterate)
+    else:
+        factor = scale_between(before, result)
+    return in_unit(result.iterate, factor, before.metric, scale=scale)
 
 
 def _by_gain(before: Result, result: Result) -> float:
@@ -239,23 +222,11 @@ def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
 
 
 def _light(frame: Frame, gamma: float) -> float:
-    """Brightness of a picture: the median of its lit pixels, as light."""
-    step = max(
-        1, frame.width // 320
-    )  # the median of a large picture is that of some of its pixels
+    """Brightness of a picture: the median of its lit pixels, or of some if they are many, as light."""
+    step = max(1, frame.width // 320)
     image = frame.image[::step, ::step][frame.mask[::step, ::step]]
     lit = image[image > 0]
     return float(np.median(lit)) ** gamma if lit.size else 1.0
-
-
-def _as_bright(last: Result, ratio: float) -> Result:
-    """Undo what `reconstruct` does to a start when gains differ.
-
-    It takes a brighter picture of unknown gain for one of the same surface with more gain, in a unit that
-    is smaller; but the unit is tied to the picture's brightness, so that the surface stays what it was.
-    """
-    moved = last.iterate.log_distance - 0.5 * np.log(ratio)
-    return replace(last, iterate=replace(last.iterate, log_distance=moved))
 
 
 def scale_between(before: Result, result: Result) -> float:
@@ -268,26 +239,25 @@ def scale_between(before: Result, result: Result) -> float:
 
         log D - log d = c + (n·T/D + ω·(u × n))/(n·u) + error.
 
-    Prior beliefs are that log gain makes a random walk of `LINKING.gain_step` a frame, and that T, in
-    median distances, and ω, in rad, are of the order `LINKING.motion_step`. The maximum a posteriori is
+    Prior beliefs are that log gain makes a random walk of `GAIN_STEP` a frame, and that T, in
+    median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
-    pixels' errors are alike, so that all count as `LINKING.independent` ones. Coming straight at a flat wall
-    and turning up the gain look the same: then the priors share the change between them.
+    pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
+    and turning up the gain look the same: then the priors divide the change between them.
     """
     by_gain = _by_gain(before, result)
-    field = result.problem.field
-    step = max(1, int(np.sqrt(result.mask.size / LINKING.samples)))
-    thin = (slice(None, None, step),) * 2
     if before.mask.shape != result.mask.shape:
         return by_gain
+    step = max(1, int(np.sqrt(result.mask.size / SAMPLES)))
+    thin = (slice(None, None, step),) * 2
     old = before.distance[thin]
     new = result.distance[thin]
-    n = normals(before.iterate.log_distance, field, before.mask, step)
-    u = field.rays[thin]
+    n = normals(before.iterate.log_distance, result.problem.field, before.mask, step)
+    u = result.problem.field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
-        good = (old > 0) & (new > 0) & (facing < -LINKING.grazing)
-    if good.sum() < LINKING.independent:
+        good = (old > 0) & (new > 0) & (facing < -GRAZING)
+    if good.sum() < INDEPENDENT:
         return by_gain
     old = old[good]
     n = n[good]
@@ -296,17 +266,17 @@ def scale_between(before: Result, result: Result) -> float:
     by_motion = n * (np.median(old) / old)[:, None] / facing
     by_turn = np.cross(u[good], n) / facing
     a = np.concatenate([np.ones_like(facing), by_motion, by_turn], axis=-1)
-    prior = np.array([np.log(by_gain), 0, 0, 0, 0, 0, 0])
-    prior_weight = np.array([2 / LINKING.gain_step, *[1 / LINKING.motion_step] * 6]) ** 2
-    x = np.array([np.median(y), 0, 0, 0, 0, 0, 0])
-    for _ in range(LINKING.rounds):
+    prior = np.array([np.log(by_gain), *[0.0] * 6])
+    prior_weight = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
+    x = np.array([np.median(y), *[0.0] * 6])
+    for _ in range(ROUNDS):
         residual = y - a @ x
         last = x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
-        weight *= min(1.0, LINKING.independent / len(y))
+        weight *= min(1.0, INDEPENDENT / len(y))
         information = (a * weight[:, None]).T @ a + np.diag(prior_weight)
         x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * prior)
-        if np.abs(x - last).max() < LINKING.settled:
+        if np.abs(x - last).max() < 1e-5:
             break
     return float(np.exp(x[0]))

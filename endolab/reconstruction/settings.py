@@ -69,7 +69,7 @@ class Settings:
     known_diameter : (float, (float, float), (float, float)), optional
         Fix it so that the surface at two pixels is so far apart: mm, column and row of one, of the other.
     cuts : array of bool, optional
-        Steps between pixels that are cut, where they are known: see `Problem`.
+        Links between pixels that are cut, where they are known: see `Problem`.
     solver_options : mapping
         The solver's own, such as `inflow`.
     """

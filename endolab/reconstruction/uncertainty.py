@@ -35,7 +35,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_erosion, distance_transform_edt, label, maximum_filter1d
+from scipy.ndimage import binary_erosion, distance_transform_edt, label
 
 from endolab.frames.frame import ROUNDING
 from endolab.model.endoscope import Calibration
@@ -52,8 +52,9 @@ from endolab.numerics.iteration import (
 )
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
-from endolab.numerics.stencils import links, px_per_reference, shift
+from endolab.numerics.stencils import CENTRAL, Differences, links, px_per_reference
 from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.light_and_contours import resample_cuts
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.scale import own_pixel
@@ -99,15 +100,6 @@ class Progress:
 
     done: int  # draws; 0 while causes that have a name are solved for
     of: int
-
-
-def check_solver(solver: object) -> None:
-    """Raise a ValueError if nothing can be told of what this solver finds."""
-    if solver in ("facing", "fast_marching"):
-        raise ValueError(
-            f"solver {solver!r} minimises no energy, whose shape tells how far a result can be trusted: "
-            "use 'gauss_newton'"
-        )
 
 
 def uncertainty_of(
@@ -161,7 +153,12 @@ def uncertainty_of(
     if not isinstance(result, Result | Iterate):
         raise ValueError(f"result must be a Result, got {excerpt(result)}")
     draws = check_int("draws", draws, LEAST_DRAWS)
-    check_solver(result.report.asked.get("solver"))
+    solver = result.report.asked.get("solver")
+    if solver in ("facing", "fast_marching"):
+        raise ValueError(
+            f"solver {solver!r} minimises no energy, whose shape tells how far a result can be trusted: "
+            "use 'gauss_newton'"
+        )
     whole = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = check_observers(observers)
@@ -183,21 +180,21 @@ def uncertainty_of(
             "how far the result can be trusted: stopped before there was anything to tell"
         )
     mask = iterate.mask
-    lost = islands_without_evidence(surface)
     fixed = pixels_of_scale(iterate)
-    squares: dict[str, FloatArray] = {}  # of the shape
+    of_all = np.zeros(mask.shape)  # mean squares
+    of_shape: dict[str, FloatArray] = {}
     scales: dict[str, float] = {}
-    of_all = np.zeros(mask.shape)
     for cause, maps in answers.items():
         changes = np.stack(maps)
         common = changes[:, mask].mean(axis=1)[:, None, None]
         known = changes[:, fixed].mean(axis=1)[:, None, None] if fixed.any() else 0.0
         of_all += np.mean((changes - known) ** 2, axis=0)
-        squares[cause] = np.mean((changes - common) ** 2, axis=0)
+        of_shape[cause] = np.mean((changes - common) ** 2, axis=0)
         scales[cause] = float(np.sqrt(np.mean((common - known) ** 2)))
-    several = np.stack([of_all, sum(squares.values(), 0 * of_all), *squares.values()])
-    several = np.where(lost, LARGEST_SIGMA, np.minimum(np.sqrt(several), LARGEST_SIGMA))
-    sigma, sigma_shape, *causes = enlarge(several, mask, whole.mask)
+    squares = np.stack([of_all, sum(of_shape.values(), 0 * of_all), *of_shape.values()])
+    sigmas = np.minimum(np.sqrt(squares), LARGEST_SIGMA)
+    sigmas = np.where(islands_without_evidence(surface), LARGEST_SIGMA, sigmas)
+    sigma, sigma_shape, *causes = enlarge(sigmas, mask, whole.mask)
     parts = enlarge(shares, mask, whole.mask)
     source = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
     return Uncertainty(
@@ -206,7 +203,7 @@ def uncertainty_of(
         sigma_scale=float(np.linalg.norm([*scales.values()])),
         shares=parts,
         dominant_source=source.astype(np.uint8),
-        causes=dict(zip(squares, causes, strict=True)),
+        causes=dict(zip(of_shape, causes, strict=True)),
         scales=scales,
         draws=done,
         status=status,
@@ -220,17 +217,13 @@ def uncertainty_of(
 class Linearised:
     """The model at a map v = log d of a problem; maps are (H, W), 0 outside the mask.
 
-    H x = b is solved until this much of the residual is left, a tenth of what draws scatter by, or for so
-    many steps.
+    H x = b is solved until so much of the residual is left, a tenth of what draws scatter by, or for so many
+    steps.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        log_distance: FloatArray,
-        precision: float = 3e-2,
-        most_steps: int = 15,
-    ) -> None:
+    accuracy = (3e-2, 15)
+
+    def __init__(self, problem: Problem, log_distance: FloatArray) -> None:
         self.problem = problem
         self.v = np.where(problem.mask, log_distance, 0.0)
         self.grid = Grid.of(problem)
@@ -238,36 +231,23 @@ class Linearised:
         # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
         self.coefficients = Coefficients(found.parts, self.grid.structure(self.grid.free))
         self.multigrid = Multigrid(self.coefficients)
-        self.accuracy = (precision, most_steps)
-        self.model = np.where(
-            problem.mask, model_image(problem, self.v), 0.0
-        )  # I of the surface
+        model = model_image(problem, self.v)
+        self.model = np.where(problem.mask, model, 0.0)  # I of the surface
         self.by_light = self.model / problem.photometry.gamma  # ∂I by the light's logarithm
         self.weight = inner(found.weight)  # W; 0 where the picture says nothing
-        # A row of J is a + b·∇, where a slope is the mean of the differences to both sides.
+        # A row of J is a + b·∇, ∇ being the mean of the differences to both sides.
+        self.differences = Differences(links(problem.mask, problem.cuts), CENTRAL)
         self.by_v = inner(found.by_v)
-        self.by_slope = []
-        for axis, link, b in zip(
-            (1, 0), inner(self.grid.link), (found.by_v_u, found.by_v_v), strict=True
-        ):
-            sides = np.maximum(link + shift(link, -1, axis, 0), 1)
-            self.by_slope.append((axis, link, inner(b) / sides))
+        by_v_u, by_v_v = inner(found.by_v_u), inner(found.by_v_v)
+        self.by_slope = np.stack([by_v_u, 0 * by_v_u, by_v_v])
 
     def apply(self, x: FloatArray) -> FloatArray:
         """J x: how the picture changes with v."""
-        out = self.by_v * x
-        for axis, link, b in self.by_slope:
-            ahead = link * (shift(x, 1, axis, 0.0) - x)
-            out += b * (ahead + shift(ahead, -1, axis, 0.0))
-        return out
+        return self.by_v * x + (self.by_slope * self.differences.apply(x)).sum(axis=0)
 
     def adjoint(self, y: FloatArray) -> FloatArray:
         """Jᵀ y."""
-        out = self.by_v * y
-        for axis, link, b in self.by_slope:
-            ahead = link * (b * y + shift(b * y, 1, axis, 0.0))
-            out += shift(ahead, -1, axis, 0.0) - ahead
-        return out
+        return self.by_v * y + self.differences.adjoint(self.by_slope * y)
 
     def solve(self, b: FloatArray) -> FloatArray:
         """H⁻¹ b."""
@@ -375,9 +355,7 @@ def solve_for_causes(
     lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
     # Every second line from some steepness on, of log d₀ per unit of length, is a contour.
     cuts = find_contours(problem.log_d0, mask) > 0.03
-    if problem.cuts is not None:
-        cuts |= problem.cuts
-    cut = replace(problem, cuts=cuts)
+    cut = replace(problem, cuts=cuts if problem.cuts is None else cuts | problem.cuts)
     still = re_solve(problem, surface.v)
     for cause, weight, other in (
         ("lambda", 1.0, replace(problem, lam=lam)),
@@ -437,13 +415,14 @@ def bounced_light(iterate: Iterate) -> FloatArray:
     mask = problem.mask
     if iterate.report.light is LightOutcome.NONE_BOUNCED:
         return np.zeros(mask.shape)
-    facing = np.ones(1)
-    rho = np.pi * problem.photometry.brdf.value(facing, facing)[0]
     if iterate.report.albedo is not None:
         rho = iterate.report.albedo[1]
+    else:
+        facing = np.ones(1)
+        rho = float(np.pi * problem.photometry.brdf.value(facing, facing)[0])
     k = problem.photometry.k
     walls = Walls.of(iterate.log_distance, mask, problem.field, k, problem.cuts)
-    return np.where(mask, np.log1p(walls.indirect_ratio(min(float(rho), 0.95))), 0.0)
+    return np.where(mask, np.log1p(walls.indirect_ratio(min(rho, 0.95))), 0.0)
 
 
 def re_solve(problem: Problem, log_distance: FloatArray) -> FloatArray:
@@ -495,10 +474,10 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
 def islands_without_evidence(surface: Linearised) -> BoolArray:
     """Pixels, (H, W), of islands of which the picture says nothing."""
     mask = surface.problem.mask
-    steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
-    steps[::2, ::2] = mask
-    steps[::2, 1::2], steps[1::2, ::2] = links(mask, surface.problem.cuts)
-    island = label(steps)[0][::2, ::2]
+    joined = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
+    joined[::2, ::2] = mask
+    joined[::2, 1::2], joined[1::2, ::2] = links(mask, surface.problem.cuts)
+    island = label(joined)[0][::2, ::2]
     return mask & ~np.isin(island, island[surface.weight > 0])
 
 
@@ -512,8 +491,7 @@ def pixels_of_scale(iterate: Iterate) -> BoolArray:
         return mask
     fixed = np.zeros_like(mask)
     for pixel in np.reshape(report.length[1:], (-1, 2)):
-        column, row = (own_pixel(iterate, pixel) + 0.5 - 1e-9).astype(int)
-        fixed[row, column] = True
+        fixed[own_pixel(iterate, pixel)[1]] = True
     return fixed
 
 
@@ -530,18 +508,21 @@ def take_every_nth_pixel(iterate: Iterate, most: int = 400) -> Iterate:
     shape = problem.mask.shape
     n = int(np.ceil(max(shape) / most)) // 2 * 2 + 1
     height, width = (size // n for size in shape)
-    every = np.s_[..., n // 2 : n * height : n, n // 2 : n * width : n]
+    every = np.s_[n // 2 : n * height : n, n // 2 : n * width : n]
     camera: Any = replace(problem.camera, width=n * width, height=n * height)
-    maps = {name: getattr(problem, name) for name in ("image", "mask", "evidence", "cuts")}
-    if problem.cuts is not None:  # a step is cut if one of the n is that it is made of
-        passed = zip(problem.cuts, (1, 0), strict=True)
-        maps["cuts"] = np.stack(
-            [maximum_filter1d(each, n, axis, origin=-(n // 2)) for each, axis in passed]
-        )
-    maps = {name: a[every] for name, a in maps.items() if a is not None}
-    smaller = replace(problem, camera=camera.resize(width, height), picture=None, **maps)
-    v = iterate.log_distance[every]
-    return Iterate.of(smaller, v)
+    cuts = problem.cuts
+    if cuts is not None:
+        cuts = resample_cuts(cuts[:, : n * height, : n * width], (height, width))
+    smaller = replace(
+        problem,
+        image=problem.image[every],
+        mask=problem.mask[every],
+        evidence=None if problem.evidence is None else problem.evidence[every],
+        cuts=cuts,
+        camera=camera.resize(width, height),
+        picture=None,
+    )
+    return Iterate.of(smaller, iterate.log_distance[every])
 
 
 def enlarge(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:

@@ -17,7 +17,7 @@ E being the irradiance straight from the lamp and S that of bounced light:
                   |                 |
     ==============|================='
 
-Both fall with the square of the scene's size, so that the share ι = S/E asks for its shape only. A
+Both fall with the square of the scene's size, so that the ratio ι = S/E asks for its shape only. A
 picture divided by 1 + ι is one that the model explains: solve it, compute ι again; two rounds do.
 
 The walls beside and behind the camera are not in the picture, but half of the bounced light comes
@@ -26,7 +26,7 @@ too, there are walls: what a patch looks at where it sees no other is mostly one
 reach, and that is taken to get as much bounced light as the patch itself.
 
 A picture fades by cos^k α whether the lamp shines so or the lens lets so much pass, but only the lamp's
-share of k lights the walls (`Walls.under`).
+part of k lights the walls (`Walls.under`).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _fill_exchange(
             square = d0 * d0 + d1 * d1 + d2 * d2
             here = m0 * d0 + m1 * d1 + m2 * d2
             there = -(n0[j] * d0 + n1[j] * d1 + n2[j] * d2)
-            # A patch is no point: half of each area bounds the share that its neighbour gets.
+            # A patch is no point: half of each area bounds the part that its neighbour gets.
             both = here * there / (square * (np.pi * square + 0.5 * (own + area[j])))
             facing[j] = both if min(here, there) > 0.0 else 0.0
         row = down_at[i]
@@ -103,17 +103,17 @@ def _fill_exchange(
                 down = down_at[j] - row
                 across = across_at[j] - column
                 change = inverse[j] - nearness
-                steps = max(abs(down), abs(across))
+                cells = max(abs(down), abs(across))
                 k = 1
                 # In a picture 1/distance is nearly linear along a straight chord.
-                while k < steps:
-                    share = k / steps  # of the chord
-                    i_at = int(row + share * down + 0.5)
-                    j_at = int(column + share * across + 0.5)
-                    if nearness + share * change < limit[i_at, j_at]:
+                while k < cells:
+                    way = k / cells  # fraction of the chord
+                    i_at = int(row + way * down + 0.5)
+                    j_at = int(column + way * across + 0.5)
+                    if nearness + way * change < limit[i_at, j_at]:
                         break
                     k += 1
-                if k >= steps:
+                if k >= cells:
                     factors[i, j] = facing[j] * area[j]
                     factors[j, i] = facing[j] * own
 
@@ -137,7 +137,7 @@ class Walls:
     normals: FloatArray  # (N, 3), unit normals
     area: FloatArray  # (N,), in squares of the unit of distance
     lit: FloatArray  # (N,), E of the patches, for a lamp of unit intensity along the axis
-    exchange: FloatArray  # (N, N), F: the share of what i receives that comes from j; rows sum to 1 at most
+    exchange: FloatArray  # (N, N), F: how much of what i receives is from j; rows sum to 1 at most
     seen: BoolArray  # (rows, columns), which cells of the picture's coarse grid are patches
     direct: FloatArray  # (H, W), E of every pixel, cosᵏ α cos θ / d²; 0 outside the mask
     cos_alpha: FloatArray  # (H, W), positive; 1 outside the mask
@@ -154,7 +154,7 @@ class Walls:
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
+        k is the exponent of the lamp's spread; `cuts` (2, H, W) are links over which the
         surface is cut, see `Problem`.
         """
         f_u, f_v = gradient(log_distance, mask, cuts)
@@ -162,52 +162,41 @@ class Walls:
         with np.errstate(invalid="ignore", divide="ignore"):
             solid = 1 / np.sqrt(guu * gvv - guv**2)
         cosine = 1 / np.sqrt(1 + slant(f_u, f_v, field))
-        facing = normals_from_gradient(f_u, f_v, field)
         distance = np.exp(log_distance)
         cos_alpha = np.where(mask, np.maximum(field.cos_alpha, GRAZING), 1.0)
         light = cos_alpha**k
         area = solid * distance**2 / cosine
 
         step = max(1.0, np.sqrt(mask.sum() / PATCHES))
-        cells = tuple(max(1, round(length / step)) for length in mask.shape)
+        rows, columns = (max(1, round(length / step)) for length in mask.shape)
         layers = [
             mask,
             area,
             light * solid,
             (area * distance)[..., None] * field.rays,
-            area[..., None] * facing,
+            area[..., None] * normals_from_gradient(f_u, f_v, field),
         ]
-        sums = _cell_sums(np.where(mask[..., None], np.dstack(layers), 0.0), cells)
-        seen = sums[..., 0] > 0.5 * mask.size / (cells[0] * cells[1])
-        covered = sums[seen, 1]
-        points = sums[seen, 3:6] / covered[:, None]
-        normals = sums[seen, 6:]
-        normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+        layered = np.where(mask[..., None], np.dstack(layers), 0.0)
+        sums = _cell_sums(layered, (rows, columns))
+        seen = sums[..., 0] > 0.5 * mask.size / (rows * columns)
+        sums = sums[seen]
+        area = sums[:, 1]
+        points = sums[:, 3:6] / area[:, None]
+        normals = sums[:, 6:] / np.linalg.norm(sums[:, 6:], axis=-1, keepdims=True)
         nearest = np.full(seen.shape, np.inf)
         nearest[seen] = np.linalg.norm(points, axis=-1)
+        places = np.argwhere(seen)
 
         rim, ring_points, ring_normals, ring_area = _draw_back(points)
-        lit = sums[seen, 2] / covered
-        lit = np.concatenate([lit, _lamp(ring_points, ring_normals, k)])
+        lit = np.append(sums[:, 2] / area, _lamp(ring_points, ring_normals, k))
         points = np.concatenate([points, ring_points])
         normals = np.concatenate([normals, ring_normals])
-        areas = np.concatenate([covered, ring_area])
-        places = np.argwhere(seen)
+        area = np.append(area, ring_area)
         places = np.concatenate([places, places[rim]])
-        exchange = exchange_between(points, normals, areas, places, nearest)
+        exchange = exchange_between(points, normals, area, places, nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
-        return cls(
-            points,
-            normals,
-            areas,
-            lit,
-            exchange,
-            seen,
-            direct,
-            cos_alpha,
-            k,
-        )
+        return cls(points, normals, area, lit, exchange, seen, direct, cos_alpha, k)
 
     def under(self, k: float) -> Walls:
         """Return the same walls under a lamp of another spread."""
@@ -226,11 +215,11 @@ class Walls:
 
     def averages(
         self, maps: FloatArray, usable: BoolArray, exponents: Iterable[float]
-    ) -> tuple[FloatArray, FloatArray, list[FloatArray], BoolArray]:
+    ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
         """Average maps (H, W, C), and the light under lamps of these exponents, over the usable pixels.
 
         Returns, of the P patches of the picture half of which is usable: means (P, C), E (L, P), `orders`
-        (bounces, P) under each lamp, and which patches they are, (count,).
+        (L, bounces, P) under each lamp, and which patches they are, (count,).
         """
         lit = [self.under(k) for k in exponents]
         layers = np.dstack([usable, maps, *(walls.direct for walls in lit)])
@@ -238,48 +227,43 @@ class Walls:
         sums = _cell_sums(layers, self.seen.shape)[self.seen]
         full = sums[:, 0] > 0.5 * self.direct.size / self.seen.size
         means = sums[full, 1:] / sums[full, :1]
-        orders = self.orders_of([walls.lit for walls in lit])
-        orders = [order[:, : self.count][:, full] for order in orders]
-        return means[:, : -len(lit)], means[:, -len(lit) :].T, orders, full
+        orders = self.orders_of([walls.lit for walls in lit])[..., : self.count]
+        return means[:, : -len(lit)], means[:, -len(lit) :].T, orders[..., full], full
 
     @cached_property
     def orders(self) -> FloatArray:
         """What every patch receives after one bounce, two, ..., (bounces, N), of walls of albedo 1."""
-        return self.orders_of([self.lit])[0]
+        return np.asarray(self.orders_of([self.lit])[0])
 
-    def orders_of(self, lit: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return the same of several lamps' E, each (N,)."""
+    def orders_of(self, lit: Sequence[FloatArray]) -> FloatArray:
+        """Return the same of several lamps' E, each (N,), (L, bounces, N)."""
         hidden = constants.HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
         orders = [self.exchange @ np.stack(lit, axis=1)]
         for _ in range(BOUNCES - 1):
             orders.append(self.exchange @ orders[-1] + hidden[:, None] * orders[-1])
-        return list(np.moveaxis(np.stack(orders), -1, 0))
+        return np.moveaxis(np.stack(orders), -1, 0)
 
-    def bounced_light(self, albedo: ArrayLike) -> FloatArray:
-        """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
-        rho = np.asarray(albedo, dtype=np.float64)
-        return bounced_light_and_slope(self.orders, rho.ravel())[0].reshape(
-            len(self.lit), *rho.shape
-        )
+    def bounced_light(self, albedo: float) -> FloatArray:
+        """S of every patch, (N,), for walls of one albedo."""
+        return bounced_light_and_slope(self.orders, np.array([albedo]))[0][:, 0]
 
     def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
-        light = self.bounced_light(np.atleast_1d(albedo))
-        shape = (*self.seen.shape, light.shape[1])
-        coarse = np.zeros(shape)
-        known = self.seen.astype(np.float64)
+        light, _ = bounced_light_and_slope(self.orders, np.ravel(albedo).astype(float))
+        coarse = np.zeros((*self.seen.shape, light.shape[1]))
         coarse[self.seen] = light[: self.count]
+        known = self.seen.astype(np.float64)
         # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
         # to the cells that are no patches.
         for _ in range(2):
-            spread, share = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse, known))
-            reached = share > 1e-6
-            spread = spread.reshape(shape) / np.maximum(share, 1e-6)[..., None]
+            spread, weight = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse, known))
+            reached = weight > 1e-6
+            spread = spread.reshape(coarse.shape) / np.maximum(weight, 1e-6)[..., None]
             coarse = np.where(reached[..., None], spread, 0.0)
             known = reached.astype(np.float64)
         lit = self.direct[..., None]
-        share = resample(coarse, lit.shape[:2]) / np.where(lit > 0, lit, 1.0)
-        ratio = np.where(lit > 0, share, 0.0)
+        ratio = resample(coarse, lit.shape[:2]) / np.where(lit > 0, lit, 1.0)
+        ratio = np.where(lit > 0, ratio, 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
@@ -292,11 +276,10 @@ def bounced_light_and_slope(
     """
     number = np.arange(1, len(orders) + 1)[:, None]
     powers = albedo**number
-    last = orders[-1]
-    before = orders[-2]
-    share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
-    tail = last[:, None] * powers[-1] * share / (1 - share)
-    growth = len(orders) + 1 + share / (1 - share)
+    before, last = orders[-2:]
+    left = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
+    tail = last[:, None] * powers[-1] * left / (1 - left)
+    growth = len(orders) + 1 + left / (1 - left)
     return orders.T @ powers + tail, orders.T @ (number * powers) + tail * growth
 
 
@@ -325,28 +308,22 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     area, (M,).
     """
     across = np.hypot(points[:, 0], points[:, 1])
-    alpha = np.arctan2(across, points[:, 2])
-    sector = sectors(points, RIM_SECTORS)
-    rim = np.array(
-        [max(np.flatnonzero(sector == s), key=alpha.__getitem__) for s in np.unique(sector)]
-    )
+    outwards = np.argsort(np.arctan2(across, points[:, 2]))
+    rim = np.full(RIM_SECTORS, -1)
+    rim[sectors(points, RIM_SECTORS)[outwards]] = outwards  # the last in each sector stays
+    rim = rim[rim >= 0]
     start = points[rim]
     radius = np.maximum(across[rim], 1e-9)
     side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
-    deep = 0.0
-    if step > 0:
-        deep = (np.median(start[:, 2]) + constants.BACK * np.median(radius)) / step
-    rings = max(int(np.ceil(min(deep, MOST_RINGS))), 0)
+    deep = np.median(start[:, 2]) + constants.BACK * np.median(radius)
+    rings = int(np.clip(np.ceil(deep / step), 0, MOST_RINGS)) if step > 0 else 0
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
-    back = (np.arange(rings) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
-    return (
-        np.tile(rim, rings),
-        (start - back).reshape(-1, 3),
-        np.tile(normal, (rings, 1)),
-        np.tile(length * step, rings),
-    )
+    drawn = np.tile(start, (rings, 1))
+    drawn[:, 2] -= np.repeat((np.arange(rings) + 0.5) * step, len(rim))
+    area = np.tile(length * step, rings)
+    return np.tile(rim, rings), drawn, np.tile(normal, (rings, 1)), area
 
 
 def sectors(points: FloatArray, count: int) -> IntArray:

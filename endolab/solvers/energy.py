@@ -23,16 +23,15 @@ import numpy as np
 from endolab.model.surface import slant
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import pad_maps
-from endolab.numerics.stencils import gradient
+from endolab.numerics.stencils import central_gradient
 from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, Problem
 
 
 def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """The frame (H, W) that a map of v = log d predicts, normals from its gradient; nan outside the mask."""
-    tan2 = slant(
-        *gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field
-    )
+    v_u, v_v = central_gradient(log_distance, problem.mask, problem.cuts)
+    tan2 = slant(v_u, v_v, problem.field)
     light = problem.photometry
     attenuation = light.attenuation(problem.field.cos_alpha)
     predicted = light.brightness(log_distance, tan2, attenuation)

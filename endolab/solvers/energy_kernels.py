@@ -53,7 +53,7 @@ class Penalties(NamedTuple):
 
 
 @kernel
-def _shade_row(
+def shade_row(
     slant: FloatArray,
     table: FloatArray,
     step: float,
@@ -157,7 +157,7 @@ def _predict_row(
     shading = rows[4]
     slant = rows[7]
     _slopes_row(v, metric, link, i, y, rows[5:8])
-    _shade_row(slant, table, step, shading, slope)
+    shade_row(slant, table, step, shading, slope)
     for j in range(model.size):
         log_image = log_scale[i, j + 2] + (shading[j] - 2 * v[i, j + 2]) / gamma
         model[j] = exp(log_image)
@@ -321,7 +321,7 @@ def linearise(
 
 
 def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:
-    """Shading of a BRDF against slant, for `_shade_row`: table (2, size) and the step between its nodes.
+    """Shading of a BRDF against slant, for `shade_row`: table (2, size) and the step between its nodes.
 
     The rows are log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which
     is nearly θ: a BRDF may have a cusp at θ = 0. A Lambertian surface has none, (2, 0).

@@ -105,8 +105,8 @@ def _excess(y: float, terms: Terms, y0: float, table: Table) -> float:
     (a, b, c), (log_c, log_p) = terms, table
     x = np.log(y / y0)
     i = min(max(int(np.searchsorted(log_c, x)), 1), log_c.size - 1)
-    share = min(max((x - log_c[i - 1]) / (log_c[i] - log_c[i - 1]), 0.0), 1.0)
-    p = np.exp(log_p[i - 1] + share * (log_p[i] - log_p[i - 1])) - 1
+    between = min(max((x - log_c[i - 1]) / (log_c[i] - log_c[i - 1]), 0.0), 1.0)
+    p = np.exp(log_p[i - 1] + between * (log_p[i] - log_p[i - 1])) - 1
     return a * y * y + 2 * b * y + c - 4 * y * y * p
 
 

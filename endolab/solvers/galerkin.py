@@ -13,105 +13,72 @@ There C is summed to the right, to the left and then down:
                o  o  |  o  +          1/4 · 3/4 of it, along rows, couples their blocks C and C'
               ---C---+---C'--
 
-Beside cuts and rims P has other rows (`Rows`), whose pixels are taken one by one. What they couple
+Beside cuts and rims P has other rows, whose pixels are taken one by one. What they couple
 further apart than two blocks is a hundredth and less; its size is added to the diagonal of both, so that C
 stays positive.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray, IntArray, Span
+from endolab.numerics.arrays import FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, kernel
 from endolab.numerics.threads import on_cores
 from endolab.solvers.interpolation import Interpolation
+from endolab.solvers.normal_equations import OFFSETS
 
 # Which entry of `normal_equations.OFFSETS` couples a pixel to that dy rows down and dx - 2 columns right.
 ENTRY_AT = np.array([[2, 1, 0, 1, 2], [9, 6, 3, 5, 7], [12, 10, 4, 8, 11]])
-# Rows down and columns right of each entry.
-STEPS = np.array([np.argwhere(entry == ENTRY_AT)[-1] - (0, 2) for entry in range(13)])
 REACH = 3  # blocks from a pixel's own that it and its neighbours follow, along an axis
-
-
-class Rows(NamedTuple):
-    """The rows of P beside cuts and rims, sorted by pixel: for each weight of a pixel the block it is of."""
-
-    of_row: IntArray  # the first weight of each row of pixels
-    of_pixel: IntArray  # (H, W), of each pixel; -1 where there is none
-    pixel: IntArray  # flat
-    row: IntArray  # of the block
-    column: IntArray
-    weight: FloatArray
-
-    @classmethod
-    def of(cls, way: Interpolation, blocks: int) -> Rows:
-        """Sort them; a row of the coarse grid has so many `blocks`."""
-        height, width = way.share.shape
-        of_row = np.searchsorted(way.pixel, width * np.arange(height + 1))
-        of_pixel = np.full(way.share.shape, -1)
-        of_pixel.flat[way.pixel[::-1]] = np.arange(way.pixel.size)[::-1]
-        row, column = np.divmod(way.block, blocks)
-        return cls(of_row, of_pixel, way.pixel, row, column, way.weight)
 
 
 @kernel
 def _pixels_of_entry(
-    m: FloatArray, share: FloatArray, i: int, dy: int, dx: int, row: FloatArray
+    m: FloatArray, regular: FloatArray, i: int, dy: int, dx: int, row: FloatArray
 ) -> None:
     """Write what couples the pixels of a row to those dy down and dx right, where P is regular for both."""
     entry = ENTRY_AT[dy, dx + 2]
     if entry >= len(m):
         clear_row(row)
         return
-    other = PAD + dx
-    holder = min(other, PAD) if dy == 0 else PAD  # the earlier pixel holds the entry
+    other = max(PAD + dx, 0)
+    holder = max(
+        min(other, PAD) if dy == 0 else PAD, 0
+    )  # the earlier pixel holds the entry
     for j in range(row.size - 2 * PAD):
-        inside = 256 * share[i, j + PAD] * share[i + dy, j + other]
+        inside = 256 * regular[i, j + PAD] * regular[i + dy, j + other]
         row[j + PAD] = inside * m[entry, i, j + holder]
 
 
 @kernel
-def _sum_along(
-    pixels: FloatArray, even: FloatArray, odd: FloatArray, b: FloatArray
-) -> None:
+def _sum_along(pixels: FloatArray, first: FloatArray, b: FloatArray) -> None:
     """Sum a row's `pixels` (5, W), two to the left up to two to the right, into blocks: b (5, w) likewise.
 
-    First to the right, `even` and `odd` (4, w), what couples the first and the second pixel of a block to
-    blocks; then to the left.
+    First to the right, into `first` (2, 4, w), what couples the first and the second pixel of a block to
+    blocks, which mirror each other; then to the left.
     """
     count = b.shape[1] - 2 * PAD
+    for k in range(2):
+        for c in range(count):
+            j = 2 * c + PAD + k
+            far = pixels[4 * k, j]
+            near = pixels[1 + 2 * k, j]
+            own = pixels[2, j]
+            beside = pixels[3 - 2 * k, j]
+            last = pixels[4 - 4 * k, j]
+            first[k, 3 * k, c + 2] = far
+            first[k, 1 + k, c + 2] = 3 * (far + near) + own
+            first[k, 2 - k, c + 2] = near + 3 * (own + beside) + last
+            first[k, 3 - 3 * k, c + 2] = beside + 3 * last
     for c in range(count):
-        j = 2 * c + PAD
-        far = pixels[0, j]
-        left = pixels[1, j]
-        own = pixels[2, j]
-        right = pixels[3, j]
-        last = pixels[4, j]
-        even[0, c + 2] = far
-        even[1, c + 2] = 3 * (far + left) + own
-        even[2, c + 2] = left + 3 * (own + right) + last
-        even[3, c + 2] = right + 3 * last
-    for c in range(count):
-        j = 2 * c + PAD
-        far = pixels[0, j + 1]
-        left = pixels[1, j + 1]
-        own = pixels[2, j + 1]
-        right = pixels[3, j + 1]
-        last = pixels[4, j + 1]
-        odd[0, c + 2] = 3 * far + left
-        odd[1, c + 2] = far + 3 * (left + own) + right
-        odd[2, c + 2] = own + 3 * (right + last)
-        odd[3, c + 2] = last
-    for c in range(count):
-        b[0, c + 2] = (3 * even[0, c + 2] + odd[0, c + 1]) / 16
-        b[4, c + 2] = (3 * odd[3, c + 2] + even[3, c + 3]) / 16
+        b[0, c + 2] = (3 * first[0, 0, c + 2] + first[1, 0, c + 1]) / 16
+        b[4, c + 2] = (3 * first[1, 3, c + 2] + first[0, 3, c + 3]) / 16
     for k in range(1, 4):
         for c in range(count):
-            amid = even[k, c + 2] + odd[k - 1, c + 2]
-            b[k, c + 2] = (3 * amid + (odd[k, c + 1] + even[k - 1, c + 3])) / 16
+            amid = first[0, k, c + 2] + first[1, k - 1, c + 2]
+            beyond = first[1, k, c + 1] + first[0, k - 1, c + 3]
+            b[k, c + 2] = (3 * amid + beyond) / 16
 
 
 @kernel
@@ -152,10 +119,10 @@ def _add_row(
         at = row if later else other
         if not rows[0] <= at < rows[1]:
             continue
-        target = PAD + (0 if later else ex)
-        share = 2 * weight if down == 0 and ex == 0 else weight
+        target = max(PAD + (0 if later else ex), 0)
+        times = 2 * weight if down == 0 and ex == 0 else weight
         for c in range(b.shape[1] - 2 * PAD):
-            out[entry, at, c + target] += share * b[ex + 2, c + PAD]
+            out[entry, at, c + target] += times * b[ex + 2, c + PAD]
 
 
 @kernel
@@ -170,8 +137,7 @@ def _row_and_weight(i: int, k: int) -> tuple[int, float]:
 @kernel
 def _add_value(
     value: float,
-    share: FloatArray,
-    special: Rows,
+    way: Interpolation,
     i: int,
     j: int,
     sums: FloatArray,
@@ -182,21 +148,18 @@ def _add_value(
 
     Pixels beside cuts and rims bring the same once more, and count half.
     """
-    if share[i, j] > 0:
+    regular, starts, _, block_row, block_column, weight = way
+    if regular[i, j] > 0:
         for k in range(2):
             row, by_row = _row_and_weight(i, k)
             for n in range(2):
                 column, by_column = _row_and_weight(j, n)
                 sums[row - top, column - first] += value * by_row * by_column
         return
-    n = special.of_pixel[i, j]
-    if n < 0:
-        return
-    pixel = special.pixel[n]
-    while n < special.pixel.size and special.pixel[n] == pixel:
-        half = 0.5 * value * special.weight[n]
-        sums[special.row[n] - top, special.column[n] - first] += half
-        n += 1
+    pixel = i * regular.shape[1] + j
+    for k in range(starts[pixel], starts[pixel + 1]):
+        half = 0.5 * value * weight[k]
+        sums[block_row[k] - top, block_column[k] - first] += half
 
 
 @kernel
@@ -227,71 +190,62 @@ def _add_between(
 @kernel
 def _add_special(
     m: FloatArray,
-    share: FloatArray,
-    special: Rows,
+    way: Interpolation,
     i: int,
     rows: Span,
     sums: FloatArray,
     out: FloatArray,
 ) -> None:
     """Add what the pixels of a row beside cuts and rims couple; `sums` is room for a row of A P."""
-    n = special.of_row[i]
-    end = special.of_row[i + 1]
+    regular, starts, _, block_row, block_column, weight = way
+    width = regular.shape[1]
+    if starts[i * width] == starts[(i + 1) * width]:
+        return
     top = PAD + (i - PAD) // 2 - REACH
-    while n < end:
-        pixel = special.pixel[n]
-        j = pixel - i * share.shape[1]
+    for j in range(PAD, width - PAD):
+        start = starts[i * width + j]
+        end = starts[i * width + j + 1]
+        if start == end:
+            continue
         first = PAD + (j - PAD) // 2 - REACH
-        _add_value(m[0, i, j], share, special, i, j, sums, top, first)
+        _add_value(m[0, i, j], way, i, j, sums, top, first)
         for entry in range(1, len(m)):
-            down, right = STEPS[entry]
-            for way in (1, -1):
-                row = i + way * down
-                column = j + way * right
-                value = m[entry, i, j] if way == 1 else m[entry, row, column]
+            down, right = OFFSETS[entry]
+            for side in (1, -1):
+                row = i + side * down
+                column = j + side * right
+                value = m[entry, i, j] if side == 1 else m[entry, row, column]
                 if value != 0:
-                    _add_value(value, share, special, row, column, sums, top, first)
-        after = n + 1
-        while after < end and special.pixel[after] == pixel:
-            after += 1
+                    _add_value(value, way, row, column, sums, top, first)
         for y in range(sums.shape[0]):
             for x in range(sums.shape[1]):
                 value = sums[y, x]
                 sums[y, x] = 0.0
                 if value == 0:
                     continue
-                for k in range(n, after):
-                    part = special.weight[k] * value
-                    row = special.row[k]
-                    _add_between(
-                        part, row, special.column[k], top + y, first + x, rows, out
-                    )
-        n = after
+                for k in range(start, end):
+                    part = weight[k] * value
+                    row = block_row[k]
+                    _add_between(part, row, block_column[k], top + y, first + x, rows, out)
 
 
 @on_cores(cost=120)
-def _fill(
-    rows: Span, out: FloatArray, share: FloatArray, m: FloatArray, special: Rows
-) -> None:
-    """Write these rows of Pᵀ A P, of all pixels that reach them; `share` is that of `Interpolation`."""
+def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> None:
+    """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels, in these rows."""
+    regular = way.regular
     for k in range(len(out)):
         for i in range(rows[0], rows[1]):
             clear_row(out[k, i])
-    pixels = np.zeros((5, share.shape[1]))
+    pixels = np.zeros((5, regular.shape[1]))
     b, summed = np.zeros((2, 3, 5, out.shape[2]))
-    even, odd = np.zeros((2, 4, out.shape[2]))
+    to_right = np.zeros((2, 4, out.shape[2]))
     around = np.zeros((2 * REACH + 1, 2 * REACH + 1))
     first = PAD + 2 * max(rows[0] - PAD - REACH - 1, 0)
     last = PAD + 2 * (rows[1] - PAD + REACH + 1)
-    for i in range(first, min(last, share.shape[0] - PAD)):
+    for i in range(first, min(last, regular.shape[0] - PAD)):
         for dy in range(3):
             for dx in range(-2, 3):
-                _pixels_of_entry(m, share, i, dy, dx, pixels[dx + 2])
-            _sum_along(pixels, even, odd, b[dy])
+                _pixels_of_entry(m, regular, i, dy, dx, pixels[dx + 2])
+            _sum_along(pixels, to_right, b[dy])
         _sum_down(b, i, rows, summed, out)
-        _add_special(m, share, special, i, rows, around, out)
-
-
-def coarsen(m: FloatArray, way: Interpolation, special: Rows, out: FloatArray) -> None:
-    """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels."""
-    _fill(out, way.share, m, special)
+        _add_special(m, way, i, rows, around, out)

@@ -23,8 +23,9 @@ which is right to the second order to the very rim and never reaches over a cut.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,6 @@ from endolab.numerics.compiled import (
     pad_maps,
 )
 from endolab.numerics.stencils import CENTRAL, ENTRIES, links, shift
-from endolab.solvers.cuts import coarser_links, largest_fragments
 from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
@@ -49,7 +49,7 @@ from endolab.solvers.energy_kernels import (
     sums,
 )
 from endolab.solvers.fast_marching import March
-from endolab.solvers.interpolation import Interpolation
+from endolab.solvers.interpolation import Structure
 from endolab.solvers.normal_equations import (
     BY_V,
     PARTS,
@@ -58,7 +58,6 @@ from endolab.solvers.normal_equations import (
     SLOPE_DAMPING_W,
     WEIGHT,
     Coefficients,
-    Structure,
 )
 from endolab.solvers.problem import (
     EXACT,
@@ -68,39 +67,27 @@ from endolab.solvers.problem import (
     Problem,
 )
 
-
-@dataclass(frozen=True)
-class Ceiling:
-    """How far a surface may go where cuts leave islands; chosen by hand."""
-
-    # Of log d above d₀, which is an upper bound: a factor of two, more than noise and mottles ask for.
-    height: float = 0.7
-    # Of log d below that, where a pixel is held that is drawn to it.
-    margin: float = 0.008
-
-
-CEILING = Ceiling()
+# How far a surface may go where cuts leave islands, of log d above d₀, an upper bound; chosen by hand.
+# A factor of two, more than noise and mottles ask for.
+CEILING = 0.7
+# Of log d below that, where a pixel is held that is drawn to it.
+CEILING_MARGIN = 0.008
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(Structure):
     """A problem on a grid; arrays are padded unless said otherwise."""
 
     problem: Problem
     image: FloatArray  # stored values
-    log_scale: (
-        FloatArray  # logarithm of the image of a facing surface at one unit of distance
-    )
+    # Logarithm of the image of a facing surface at one unit of distance
+    log_scale: FloatArray
     metric: FloatArray  # (3, ...): uu, uv, vv of G⁻¹, in this grid's pixels squared
     factor: FloatArray  # ξ/ξ̃ is this times e^±v
     edge: FloatArray  # edge weight g
-    active: ByteArray  # the mask
-    link: ByteArray  # (2, ...): steps that derivatives take, see `numerics.stencils.links`
-    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is cut
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
-    inflow: (
-        FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
-    )
+    # (H, W), not padded: log d where it is given and no unknown, else nan
+    inflow: FloatArray
     scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
     table: FloatArray  # of `energy_kernels.shading_table`, as is the step
     step: float
@@ -114,6 +101,10 @@ class Grid:
         uncut_links = pad_maps(links(mask).astype(np.int8))
         is_cut = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
+            pad_maps(mask.astype(np.int8)),
+            pad_maps(links(mask, problem.cuts).astype(np.int8)) if is_cut else uncut_links,
+            uncut_links,
+            REGULARISERS.index(problem.regulariser),
             problem,
             pad_maps(np.where(mask, problem.image, 0.0)),
             pad_maps(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
@@ -123,9 +114,6 @@ class Grid:
                 / problem.xi_median
             ),
             pad_maps(problem.edge_weight),
-            pad_maps(mask.astype(np.int8)),
-            pad_maps(links(mask, problem.cuts).astype(np.int8)) if is_cut else uncut_links,
-            uncut_links,
             np.empty((0, 0), np.int8)
             if problem.evidence is None
             else pad_maps(problem.evidence),
@@ -136,26 +124,21 @@ class Grid:
             *shading_table(problem.photometry),
         )
 
-    def coarser(self) -> Grid:
-        """Grid of half the rows and columns."""
+    def coarser_maps(self) -> dict[str, Any]:
+        """Those of half the rows and columns."""
         given = pad_maps(np.isfinite(self.inflow).astype(np.int8))
         inflow = inner(_block_means(pad_maps(np.nan_to_num(self.inflow)), given))
-        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
         image, evidence = self._coarser_evidence()
-        return replace(
-            self,
-            image=image,
-            log_scale=self.restrict(self.log_scale),
-            metric=np.stack([self.restrict(component) for component in self.metric]) / 4,
-            factor=self.restrict(self.factor),
-            edge=self.restrict(self.edge),
-            active=active_blocks(self.active),
-            link=link,
-            uncut_links=uncut_links,
-            evidence=evidence,
-            inflow=np.where(inner(active_blocks(given)) > 0, inflow, np.nan),
-            scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
-        )
+        return {
+            "image": image,
+            "log_scale": self.restrict(self.log_scale),
+            "metric": np.stack([self.restrict(part) for part in self.metric]) / 4,
+            "factor": self.restrict(self.factor),
+            "edge": self.restrict(self.edge),
+            "evidence": evidence,
+            "inflow": np.where(inner(active_blocks(given)) > 0, inflow, np.nan),
+            "scale": self.scale / (2 if self.problem.regulariser == "first" else 4),
+        }
 
     def _coarser_evidence(self) -> tuple[FloatArray, ByteArray]:
         """Image and evidence on half the pixels.
@@ -180,20 +163,19 @@ class Grid:
         """Mean of a map over the active pixels for which each 2×2 block stands."""
         return _block_means(a, self.main)
 
-    def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
-        """A map of this grid on the finer one that it came from."""
-        way = Interpolation.between(self, fine)
-        out = np.zeros(fine.active.shape)
+    def interpolate(self, v: FloatArray) -> FloatArray:
+        """A map of the coarser grid on this one."""
+        way = self.way
+        out = np.zeros(self.active.shape)
         way.add(v, out)
         if self.is_cut:
-            missed = (fine.active > 0) & (way.share == 0) & ~way.at_rims
-            i, j = np.nonzero(missed)
+            is_alone = np.diff(way.start).reshape(out.shape) == 0
+            i, j = np.nonzero((self.active > 0) & (way.regular == 0) & is_alone)
             out[i, j] = v[PAD + (i - PAD) // 2, PAD + (j - PAD) // 2]
-            left_out = (fine.active > 0) & (fine.main == 0)
-            out[left_out] = np.minimum(out, pad_maps(fine.log_d0))[left_out]
-        return np.where(
-            pad_maps(np.isfinite(fine.inflow)), pad_maps(np.nan_to_num(fine.inflow)), out
-        )
+            left_out = (self.active > 0) & (self.main == 0)
+            out[left_out] = np.minimum(out, pad_maps(self.log_d0))[left_out]
+        given = pad_maps(np.nan_to_num(self.inflow))
+        return np.where(pad_maps(np.isfinite(self.inflow)), given, out)
 
     @property
     def mask(self) -> BoolArray:
@@ -201,23 +183,9 @@ class Grid:
         return inner(self.active) > 0
 
     @property
-    def is_cut(self) -> bool:
-        """Whether any step is cut."""
-        return self.link is not self.uncut_links
-
-    @property
     def cuts(self) -> BoolArray | None:
         """Steps that are cut, (2, H, W), see `Problem`."""
         return inner(self.link) < inner(self.uncut_links) if self.is_cut else None
-
-    @cached_property
-    def main(self) -> ByteArray:
-        """Pixels for which the coarser grid's blocks stand, see `cuts`; the mask, where nothing is cut."""
-        return largest_fragments(self.active, self.link, self.uncut_links)
-
-    @property
-    def _kind(self) -> int:
-        return REGULARISERS.index(self.problem.regulariser)
 
     @cached_property
     def log_d0(self) -> FloatArray:
@@ -232,7 +200,11 @@ class Grid:
         if not self.is_cut:
             return np.empty((0, 0))
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
-        return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING.height))
+        return pad_maps(np.where(silent, np.inf, self.log_d0 + CEILING))
+
+    def below_ceiling(self, v: FloatArray) -> FloatArray:
+        """Return the map no higher than the ceiling."""
+        return np.minimum(v, self.ceiling) if self.is_cut else v
 
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
@@ -295,14 +267,13 @@ class Grid:
             self.evidence,
         )
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        kind = REGULARISERS.index(p.regulariser)
         penalties = Penalties(
             lam,
             p.threshold,
             p.epsilon,
             self.scale,
-            kind,
-            ENTRIES[kind],
+            self.kind,
+            ENTRIES[self.kind],
             ENTRIES[CENTRAL],
         )
         return picture, wall, penalties
@@ -333,7 +304,7 @@ class Grid:
         """That of equations for pixels that are free: the old one, if it is of the same."""
         if old is not None and old.link is self.link and np.array_equal(old.active, free):
             return old
-        return Structure(free, self.link, self.uncut_links, self._kind)
+        return Structure(free, self.link, self.uncut_links, self.kind)
 
     def equations_at(
         self,
@@ -358,7 +329,7 @@ class Grid:
         smooth *= parts[SLOPE]
         free = self.free
         if self.is_cut:
-            free = free * ~((v > self.ceiling - CEILING.margin) & (descent > smooth))
+            free = free * ~((v > self.ceiling - CEILING_MARGIN) & (descent > smooth))
         descent -= smooth
         descent *= free
         if slants is None:

@@ -15,25 +15,27 @@ next to it, a = ±¼ block from it along an axis, and that block's differences �
 
 so that no straight map is bent there: second differences would find that dear. The weights are the rows of a
 matrix P; steps go up by P and residuals down by Pᵀ.
+
+A pixel's side is that of its own block if the block stands for it (`main`). Otherwise it is that of the
+neighbours for which theirs does.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.compiled import PAD, active_blocks, inner, kernel
 from endolab.numerics.threads import on_cores, rows_within
-from endolab.solvers.cuts import Cells, nearest_blocks, same_side
-
-# Those of `Interpolation`: pixel, block, weight.
-Strands = tuple[IntArray, IntArray, FloatArray]
+from endolab.solvers.cuts import coarser_links, largest_fragments
 
 
 @on_cores(cost=0.4)
-def prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
+def prolong_add(rows: Span, x: FloatArray, regular: FloatArray, step: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     for i in range(first, last):
@@ -45,13 +47,13 @@ def prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) 
             beneath = step[ci + ni, cj + 2]
             left = nearest + 3 * (beneath + step[ci, cj + 1]) + step[ci + ni, cj + 1]
             right = nearest + 3 * (beneath + step[ci, cj + 3]) + step[ci + ni, cj + 3]
-            x[i, j] += share[i, j] * left
-            x[i, j + 1] += share[i, j + 1] * right
+            x[i, j] += regular[i, j] * left
+            x[i, j + 1] += regular[i, j + 1] * right
 
 
 @on_cores(cost=2)
 def restrict(
-    rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray
+    rows: Span, out: FloatArray, r: FloatArray, regular: FloatArray, coarse: ByteArray
 ) -> None:
     """Adjoint of `prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
@@ -59,8 +61,8 @@ def restrict(
     for ci in range(first, last):
         i = 2 * ci - PAD
         for j in range(r.shape[1]):
-            inner_rows = share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j]
-            outer_rows = share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
+            inner_rows = regular[i, j] * r[i, j] + regular[i + 1, j] * r[i + 1, j]
+            outer_rows = regular[i - 1, j] * r[i - 1, j] + regular[i + 2, j] * r[i + 2, j]
             sums[j] = 3 * inner_rows + outer_rows
         for cj in range(out.shape[1] - 2 * PAD):
             j = PAD + 2 * cj
@@ -69,136 +71,193 @@ def restrict(
 
 
 @kernel
-def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
-    """Row and column of the k-th block around a pixel; where the pixel is from its centre, in blocks.
-
-    i and j count from the first block's first pixel.
-    """
-    row = i // 2 + (2 * (i % 2) - 1 if k > 1 else 0)
-    column = j // 2 + (2 * (j % 2) - 1 if k % 2 else 0)
-    return PAD + row, PAD + column, i / 2 - 0.25 - row, j / 2 - 0.25 - column
-
-
-@kernel
-def add_from(
-    source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray
+def _add_up(
+    pixel: IntArray,
+    row: IntArray,
+    column: IntArray,
+    weight: FloatArray,
+    step: FloatArray,
+    x: FloatArray,
 ) -> None:
-    """Add weighted elements of one array to those of another, rounding but once."""
-    values = a.ravel()
-    sums = out.reshape(-1)
-    more = np.zeros(out.size)
-    for k in range(weight.size):
-        more[target[k]] += weight[k] * values[source[k]]
-    for k in range(weight.size):
-        sums[target[k]] += more[target[k]]
-        more[target[k]] = 0.0
+    """x += the blocks' step, for pixels beside rims and cuts."""
+    values = x.reshape(-1)
+    for k in range(pixel.size):
+        values[pixel[k]] += weight[k] * step[row[k], column[k]]
 
 
 @kernel
-def add_sorted(
-    source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray
+def _add_down(
+    pixel: IntArray,
+    row: IntArray,
+    column: IntArray,
+    weight: FloatArray,
+    r: FloatArray,
+    out: FloatArray,
 ) -> None:
-    """Do the same where equal targets follow one another."""
-    values = a.ravel()
-    sums = out.reshape(-1)
-    k = 0
-    while k < target.size:
-        place = target[k]
-        more = 0.0
-        while k < target.size and target[k] == place:
-            more += weight[k] * values[source[k]]
-            k += 1
-        sums[place] += more
-
-
-def _share(active: ByteArray, main: ByteArray, blocks: Cells) -> FloatArray:
-    """1/16 for pixels amid four blocks with nothing between, else 0."""
-    known = blocks.active > 0
-    uncut = blocks.link == blocks.uncut_links
-    amid = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
-    amid &= uncut[0, :-1, :-1] & uncut[0, 1:, :-1] & uncut[1, :-1, :-1] & uncut[1, :-1, 1:]
-    rows, columns = ((np.arange(size) + PAD - 1) // 2 for size in active.shape)
-    return amid[rows[:, None], columns] * (active > 0) * (main > 0) / 16
+    """Adjoint of `_add_up`."""
+    values = r.ravel()
+    for k in range(pixel.size):
+        out[row[k], column[k]] += weight[k] * values[pixel[k]]
 
 
 @kernel
-def _fill_strands(
-    pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArray, strands: Strands
+def _fill(
+    active: ByteArray,
+    main: ByteArray,
+    link: ByteArray,
+    blocks: ByteArray,
+    block_link: ByteArray,
+    cut: BoolArray,
+    way: Interpolation,
 ) -> int:
-    """Write the strands to active pixels that have no share, or their shares; return how many strands."""
-    active, link, uncut_links = pixels
-    known, across, _ = blocks
-    pixel, block, weight = strands
+    """Write the way from blocks to pixels; return how many weights it has beside rims and cuts."""
+    regular, start, pixel, block_row, block_column, weight = way
+    height, width = regular.shape
     count = 0
-    wide = known.shape[1]
-    for i in range(PAD, active.shape[0] - PAD):
-        for j in range(PAD, active.shape[1] - PAD):
-            if not active[i, j] or share[i, j] > 0:
+    for i in range(height):
+        down = 2 * ((i - PAD) % 2) - 1
+        ci = PAD + (i - PAD) // 2
+        top = min(down, 0)
+        for j in range(width):
+            start[i * width + j] = count
+            if not active[i, j]:
                 continue
-            of_side = same_side(main, link, uncut_links, blocks, i, j)
-            if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
-                share[i, j] = 1 / 16
+            right = 2 * ((j - PAD) % 2) - 1
+            cj = PAD + (j - PAD) // 2
+            left = min(right, 0)
+
+            # Which of the four blocks around are of its side, reached from block to block or pixel to pixel
+            if main[i, j]:
+                beside = not cut[0, ci, cj + left]
+                below = not cut[1, ci + top, cj]
+            else:
+                beside = link[0, i, j + left] > 0 and main[i, j + right] > 0
+                below = link[1, i + top, j] > 0 and main[i + down, j] > 0
+            diagonal = beside and not cut[1, ci + top, cj + right]
+            diagonal = diagonal or (below and not cut[0, ci + down, cj + left])
+            own = main[i, j] > 0 and blocks[ci, cj] > 0
+            beside = beside and blocks[ci, cj + right] > 0
+            below = below and blocks[ci + down, cj] > 0
+            diagonal = diagonal and blocks[ci + down, cj + right] > 0
+            if own and beside and below and diagonal:
+                regular[i, j] = 1 / 16
                 continue
-            first_block, last_block = nearest_blocks(of_side)
-            if first_block == 4:
-                continue
-            share_of_each = 1.0 if first_block == last_block else 0.5
-            for k in range(first_block, last_block + 1):
-                row, column, down, right = _place(i - PAD, j - PAD, k)
-                own = 1.0
-                centre = row * wide + column
-                for axis, aside, step in ((0, right, 1), (1, down, wide)):
+
+            # The nearest of them, which may be two
+            if own or not (beside or below):
+                first = 0 if own else 3 if diagonal else 4
+                last = first
+            else:
+                first = 1 if beside else 2
+                last = 2 if below else 1
+            of_each = 1.0 if first == last else 0.5
+            for k in range(first, min(last, 3) + 1):
+                row = ci + (down if k > 1 else 0)
+                column = cj + (right if k % 2 else 0)
+                # Where the pixel is from the block's centre, in blocks
+                aside_v = (i - PAD) / 2 - 0.25 - (row - PAD)
+                aside_u = (j - PAD) / 2 - 0.25 - (column - PAD)
+                of_block = 1.0
+                for axis, aside in ((0, aside_u), (1, aside_v)):
                     ahead = 1 if aside > 0 else -1
-                    for way in (ahead, -ahead):
-                        r = row + way * axis
-                        c = column + way * (1 - axis)
-                        if across[axis, min(r, row), min(c, column)] and known[r, c]:
-                            pixel[count] = i * active.shape[1] + j
-                            block[count] = centre + way * step
-                            weight[count] = share_of_each * aside * way
-                            own = own - aside * way
-                            count = count + 1
+                    for side in (ahead, -ahead):
+                        r = row + side * axis
+                        c = column + side * (1 - axis)
+                        if block_link[axis, min(r, row), min(c, column)] and blocks[r, c]:
+                            pixel[count] = i * width + j
+                            block_row[count] = r
+                            block_column[count] = c
+                            weight[count] = of_each * aside * side
+                            of_block = of_block - aside * side
+                            count += 1
                             break
-                pixel[count] = i * active.shape[1] + j
-                block[count] = centre
-                weight[count] = share_of_each * own
+                pixel[count] = i * width + j
+                block_row[count] = row
+                block_column[count] = column
+                weight[count] = of_each * of_block
                 count += 1
+    start[height * width] = count
     return count
 
 
 class Interpolation(NamedTuple):
-    """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
+    """Linear interpolation P from blocks to the active pixels of a grid."""
 
-    share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
-    pixel: IntArray  # of each pair of another pixel and a block of its side; sorted
-    block: IntArray
+    regular: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
+    # Of the other pixels' rows of P, pixel after pixel: where each pixel's begins, and at last their number.
+    start: IntArray
+    pixel: IntArray  # flat
+    row: IntArray  # of the block
+    column: IntArray
     weight: FloatArray
 
-    @classmethod
-    def between(cls, coarse: Any, fine: Any) -> Interpolation:
-        """Find the way from one grid to the finer one: `Grid`s, or a `Structure` and its coarser one."""
-        blocks = Cells(coarse.active, coarse.link, coarse.uncut_links)
-        pixels = Cells(fine.active, fine.link, fine.uncut_links)
-        share = _share(fine.active, fine.main, blocks)
-        most = 6 * np.count_nonzero((fine.active > 0) & (share == 0))
-        strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
-        count = _fill_strands(pixels, fine.main, blocks, share, strands)
-        pixel, block, weight = strands
-        return cls(share, pixel[:count], block[:count], weight[:count])
-
     def add(self, step: FloatArray, x: FloatArray) -> None:
-        """x += the blocks' step, interpolated."""
-        prolong_add(x, self.share, step)
-        add_sorted(self.block, self.pixel, self.weight, step, x)
+        """x += P step."""
+        prolong_add(x, self.regular, step)
+        _add_up(self.pixel, self.row, self.column, self.weight, step, x)
 
     def adjoint(self, r: FloatArray, active: ByteArray, out: FloatArray) -> None:
-        """Write the adjoint of `add` to out, for blocks that are active."""
-        restrict(out, r, self.share, active)
-        add_from(self.pixel, self.block, self.weight, r, out)
+        """Write Pᵀ r to out, for blocks that are active."""
+        restrict(out, r, self.regular, active)
+        _add_down(self.pixel, self.row, self.column, self.weight, r, out)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What of a grid depends on mask and cuts alone, here and on coarser grids; padded arrays."""
+
+    active: ByteArray
+    link: ByteArray  # (2, ...): steps that derivatives take, see `numerics.stencils.links`
+    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is cut
+    kind: int  # which of `problem.REGULARISERS`
 
     @property
-    def at_rims(self) -> BoolArray:
-        """Whether a pixel has its value from fewer than four blocks, padded."""
-        out = np.zeros(self.share.shape, np.bool_)
-        out.flat[self.pixel] = True
-        return out
+    def is_cut(self) -> bool:
+        """Whether any step is cut."""
+        return self.link is not self.uncut_links
+
+    @property
+    def pixels(self) -> int:
+        """Rows times columns, without the padding."""
+        return int(inner(self.active).size)
+
+    @cached_property
+    def main(self) -> ByteArray:
+        """Pixels for which the coarser grid's blocks stand, see `cuts`; all, where nothing is cut."""
+        return largest_fragments(self.active, self.link, self.uncut_links)
+
+    @cached_property
+    def coarser(self) -> Self:
+        """The same on half the pixels."""
+        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
+        return replace(
+            self,
+            active=active_blocks(self.active),
+            link=link,
+            uncut_links=uncut_links,
+            **self.coarser_maps(),
+        )
+
+    def coarser_maps(self) -> dict[str, Any]:
+        """What else half the pixels have."""
+        return {}
+
+    @cached_property
+    def way(self) -> Interpolation:
+        """Linear interpolation from the coarser grid."""
+        most = 6 * np.count_nonzero(self.active)
+        way = Interpolation(
+            regular=np.zeros(self.active.shape),
+            start=np.empty(self.active.size + 1, np.int64),
+            pixel=np.empty(most, np.int64),
+            row=np.empty(most, np.int64),
+            column=np.empty(most, np.int64),
+            weight=np.empty(most),
+        )
+        blocks = self.coarser
+        cut = blocks.link < blocks.uncut_links
+        count = _fill(
+            self.active, self.main, self.link, blocks.active, blocks.link, cut, way
+        )
+        strands: Any = [part[:count].copy() for part in way[2:]]
+        return Interpolation(way.regular, way.start, *strands)

@@ -22,17 +22,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.galerkin import coarsen
-from endolab.solvers.interpolation import (
-    Interpolation,
-)
+from endolab.solvers.interpolation import Structure
 from endolab.solvers.normal_equations import (
     CENTRE,
     EE,
@@ -49,7 +46,6 @@ from endolab.solvers.normal_equations import (
     Coefficients,
     E,
     S,
-    Structure,
 )
 
 
@@ -58,7 +54,7 @@ class Cycle:
     """How a V-cycle is made; chosen by hand."""
 
     coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
-    # Share of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
+    # Fraction of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
     ridge: float = 1e-4
     degree: int = 2  # smoothing steps before and after a coarser grid
 
@@ -67,75 +63,51 @@ CYCLE = Cycle()
 
 
 @kernel
-def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) -> None:
-    """Row i of the matrix times the k-th of the maps x; out[j] is of column PAD + j.
+def _row_times(m: FloatArray, x: FloatArray, i: int, out: FloatArray) -> None:
+    """Row i of the matrix times x; out[j] is of column PAD + j.
 
     In this and the following loops, j begins at 0 and what is added to it is not
     negative: so they compile to instructions that take many pixels at once. Views of rows would do as well,
     but counting who holds a view takes longer than a row, and the cores wait for one another to count.
-    k and i are never written as numbers: the loop would be compiled once more for each.
     """
-    count = x.shape[2] - 2 * PAD
+    count = x.shape[1] - 2 * PAD
     for j in range(count):
-        around = _pair(m, E, x, k, i, j + 2) + _pair(m, S, x, k, i, j + 2)
-        askew = _pair(m, SE, x, k, i, j + 2) + _pair(m, SW, x, k, i, j + 2)
-        out[j] = (m[CENTRE, i, j + 2] * x[k, i, j + 2] + around) + askew
+        around = _pair(m, E, x, i, j + 2) + _pair(m, S, x, i, j + 2)
+        askew = _pair(m, SE, x, i, j + 2) + _pair(m, SW, x, i, j + 2)
+        out[j] = (m[CENTRE, i, j + 2] * x[i, j + 2] + around) + askew
     for j in range(count):
-        out[j] += _pair(m, EE, x, k, i, j + 2) + _pair(m, SS, x, k, i, j + 2)
+        out[j] += _pair(m, EE, x, i, j + 2) + _pair(m, SS, x, i, j + 2)
     if len(m) <= SEE:
         return
     for j in range(count):
-        wide = _pair(m, SEE, x, k, i, j + 2) + _pair(m, SWW, x, k, i, j + 2)
-        steep = _pair(m, SSE, x, k, i, j + 2) + _pair(m, SSW, x, k, i, j + 2)
+        wide = _pair(m, SEE, x, i, j + 2) + _pair(m, SWW, x, i, j + 2)
+        steep = _pair(m, SSE, x, i, j + 2) + _pair(m, SSW, x, i, j + 2)
         out[j] += wide + steep
     for j in range(count):
-        out[j] += _pair(m, SE2, x, k, i, j + 2) + _pair(m, SW2, x, k, i, j + 2)
+        out[j] += _pair(m, SE2, x, i, j + 2) + _pair(m, SW2, x, i, j + 2)
 
 
 @kernel
-def _pair(m: FloatArray, entry: int, x: FloatArray, k: int, i: int, j: int) -> float:
+def _pair(m: FloatArray, entry: int, x: FloatArray, i: int, j: int) -> float:
     """An entry of the pixel (i, j), and the one that couples it to the pixel on the other side."""
     down, right = OFFSETS[entry]
-    after = m[entry, i, j] * x[k, i + down, j + right]
-    return after + m[entry, i - down, j - right] * x[k, i - down, j - right]
-
-
-@on_cores(cost=0.3)
-def _dots(rows: Span, a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
-    width = a.shape[1]
-    even = width - width % 4
-    for i in range(rows[0], rows[1]):
-        one = two = three = four = 0.0
-        for j in range(0, even, 4):
-            one += a[i, j] * b[i, j]
-            two += a[i, j + 1] * b[i, j + 1]
-            three += a[i, j + 2] * b[i, j + 2]
-            four += a[i, j + 3] * b[i, j + 3]
-        for j in range(even, width):
-            one += a[i, j] * b[i, j]
-        out[i] = (one + two) + (three + four)
+    after = m[entry, i, j] * x[i + down, j + right]
+    return after + m[entry, i - down, j - right] * x[i - down, j - right]
 
 
 def dot(a: FloatArray, b: FloatArray) -> float:
-    """Scalar product of two vectors, the same on any number of threads."""
-    products = np.empty(len(a))
-    _dots(a, b, products)
-    return float(products.sum())
+    """Scalar product of two vectors, the same on any number of threads, as BLAS' is not."""
+    return float(np.einsum("ij,ij->i", a, b).sum())
 
 
 @on_cores(cost=2)
-def _multiply(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None:
+def multiply(rows: Span, m: FloatArray, x: FloatArray, out: FloatArray) -> None:
+    """out = M x."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
-        _row_times(m, x, len(x) - 1, i, row)
+        _row_times(m, x, i, row)
         copy_row(row, out[i, PAD:])
-
-
-def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
-    """out = M x."""
-    _multiply(out, m, x[None])
 
 
 @on_cores(cost=20)
@@ -146,14 +118,16 @@ def _smooth(
     left: FloatArray,
     m: FloatArray,
     inverse: FloatArray,
-    steps: FloatArray,
+    step: FloatArray,
+    next_step: FloatArray,
+    last_step: FloatArray,
     n: int,
 ) -> None:
-    """Go the n-th step, steps[0], and the next in these rows of x; of the residual r, write what is left.
+    """Go the n-th step and the next in these rows of x; of the residual r, write what is left.
 
     The second step needs two rows of the first on either side: it follows at two rows' distance, while what
     it reads is still near. Cores write the rows between theirs both, the same numbers. The step that would
-    follow becomes steps[2].
+    follow becomes `last_step`.
     """
     count = x.shape[1] - 2 * PAD
     row = np.empty(count)
@@ -166,48 +140,33 @@ def _smooth(
     own_first, own_last = rows_within(rows, PAD, x.shape[0] - PAD)
     for i in range(first, own_last + PAD):
         if i < last:
-            _row_times(m, steps, n - n, i, row)
+            _row_times(m, step, i, row)
             k = i % (PAD + 1)
             for j in range(count):
                 residuals[k, j] = r[i, j + 2] - row[j]
             for j in range(count):
-                step = added * inverse[i, j + 2] * residuals[k, j]
-                steps[1, i, j + 2] = kept * steps[0, i, j + 2] + step
+                new = added * inverse[i, j + 2] * residuals[k, j]
+                next_step[i, j + 2] = kept * step[i, j + 2] + new
         before = i - PAD
         if before >= own_first:
-            _row_times(m, steps, 1 + n - n, before, row)
+            _row_times(m, next_step, before, row)
             k = before % (PAD + 1)
             for j in range(count):
                 row[j] = residuals[k, j] - row[j]
                 left[before, j + 2] = row[j]
             for j in range(count):
-                x[before, j + 2] += steps[0, before, j + 2] + steps[1, before, j + 2]
+                x[before, j + 2] += step[before, j + 2] + next_step[before, j + 2]
             for j in range(count):
-                step = added_next * inverse[before, j + 2] * row[j]
-                steps[2, before, j + 2] = kept_next * steps[1, before, j + 2] + step
+                new = added_next * inverse[before, j + 2] * row[j]
+                last_step[before, j + 2] = kept_next * next_step[before, j + 2] + new
 
 
 @on_cores(cost=0.4)
-def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
-    """x += share · y."""
+def _add(rows: Span, x: FloatArray, length: float, y: FloatArray) -> None:
+    """x += length · y."""
     for i in range(rows[0], rows[1]):
         for j in range(x.shape[1]):
-            x[i, j] += share * y[i, j]
-
-
-@on_cores(cost=1)
-def _begin(
-    rows: Span,
-    x: FloatArray,
-    b: FloatArray,
-    inverse: FloatArray,
-    step: FloatArray,
-) -> None:
-    """x = 0, and the first of the smoothing steps from there."""
-    for i in range(rows[0], rows[1]):
-        for j in range(x.shape[1]):
-            x[i, j] = 0.0
-            step[i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
+            x[i, j] += length * y[i, j]
 
 
 @on_cores(cost=10)
@@ -215,14 +174,16 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
     """The reciprocal of each row's absolute sum; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
-    ones = np.ones((1, 2 * PAD + 1, out.shape[1]))
-    sizes = np.empty((len(m), PAD + 1, out.shape[1]))  # of this row and those above
     for i in range(first, last):
-        for k in range(len(m)):
-            for above in range(PAD + 1):
-                for j in range(out.shape[1]):
-                    sizes[k, PAD - above, j] = abs(m[k, i - above, j])
-        _row_times(sizes, ones, len(ones) - 1, sizes.shape[1] - 1, row)
+        for j in range(row.size):
+            row[j] = abs(m[CENTRE, i, j + 2])
+        for entry in range(1, len(m)):
+            down, right = OFFSETS[entry]
+            column = max(
+                PAD - right, 0
+            )  # never less; but, told so, the loop takes many pixels at once
+            for j in range(row.size):
+                row[j] += abs(m[entry, i, j + 2]) + abs(m[entry, i - down, j + column])
         for j in range(row.size):
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
@@ -246,54 +207,30 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
-class _Level(NamedTuple):
-    """One grid: its pixels, its matrix, the way from the coarser one, and room for vectors."""
+class _Level:
+    """One grid: its pixels, its matrix of so many numbers a pixel, and room for vectors."""
 
-    active: ByteArray
-    share: FloatArray  # this and the next three: those of `Interpolation`; empty on the coarsest grid
-    pixel: IntArray
-    block: IntArray
-    weight: FloatArray
-    matrix: FloatArray
-    inverse: FloatArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
-    x: FloatArray
-    b: FloatArray
-    r: FloatArray
-    left: FloatArray
-    steps: FloatArray  # (3, ...), of smoothing
-
-    @classmethod
-    def on(cls, structure: Structure, entries: int) -> _Level:
-        """Make room for so many numbers of a pixel."""
+    def __init__(self, structure: Structure, entries: int) -> None:
         shape = structure.active.shape
-        inverse, x, b, r, left = np.zeros((5, *shape))
-        steps = np.zeros((3, *shape))
-        nowhere = np.empty(0, np.int64)
-        way = Interpolation(np.empty((0, 0)), nowhere, nowhere, np.empty(0))
-        if not _is_coarsest(structure):
-            way = structure.way
-        matrix = np.empty((entries, *shape))
-        return cls(structure.active, *way, matrix, inverse, x, b, r, left, steps)
-
-    @property
-    def way(self) -> Interpolation:
-        return Interpolation(self.share, self.pixel, self.block, self.weight)
+        self.structure = structure
+        self.matrix = np.empty((entries, *shape))
+        # Of the rows' sums of sizes; 0 where a pixel is held at 0
+        self.inverse, self.x, self.b, self.r, self.left = np.zeros((5, *shape))
+        self.steps = [np.zeros(shape) for _ in range(3)]  # of smoothing
 
     def begin(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
-        _begin(self.x, self.b, self.inverse, self.steps[0])
-        _smooth(self.x, self.b, self.r, self.matrix, self.inverse, self.steps, 1)
+        self.x[:] = 0.0
+        np.multiply(self.inverse, self.b, out=self.steps[0])
+        self.steps[0] *= 4 / 3
+        _smooth(self.x, self.b, self.r, self.matrix, self.inverse, *self.steps, 1)
 
     def correct(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
-        self.steps[0] = 0.0
-        self.way.add(coarse, self.steps[0])
-        _smooth(self.x, self.r, self.left, self.matrix, self.inverse, self.steps, 0)
-        _add(self.x, 1.0, self.steps[2])
-
-
-def _is_coarsest(structure: Structure) -> bool:
-    return structure.pixels <= CYCLE.coarsest
+        self.steps[0][:] = 0.0
+        self.structure.way.add(coarse, self.steps[0])
+        _smooth(self.x, self.r, self.left, self.matrix, self.inverse, *self.steps, 0)
+        self.x += self.steps[2]
 
 
 class Multigrid:
@@ -309,26 +246,22 @@ class Multigrid:
         old: Multigrid | None = None,
     ) -> None:
         structure = coefficients.structure
-        if old is None or old.structures[0] is not structure:
+        if old is None or old.levels[0].structure is not structure:
             self.room = np.empty((3, *structure.active.shape))
-            self.structures: list[Structure] = [structure]
-            while not _is_coarsest(self.structures[-1]):
-                self.structures.append(self.structures[-1].coarser)
-            self.levels = [_Level.on(structure, SEE)]
-            self.levels += [_Level.on(each, len(OFFSETS)) for each in self.structures[1:]]
+            self.levels: list[_Level] = [_Level(structure, SEE)]
+            while structure.pixels > CYCLE.coarsest:
+                structure = structure.coarser
+                self.levels.append(_Level(structure, len(OFFSETS)))
         else:
             self.room = old.room
-            self.structures = old.structures
             self.levels = old.levels
         coefficients.matrix(damping, self.levels[0].matrix)
-        for structure, (level, coarser) in zip(
-            self.structures, pairwise(self.levels), strict=False
-        ):
-            _invert_sums(level.inverse, level.matrix, level.active)
-            coarsen(level.matrix, structure.way, structure.rows, coarser.matrix)
+        for level, coarser in pairwise(self.levels):
+            _invert_sums(level.inverse, level.matrix, level.structure.active)
+            coarsen(coarser.matrix, level.matrix, level.structure.way)
         coarsest = self.levels[-1]
-        self.solution = _invert(coarsest.matrix, coarsest.active)
-        self.places = np.flatnonzero(coarsest.active)
+        self.solution = _invert(coarsest.matrix, coarsest.structure.active)
+        self.places = np.flatnonzero(coarsest.structure.active)
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
@@ -338,7 +271,7 @@ class Multigrid:
             return
         at.begin()
         below = self.levels[depth + 1]
-        at.way.adjoint(at.r, below.active, below.b)
+        at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
         at.correct(below.x)
 
@@ -348,9 +281,9 @@ class Multigrid:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
 
         A residual may be that of a few pixels at first, beside which all others look solved. So what it
-        promises still, r·M⁻¹r, must also be no more than this share of what x has, b·x. Returns x, which
+        promises still, r·M⁻¹r, must also be no more than this fraction of what x has, b·x. Returns x, which
         the next call overwrites (0 where a pixel is not active), the steps that were taken, `most` at most,
-        and that share.
+        and that fraction.
         """
         top = self.levels[0]
         x, direction, product = self.room

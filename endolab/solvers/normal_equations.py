@@ -20,17 +20,15 @@ those towards later pixels: seven numbers, or with those in brackets thirteen.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
-from endolab.numerics.compiled import PAD, active_blocks, clear_row, inner, kernel
+from endolab.numerics.compiled import PAD, clear_row, kernel
 from endolab.numerics.stencils import CENTRAL, DOWN, ENTRIES, RIGHT, stencil_row
 from endolab.numerics.threads import on_cores, rows_within
-from endolab.solvers.cuts import coarser_links, largest_fragments
-from endolab.solvers.galerkin import Rows
-from endolab.solvers.interpolation import Interpolation
+from endolab.solvers.interpolation import Structure
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
@@ -167,43 +165,6 @@ def _assemble(
 
 
 @dataclass(frozen=True)
-class Structure:
-    """What of normal equations depends on mask and cuts alone, here and on coarser grids; padded arrays."""
-
-    active: ByteArray
-    link: ByteArray
-    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is cut
-    kind: int  # which of `problem.REGULARISERS`
-
-    @property
-    def pixels(self) -> int:
-        """Rows times columns, without the padding."""
-        return int(inner(self.active).size)
-
-    @cached_property
-    def main(self) -> ByteArray:
-        """Pixels for which the coarser grid's blocks stand, see `cuts`; all, where nothing is cut."""
-        return largest_fragments(self.active, self.link, self.uncut_links)
-
-    @cached_property
-    def coarser(self) -> Structure:
-        """The same on half the pixels."""
-        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
-        active = active_blocks(self.main)
-        return Structure(active, link, uncut_links, self.kind)
-
-    @cached_property
-    def way(self) -> Interpolation:
-        """Linear interpolation from the coarser grid."""
-        return Interpolation.between(self.coarser, self)
-
-    @cached_property
-    def rows(self) -> Rows:
-        """Its rows beside cuts and rims."""
-        return Rows.of(self.way, self.coarser.active.shape[1])
-
-
-@dataclass(frozen=True)
 class Coefficients:
     """What the normal equations are made of: `PARTS` padded maps, and what they are on."""
 
@@ -236,7 +197,7 @@ class Coefficients:
         return self.parts[WEIGHT]
 
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
-        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+        """Matrix of the normal equations; a fraction `damping` of a² W is added to its diagonal."""
         on = self.structure
         m = np.empty((SEE, *self.active.shape)) if out is None else out
         kind = on.kind

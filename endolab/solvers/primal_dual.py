@@ -30,112 +30,127 @@ that shrink to a pixel ripples grow, and the energy a hundredfold. So it settles
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import FloatArray, SingleArray, Span
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.elementary import exp, log
 from endolab.numerics.iteration import Status
-from endolab.numerics.stencils import hessian_stencils, links, px_per_reference
+from endolab.numerics.stencils import (
+    CENTRAL,
+    ENTRIES,
+    adjoint_padded,
+    apply_padded,
+    px_per_reference,
+)
+from endolab.numerics.threads import on_cores
+from endolab.solvers.energy_kernels import shade_row
 from endolab.solvers.grid import Grid
-from endolab.solvers.problem import EXACT, LOWER_BOUND, Problem, check_maps
+from endolab.solvers.problem import EXACT, LOWER_BOUND, REGULARISERS, Problem, check_maps
 from endolab.solvers.result import Iterate, Solver
 
 BALANCE = 0.1  # τ_p in units of 1/c at the start, where χ is 1
 SAFETY = 0.7  # share of the bound on τ that is taken
 LEAST_STEPS = 200  # before it is asked whether it has settled
-# Stencils of differences, the pixel in the middle.
-ALONG = ((0, 0, 0), (0, -1, 1), (0, 0, 0))
-DOWN = ((0, 0, 0), (0, -1, 0), (0, 1, 0))
-ALONG_TWICE = ((0, 0, 0), (1, -2, 1), (0, 0, 0))
-DOWN_TWICE = ((0, 1, 0), (0, -2, 0), (0, 1, 0))
-SQUARE = ((0, 0, 0), (0, 1, -1), (0, -1, 1))
 
 
-def _single(a: Any) -> Any:
-    """Single precision: memory is what a step waits for."""
-    return np.asarray(a, np.float32)
+class Pixels(NamedTuple):
+    """What a descent needs of each pixel, padded maps."""
+
+    image: FloatArray
+    exact: FloatArray  # 1 where the image says how bright the wall is
+    bounded: FloatArray  # 1 where it says that the wall is that bright or brighter
+    log_scale: FloatArray  # log I of a facing wall where v = 0
+    log_factor: FloatArray  # log ξ where v = 0
+    metric: FloatArray  # (3, ...): uu, uv, vv of G⁻¹
+    tau_p: FloatArray
+    spring: FloatArray  # 1/χ, the least
 
 
-class Differences:
-    """K: differences of a map, (n, H, W), by 3×3 stencils; `weights` are 0 where a step is missing."""
-
-    def __init__(self, stencils: Sequence[Any], weights: Any) -> None:
-        self.stencils = _single(stencils)
-        self.weights = _single(weights)
-
-    @classmethod
-    def of(cls, problem: Problem) -> Differences:
-        """Those of the problem's regulariser."""
-        joined = links(problem.mask, problem.cuts)
-        scale = problem.derivative_scale
-        if problem.regulariser == "first":
-            return cls((ALONG, DOWN), scale * joined)
-        uu, uv, vv = hessian_stencils(joined)
-        weights = scale * np.stack([uu, np.sqrt(2) * uv, vv])
-        return cls((ALONG_TWICE, SQUARE, DOWN_TWICE), weights)
-
-    def __call__(self, x: Any) -> Any:
-        """K x."""
-        x = _single(x)
-        out = np.empty_like(self.weights)
-        for each, stencil in zip(out, self.stencils, strict=True):
-            cv2.filter2D(x, -1, stencil, each, borderType=cv2.BORDER_CONSTANT)
-        out *= self.weights
-        return out
-
-    def adjoint(self, p: Any) -> Any:
-        """Kᵀ p, (H, W)."""
-        out = np.zeros_like(self.weights[0])
-        for each, stencil in zip(
-            self.weights * p, self.stencils[:, ::-1, ::-1], strict=True
-        ):
-            out += cv2.filter2D(each, -1, stencil, borderType=cv2.BORDER_CONSTANT)
-        return out
+@on_cores(cost=8)
+def ascend(
+    rows: Span,
+    p: FloatArray,
+    K_x: FloatArray,
+    bound: FloatArray,
+    tau_d: FloatArray,
+    epsilon: float,
+) -> None:
+    """p ← Π[(p + τ_d K ξ̄) / (1 + τ_d ε/λw)]."""
+    for i in range(rows[0], rows[1]):
+        for j in range(p.shape[2]):
+            shrink = bound[i, j] / (bound[i, j] + tau_d[i, j] * epsilon)
+            size = 0.0
+            for k in range(3):
+                p[k, i, j] = shrink * (p[k, i, j] + tau_d[i, j] * K_x[k, i, j])
+                size += p[k, i, j] ** 2
+            shrink = bound[i, j] / max(bound[i, j], np.sqrt(size), 1e-30)
+            for k in range(3):
+                p[k, i, j] *= shrink
 
 
-class PatchSlopes:
-    """∇v by central differences: means over a patch of the mask, taken twice."""
+@on_cores(cost=25)
+def descend(
+    rows: Span,
+    x: FloatArray,
+    x_ahead: FloatArray,
+    v: FloatArray,
+    K_p: FloatArray,
+    slopes: SingleArray,
+    pixels: Pixels,
+    table: FloatArray,
+    step: float,
+    gamma: float,
+    threshold: float,
+    passes: float,
+    sign: float,
+) -> None:
+    """Data, primal descent and extrapolation."""
+    image, exact, bounded, log_scale, log_factor, metric, tau_p, stiffness = pixels
+    work = np.empty((5, x.shape[1]))
+    slant = work[0]
+    size = work[1]
+    shading = work[2]
+    by_t = work[3]
+    model = work[4]
+    for i in range(rows[0], rows[1]):
+        for j in range(x.shape[1]):
+            u = slopes[0, i, j]
+            w = slopes[2, i, j]
+            raised_u = metric[0, i, j] * u + metric[1, i, j] * w
+            raised_w = metric[1, i, j] * u + metric[2, i, j] * w
+            slant[j] = raised_u * u + raised_w * w
+            size[j] = abs(raised_u) + abs(raised_w)
+        shade_row(slant, table, step, shading, by_t)
+        for j in range(x.shape[1]):
+            model[j] = exp(log_scale[i, j] + (shading[j] - 2 * v[i, j]) / gamma)
+        for j in range(x.shape[1]):
+            e = model[j] - image[i, j]
+            W = exact[i, j] + bounded[i, j] * (e < 0)
+            W *= threshold / max(threshold, abs(e))
+            slope = -2 * sign / gamma * model[j] / x[i, j]
+            c = W * slope**2
+            A = by_t[j] / (1 + slant[j]) * size[j] * passes
+            least = max((1 + A**2) / (2 * SAFETY) - 1, 1e-3)
+            spring = max(stiffness[i, j], least * c)
+            tau = tau_p[i, j]
+            old = x[i, j]
 
-    def __init__(self, problem: Problem, side: int) -> None:
-        joined = _single(links(problem.mask, problem.cuts))
-        self.side = side
-        self.forward = Differences((ALONG, DOWN), joined)
-        self.shares = 1 / np.maximum(self._add_before(joined), 1)
-        inside = _single(problem.mask)
-        self.weight = inside / np.maximum(self._blur(inside), 1e-12)
-
-    def _add_before(self, steps: Any) -> Any:
-        """Add to each step the one that leads to the pixel."""
-        out = steps.copy()
-        out[0, :, 1:] += steps[0, :, :-1]
-        out[1, 1:] += steps[1, :-1]
-        return out
-
-    def _blur(self, a: Any) -> Any:
-        return cv2.blur(a, (self.side, self.side), borderType=cv2.BORDER_CONSTANT)
-
-    def __call__(self, v: Any) -> list[Any]:
-        """Along rows and along columns."""
-        slopes = self.shares * self._add_before(self.forward(v))
-        once = [self.weight * self._blur(each) for each in slopes]
-        return [self.weight * self._blur(each) for each in once]
-
-
-def _shade(slant: Any, grid: Grid) -> tuple[Any, Any]:
-    """log C and its slope by P = tan²θ; see `energy_kernels.shading_table`."""
-    t = np.log1p(slant)
-    if grid.table.shape[1] == 0:  # Lambertian
-        return -0.5 * t, -0.5 / (1 + slant)
-    w = np.sqrt(t)
-    nodes = grid.step * np.arange(grid.table.shape[1])
-    log_shading, by_w = (_single(np.interp(w, nodes, row)) for row in grid.table)
-    return log_shading, by_w / np.maximum(2 * w, 1e-9) / (1 + slant)
+            # ζ ← ξ - W e I′ / (1/χ + c)
+            zeta = old - W * e * slope / (spring + c)
+            # ξ ← (ξ - τ_p Kᵀp + τ_p ζ/χ) / (1 + τ_p/χ)
+            new = (old - tau * K_p[i, j] + tau * spring * zeta) / (1 + tau * spring)
+            new = min(max(new, 0.5 * old), 2 * old)
+            # ξ̄ ← 2 ξ_new - ξ_old
+            x_ahead[i, j] = 2 * new - old
+            x[i, j] = new
+        for j in range(x.shape[1]):
+            v[i, j] = sign * (log(x[i, j]) - log_factor[i, j])
 
 
 def primal_dual(
@@ -169,73 +184,67 @@ def primal_dual(
     check_int("every", every, 1)
     check_int("max_iterations", max_iterations)
     check_maps(problem.mask, start)
-    mask = problem.mask
     grid = Grid.of(problem)
+    inside = pad_maps(problem.mask)
+    v = pad_maps(np.where(problem.mask, problem.log_d0 if start is None else start, 0.0))
+    sign = 1.0 if problem.xi == "d" else -1.0  # ξ = factor e^±v
+    log_factor = np.log(np.where(inside, grid.factor, 1.0))
+    x = np.exp(log_factor + sign * v)
+    x_ahead = x.copy()
+
+    # λ‖s D ξ‖_ε = s λ ‖D ξ‖_ε/s, s the unit of derivatives
+    scale = problem.derivative_scale
+    kind = REGULARISERS.index(problem.regulariser)
+    image = np.where(inside, grid.image, 1.0)
     gamma = problem.photometry.gamma
-    image = _single(np.where(mask, problem.image, 1.0))
-    log_scale = _single(inner(grid.log_scale))
-    guu, guv, gvv = _single(inner(grid.metric))
-    evidence = np.full(mask.shape, EXACT) if problem.evidence is None else problem.evidence
-    exact = mask & (evidence == EXACT)
-    bounded = mask & (evidence == LOWER_BOUND)
-    sign = 1 if problem.xi == "d" else -1  # ξ = factor e^±v
-    log_factor = _single(np.log(inner(grid.factor)))
-    v: Any = np.where(mask, problem.log_d0 if start is None else start, 0.0)
-    x = np.where(mask, np.exp(log_factor + sign * v), 1.0)
-    x_ahead = x
-
-    side = 2 * round(patch * px_per_reference(mask.shape)) + 1
-    slopes_of = PatchSlopes(problem, side)
-    K = Differences.of(problem)
-    c_start = _single((2 * image / (gamma * x)) ** 2)
-    tau_p = BALANCE / c_start
+    spring = (2 * image / (gamma * x)) ** 2
+    tau_p = BALANCE / spring
     # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
-    norm = (8 if problem.regulariser == "first" else 64) * problem.derivative_scale**2
-    tau_d = 1 / (norm * cv2.dilate(tau_p, np.ones((3, 3))))
-    bound = _single(problem.lam * np.where(mask, problem.edge_weight, 0.0))
-    shrink = bound / np.maximum(bound + tau_d * problem.epsilon, 1e-30)
-    p = np.zeros_like(K.weights)
+    tau_d = 1 / ((8, 64)[kind] * cv2.dilate(tau_p, np.ones((3, 3))))
+    bound = scale * problem.lam * inside * grid.edge
+    evidence = grid.evidence if grid.evidence.size else np.full(x.shape, EXACT)
+    exact = 1.0 * inside * (evidence == EXACT)
+    bounded = 1.0 * inside * (evidence == LOWER_BOUND)
+    pixels = Pixels(
+        image, exact, bounded, grid.log_scale, log_factor, grid.metric, tau_p, spring
+    )
+    p, K_x = np.zeros((2, 3, *x.shape))
+    K_p = np.zeros_like(x)
+    slopes = np.zeros((3, *x.shape), np.float32)
 
-    iterate = Iterate.of(problem, v)
+    side = 2 * round(patch * px_per_reference(problem.mask.shape)) + 1
+    whole = inside.astype(np.float32)
+    share = cv2.blur(whole, (side, side), borderType=cv2.BORDER_CONSTANT)
+    share = whole / np.maximum(share, 1e-12)
+
+    iterate = Iterate.of(problem, inner(v))
     yield iterate
     energies = [iterate.energy]
     for step in range(1, max_iterations + 1):
-        # Normals of the last map, and A, what comes back of a ripple.
-        u, w = slopes_of(v)
-        raised_u = guu * u + guv * w
-        raised_w = guv * u + gvv * w
-        log_shading, by_slant = _shade(raised_u * u + raised_w * w, grid)
-        back = by_slant * (abs(raised_u) + abs(raised_w)) * min(1, 1.5 / side)
-
-        # p ← Π[(p + τ_d K ξ̄) / (1 + τ_d ε/λw)]
-        p = shrink * (p + tau_d * K(x_ahead))
-        size = np.sqrt(np.einsum("kij,kij->ij", p, p))
-        p *= np.minimum(1, bound / np.maximum(size, 1e-30))
-
-        # ζ ← ξ - W e I′ / (1/χ + c)
-        model = np.exp(log_scale + (log_shading - 2 * v) / gamma)
-        e = model - image
-        counts = exact | (bounded & (e < 0))
-        W = counts * (problem.threshold / np.maximum(problem.threshold, abs(e)))
-        slope = -2 * sign / gamma * model / _single(x)
-        c = W * slope**2
-        least = np.maximum((1 + back**2) / (2 * SAFETY) - 1, 1e-3)
-        spring = np.maximum(c_start, least * c)  # 1/χ
-        to_zeta = W * e * slope / (spring + c)  # ξ - ζ
-
-        # ξ ← (ξ - τ_p Kᵀp + τ_p ζ/χ) / (1 + τ_p/χ)
-        change = tau_p * (K.adjoint(p) + spring * to_zeta) / (1 + tau_p * spring)
-        change = np.clip(change, -_single(x), 0.5 * _single(x))
-        x = x - change
-
-        # ξ̄ ← 2 ξ_new - ξ_old
-        x_ahead = _single(x) - change
-        v = sign * (np.log(_single(x)) - log_factor)
-
+        apply_padded(slopes, v, grid.link, CENTRAL)
+        for slope in (*slopes[::2], *slopes[::2]):  # twice
+            cv2.blur(slope, (side, side), slope, borderType=cv2.BORDER_CONSTANT)
+            slope *= share
+        apply_padded(K_x, x_ahead, grid.link, kind)
+        ascend(p, K_x, bound, tau_d, problem.epsilon / scale)
+        adjoint_padded(K_p, p, grid.link, kind, ENTRIES[kind])
+        descend(
+            x,
+            x_ahead,
+            v,
+            K_p,
+            slopes,
+            pixels,
+            grid.table,
+            grid.step,
+            gamma,
+            problem.threshold,
+            min(1, 1.5 / side),
+            sign,
+        )
         if step % every == 0 or step == max_iterations:
-            found = np.where(mask, v.astype(np.float64), 0.0)
-            terms = grid.terms(pad_maps(found), problem.lam)
-            iterate = replace(Iterate.of(problem, found, iterate, terms), k=step)
+            terms = grid.terms(v, problem.lam)
+            iterate = replace(Iterate.of(problem, inner(v), iterate, terms), k=step)
             yield iterate
             energies.append(iterate.energy)
             half = min(energies[: len(energies) // 2 + 1])

@@ -85,20 +85,17 @@ class Problem:
             ("evidence", np.int8, shape),
         ):
             given = getattr(self, name)
-            fits = isinstance(given, np.ndarray) and (given.dtype, given.shape) == (
-                kind,
-                wanted,
-            )
-            if given is not None and not fits:
+            if given is not None and (
+                np.shape(given) != wanted or getattr(given, "dtype", None) != kind
+            ):
                 expected = f"an array of {np.dtype(kind)} of shape {wanted}"
                 raise ValueError(f"{name} must be {expected}, got {excerpt(given)}")
         if self.evidence is not None:
             found = self.evidence[self.mask]
             unknown = found[(found < EXACT) | (found > NONE)]
             if unknown.size:
-                raise ValueError(
-                    f"evidence must be 0 (exact), 1 (lower bound) or 2 (none), found {unknown[0]}"
-                )
+                kinds = "0 (exact), 1 (lower bound) or 2 (none)"
+                raise ValueError(f"evidence must be {kinds}, found {unknown[0]}")
 
     @property
     def field(self) -> RayField:
@@ -161,13 +158,13 @@ def check_maps(
 ) -> None:
     """Raise a ValueError if log-distances, to start from or said to be known, cannot be used."""
     for name, given in (("start", start), ("inflow", inflow)):
-        if given is not None and not (
-            isinstance(given, np.ndarray) and given.dtype.kind == "f"
-        ):
+        if given is None:
+            continue
+        if not (isinstance(given, np.ndarray) and given.dtype.kind == "f"):
             raise ValueError(
                 f"{name} must be an array of log-distances, got {excerpt(given)}"
             )
-        if given is not None and given.shape != mask.shape:
+        if given.shape != mask.shape:
             raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
     if inflow is not None and np.isinf(inflow[mask]).any():
         raise ValueError("inflow must be finite, or nan where the distance is not known")

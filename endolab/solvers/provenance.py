@@ -10,38 +10,27 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-from endolab.numerics.arrays import FloatArray
-
 
 class LightOutcome(Enum):
     """What became of light that bounced from wall to wall."""
 
-    REMOVED = "removed, by what the colours say"
-    COMPUTED = "removed, as the surface and albedos predict it; the colours do not tell how much there is"
-    NONE_BOUNCED = "the colours show none"
-    NO_COLOUR = "left in, since the colours tell nothing of it"
-    GREY = "left in, since the picture is grey"
+    REMOVED = "removed"  # by what the colours say
+    # Removed, as the surface and albedos predict it: the colours do not tell how much there is.
+    COMPUTED = "computed"
+    NONE_BOUNCED = "none bounced"  # the colours show none
+    NO_COLOUR = "no colour"  # left in, since the colours tell nothing of it
+    GREY = "grey"  # left in, since the picture is
 
 
 class ContourOutcome(Enum):
     """What became of occluding contours, and what decided that."""
 
-    NOT_ASKED = "not looked for"
-    GIVEN = "as given"
-    NONE_CLEAR = "none is clear"
+    NOT_ASKED = "not asked"
+    GIVEN = "given"
+    NONE_CLEAR = "none clear"
     BY_ENERGY = "energy"
     BY_COLOURS = "colour evidence"
     AS_BEFORE = "as before"
-
-
-@dataclass(frozen=True)
-class SearchedPicture:
-    """The picture in which contours were looked for: the frame without indirect light, as then known."""
-
-    indirect_ratio: FloatArray  # ι, (h, w, 3)
-    albedo: FloatArray  # (3,)
-    # Of `min_steepness`: its contours are so much less steep.
-    steepness_factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +73,6 @@ class Report:
     cut_links: int = 0  # between neighbours
     # Of log d₀ per 1/320 of the longer side; None if nothing is cut.
     min_steepness: float | None = None
-    searched: SearchedPicture | None = field(default=None, compare=False, repr=False)
 
     # What fixed the unit of distances, other than the gain of the endoscope: "known distance", "known
     # diameter", "median distance", or "frame before" of a video; and that length as it was given.

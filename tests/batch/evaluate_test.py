@@ -76,24 +76,6 @@ def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name):
     assert made.errors.pixels == np.sum((guess > 0) & np.isfinite(truth[0]))
 
 
-@pytest.mark.parametrize("scale", [None, "medians"])
-def test_figures_to_the_last_digit_where_z_is_compared_with_z(
-    tmp_path, truth, guess, scale
-):
-    """Without a camera; in a unit that nobody named it is scaled by a median."""
-    np.save(tmp_path / "z.npy", guess / 7)
-    np.save(tmp_path / "true.npy", truth[0])
-    made = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", scale=scale)
-    known = guess > 0
-    z, true = guess[known] / np.float32(7), truth[0][known]
-    factor = np.median(true / z)
-    if scale == "medians":
-        factor = np.median(true) / np.median(z)
-    assert made.kind == "z"
-    assert figures(made) == pytest.approx(papers(guess / 7, truth[0], factor), rel=1e-6)
-    assert np.isnan(made.errors.mean_degrees)
-
-
 def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
     tmp_path, truth, guess
 ):
@@ -108,8 +90,6 @@ def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
         assert made.kind == "distance"
         assert figures(made) == pytest.approx(figures(z), rel=1e-5)
         assert made.errors.rmse_mm == pytest.approx(far, rel=1e-5)
-    wrong = evaluate(tmp_path / "z.npy", truth[1], kind="distance", unit=1)
-    assert wrong.errors.mean_percent > z.errors.mean_percent
 
 
 def test_a_mask(tmp_path, truth, guess):
@@ -121,15 +101,6 @@ def test_a_mask(tmp_path, truth, guess):
     assert part.errors.pixels == 600
     expected = papers(guess[10:30, 20:50], truth[0][10:30, 20:50])
     assert figures(part) == pytest.approx(expected, rel=1e-4)
-
-
-def test_a_truth_of_c3vd_is_told_by_its_name(tmp_path):
-    """In its own unit, 1/655.35 mm."""
-    stored = np.full(SHAPE, round(20 * 655.35), np.uint16)
-    cv2.imwrite(str(tmp_path / "0001_depth.png"), stored)
-    np.save(tmp_path / "z.npy", np.full(SHAPE, 22.0))
-    made = evaluate(tmp_path / "z.npy", tmp_path / "0001_depth.png", unit=1)
-    assert made.errors.mean_percent == pytest.approx(10, abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 
 import joblib
-import numpy as np
 import psutil
 import pytest
 
@@ -66,16 +65,6 @@ def test_each_with_each_is_one_row(frames, seen, tmp_path):
     (same,) = (row for row in rows if asked <= row.items())
     one = el.reconstruct(frames[1], CALIBRATION, **setting)
     assert same["energy"] == pytest.approx(one.energy, rel=1e-9)
-
-
-def test_a_frame_that_cannot_be_used_is_a_row_with_a_sentence(frames, tmp_path):
-    dark = el.Frame(np.zeros((48, 64)), np.ones((48, 64), bool), "dark")
-    some = [dark, frames[0], tmp_path / "none.png"]
-    rows = sweep(some, CALIBRATION, width=48, table=tmp_path / "t.csv")
-    assert [row["status"] for row in rows] == ["", "CONVERGED", ""]
-    for row, name in zip(rows, ("dark", "", "none.png"), strict=True):
-        assert row["options"] == "width=48"
-        assert name in row["error"]
 
 
 @pytest.mark.parametrize("backend", ["loky", "threading", "dask"])

@@ -124,21 +124,6 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, failure, lost):
     assert (out / "recording.rrd").stat().st_mtime_ns == written
 
 
-@pytest.mark.parametrize("broken", [0, 1])
-def test_a_frame_that_is_done_later_takes_up_its_neighbours_scale(
-    film, out, shots, broken
-):
-    path = film / f"frame_{broken}.png"
-    content = path.read_bytes()
-    path.write_bytes(b"broken")
-    reconstruct_video(film, UNKNOWN, out, limit=3)
-    path.write_bytes(content)
-    assert reconstruct_video(film, UNKNOWN, out, limit=3).done_before == 2
-    ratios = [shots[k].distance / distances(out, f"frame_{k}") for k in range(3)]
-    lacks = np.array([np.nanmedian(ratio) for ratio in ratios])
-    np.testing.assert_allclose(lacks / lacks[0], 1, atol=0.06)
-
-
 def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(
     out, tmp_path, shots, monkeypatch
 ):

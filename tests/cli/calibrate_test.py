@@ -1,7 +1,6 @@
 """The commands target, calibrate, calibrate-light and simulate sheet: what they write."""
 
 import json
-import shlex
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ from endolab.cli import main as cli
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_image
 from endolab.synthetic.scenes import Tube
-
-FRAMES = 24
 
 
 def call(*arguments):
@@ -48,19 +45,6 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     assert "asked" in found.evidence["frames"]["dropped"]["000003"]
     for name in ("report.html", "report.json", "camera.json", "recording.rrd"):
         assert (work / "cal_report" / name).is_file()
-
-
-@pytest.mark.parametrize("target", ["charuco", "vicalib_folded"])
-def test_simulate_sheet_says_the_next_command(tmp_path, capsys, target):
-    """Which finds what was written: it fails, if at all, for two frames are too few."""
-    out = tmp_path / "a folder"
-    small = ("--frames", 2, "--width", 240, "--target", target)
-    assert call("simulate", "sheet", *small, "--out", out) == 0
-    _, hint = capsys.readouterr().out.split("next: ")
-    _, command, source, *rest = shlex.split(hint)
-    rest[-1] = tmp_path / rest[-1]
-    assert call(command, source, *rest) == 2
-    assert "needs 3 views" in capsys.readouterr().err
 
 
 def test_a_sheet_to_print(tmp_path):

@@ -21,22 +21,17 @@ ROOT = Path(__file__).resolve().parents[2]
 def started(tmp_path_factory):
     """What the command prints when its port is taken; the server's address, token and folder."""
     root = tmp_path_factory.mktemp("lab")
-    (root / "notebooks").mkdir()
+    for name in ("notebooks", "tmp"):
+        (root / name).mkdir()
     # A home of its own, so that no settings of this machine's user matter.
-    places = {"PYTHONPATH": ROOT, "HOME": root, "TMPDIR": root / "tmp"}
-    environment = os.environ | {name: str(place) for name, place in places.items()}
-    (root / "tmp").mkdir()
+    places = {"PYTHONPATH": str(ROOT), "HOME": str(root), "TMPDIR": str(root / "tmp")}
     log = root / "log.txt"
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        command = [sys.executable, "-m", "endolab", "lab", f"--port={port}"]
+    with socket.create_server(("127.0.0.1", 0)) as taken, open(log, "w") as stream:
+        command = [sys.executable, "-m", "endolab", "lab"]
+        command += [f"--port={taken.getsockname()[1]}"]
         command += [f"--notebooks={root / 'notebooks'}", "--", "--no-browser"]
-        with open(log, "w") as stream:
-            server = subprocess.Popen(
-                command, env=environment, stdout=stream, stderr=subprocess.STDOUT
-            )
+        how = {"stdout": stream, "stderr": subprocess.STDOUT}
+        server = subprocess.Popen(command, env=os.environ | places, **how)
         for _ in range(600):
             if "token=" in log.read_text() or server.poll() is not None:
                 break

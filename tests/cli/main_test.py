@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -154,6 +155,34 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     found = [maps(run / "depth.npz")["distance"] for run in runs]
     np.testing.assert_array_equal(found[0], found[1])
     assert np.nanmedian(found[2]) == pytest.approx(20, rel=1e-6)
+
+
+@pytest.fixture
+def film(work, tmp_path, monkeypatch):
+    """Words that name the calibration; beside the folder `film`, in which one of three pictures is broken."""
+    monkeypatch.chdir(tmp_path)
+    for number in range(3):
+        (tmp_path / "film").mkdir(exist_ok=True)
+        shutil.copy(work / "sim/frame.png", tmp_path / f"film/{number}.png")
+    (tmp_path / "film/2.png").write_bytes(b"broken")
+    return f"--calibration {work}/unknown.json --width 48 --solver facing"
+
+
+def test_a_video_goes_on_and_tells_what_became_of_it(film, tmp_path, capsys):
+    words = f"reconstruct film --out o {film}"
+    assert call(f"{words} --every 2 --limit 1") == call(words) == 0
+    output, error = capsys.readouterr()
+    assert error == ""
+    for word in ("2 of 3", "earlier call: 1", "not done: 2.png", "relative", ".rrd"):
+        assert word in output
+    assert len((tmp_path / "o/frames.csv").read_text().splitlines()) == 4
+
+
+def test_a_sweep_tells_what_became_of_it(film, tmp_path, capsys):
+    assert call(f"sweep film/0.png none.png --lam 0.1,1 --xi d {film}") == 0
+    output = capsys.readouterr().out
+    assert ("2 of 4 rows" in output, "none.png" in output) == (True, True)
+    assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 5
 
 
 def test_evaluate_compares_with_the_truth(work, capsys):

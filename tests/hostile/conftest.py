@@ -45,9 +45,23 @@ CALIBRATIONS = {
   intrinsics: [300, 310.0, 160.0, 120.0]
   resolution: [320, 240]
 """,
+    "opencv.yaml": """%YAML:1.0
+---
+image_width: 320
+image_height: 240
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 300., 0., 160., 0., 310., 120., 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -0.1, 0.02, 0., 0., 0.01 ]
+""",
     "cameras.txt": "1 OPENCV 320 240 300 310 160 120 -0.1 0.02 0.001 -0.002\n",
 }
-OPENCV = ("opencv.yaml", "opencv.xml", "opencv.json")
 
 
 def run(words):
@@ -95,13 +109,6 @@ def given(tmp_path_factory):
         write_settings(wishes, "settings.json")
         for name, text in CALIBRATIONS.items():
             Path(name).write_text(text)
-        for name in OPENCV:
-            storage = cv2.FileStorage(name, cv2.FileStorage_WRITE)
-            storage.write("image_width", 320)
-            storage.write("image_height", 240)
-            storage.write("camera_matrix", np.diag([300.0, 310.0, 1.0]))
-            storage.write("distortion_coefficients", np.array([-0.1, 0.02, 0, 0, 0.01]))
-            storage.release()
     return folder
 
 

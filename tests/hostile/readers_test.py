@@ -21,13 +21,7 @@ from endolab.io.images import read_image, read_mask
 from endolab.io.settings import read_settings
 from endolab.io.surfaces import read_depth
 from endolab.io.video import open_frames
-from tests.hostile.conftest import (
-    CALIBRATIONS,
-    EXAMPLES,
-    OPENCV,
-    run,
-    sentences,
-)
+from tests.hostile.conftest import CALIBRATIONS, EXAMPLES, run, sentences
 from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json
 
 MOST_MEMORY = 600  # MB that reading a small file may take
@@ -57,7 +51,7 @@ READERS = {
     "target.json": read_target,
     "settings.json": read_settings,
 } | dict.fromkeys(PICTURES, read_image)
-READERS |= dict.fromkeys([*CALIBRATIONS, *OPENCV], el.load_calibration)
+READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
 
 
 def peak():

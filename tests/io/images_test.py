@@ -69,14 +69,6 @@ def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(
     assert (f"a.{suffix}" in caplog.text) is (orientation != 1)
 
 
-@pytest.mark.parametrize("bits", [10, 12, 16])
-def test_fewer_bits_than_the_file_has_are_named(tmp_path, caplog, bits):
-    ramp = np.linspace(0, 2**bits - 1, 2000).reshape(40, 50).astype(np.uint16)
-    by_opencv(tmp_path / "a.png", ramp)
-    el.read_frame(tmp_path / "a.png")
-    assert (f"{bits} of its 16 bits" in caplog.text) is (bits < 16)
-
-
 # What is damaged is refused --------------------------------------------------------------
 HOW_SAVED = {
     "png": {},
@@ -190,18 +182,6 @@ def test_transparent_pixels_are_no_wall_whatever_is_below(
     assert not read_image(tmp_path / "a.png")[
         alpha == 0
     ].any()  # no white paper, either
-
-
-@pytest.mark.parametrize("opaque", [255, 65280, 65535])
-def test_an_alpha_that_is_full_everywhere_says_nothing_whatever_its_unit(
-    tmp_path, caplog, opaque
-):
-    stored = np.dstack([WALL * 256] * 3 + [np.full(WALL.shape, opaque)])
-    by_opencv(tmp_path / "a.png", stored.astype(np.uint16))
-    frame = el.read_frame(tmp_path / "a.png")
-    assert frame.mask.all()
-    np.testing.assert_array_equal(frame.image, stored[..., :3] / 65535)
-    assert not caplog.text
 
 
 DRAWN = np.where(np.indices(SHAPE.shape)[1] < 25, 255, 0)  # the left half

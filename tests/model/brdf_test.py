@@ -42,9 +42,3 @@ def test_the_slope_is_the_derivative(brdf):
     above = brdf.value(cosine + step, cosine + step)
     below = brdf.value(cosine - step, cosine - step)
     assert_allclose(brdf.slope(cosine), (above - below) / (2 * step), rtol=0, atol=1e-6)
-
-
-@every_brdf
-@pytest.mark.parametrize("cosine", [0.0, 1.0, 1.0 + 1e-15, -0.3])
-def test_the_ends_are_finite(brdf, cosine):
-    assert np.isfinite([brdf.value(cosine, cosine), brdf.slope(cosine)]).all()

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 import endolab as el
+from endolab.io.datasets import CALIBRATIONS
 from endolab.model.brdf import Glossy
 
 EXAMPLE = """
@@ -15,19 +16,8 @@ EXAMPLE = """
  "photometry": {"k": 2.5, "gamma": 2.2, "gain": null,
                 "brdf": {"model": "lambertian", "albedo": [0.75, 0.38, 0.30]}}}
 """
-POLYNOMIAL = (769.2, 0.0, -8.1e-4, 6.3e-7, -1.2e-9)
-CAMERAS = {
-    "kannala_brandt": el.KannalaBrandt(
-        1440, 1080, 717.21, 717.48, 735.37, 552.8, (-0.139, 1e-3, 0.0, 1e-9)
-    ),
-    "pinhole": el.Pinhole(320, 240, 160.0, 161.0, 159.5, 119.1),
-    "brown_conrady": el.BrownConrady(
-        640, 480, 420.0, 425.0, 310.0, 245.0, (-0.3, 0.1, 1e-3, 1e-9, 0.0)
-    ),
-    "scaramuzza": el.Scaramuzza(
-        1350, 1080, 678.5, 543.0, POLYNOMIAL, 0.99998686, 0.00288, -0.00296
-    ),
-}
+BROWN = el.BrownConrady(640, 480, 420.0, 425.0, 310.0, 245.0, (-0.3, 0.1, 1e-3, 1e-9))
+CAMERAS = [*(one.camera for one in CALIBRATIONS.values()), BROWN]
 BRDFS = {
     "one albedo": el.Lambertian(0.3),
     "three": el.Lambertian((0.75, 0.38, 0.30)),
@@ -53,7 +43,7 @@ def test_the_example_loads(tmp_path):
     assert found == replace(light, brdf=el.Lambertian(1.0))
 
 
-@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
 @pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
 def test_what_is_saved_loads_unchanged(tmp_path, camera, brdf):
     for lights, gain in (((), None), (SPOTS, 1234.5678901234567)):

@@ -57,17 +57,3 @@ def test_normals_of_exact_scenes(name, camera):
     assert np.percentile(error[inside], 99) < 0.5
     assert error[mask].mean() < 0.2
     assert_array_equal(np.isfinite(found).all(axis=-1), mask)
-
-
-@pytest.mark.parametrize("rubbish", [np.nan, np.inf, 50.0])
-def test_a_hole_touches_its_neighbours_only(rubbish):
-    camera = CAMERAS["pinhole"]
-    v, _, mask = seen(SCENES["curved"], camera)
-    row, column = np.indices(mask.shape)
-    hole = (np.hypot(row - 40, column - 60) < 9) | ((row == 80) & (column == 100))
-    holed = surface.normals(np.where(hole, rubbish, v), camera.field, mask & ~hole)
-    assert_array_equal(np.isnan(holed).any(axis=-1), ~mask | hole)
-    whole = surface.normals(v, camera.field, mask)
-    inside = eroded(mask & ~hole, 1)
-    assert_array_equal(holed[inside], whole[inside])
-    assert angle_between(holed, whole)[mask & ~hole].max() < 2.0

@@ -21,41 +21,12 @@ def start(rng):
     return rng.normal(size=(20 * BAND_ROWS + 5, 90))
 
 
-def blur_rounds(start, rounds=7):
-    return blurred(start, rounds)
-
-
-def output_of(code, **environment):
-    """What a fresh Python prints."""
-    plain = {
-        name: value
-        for name, value in os.environ.items()
-        if name not in (THREADS_VARIABLE, "NUMBA_NUM_THREADS")
-    }
-    command = [
-        sys.executable,
-        "-W",
-        "error",
-        "-c",
-        f"from endolab.numerics import threads\n{code}",
-    ]
-    how = {
-        "capture_output": True,
-        "text": True,
-        "timeout": 120,
-        "env": plain | environment,
-    }
-    done = subprocess.run(command, **how)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
-
-
 def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_cores):
     assert SEVERAL > 1, "this machine has one core, and the test says nothing"
     with limit_threads(1):
-        alone = blur_rounds(start)
+        alone = blurred(start, 7)
     with limit_threads(SEVERAL):
-        together = blur_rounds(start)
+        together = blurred(start, 7)
     np.testing.assert_array_equal(alone, together)
     np.testing.assert_allclose(alone, plainly_blurred(start, 7), rtol=1e-12)
 
@@ -64,7 +35,7 @@ def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_co
 def test_a_number_of_threads_that_is_none_is_said_to_be_so(monkeypatch, wrong, start):
     monkeypatch.setenv(THREADS_VARIABLE, wrong)
     with pytest.raises(ValueError, match="ENDOLAB_THREADS"):
-        blur_rounds(start)
+        blurred(start, 7)
 
 
 def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
@@ -97,13 +68,13 @@ def test_blas_has_one_thread_until_the_last_is_out():
 
 def test_two_threads_of_a_process_at_once_both_get_it_right(start, rng):
     other = rng.normal(size=start.shape)
-    expected = [blur_rounds(one, 30) for one in (start, other)]
+    expected = [blurred(one, 30) for one in (start, other)]
     right = []
     gate = threading.Barrier(2)
 
     def work(one, wanted):
         gate.wait()
-        right.extend(np.array_equal(blur_rounds(one, 30), wanted) for _ in range(10))
+        right.extend(np.array_equal(blurred(one, 30), wanted) for _ in range(10))
 
     both = [
         threading.Thread(target=work, args=given)
@@ -119,6 +90,7 @@ def test_two_threads_of_a_process_at_once_both_get_it_right(start, rng):
 FORK = """
 import os, warnings
 import numpy as np
+from endolab.numerics import threads
 from tests.tools.loops import blurred
 warnings.simplefilter("ignore", DeprecationWarning)  # Python's own, of forks beside threads
 a = np.random.default_rng(0).normal(size=(325, 90))
@@ -134,5 +106,9 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(solved(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_forked_child_goes_on_by_itself():
-    assert output_of(FORK) == "0 True"
+def test_a_forked_child_goes_on_by_itself(monkeypatch):
+    for name in (THREADS_VARIABLE, "NUMBA_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    command = [sys.executable, "-W", "error", "-c", FORK]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "0 True", done.stderr

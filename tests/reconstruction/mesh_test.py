@@ -8,7 +8,6 @@ import pytest
 from matplotlib import colormaps
 
 from endolab.io.datasets import load_calibration
-from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.reconstruction.mesh import make_mesh
 from endolab.solvers.result import Iterate
@@ -34,18 +33,6 @@ def facing(mesh):
 def wall(rows=5, columns=7):
     x, y = np.meshgrid(np.arange(columns) - 3.0, np.arange(rows) - 2.0)
     return np.stack([x, y, np.full_like(x, 50.0)], axis=-1)
-
-
-@pytest.fixture(scope="module")
-def colon():
-    return coloured_colon(CAMERA)[1]
-
-
-@pytest.fixture(scope="module")
-def coloured(colon):
-    return make_mesh(
-        points_of(SCENES["colon"]), colon.image, cuts=depth_cuts(colon.distance)
-    )
 
 
 @pytest.mark.parametrize("place", [(2, 3), (0, 0), (0, 3), (4, 6)])
@@ -114,24 +101,6 @@ def test_a_step_needs_both_a_jump_and_a_grazing_view_to_be_cut():
     assert len(make_mesh(points, jump=1.6).triangles) == 2 * 3 * 5
     assert len(make_mesh(points, grazing=89.9).triangles) == 2 * 3 * 5
     assert len(make_mesh(points, jump=1.0, grazing=0.0).triangles) < 2 * 3 * 4
-
-
-@pytest.mark.parametrize("suffix", [".ply", ".obj"])
-def test_open3d_reads_what_was_written(coloured, tmp_path, open3d, suffix):
-    path = tmp_path / f"mesh{suffix}"
-    write_mesh(path, coloured)
-    read = open3d.io.read_triangle_mesh(str(path))
-    assert [file.name for file in tmp_path.iterdir()] == [path.name]
-    assert len(read.vertices) == len(coloured.vertices)
-    # vertices may come in another order
-    ours = coloured.triangles
-    theirs = np.asarray(read.triangles)
-    for values, wanted, tolerance in (
-        (read.vertices, coloured.vertices, 1e-3),
-        (read.vertex_normals, coloured.normals, 1e-4),
-        (read.vertex_colors, coloured.colours, 0.5 / 255 + 1e-6),
-    ):
-        assert np.abs(np.asarray(values)[theirs] - wanted[ours]).max() < tolerance
 
 
 def test_colours_of_sigma_grow_brighter_with_it_and_say_so():

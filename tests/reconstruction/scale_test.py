@@ -37,14 +37,6 @@ def relative(shot):
     return solve(shot)
 
 
-def posed(result, **changes):
-    """A result whose problem differs."""
-    return replace(
-        result,
-        iterate=replace(result.iterate, problem=replace(result.problem, **changes)),
-    )
-
-
 def point(shot, pixel):
     return shot.truth.distance[pixel[::-1]] * CAMERA.field.rays[pixel[::-1]]
 
@@ -68,14 +60,6 @@ def test_one_length_gives_the_true_size(shot, width):
         result = solve(shot, width=width, **length)
         assert result.metric
         assert np.median(result.distance[result.mask]) == pytest.approx(true, rel=0.015)
-
-
-def test_one_odd_pixel_does_not_fix_the_scale(relative):
-    odd = relative.iterate.log_distance.copy()
-    odd[ONE[::-1]] += 1.0
-    wrong = replace(relative, iterate=replace(relative.iterate, log_distance=odd))
-    expected = factor_of_distance(relative, 30, *ONE)
-    assert factor_of_distance(wrong, 30, *ONE) == pytest.approx(expected, rel=0.01)
 
 
 def test_a_length_that_is_known_changes_the_unit_alone(shot, relative):

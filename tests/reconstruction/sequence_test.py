@@ -7,10 +7,8 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import (
     reconstruct_sequence,
-    scale_between,
 )
 from endolab.synthetic.scenes import Bowl, Colon, Plane, Tube
 from tests.tools.problems import moved_colon
@@ -81,14 +79,6 @@ def test_the_first_frames_median_fixes_the_scale_of_all():
         ) == pytest.approx(median, rel=0.01)
     moved = np.median(steps[2].result.distance) / median
     assert abs(moved - 1) > 1e-3  # and not each frame's own
-
-
-def test_the_link_is_exact_for_one_surface_in_two_units():
-    result = el.reconstruct(
-        el.Frame(shots(WAYS["tube"][:1])[0].image, BASE.camera.field.valid), UNKNOWN
-    )
-    other = replace(result, iterate=in_unit(result.iterate, 3.0, False))
-    assert scale_between(other, result) == pytest.approx(3, rel=1e-6)
 
 
 def test_a_start_from_the_last_is_as_good_as_a_cold_one():

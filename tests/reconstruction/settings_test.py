@@ -1,7 +1,6 @@
 """Every option stands once, in `Settings`, and a file of settings comes back as it was."""
 
 import inspect
-import json
 from typing import get_args
 
 import pytest
@@ -60,13 +59,6 @@ def test_everything_comes_back_as_it_was(length, tmp_path):
     write_settings(settings, tmp_path / "s.json")
     assert read_settings(tmp_path / "s.json") == settings
     assert Settings(**settings.keywords).as_dict().items() >= settings.keywords.items()
-
-
-def test_what_a_file_does_not_say_stays_as_it_is(tmp_path):
-    text = {"endolab_settings": 1, "contours": None, "photometry": {"k": 2}}
-    (tmp_path / "s.json").write_text(json.dumps(text))
-    settings = read_settings(tmp_path / "s.json")
-    assert settings == SolvingSettings({"contours": None}, {"k": 2.0})
 
 
 def test_the_light_is_believed():

@@ -8,8 +8,6 @@ import pytest
 
 import endolab as el
 from endolab.numerics.compiled import inner
-from endolab.numerics.penalties import huber
-from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE
@@ -28,36 +26,24 @@ def with_evidence(problem, where, what):
     )
 
 
-def test_the_data_term_is_the_sum_written_out(rng):
-    problem, seen = problem_of_8_bits("curved", 24)
-    evidence = rng.choice([EXACT, LOWER_BOUND, NONE], problem.mask.shape).astype(
-        np.int8
-    )
-    problem = replace(problem, evidence=evidence)
-    v = np.log(seen.distance) + 0.05 * rng.normal(size=problem.mask.shape)
-    r = model_image(problem, v) - problem.image
-    r = np.where(problem.evidence == LOWER_BOUND, np.minimum(r, 0), r)
-    costs = np.where(problem.evidence == NONE, 0, huber(r, problem.threshold))
-    expected = costs[problem.mask].mean()
-    assert energy_terms(problem, v)["data"] == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_block_says_what_its_pixels_say():
+@pytest.mark.parametrize(
+    ("evidence", "image", "of_block", "mean"),
+    [
+        ([NONE, NONE, NONE, EXACT], [0.9, 0.9, 0.9, 0.3], EXACT, 0.3),
+        ([NONE] * 4, [0.1, 0.3, 0.5, 0.7], NONE, 0.4),
+        ([LOWER_BOUND, LOWER_BOUND, EXACT, NONE], [1, 1, 0.7, 0.1], LOWER_BOUND, 0.9),
+        ([LOWER_BOUND, LOWER_BOUND, EXACT, EXACT], [0.5] * 4, EXACT, 0.5),
+    ],
+)
+def test_a_block_says_what_its_pixels_say(evidence, image, of_block, mean):
     problem, _ = problem_of_8_bits("plane", 32)
-    evidence = np.zeros(problem.mask.shape, dtype=np.int8)
-    image = np.full(problem.mask.shape, 0.5)
-    evidence[:2, :2] = [[NONE, NONE], [NONE, EXACT]]
-    image[:2, :2] = [[0.9, 0.9], [0.9, 0.3]]
-    evidence[:2, 2:4] = NONE
-    image[:2, 2:4] = [[0.1, 0.3], [0.5, 0.7]]
-    evidence[:2, 4:6] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, NONE]]
-    image[:2, 4:6] = [[1.0, 1.0], [0.7, 0.1]]
-    evidence[:2, 6:8] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, EXACT]]
-    coarse = Grid.of(replace(problem, image=image, evidence=evidence)).coarser()
-    np.testing.assert_array_equal(
-        inner(coarse.evidence)[0, :4], [EXACT, NONE, LOWER_BOUND, EXACT]
-    )
-    np.testing.assert_allclose(inner(coarse.image)[0, :3], [0.3, 0.4, 0.9])
+    evidences = np.zeros(problem.mask.shape, dtype=np.int8)
+    images = np.full(problem.mask.shape, 0.5)
+    evidences[:2, :2] = np.reshape(evidence, (2, 2))
+    images[:2, :2] = np.reshape(image, (2, 2))
+    coarse = Grid.of(replace(problem, image=images, evidence=evidences)).coarser
+    assert inner(coarse.evidence)[0, 0] == of_block
+    assert inner(coarse.image)[0, 0] == pytest.approx(mean)
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.numerics.stencils import shift
 from endolab.numerics.threads import limit_threads
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.gauss_newton import Look, gauss_newton
 from endolab.solvers.grid import CEILING
 from endolab.solvers.problem import Problem
+from tests.tools.cuts import between
 from tests.tools.problems import (
     border,
     check_it_falls,
@@ -51,41 +51,35 @@ def test_the_energy_falls_with_every_iterate(camera, scene, regulariser, xi):
     assert dict(result.iterate.terms) == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("scene", "limit", "degrees"),
-    [("plane", 0.01, 0.05), ("curved", 0.01, 0.05), ("tube", 2.0, 4.0)],
-)
-def test_exact_frames(scene, limit, degrees):
-    """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 1.12 %, 2.2° after 8 steps. All with one λ."""
-    problem, seen = problem_of(scene, 320)
-    result = solve(problem)
-    found = errors_of(result, seen)
-    assert found.pixels > 0.97 * problem.mask.size
-    assert found.mean_percent < limit
-    assert found.mean_degrees < degrees
-    assert result.status is el.Status.CONVERGED
-    assert result.iterations <= 10
-
-
 NOISY = {"width": 320, "noise": 3.0, "bits": 8}
+EXACT = {"width": 320}
 FISHEYE = {"width": 160, "camera": "paper"}
 
 
 @pytest.mark.parametrize(
-    ("scene", "how", "limit"),
+    ("scene", "how", "limit", "degrees"),
     [
-        *(("plane", NOISY, 0.15), ("curved", NOISY, 0.15), ("tube", NOISY, 4.0)),
-        *(("curved", FISHEYE, 0.3), ("tube", FISHEYE, 0.4)),
+        *(("plane", EXACT, 0.01, 0.05), ("curved", EXACT, 0.01, 0.05)),
+        *(("plane", NOISY, 0.15, 3), ("curved", NOISY, 0.15, 3)),
+        *(("tube", EXACT, 2.0, 4.0), ("tube", NOISY, 4.0, 9)),
+        *(("curved", FISHEYE, 0.3, 3), ("tube", FISHEYE, 0.4, 3)),
     ],
 )
-def test_noise_of_three_grey_levels_and_a_fisheye_that_sees_round_the_corner(
-    scene, how, limit
+def test_frames_exact_with_three_grey_levels_of_noise_and_of_a_fisheye(
+    scene, how, limit, degrees
 ):
-    """Measured 0.05, 0.05, 2.7 %. The fisheye's border looks at walls that are near: 0.15 and 0.16 %."""
+    """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 0.05, 0.05 %; 1.12 %, 2.2°; 2.7 %. All with one λ.
+
+    The fisheye's border looks at walls that are near: 0.15 and 0.16 %.
+    """
     problem, seen = problem_of(scene, **how)
     result = solve(problem)
-    assert percent_off(result, seen) < limit
+    found = errors_of(result, seen)
+    assert found.pixels > 0.97 * problem.mask.sum()
+    assert found.mean_percent < limit
+    assert found.mean_degrees < degrees
     assert result.status is el.Status.CONVERGED
+    assert result.iterations <= 12
 
 
 @pytest.mark.parametrize("width", [96, 160])
@@ -111,8 +105,7 @@ def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(
         result = solve(problem, start=start)
         check_it_falls(result)
         assert (
-            np.nanmax(result.iterate.log_distance - problem.log_d0)
-            <= CEILING.height + 1e-12
+            np.nanmax(result.iterate.log_distance - problem.log_d0) <= CEILING + 1e-12
         )
 
 
@@ -121,10 +114,8 @@ def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     problem, _ = problem_of("curved", 96)
     inside = np.zeros(problem.mask.shape, bool)
     inside[30:33, 40:43] = True
-    cuts = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
-    cut_problem = replace(
-        problem, image=np.where(inside, 0.02, 1.0) * problem.image, cuts=cuts
-    )
+    dark = np.where(inside, 0.02, 1.0) * problem.image
+    cut_problem = replace(problem, image=dark, cuts=between(inside))
     cold, warm = (
         solve(cut_problem, start=start)
         for start in (None, solve(problem).iterate.log_distance)
@@ -207,16 +198,18 @@ def test_slow_falls_are_not_taken_for_the_end():
     assert further.energy > 0.95 * result.energy
 
 
-def test_a_start_that_cannot_be_used_is_refused():
-    problem, _ = problem_of("plane", 80)
-    for name, given in (
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
         ("start", np.zeros((3, 4))),
         ("start", np.full((60, 80), np.nan)),
         ("inflow", np.zeros((3, 4))),
         ("inflow", np.full((60, 80), np.inf)),
-    ):
-        with pytest.raises(ValueError, match=name):
-            next(gauss_newton(problem, **{name: given}))
+    ],
+)
+def test_a_start_that_cannot_be_used_is_refused(name, given):
+    with pytest.raises(ValueError, match=name):
+        solve(problem_of("plane", 80)[0], **{name: given})
 
 
 @every_regulariser
@@ -229,24 +222,6 @@ def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regul
             with limit_threads(count):
                 maps.append(solve(each, max_iterations=8).iterate.log_distance)
         np.testing.assert_array_equal(*maps)
-
-
-def test_islands_share_the_number_of_steps_and_nothing_else():
-    """Measured 1e-5 alone and 1e-4 beside noise, whose steps are shorter, in the worst pixel."""
-    problem, _ = problem_of("curved", 96)
-    columns = np.indices(problem.mask.shape)[1]
-    left = problem.mask & (columns < 40)
-    right = problem.mask & (columns > 41)
-    both = replace(problem, mask=left | right)
-    noise = np.random.default_rng(0).uniform(0.05, 1.0, right.shape)
-    beside = replace(both, image=np.where(right, noise, problem.image))
-    alone = replace(problem, mask=left)
-    for other in (alone, beside):
-        # Of the whole frame: the one thing that they share.
-        other.__dict__["xi_median"] = both.xi_median
-    distance = solve(both).distance
-    np.testing.assert_allclose(solve(alone).distance[left], distance[left], rtol=2e-4)
-    np.testing.assert_allclose(solve(beside).distance[left], distance[left], rtol=1e-3)
 
 
 ROWS, COLUMNS = np.indices((72, 96))
@@ -284,31 +259,24 @@ def test_tiny_frames(size):
     assert np.all(np.isfinite(result.distance))
 
 
-def poor_frames():
-    rng = np.random.default_rng(0)
-    image = problem_of("colon", 96)[1].image
-    grey = (
-        np.round(255 * np.clip(0.01 + 0.004 * rng.normal(size=image.shape), 1 / 255, 1))
-        / 255
-    )
-    return {
-        "constant": np.full(image.shape, 0.5),
-        "black": np.full(image.shape, 1 / 255),
-        "nearly black": grey,
-        "saturated": np.ones(image.shape),
-        "clipped": np.minimum(3 * image, 1),
-        "a lumen below one grey level": np.maximum(np.round(255 * 0.05 * image), 0.5)
-        / 255,
-    }
+GREY_LEVEL = 1 / 255
+POOR = {
+    "constant": lambda image, noise: np.full(image.shape, 0.5),
+    "black": lambda image, noise: np.full(image.shape, GREY_LEVEL),
+    "nearly black": lambda image, noise: np.clip(0.01 + 0.004 * noise, GREY_LEVEL, 1),
+    "saturated": lambda image, noise: np.ones(image.shape),
+    "clipped": lambda image, noise: np.minimum(3 * image, 1),
+    "a lumen below one grey level": lambda image, noise: (
+        np.maximum(np.round(0.05 * image / GREY_LEVEL), 0.5) * GREY_LEVEL
+    ),
+}
 
 
-@pytest.mark.parametrize("name", poor_frames())
-def test_poor_frames(name):
-    problem, _ = problem_of("colon", 96)
-    problem = replace(
-        problem, image=poor_frames()[name], mask=np.ones_like(problem.mask)
-    )
-    result = solve(problem)
+@pytest.mark.parametrize("name", POOR)
+def test_poor_frames(rng, name):
+    problem, seen = problem_of("colon", 96)
+    image = POOR[name](seen.image, rng.normal(size=seen.image.shape))
+    result = solve(replace(problem, image=image, mask=np.ones_like(problem.mask)))
     assert result.status in ENDED
     check_it_falls(result)
 

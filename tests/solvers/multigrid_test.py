@@ -10,15 +10,14 @@ from scipy.sparse.linalg import spsolve
 
 import endolab as el
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.penalties import huber
 from endolab.numerics.stencils import links, shift
 from endolab.reconstruction.light_and_contours import cut_at_contours
-from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid, multiply
 from endolab.solvers.normal_equations import OFFSETS
 from endolab.solvers.problem import Problem
-from tests.tools.problems import SHEET, at_truth, every_regulariser
+from tests.tools.cuts import between
+from tests.tools.problems import at_truth, every_regulariser
 
 
 def worn_tube(rng, **options):
@@ -58,13 +57,6 @@ def test_where_whole_blocks_are_given_coarser_grids_are_finite(regulariser):
         assert np.isfinite(level.matrix).all()
 
 
-def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng):
-    problem, v = worn_tube(rng, brdf=SHEET)
-    residual = (model_image(problem, v) - problem.image)[problem.mask]
-    expected = huber(residual, problem.threshold).mean()
-    assert energy_terms(problem, v)["data"] == pytest.approx(expected, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("step", "last", "off"), [(0.0, 31, 1e-13), (1.0, 31, 1e-13), (1.0, 30, 0.01)]
 )
@@ -81,30 +73,22 @@ def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(
     cuts[0, :, last] = step > 0
     fine = Grid.of(replace(problem, cuts=cuts))
     v = pad_maps(2.0 + step * (columns > last) + 0.02 * columns - 0.01 * rows)
-    back = inner(fine.coarser().finer(fine.restrict(v), fine) - v)
+    back = inner(fine.interpolate(fine.restrict(v)) - v)
     np.testing.assert_allclose(back, 0, atol=off)
     np.testing.assert_allclose(back[:, np.abs(columns[0] - last) > 4], 0, atol=1e-13)
-
-
-def around(shape, rows, columns, radius):
-    """Cuts along a circle: who is inside, and the steps that lead out."""
-    i, j = np.indices(shape)
-    inside = np.hypot(i - rows, j - columns) < radius
-    return inside, np.stack(
-        [inside ^ shift(inside, 1, axis, False) for axis in (1, 0)]
-    ) & links(np.ones(shape, bool))
 
 
 @pytest.mark.parametrize("centre", [(30, 40), (31, 41), (30.5, 40.3)])
 def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
     """A map of two levels has them on every grid, and a line of cuts is closed on all of them."""
     problem, _ = at_truth("plane", 80)
-    inside, cuts = around(problem.mask.shape, *centre, 14.3)
-    grid = Grid.of(replace(problem, cuts=cuts))
+    i, j = np.indices(problem.mask.shape)
+    inside = np.hypot(i - centre[0], j - centre[1]) < 14.3
+    grid = Grid.of(replace(problem, cuts=between(inside)))
     v = pad_maps(np.where(inside, 1.0, 2.0))
     for _ in range(3):
         fine = grid
-        grid = grid.coarser()
+        grid = grid.coarser
         v = fine.restrict(v)
         levels = inner(v)
         assert set(np.unique(levels)) == {1.0, 2.0}
@@ -112,19 +96,13 @@ def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
             np.testing.assert_array_equal(
                 link > 0, levels == shift(levels, 1, axis, 0.0)
             )
-        assert np.isin(np.round(inner(grid.finer(v, fine)), 12), (1.0, 2.0)).all()
-
-
-def random_maps(rng, free, count):
-    return [np.where(free, rng.normal(size=free.shape), 0.0) for _ in range(count)]
+        assert np.isin(np.round(inner(fine.interpolate(v)), 12), (1.0, 2.0)).all()
 
 
 def test_prolongation_is_the_adjoint_of_restriction(system, rng):
-    top, below = system[0].structures[:2]
-    (fine,), (coarse,) = (
-        random_maps(rng, top.active > 0, 1),
-        random_maps(rng, below.active > 0, 1),
-    )
+    top, below = (level.structure for level in system[0].levels[:2])
+    fine = rng.normal(size=top.active.shape) * top.active
+    coarse = rng.normal(size=below.active.shape) * below.active
     down = np.zeros_like(coarse)
     up = np.zeros_like(fine)
     top.way.adjoint(fine, below.active, down)
@@ -163,12 +141,10 @@ def interpolation_matrix(structure):
 def test_a_coarse_grid_has_the_fine_ones_matrix(system):
     """C = P'AP, readably; what is further than two blocks apart is on the diagonal."""
     solver = system[0]
-    for structure, (fine, coarse) in zip(
-        solver.structures, pairwise(solver.levels), strict=False
-    ):
-        way, places = interpolation_matrix(structure)
+    for fine, coarse in pairwise(solver.levels):
+        way, places = interpolation_matrix(fine.structure)
         expected = (way.T @ as_sparse(fine.matrix) @ way).toarray()
-        kept = np.flatnonzero(coarse.active)
+        kept = np.flatnonzero(coarse.structure.active)
         found = as_sparse(coarse.matrix)[kept][:, kept].toarray()
         apart = np.abs(places[:, None] - places).max(axis=2)
         off = found - np.where(apart > 2, 0.0, expected)
@@ -196,8 +172,7 @@ def test_a_thin_strip_that_runs_askew_costs_few_steps(thickness):
     problem, truth = at_truth("tube", 320)
     i, j = np.indices(problem.mask.shape)
     strip = (abs(i - j + 40) < thickness / 1.4) & (j > 100) & (j < 240)
-    apart = [strip ^ shift(strip, 1, axis, False) for axis in (1, 0)]
-    cuts = np.stack(apart) & links(problem.mask) & (j >= 115)  # it hangs by one end
+    cuts = between(strip) & links(problem.mask) & (j >= 115)  # it hangs by one end
     problem = replace(problem, cuts=cuts)
     coefficients, _ = equations(problem, truth)
     solver = Multigrid(coefficients)
@@ -260,8 +235,7 @@ def test_a_step_on_a_turned_grid_is_the_turned_one(rng, size, turn):
     steps = []
     for change in (lambda a: a, turn):
         turned = np.ascontiguousarray(change(mask))
-        beside = change(apart)
-        cuts = np.stack([beside ^ shift(beside, 1, axis, False) for axis in (1, 0)])
+        cuts = between(change(apart))
         height, width = turned.shape
         middle = (width - 1) / 2, (height - 1) / 2
         camera = el.Pinhole(width, height, 40.0, 40.0, *middle)

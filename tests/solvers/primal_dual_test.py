@@ -1,4 +1,4 @@
-"""The primal-dual path: its operator, known surfaces, and how it ends."""
+"""The primal-dual path: known surfaces, and how it ends."""
 
 from dataclasses import replace
 
@@ -6,34 +6,17 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.numerics.stencils import forward_gradient, hessian
 from endolab.solvers.gauss_newton import gauss_newton
-from endolab.solvers.primal_dual import Differences, primal_dual
+from endolab.solvers.primal_dual import primal_dual
 from endolab.solvers.problem import EXACT, NONE
 from tests.tools.problems import (
     SHEET,
     energies,
     errors_of,
-    every_regulariser,
     every_variant,
     percent_off,
     problem_of,
 )
-
-
-@every_regulariser
-def test_k_and_its_adjoint_are_those_of_the_energy(rng, regulariser):
-    problem, _ = problem_of("tube", 40, regulariser=regulariser)
-    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    cuts = rng.random((2, *mask.shape)) < 0.05
-    problem = replace(problem, mask=mask, cuts=cuts)
-    K = Differences.of(problem)
-    x = rng.normal(size=mask.shape)
-    p = rng.normal(size=K.weights.shape).astype(np.float32)
-    assert np.vdot(K(x), p) == pytest.approx(np.vdot(x, K.adjoint(p)), rel=1e-3)
-    derivative = forward_gradient if regulariser == "first" else hessian
-    expected = problem.derivative_scale**2 * np.sum(derivative(x, mask, cuts) ** 2)
-    assert np.sum(K(x) ** 2) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(("scene", "mm"), [("plane", 0.1), ("curved", 0.05)])

@@ -61,23 +61,13 @@ class Cavity:
     ahead: float = 120.0
     behind: float = 40.0  # the same, backwards
     # Over which the far and the near end close, mm.
-    ends: tuple[float, float] = (
-        20.0,
-        20.0,
-    )
+    ends: tuple[float, float] = (20.0, 20.0)
     bend: float = 0.0  # curvature of the tube, 1/mm
     # Of the tube across the bend and its period, mm.
-    sway: tuple[float, float] = (
-        0.0,
-        200.0,
-    )
+    sway: tuple[float, float] = (0.0, 200.0)
     place: tuple[float, float] = (0.0, 0.0)  # of the camera in the cross-section, mm
     # Roll, yaw and pitch of the camera, degrees.
-    look: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    look: tuple[float, float, float] = (0.0, 0.0, 0.0)
     folds: tuple[Fold, ...] = ()
     polyps: tuple[Polyp, ...] = ()
     rugae: float = 0.0  # height, mm
@@ -219,12 +209,7 @@ class Cavity:
         return SPARE * float(np.max(np.linalg.norm(steps, axis=0))) / (2 * STEP)
 
 
-def _march(
-    inside,
-    start,
-    rays,
-    steepest,
-):
+def _march(inside, start, rays, steepest):
     """How far it is along unit rays (n, 3) to the first place where `inside` is 0, mm; it starts above.
 
     A ray that passes a wall by goes ahead by at least `LEAST`, and overlooks what it meets on a shorter way.

@@ -6,7 +6,7 @@ them and says what a file holds.
 
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
 
@@ -51,33 +51,24 @@ _DRY = _TEXTURED | {"noise": 1.0}
 _WET = _TEXTURED | {"film": 0.025, "noise": 3.0}
 
 
-@dataclass(frozen=True)
-class Case:
-    """What a frame of the set shows."""
-
-    scene: Colon
-    camera: str  # "simple", a pinhole, or "paper", the paper's fisheye at 320 px
-    photometry: Photometry
-    options: dict[str, float]  # of `path_tracing.trace`
-
-
+# Scene, camera ("simple", a pinhole, or "paper", the paper's fisheye, at 320 px), light, options of `trace`.
 CASES = {
-    "matt": Case(_COLONS[0], "simple", _ONE, {}),
-    "diffuse-1": Case(_COLONS[0], "simple", _ONE, _DRY | {"seed": 1}),
-    "diffuse-2": Case(_COLONS[1], "paper", _ONE, _DRY | {"texture": 0.12, "seed": 2}),
-    "diffuse-3": Case(_COLONS[2], "simple", _ONE, _DRY | {"seed": 3}),
-    "wet-1": Case(_COLONS[0], "simple", _THREE, _WET | {"seed": 4}),
-    "wet-2": Case(_COLONS[1], "paper", _THREE, _WET | {"seed": 5}),
-    "foggy": Case(_COLONS[2], "paper", _THREE, _WET | {"fog": 0.001, "seed": 6}),
+    "matt": (_COLONS[0], "simple", _ONE, {}),
+    "diffuse-1": (_COLONS[0], "simple", _ONE, _DRY | {"seed": 1}),
+    "diffuse-2": (_COLONS[1], "paper", _ONE, _DRY | {"texture": 0.12, "seed": 2}),
+    "diffuse-3": (_COLONS[2], "simple", _ONE, _DRY | {"seed": 3}),
+    "wet-1": (_COLONS[0], "simple", _THREE, _WET | {"seed": 4}),
+    "wet-2": (_COLONS[1], "paper", _THREE, _WET | {"seed": 5}),
+    "foggy": (_COLONS[2], "paper", _THREE, _WET | {"fog": 0.001, "seed": 6}),
 }
 
 
-def write(path, traced, case, samples):
+def write(path, traced, scene, options):
     """Write a frame of the set."""
     gamma = traced.photometry.gamma
     facts = {
-        "scene": asdict(case.scene),
-        "options": case.options | {"samples": samples},
+        "scene": asdict(scene),
+        "options": options,
         "calibration": Calibration(traced.camera, traced.photometry).to_dict(),
     }
     arrays = {
@@ -101,8 +92,8 @@ if __name__ == "__main__":
 
     folder = Path(sys.argv[1])
     for name in tqdm(sys.argv[2:] or CASES, unit="frame"):
-        case = CASES[name]
-        camera = load_calibration(case.camera, 320).camera
-        how = {"samples": SAMPLES} | case.options
-        traced = trace(case.scene, camera, case.photometry, **how)
-        write(folder / f"{name}.npz", traced, case, SAMPLES)
+        scene, camera, photometry, options = CASES[name]
+        options = options | {"samples": SAMPLES}
+        camera = load_calibration(camera, 320).camera
+        traced = trace(scene, camera, photometry, **options)
+        write(folder / f"{name}.npz", traced, scene, options)

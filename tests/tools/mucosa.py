@@ -15,14 +15,7 @@ STAIN_EDGE = 0.15
 RARE = 1.3  # standard deviations above which a smooth random function is a stain: a tenth of the wall
 
 
-def tissue(
-    points,
-    albedo,
-    texture,
-    vessels,
-    seed=0,
-    stains=0.0,
-):
+def tissue(points, albedo, texture, vessels, seed=0, stains=0.0):
     """Albedo (..., 3) of mucosa at points (..., 3), mm: mottled, with vessels, stained; from 0.01 to 0.95.
 
     `albedo` is that of red, green and blue without either, `texture` the standard deviation of the
@@ -57,13 +50,7 @@ def rippled(points, normals, seed=0):
     return turned / np.linalg.norm(turned, axis=-1, keepdims=True)
 
 
-def film_radiance(
-    points,
-    normals,
-    light,
-    film,
-    roughness=ROUGHNESS,
-):
+def film_radiance(points, normals, light, film, roughness=ROUGHNESS):
     """Light (n,) that a wet film or a rough wall mirrors from one light to the optical centre.
 
     E D F G / (4 cos θ_i cos θ_v) cos θ_i (Walter et al. 2007), with the light's E at normal incidence;

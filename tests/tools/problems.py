@@ -13,7 +13,6 @@ from endolab.synthetic.scenes import Colon
 
 VARIANTS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]
 every_variant = pytest.mark.parametrize(("xi", "regulariser"), VARIANTS)
-every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
 every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
 # A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(

@@ -5,11 +5,11 @@ everything: the cavity, the camera, lamps, wall, sensor and what is known of the
 them, not to read.
 """
 
+import itertools
 import math
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from endolab.io.atomic import write_atomically
 from endolab.io.datasets.traced import LAYERS, TracedSample
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.brdf import Lambertian
-from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
@@ -28,10 +28,7 @@ from tests.tools.cavities import Cavity, Fold, Polyp
 
 FOLDER = Path(__file__).resolve().parents[2] / "build" / "unseen"
 COUNT = 24
-SETS = {
-    "open": range(1000, 1000 + COUNT),
-    "sealed": range(770_000, 770_000 + COUNT),
-}
+SETS = {"open": range(1000, 1000 + COUNT), "sealed": range(770_000, 770_000 + COUNT)}
 SIZE = 200, 150  # px
 SAMPLES = 128  # paths a pixel: leaves about a grey level of their noise in red, half of one in green
 MESH = 260  # steps a side
@@ -44,7 +41,6 @@ NEAREST = 9.0
 FARTHEST = 230.0
 MEDIAN = 16.0, 90.0
 FOLDED = 0.004  # of the steps between pixels that jump, in a colon
-ATTEMPTS = 200
 LOOK_WIDTH = 40  # px, of the glance that tells
 
 # Kinds of cavity, which take turns, and their radii, mm
@@ -55,26 +51,6 @@ RADII = {
     "bag": (28, 45),
     "polyps": (16, 28),
 }
-
-
-@dataclass(frozen=True)
-class RandomCase:
-    """What a frame shows, how it was lit and developed, and what is known of it."""
-
-    kind: str
-    cavity: Cavity
-    camera: Camera
-    photometry: (
-        Photometry  # that the light is made with; the gain follows from the exposure
-    )
-    wall: dict[str, Any]  # options of `path_tracing.trace`
-    fog: float  # 1/mm
-    noise: float  # grey levels of 255
-    # This share of the pixels is brighter than this stored value.
-    exposure: tuple[float, float]
-    jpeg: int | None  # quality
-    albedo_known: bool  # all three, or green's alone
-    seed: int
 
 
 # Cavities --------------------------------------------------------------------------------
@@ -231,72 +207,56 @@ def _wall(rng):
     return wall
 
 
-def random_case(seed):
-    """Draw all that a frame is; kinds of cavity take turns."""
+def frame_of(seed):
+    """Draw all that a frame is, path-trace it, and develop it as sensor and file do.
+
+    Kinds of cavity take turns; the gain gives the exposure. The calibration is the one that a user
+    would have: one light at the optical centre, perhaps one albedo.
+    """
+    from tests.tools.path_tracing import stored, trace
+
     kind = tuple(RADII)[seed % len(RADII)]
-    for attempt in range(ATTEMPTS):
+    for attempt in itertools.count():
         rng = np.random.default_rng([seed, attempt])
         camera = _camera(rng)
         cavity = _cavity(kind, rng, camera)
         if _is_a_view(kind, cavity, camera):
             break
-    else:
-        raise RuntimeError(f"seed {seed} makes no {kind} that a camera fits in")
     green = rng.uniform(0.2, 0.45)
     red = min(green * rng.uniform(1.5, 2.5), 0.85)
     albedo = red, green, green * rng.uniform(0.6, 1.0)
-    saturated = rng.uniform() < 0.35
-    return RandomCase(
-        kind=kind,
-        cavity=cavity,
-        camera=camera,
-        photometry=_light(rng, albedo),
-        wall=_wall(rng),
-        fog=rng.uniform(3e-4, 2e-3) if rng.uniform() < 0.2 else 0.0,
-        noise=rng.uniform(0, 4),
-        exposure=(rng.uniform(0.01, 0.1), 1.0)
-        if saturated
-        else (0.01, rng.uniform(0.75, 0.98)),
-        jpeg=int(rng.integers(70, 96)) if rng.uniform() < 0.4 else None,
-        albedo_known=bool(rng.uniform() < 0.5),
-        seed=seed,
-    )
+    is_saturated = rng.uniform() < 0.35
+    light = _light(rng, albedo)
+    wall = _wall(rng)
+    fog = rng.uniform(3e-4, 2e-3) if rng.uniform() < 0.2 else 0.0  # 1/mm
+    noise = rng.uniform(0, 4)  # grey levels of 255
+    # This share of the pixels is brighter than this stored value.
+    share = rng.uniform(0.01, 0.1) if is_saturated else 0.01
+    level = 1.0 if is_saturated else rng.uniform(0.75, 0.98)
+    quality = int(rng.integers(70, 96)) if rng.uniform() < 0.4 else None  # of a JPEG
+    is_albedo_known = rng.uniform() < 0.5  # all three, or green's alone
 
-
-# Frames ----------------------------------------------------------------------------------
-
-
-def frame_of(case, samples=SAMPLES, mesh_size=MESH):
-    """Path-trace a case, and develop it as sensor and file do, at a gain that gives the exposure.
-
-    The calibration is the one that a user would have: one light at the optical centre, perhaps one albedo.
-    """
-    from tests.tools.path_tracing import stored, trace
-
-    how = {"samples": samples, "mesh_size": mesh_size, "fog": case.fog}
-    lit = replace(case.photometry, gain=1.0)
-    traced = trace(case.cavity, case.camera, lit, **how, **case.wall)
-    gamma = lit.gamma
-    light = traced.direct + traced.indirect + traced.mirrored[..., None]
-    share, level = case.exposure
-    brightest = np.percentile(light[traced.mask].max(axis=-1), 100 * (1 - share))
-    gain = level**gamma / float(brightest)
-    sensor = gamma, case.fog, case.noise, case.seed
-    image = stored(gain * light, traced.distance, *sensor)
-    if case.jpeg is not None:
+    how = {"samples": SAMPLES, "mesh_size": MESH, "fog": fog}
+    traced = trace(cavity, camera, replace(light, gain=1.0), **how, **wall)
+    lit = traced.direct + traced.indirect + traced.mirrored[..., None]
+    brightest = np.percentile(lit[traced.mask].max(axis=-1), 100 * (1 - share))
+    gain = level**light.gamma / float(brightest)
+    image = stored(gain * lit, traced.distance, light.gamma, fog, noise, seed)
+    if quality is not None:
         grey_levels = np.round(255 * image).astype(np.uint8)[..., ::-1]
-        quality = [cv2.IMWRITE_JPEG_QUALITY, case.jpeg]
-        packed = cv2.imencode(".jpg", grey_levels, quality)[1]
+        packed = cv2.imencode(".jpg", grey_levels, [cv2.IMWRITE_JPEG_QUALITY, quality])[
+            1
+        ]
         image = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1] / 255
-    one = replace(case.photometry, gain=gain).simplify()
-    albedo = one.brdf.albedo if case.albedo_known else one.brdf.albedo[1]
+    one = replace(light, gain=gain).simplify()
+    known = albedo if is_albedo_known else green
     return TracedSample(
-        Frame(image, traced.mask, f"{case.seed}-{case.kind}"),
-        Calibration(case.camera, replace(one, brdf=Lambertian(albedo))),
+        Frame(image, traced.mask, f"{seed}-{kind}"),
+        Calibration(camera, replace(one, brdf=Lambertian(known))),
         traced.distance,
         traced.normals,
         **{name: gain * getattr(traced, name) for name in LAYERS},
-        scene=case.cavity,
+        scene=cavity,
     )
 
 
@@ -306,5 +266,5 @@ def frames(name):
     for seed in tqdm(SETS[name], unit="frame"):
         path = FOLDER / f"{seed}.pickle"
         if not path.exists():
-            write_atomically(path, pickle.dumps(frame_of(random_case(seed))))
+            write_atomically(path, pickle.dumps(frame_of(seed)))
         yield pickle.loads(path.read_bytes())

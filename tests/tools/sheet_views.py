@@ -12,13 +12,7 @@ from endolab.model.cameras import BrownConrady, KannalaBrandt
 PAPER = load_calibration("paper").camera
 # 190° and more.
 WIDE = KannalaBrandt(
-    1280,
-    1024,
-    400.0,
-    401.0,
-    645.0,
-    505.0,
-    (-0.02, 0.004, -0.002, 0.0003),
+    1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003)
 )
 BROWN = BrownConrady(
     1920, 1080, 1400.0, 1405.0, 950.0, 530.0, (-0.32, 0.14, 1.5e-3, -1e-3, -0.03)
@@ -41,12 +35,7 @@ def reflectance(target, xy, black=0.04):
     """Light that a sheet returns at places (..., 2), mm, relative to its white; nan beside the paper."""
     x, y = np.moveaxis(np.asarray(xy), -1, 0)
 
-    def within(
-        left,
-        top,
-        width,
-        height,
-    ):
+    def within(left, top, width, height):
         return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
 
     value = np.where(within(*target.sheet), 1.0, np.nan)
@@ -58,14 +47,7 @@ def reflectance(target, xy, black=0.04):
     return value
 
 
-def exact_centroids(
-    camera,
-    pose,
-    points,
-    radii,
-    rings=8,
-    spokes=32,
-):
+def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
     """Centroids of the discs' images: the pixel averaged over the disc with the image's area as weight."""
     if not np.any(radii):
         return camera.project(pose.transform(points))
@@ -93,22 +75,12 @@ def centroids_on_panels(camera, target, poses):
     for number, pose in enumerate(poses):
         here = panel == number
         pixels[here] = exact_centroids(
-            camera,
-            pose,
-            target.points[here],
-            target.radii[here],
+            camera, pose, target.points[here], target.radii[here]
         )
     return pixels
 
 
-def random_pose(
-    camera,
-    target,
-    rng,
-    near=25.0,
-    far=100.0,
-    tilt=60.0,
-):
+def random_pose(camera, target, rng, near=25.0, far=100.0, tilt=60.0):
     """Pose of a sheet whose middle is seen in the inner part of the picture, facing the camera."""
     size = np.array([camera.width, camera.height])
     while True:
@@ -125,65 +97,28 @@ def random_pose(
             return pose
 
 
-def view_of(
-    camera,
-    target,
-    pose,
-    rng,
-    name="frame",
-    noise=0.08,
-    wrong=0.01,
-):
+def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
     """View of what falls into the picture, with noise, px, and a share of points with a wrong id."""
     at = pose.transform(target.points)
     angle = np.arctan2(np.hypot(at[:, 0], at[:, 1]), at[:, 2])
-    pixels = exact_centroids(
-        camera,
-        pose,
-        target.points,
-        target.radii,
-    )
+    pixels = exact_centroids(camera, pose, target.points, target.radii)
     size = np.array([camera.width, camera.height])
     inside = np.all((pixels > 8) & (pixels < size - 9), axis=1)
     ids = np.flatnonzero(inside & (angle < camera.max_angle - 0.1))
     pixels = pixels[ids] + rng.normal(0, noise, (len(ids), 2))
     mixed = rng.random(len(ids)) < wrong
     ids[mixed] = (ids[mixed] + rng.choice([-1, 1], mixed.sum())) % len(target.points)
-    return View(
-        name,
-        0,
-        ids,
-        pixels,
-    )
+    return View(name, 0, ids, pixels)
 
 
-def make_views(
-    camera,
-    target,
-    count,
-    rng,
-    least=20,
-    **options,
-):
+def make_views(camera, target, count, rng, least=20, **options):
     """Views of `least` points or more, and their true poses."""
     how = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
     views = []
     poses = []
     while len(views) < count:
-        pose = random_pose(
-            camera,
-            target,
-            rng,
-            **options,
-        )
-        view = view_of(
-            camera,
-            target,
-            pose,
-            rng,
-            f"frame_{len(views):03d}",
-            **how,
-        )
+        pose = random_pose(camera, target, rng, **options)
+        view = view_of(camera, target, pose, rng, f"frame_{len(views):03d}", **how)
         if len(view.ids) >= least:
             views.append(view)
             poses.append(pose)

@@ -6,11 +6,7 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.simulation.sheet_image import Sensor
 from endolab.calibration.simulation.trajectory import Movement
-from endolab.calibration.simulation.video import (
-    PAPER_SHEET,
-    SAMPLED,
-    simulate_samples,
-)
+from endolab.calibration.simulation.video import PAPER_SHEET, SAMPLED, simulate_samples
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)

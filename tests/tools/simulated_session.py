@@ -30,12 +30,7 @@ def simulated(name="vicalib_small", **light):
     fold = np.deg2rad(30) if target.fold else 0.0
     how = {"movement": Movement(fold, (30.0, 60.0)), "seed": 1}
     samples, _ = simulate_samples(
-        target,
-        camera,
-        el.Photometry(brdf=PAPER_SHEET),
-        COUNT,
-        per_frame=60,
-        **how,
+        target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how
     )
     rng = np.random.default_rng(0)
     true = iter(trajectory(target, camera, COUNT, **how))
@@ -56,12 +51,7 @@ def simulated(name="vicalib_small", **light):
     views = [
         view for name in names for view in views_of(name, detections[name], target)
     ]
-    geometry = calibrate_camera(
-        views,
-        target,
-        camera.width,
-        camera.height,
-    )
+    geometry = calibrate_camera(views, target, camera.width, camera.height)
     poses, errors, dropped = locate(detections, target, geometry.camera)
     steps = []
     fit = calibrate_light(samples, observers=[steps.append], **light)
@@ -74,9 +64,4 @@ def simulated(name="vicalib_small", **light):
 def refused(session):
     """Return the session as if the light could not be told."""
     reason = "γ cannot be told from <one> flat sheet & free gains"
-    return replace(
-        session,
-        light=None,
-        scores=None,
-        refused=reason,
-    )
+    return replace(session, light=None, scores=None, refused=reason)

@@ -49,7 +49,7 @@ def _choose(path: PathLike, size: Size | None) -> tuple[Any, Camera | None, dict
         camera = make_camera(form, cameras[taken], size)
     except MissingSize as error:
         raise MissingSize(f"{file}: {error}") from error
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
         raise ValueError(f"{file}: {shorten(what, 400)}") from error
     source = {"file": Path(file).name, "format": form, "camera": shorten(taken)}

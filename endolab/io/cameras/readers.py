@@ -170,4 +170,12 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
     fx, skew, cx, zero, fy, cy, *last = numbers(part["matrix"], 9)
     if abs(skew) > 1e-6 * abs(fx) or [zero, *last] != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError("expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], without a skew")
-    return _camera(part["kind"], _size(part, given), (fx, fy, cx, cy), part["k"])
+    width, height = _size(part, given)
+    roi = {"x_offset": 0, "y_offset": 0, "width": 0, "height": 0} | part.get("roi", {})
+    is_cut = roi["x_offset"] or roi["y_offset"]
+    is_cut = is_cut or (roi["width"], roi["height"]) not in ((0, 0), (width, height))
+    if is_cut or max(part.get("binning_x", 0), part.get("binning_y", 0)) > 1:
+        raise ValueError(
+            "binning and roi must be of whole pictures; write the camera of these pictures"
+        )
+    return _camera(part["kind"], (width, height), (fx, fy, cx, cy), part["k"])

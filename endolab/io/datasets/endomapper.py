@@ -29,19 +29,16 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 
 
-def cosine_power(mu: float) -> tuple[float, float, float]:
+def cosine_power(mu: float) -> tuple[float, float]:
     """Find the cosine power nearest to the spread function of EndoMapper's spot light.
 
     There the light falls as exp(-μ (1 - cos ψ)), here as w cosⁿψ, which fall alike near the axis and
-    apart from about 45° off it on: by 5 % of a distance at 60° with μ = 2.8. n and w are those of
-    least squares in the logarithm up to 60°, where sheets are seen well: half an error there is the
-    relative error of a distance. Returns n, w and the largest such error.
+    apart from about 45° off it on: by 5 % of a distance at 60° with μ = 2.8. Returned are n and w of
+    least squares in the logarithm up to 60°, where sheets are seen well.
     """
     cos_psi = np.linspace(0.5, 1, 200)  # of equal solid angles
-    there = -mu * (1 - cos_psi)
-    exponent, offset = np.polyfit(np.log(cos_psi), there, 1).tolist()
-    misfit = there - exponent * np.log(cos_psi) - offset
-    return exponent, math.exp(offset), float(np.abs(misfit).max()) / 2
+    exponent, offset = np.polyfit(np.log(cos_psi), -mu * (1 - cos_psi), 1).tolist()
+    return exponent, math.exp(offset)
 
 
 def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
@@ -49,9 +46,8 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
 
     The lights are in mm; one at the optical centre that looks along the axis becomes the exponent k.
     The gain changes from frame to frame and is unknown; the file says nothing of a surface, so that
-    is a white Lambertian one. The evidence names the two files and says what each light was, and how far the
-    cosine power is from it at worst: the relative error of a distance, %. OSError or ValueError in one
-    sentence, if a file cannot be read.
+    is a white Lambertian one. The evidence names the two files. OSError or ValueError in one sentence, if a
+    file cannot be read.
     """
     camera = read_camera(geometry)
     document = read_document(photometry)
@@ -59,27 +55,19 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
         rig = document["rig"]
         model = rig["camera"]["camera_model"]
         k, gamma = numbers([model.get("vignetting", 0.0), model["gamma"]])
-        known: dict[str, Any] = {
-            "geometry": Path(geometry).name,
-            "photometry": Path(photometry).name,
-            "gamma": gamma,
-            "vignetting": k,
-            "lights": [],
-        }
         lights = []
         for found in rig["light"] if isinstance(rig["light"], list) else [rig["light"]]:
             light = found["light_model"]
             sigma, mu = numbers([light["sigma"], light["mu"]])
             x, y, z = (1000 * metres for metres in numbers(light["P"], 3))
-            exponent, weight, worst = cosine_power(mu)
+            exponent, weight = cosine_power(mu)
             direction: Any = numbers(light["D"], 3)
             lights.append(SpotLight((x, y, z), direction, exponent, sigma * weight))
-            facts = {"mu": mu, "sigma": sigma, "exponent": exponent}
-            known["lights"].append(facts | {"worst_distance_percent": 100 * worst})
         if [(one.position, one.direction) for one in lights] == [((0, 0, 0), (0, 0, 1))]:
             k += lights.pop().exponent
         made = Photometry(k=k, gamma=gamma, lights=tuple(lights))
-    return Calibration(camera, made, {"converted": known})
+    files = {"geometry": Path(geometry).name, "photometry": Path(photometry).name}
+    return Calibration(camera, made, {"converted": files})
 
 
 def find_calibrations(folder: PathLike) -> list[Path]:

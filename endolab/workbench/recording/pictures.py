@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from endolab.model.surface import normals, slant
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.stencils import gradient
+from endolab.numerics.stencils import central_gradient
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red
@@ -72,8 +72,8 @@ class Painter:
     def _shades(self, v: FloatArray) -> NDArray[np.uint8]:
         """Model - frame, (h, w), as places in `RESIDUAL_COLOURS`."""
         problem = self.problem
-        gradients = gradient(v, problem.mask, problem.cuts, edge_order=1, step=self._step)
-        slants = slant(*gradients, self._field)
+        v_u, v_v = central_gradient(v, problem.mask, problem.cuts)
+        slants = slant(v_u[self.thin], v_v[self.thin], self._field)
         photometry = self.problem.photometry
         model = photometry.brightness(v[self.thin], slants, self._attenuation)
         share = 255 / LARGEST_RESIDUAL * (model - self.problem.image[self.thin])

@@ -113,9 +113,6 @@ def test_a_light_at_the_centre_becomes_k(write, monkeypatch):
     [
         ("kb4", "w", "no lens"),
         ("717.6911", "nan", "finite"),
-        ("rig>", "cameras>", "Vicalib"),
-        ("<gamma> [ 2.2 ] </gamma>", "", "gamma"),
-        ("sigma>", "strength>", "sls"),
         ("<mu> 2.767302 </mu>", "", "sls"),
     ],
 )

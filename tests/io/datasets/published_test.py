@@ -40,13 +40,6 @@ def write_simcol3d(folder):
     write(folder, "Depth_0007.png", depth)
 
 
-@pytest.mark.parametrize("name", sorted(datasets.CALIBRATIONS))
-def test_known_endoscopes(name):
-    whole = datasets.load_calibration(name)
-    height = round(whole.camera.height * 120 / whole.camera.width)
-    assert datasets.load_calibration(name, 120) == whole.resize(120, height)
-
-
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
 def test_a_frame_of_c3vd(tmp_path, suffix):
     write_c3vd(tmp_path, suffix)

@@ -12,7 +12,7 @@ from tests.tools.make_traced_frames import CASES
 @pytest.mark.parametrize("name", CASES)
 def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
     sample = load_traced(name)
-    options = CASES[name].options
+    *_, options = CASES[name]
     frame, known = sample.frame, sample.calibration
     mask = frame.mask
     rays = known.camera.field.rays

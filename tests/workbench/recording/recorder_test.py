@@ -226,17 +226,6 @@ def test_a_full_disk_leaves_what_was_there_before(tmp_path, solved):
     assert (tmp_path / "run.rrd").read_bytes() == b"an old recording"
 
 
-# Damaged files ------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"RRF2", b"RRF2\x00\x63\x00\x00" + bytes(99)],
-)
-def test_what_is_no_recording_is_named(content, tmp_path):
-    (tmp_path / "run.rrd").write_bytes(content)
-    with pytest.raises(ValueError, match=r"run\.rrd is"):
-        el.read_recording(tmp_path / "run.rrd")
-
-
 def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path, solved):
     first, second, *_ = solved[0]
     problem = first.problem

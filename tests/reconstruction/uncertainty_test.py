@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import endolab as el
+from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status, Stopped
-from endolab.reconstruction.light_and_contours import cut_at_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty import (
     BORDER,
@@ -19,14 +19,15 @@ from endolab.reconstruction.uncertainty import (
     PRIOR,
     Linearised,
     correlated_field,
-    re_solve,
+    take_every_nth_pixel,
     uncertainty_of,
 )
 from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.multigrid import multiply
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import LightOutcome
 from endolab.solvers.result import Iterate, run
-from tests.tools.problems import problem_of
+from tests.tools.problems import at_truth, problem_of
 
 CERTAIN = PriorSigma(
     **{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"}
@@ -185,29 +186,6 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
     assert np.mean(uncertainty.dominant_source[20:30, 40:80] == DATA) > 0.9
 
 
-@pytest.mark.parametrize("choice", ["λ", "contours"])
-def test_another_choice_moves_a_surface_as_a_whole_run_does(choice):
-    """Four steps of the solver, against those to the end."""
-
-    def settle(problem, start=None):
-        *_, last = gauss_newton(
-            problem, start=start, tolerance=1e-4, max_iterations=100
-        )
-        return np.where(problem.mask, last.log_distance, 0.0)
-
-    problem, _ = problem_of("colon", 100)
-    v = settle(problem)
-    other = replace(problem, lam=4 * problem.lam)
-    if choice == "contours":
-        other = cut_at_contours(problem, 0.07)
-    found = re_solve(other, v) - v
-    there = settle(other, v) - v
-    assert np.std(there) > 0.005
-    assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.8
-    assert np.std(found) == pytest.approx(np.std(there), rel=0.3)
-    assert np.all(found[~problem.mask] == 0)
-
-
 def test_what_a_picture_does_not_say_is_the_priors():
     """A band that says nothing, wider than bumps: the prior decides its middle, which is less sure."""
     problem, _ = problem_of("curved", 120)
@@ -250,36 +228,6 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     assert np.median(share[mask & ~lost]) < 0.2
 
 
-def stop_at(draw, wish=None):
-    """Observers that want a stop after a draw, or raise a wish of the user's."""
-
-    def observer(progress):
-        if progress.done == draw and wish is not None:
-            raise wish
-        return progress.done == draw
-
-    return {"observers": [observer]}
-
-
-def test_it_is_the_same_every_time_and_stops_when_asked(curved):
-    _, _, result, uncertainty = curved
-    again = uncertainty_of(result, threads=1)
-    assert np.array_equal(again.sigma, uncertainty.sigma, equal_nan=True)
-    assert uncertainty.status is Status.CONVERGED
-    early = uncertainty_of(result, **stop_at(6))
-    assert (early.draws, early.status) == (6, Status.STOPPED)
-    assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
-    least = LEAST_DRAWS
-    assert uncertainty_of(result, **stop_at(least, KeyboardInterrupt)).draws == least
-
-
-def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
-    """σ of the named causes alone would be too small; an interrupt is no observer's wish."""
-    for wish, raised in ((None, Stopped), (KeyboardInterrupt, KeyboardInterrupt)):
-        with pytest.raises(raised):
-            uncertainty_of(curved[2], **stop_at(LEAST_DRAWS - 1, wish))
-
-
 @pytest.mark.parametrize(
     ("photometry", "k", "gamma"),
     [
@@ -294,3 +242,91 @@ def test_doubts_are_the_standard_errors_of_the_calibration(photometry, k, gamma)
     prior_sigma = PriorSigma.of(replace(known, evidence={"photometry": photometry}))
     assert (prior_sigma.k, prior_sigma.gamma) == (k, gamma)
     assert f"± {k:.2g}" in " ".join(prior_sigma.notes)
+
+
+def test_it_is_the_same_every_time_and_stops_when_asked(curved):
+    """σ of the named causes alone would be too small; an interrupt is no observer's wish."""
+    _, _, result, uncertainty = curved
+    again = uncertainty_of(result, threads=1)
+    assert np.array_equal(again.sigma, uncertainty.sigma, equal_nan=True)
+    assert uncertainty.status is Status.CONVERGED
+
+    def stopped_at(draw, wish=None):
+        def observer(progress):
+            if progress.done == draw and wish is not None:
+                raise wish
+            return progress.done == draw
+
+        return uncertainty_of(result, observers=[observer])
+
+    early = stopped_at(6)
+    assert (early.draws, early.status) == (6, Status.STOPPED)
+    assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
+    assert stopped_at(LEAST_DRAWS, KeyboardInterrupt).draws == LEAST_DRAWS
+    for wish, raised in ((None, Stopped), (KeyboardInterrupt, KeyboardInterrupt)):
+        with pytest.raises(raised):
+            stopped_at(LEAST_DRAWS - 1, wish)
+
+
+# Fewer pixels
+
+
+@pytest.fixture(scope="module")
+def large():
+    problem, _ = problem_of("tube", 602, noise=1.0)
+    mask = problem.mask.copy()
+    mask[:50, :90] = False
+    problem = replace(problem, mask=mask)
+    return run(gauss_newton(problem, max_iterations=10))
+
+
+def test_sigma_is_that_of_the_frame_taken_smaller(large):
+    small = take_every_nth_pixel(large.iterate)
+    whole = uncertainty_of(large)
+    fewer = uncertainty_of(small)
+    known = [
+        np.isfinite(whole.sigma),
+        np.isfinite(whole.shares[0]),
+        whole.dominant_source > 0,
+    ]
+    np.testing.assert_array_equal(known, [large.mask] * 3)
+    np.testing.assert_allclose(whole.shares.sum(axis=0)[large.mask], 1)
+    medians = [
+        np.nanmedian(uncertainty.sigma / result.distance)
+        for uncertainty, result in ((whole, large), (fewer, small))
+    ]
+    assert medians[0] / medians[1] == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("column", [399, 400, 401])
+def test_cuts_and_evidence_go_along(large, column):
+    """A cut in any place between two pixels that are kept is one between these."""
+    shape = large.mask.shape
+    evidence = np.zeros(shape, np.int8)
+    evidence[200:300, 300:500] = NONE
+    cuts = np.zeros((2, *shape), bool)
+    cuts[0, :, column] = True
+    problem = replace(large.problem, evidence=evidence, cuts=cuts)
+    fewer = take_every_nth_pixel(replace(large.iterate, problem=problem)).problem
+    assert (fewer.evidence[67:99, 100:166] == NONE).all()
+    cut = np.flatnonzero(fewer.cuts[0].all(axis=0))
+    assert cut == (column - 1) // 3
+
+
+# The linear answer
+
+
+@pytest.mark.parametrize("regulariser", ["first", "second"])
+def test_its_slopes_are_those_of_the_steps(rng, regulariser):
+    """JᵀWJ of a worn tube at a rough map, without a prior, and xᵀ(Jᵀy) = (Jx)ᵀy."""
+    problem, truth = at_truth("tube", 16, regulariser=regulariser)
+    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
+    cuts = rng.random((2, *mask.shape)) > 0.97
+    problem = replace(problem, mask=mask, cuts=cuts, lam=0.0)
+    surface = Linearised(problem, truth + 0.02 * rng.normal(size=mask.shape))
+    x, y = mask * rng.normal(size=(2, *mask.shape))
+    assert np.vdot(x, surface.adjoint(y)) == pytest.approx(np.vdot(surface.apply(x), y))
+    expected = np.zeros(surface.coefficients.active.shape)
+    multiply(surface.coefficients.matrix(0.0), pad_maps(x), expected)
+    found = surface.adjoint(surface.weight * surface.apply(x))
+    np.testing.assert_allclose(found, inner(expected), atol=1e-12 * np.abs(found).max())

@@ -11,7 +11,6 @@ from endolab.numerics.threads import limit_threads
 from endolab.reconstruction import constants
 from endolab.reconstruction.walls import (
     Walls,
-    bounced_light_and_slope,
     exchange_between,
 )
 from endolab.synthetic.scenes import Colon
@@ -29,15 +28,6 @@ def ball(count=600, radius=20.0):
 
 def open_cells(count):
     return np.zeros((count, 2)), np.full((1, 1), np.inf)
-
-
-def plainly(x, n, area):
-    """The exchange without anything in between, as one would write it down."""
-    along = x[None] - x[:, None]
-    square = np.sum(along**2, axis=-1) + np.eye(len(x))
-    cos_i = np.maximum(np.einsum("ijc,ic->ij", along, n), 0) / np.sqrt(square)
-    cos_j = np.maximum(-np.einsum("ijc,jc->ij", along, n), 0) / np.sqrt(square)
-    return cos_i * cos_j * area / (np.pi * square + 0.5 * (area + area[:, None]))
 
 
 @pytest.fixture(scope="module")
@@ -85,30 +75,6 @@ def test_light_is_exchanged_both_ways_and_none_is_made(walls):
         assert walls.bounced_light(albedo).min() >= 0
 
 
-def test_what_blocks_is_found_as_by_walking_every_chord(walls, all_cores):
-    """Cell by cell, as one would write it down; and the same on one core as on all, to the bit."""
-    cells = np.argwhere(walls.seen).astype(float)
-    x, n, area = (a[: walls.count] for a in (walls.points, walls.normals, walls.area))
-    nearest = np.full(walls.seen.shape, np.inf)
-    nearest[walls.seen] = reach = np.linalg.norm(x, axis=-1)
-    open_ = plainly(x, n, area)
-    nearest = nearest * np.where(np.indices(nearest.shape)[0] == 9, 0.8, 1.0)
-    expected = open_.copy()
-    for i, j in np.argwhere(np.triu(open_) > 0):
-        steps = int(np.abs(cells[i] - cells[j]).max())
-        share = np.arange(1, steps) / max(steps, 1)
-        place = cells[j] + share[:, None] * (cells[i] - cells[j])
-        row, column = (place + 0.5).astype(int).T
-        chord = 1 / ((1 - share) / reach[j] + share / reach[i])
-        if (chord > constants.NEARER * nearest[row, column]).any():
-            expected[i, j] = expected[j, i] = 0
-    assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
-    found = exchange_between(x, n, area, cells, nearest)
-    assert_allclose(found, expected, rtol=1e-9, atol=1e-18)
-    with limit_threads(1):
-        assert np.array_equal(exchange_between(x, n, area, cells, nearest), found)
-
-
 @pytest.mark.parametrize("turn", [np.fliplr, np.flipud, np.transpose])
 def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
     """Patches divide a picture into equal cells, whichever side one counts from."""
@@ -147,14 +113,6 @@ def test_light_by_bounces_sums_to_that_of_the_balance(walls):
         assert_allclose(walls.bounced_light(albedo), expected, rtol=0.01)
 
 
-@pytest.mark.parametrize("albedo", [0.05, 0.4, 0.93])
-def test_the_slope_by_the_albedo_is_that_of_differences(walls, albedo):
-    step = 1e-5
-    more, less = (walls.bounced_light([albedo * np.exp(one)]) for one in (step, -step))
-    slope = bounced_light_and_slope(walls.orders, np.array([albedo]))[1]
-    assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
-
-
 def test_another_lamps_spread_is_as_if_made_with_it(colon, walls):
     v, field = colon
     mask = np.isfinite(v)
@@ -168,3 +126,18 @@ def test_another_lamps_spread_is_as_if_made_with_it(colon, walls):
     assert_allclose(by_turned, by_even, rtol=0.02)
     # A lamp that shines evenly lights the walls beside the camera, too.
     assert np.median(by_even / by_spot) > 1.3
+
+
+def test_a_nearer_wall_blocks_and_cores_do_not_matter(walls, all_cores):
+    """Two patches that face each other, and a third cell between them, far or near."""
+    x = np.array([[-5.0, 0, 10], [5.0, 0, 10]])
+    n = np.array([[1.0, 0, 0], [-1.0, 0, 0]])
+    cells = np.array([[0, 0], [0, 2]])
+    for between, is_seen in ((12.0, True), (8.0, False)):
+        nearest = np.array([[11.2, between, 11.2]])
+        assert (exchange_between(x, n, np.ones(2), cells, nearest) > 0).any() == is_seen
+    parts = (walls.points, walls.normals, walls.area)
+    nowhere = open_cells(len(walls.points))
+    found = exchange_between(*parts, *nowhere)
+    with limit_threads(1):
+        assert np.array_equal(exchange_between(*parts, *nowhere), found)
