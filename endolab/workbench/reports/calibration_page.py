@@ -14,8 +14,8 @@ from endolab.io.images import write_figure
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots import calibration as figures
+from endolab.workbench.plots.calibration import uncertainty_figure
 from endolab.workbench.plots.style import page
-from endolab.workbench.plots.uncertainty import uncertainty_figure
 
 
 def _page(session: Session, source: str, shown: str) -> str:

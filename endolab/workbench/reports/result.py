@@ -18,8 +18,7 @@ from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.scale import scale_of
 from endolab.solvers.result import Result
-from endolab.workbench.plots.maps import overview
-from endolab.workbench.plots.preparation import prepare_figure
+from endolab.workbench.plots.maps import overview, prepare_figure
 from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
 
 if TYPE_CHECKING:
