@@ -12,15 +12,16 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import gradient
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
-from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red
+from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, palette
 from endolab.workbench.recording.stream import classes, depth_map, every
 
 OPAQUE_BLACK = (0, 0, 0, 255)
 CLEAR = (0, 0, 0, 0)
-SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `LARGEST_RESIDUAL`
+# Colours of residuals up to `LARGEST_RESIDUAL`.
+SHADES = palette("model - frame")[np.linspace(0, 255, 65).astype(int)].tolist()
 RESIDUAL_COLOURS = {"left out": OPAQUE_BLACK} | {
-    f"{LARGEST_RESIDUAL * share:+.2g}/255": (*blue_white_red(share).tolist(), 255)
-    for share in SHADES
+    f"{LARGEST_RESIDUAL * share:+.2g}/255": tuple(colour)
+    for share, colour in zip(np.linspace(-1, 1, len(SHADES)), SHADES, strict=True)
 }
 USED_COLOURS = {"left out": OPAQUE_BLACK, "used": CLEAR}
 # The first three in the order of `Problem.evidence`.
