@@ -245,8 +245,11 @@ def show_section(
         if name != "start" or len(distances) == 1:
             near.append(points)
     shown = np.concatenate(near)
-    ax.dataLim.set_points(np.stack([np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)]))
-    ax.margins(0.15)
+    low = np.nanmin(shown, axis=0)
+    high = np.nanmax(shown, axis=0)
+    room = 0.15 * (high - low)
+    ax.dataLim.set_points(np.stack([low - room, high + room]))
+    ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
     ax.yaxis.set_inverted(True)  # as in the picture, y points down
     ax.legend(loc="best")

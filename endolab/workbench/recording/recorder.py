@@ -296,7 +296,7 @@ class Recorder:
         self._log("world/camera", camera_shape(problem.camera, size))
         if self.truth is not None:
             self._log_truth(iterate, self.truth)
-        self._reach_surface(iterate)
+        self.reach(common_limits([iterate.distance]))
         self._follow()
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
@@ -318,11 +318,7 @@ class Recorder:
         """Log the pictures of a stage's last iterate, and let the colours reach what it needs."""
         if self._pictured != last.k:
             self._log_pictures(last)
-        self._reach_surface(last)
-
-    def _reach_surface(self, iterate: Iterate) -> None:
-        """Let the colours of this stage's distances suit an iterate."""
-        self.reach(common_limits([iterate.distance[self._painter.thin]]))
+        self.reach(common_limits([last.distance]))
 
     def reach(self, limits: tuple[float, float]) -> None:
         """Let the colours of this stage's distances reach from one limit to the other."""

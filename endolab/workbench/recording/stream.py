@@ -54,13 +54,13 @@ class Sink:
 
     def at(self, timeline: str, number: int) -> None:
         """Log at this place of a timeline from now on."""
-        self._check_open()
         self._stream.reset_time()
         self._stream.set_time(timeline, sequence=number)
 
     def log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         """Log something, now or for all times."""
-        self._check_open()
+        if not self.open:
+            raise ValueError("the recording is closed")
         self._stream.log(entity, *what, static=static, strict=True)
         self._used = True
 
@@ -72,10 +72,6 @@ class Sink:
     def arrange(self, layout: rrb.Blueprint) -> None:
         """Tell the viewer how to open the recording."""
         self._stream.send_blueprint(layout)
-
-    def _check_open(self) -> None:
-        if not self.open:
-            raise ValueError("the recording is closed")
 
     def close(self) -> None:
         """Write the file, or see a viewer off; a second call does nothing. OSError leaves no file."""
