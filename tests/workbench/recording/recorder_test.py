@@ -116,40 +116,29 @@ def in_stages():
     return [*once, *twice, *fine, last]
 
 
-@pytest.fixture(scope="module")
-def trusted(in_stages, tmp_path_factory):
-    """A run in stages with its uncertainty, recorded beside another run."""
+def test_stages_runs_and_uncertainty_are_read_back(in_stages, tmp_path):
     uncertainty = el.uncertainty_of(in_stages[-1], draws=4)
-    path = tmp_path_factory.mktemp("uncertainty") / "both.rrd"
+    path = tmp_path / "both.rrd"
     with Comparison(path) as both:
         with both.run("one") as recorder:
             el.run(iter_of(in_stages), observers=[recorder])
             recorder.add_uncertainty(uncertainty, in_stages[-1])
         both.run("other")(in_stages[-1])
         assert not path.exists()  # not before it is whole
-    return uncertainty, el.read_recording(path)
-
-
-def test_stages_follow_each_other_on_one_timeline(trusted, in_stages):
-    run = trusted[1].runs["one"]
+    runs = el.read_recording(path).runs
+    assert list(runs) == ["one", "other"]
+    assert_same_depth(runs["other"], 3, in_stages[-1])
+    run = runs["one"]
     assert list(run.table()["energy"]) == [step.energy for step in in_stages]
-    stages = Recorded(run.path).numbers("/one/stage", "text")
-    assert list(stages) == [0, 4, 8, 12]
-    assert list(trusted[1].runs) == ["one", "other"]
-    assert_same_depth(trusted[1].runs["other"], 3, in_stages[-1])
     # Ends of the stages before, all after.
     assert run.pictured == (0, 3, 4, 7, *range(8, 13))
     for k in run.pictured:
         assert_same_depth(run, k, in_stages[k])
-        assert np.array_equal(
-            np.isfinite(run.normals(k)).all(axis=-1), in_stages[k].mask
-        )
-
-
-def test_uncertainty_is_of_what_was_recorded(trusted, in_stages):
-    uncertainty, recording = trusted
+        known = np.isfinite(run.normals(k)).all(axis=-1)
+        assert np.array_equal(known, in_stages[k].mask)
+    file = Recorded(path)
+    assert list(file.numbers("/one/stage", "text")) == [0, 4, 8, 12]
     percent = 100 * uncertainty.sigma / in_stages[-1].distance
-    file = Recorded(recording.path)
     stored = file.at("/one/uncertainty/sigma", "buffer", None).view(np.float32)
     assert np.allclose(stored, percent.ravel(), rtol=1e-6, equal_nan=True)
     source = file.at("/one/uncertainty/dominant_source", "buffer", None)
