@@ -56,15 +56,15 @@ class Painter:
 
     def paint(self, iterate: Iterate) -> dict[str, rr.AsComponents]:
         """Make the pictures of an iterate, by their entities."""
+        problem = self.problem
         v = iterate.log_distance
-        distance = np.exp(v[self.sparse][self.inside])
+        distance = iterate.distance[self.sparse][self.inside]
         points = (distance[:, None] * self._rays).astype(np.float32)
         # OpenCV's ways to bytes take a tenth of NumPy's time; nan becomes 0.
-        problem = self.problem
         towards = normals(v, problem.field, problem.mask, self._step)
         facing = cv2.convertScaleAbs(towards, alpha=127.5, beta=127.5)
         return {
-            "depth": depth_map(np.exp(v[self.thin]), self.problem.metric),
+            "depth": depth_map(iterate.distance[self.thin], problem.metric),
             "normals": rr.Image(facing),
             "residual": rr.SegmentationImage(self._shades(v), opacity=1.0),
             "world/cloud": rr.Points3D.from_fields(positions=points),
@@ -75,9 +75,8 @@ class Painter:
         problem = self.problem
         gradients = gradient(v, problem.mask, problem.cuts, edge_order=1, step=self._step)
         slants = slant(*gradients, self._field)
-        photometry = self.problem.photometry
-        model = photometry.brightness(v[self.thin], slants, self._attenuation)
-        share = 255 / LARGEST_RESIDUAL * (model - self.problem.image[self.thin])
+        model = problem.photometry.brightness(v[self.thin], slants, self._attenuation)
+        share = 255 / LARGEST_RESIDUAL * (model - problem.image[self.thin])
         half = len(SHADES) // 2
         shades = cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1)
         return np.asarray(shades)

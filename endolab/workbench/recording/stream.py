@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -99,7 +100,8 @@ class Sink:
         # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew, which
         # would end a session that the user has begun with `rr.init`.
         if rr.get_application_id() is None:
-            rr.init("endolab", init_logging=False)
+            with contextlib.suppress(RuntimeError):  # the viewer of another stream is gone
+                rr.init("endolab", init_logging=False)
 
     def __enter__(self) -> Self:
         return self
