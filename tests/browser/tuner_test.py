@@ -7,15 +7,16 @@ from tests.browser.conftest import READY
 KNOWN = "document.querySelector('.endolab-tuner')?.endolab"
 FINAL = f"() => {KNOWN}?.arrays?.distance && !{KNOWN}.moving && {KNOWN}.curve?.lams"
 SAID = "document.querySelector('.endolab-line').innerText"
-CELL = "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox"
-SURFACE = "box.engine.wait(60)\nel.show_surface(box.answer.result)"
+MAKE = (
+    "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox.engine.wait(60)"
+)
+CELLS = [f"{MAKE}\nel.show_surface(box.answer.result)", "box"]
 
 
 @pytest.fixture
 def opened(open_notebook):
     """Notebook 06, cut down to a small tuner and its surface."""
-    cells = [CELL, SURFACE]
-    opened = open_notebook("06_tuner.ipynb", cells=cells, width=1366, height=1600)
+    opened = open_notebook("06_tuner.ipynb", cells=CELLS, width=1366, height=1600)
     assert opened.run_all()["complaints"] == []
     opened.page.wait_for_function(FINAL)
     yield opened
