@@ -472,6 +472,8 @@ function render({ model, el }) {
   window.addEventListener("resize", resize);
   model.on("msg:custom", hear);
   model.on("comm_live_update", () => hear({ gone: true }));
+  // Arrows turn knobs, and fold no heading of the notebook.
+  for (const one of root.querySelectorAll("input, select, button")) one.dataset.lmSuppressShortcuts = "true";
   resize();
   send("ready");
   return () => {
