@@ -139,6 +139,17 @@ def shown_as(iterate: Iterate, seconds: float = 0.0) -> Result:
     return Result(iterate, Status.STOPPED, [row], seconds)
 
 
+def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()) -> Answer:
+    """Find all anew, here and now: what `reconstruct` makes of the frame."""
+    saved = wish.solving_settings(subject)
+    known = saved.apply(subject.calibration)
+    steps = Path()
+    watch = [steps.add, *observers]
+    result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
+    path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
+    return Answer(wish, Stage.ANEW, Still.of(subject, result), result, path=path)
+
+
 class Engine:
     """Answers the newest wish in a thread of its own.
 
@@ -282,10 +293,6 @@ class Engine:
 
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
-        saved = wish.solving_settings(subject)
-        known = saved.apply(subject.calibration)
-        steps = Path()
-
         base = self.base
         tell = None
         shape = None
@@ -294,17 +301,16 @@ class Engine:
             tell = self._show_long(wish, base.still, None)
 
         def watch(iterate: Iterate) -> bool:
-            steps.add(iterate)
             if tell is not None and iterate.mask.shape == shape:
                 tell(iterate)
-            return self.is_stale()
+            return self.is_stale() and base is not None
 
-        result = reconstruct(subject.frame, known, observers=[watch], **saved.keywords)
-        if self.is_stale() and self.base is not None:
+        answer = solve_anew(wish, subject, [watch])
+        if self.is_stale() and base is not None:
             return None
-        path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
-        answer = Answer(wish, Stage.ANEW, Still.of(subject, result), result, path=path)
-        self._held = Held(result.problem, known.photometry, result.iterate.log_distance)
+        result = answer.result
+        light = wish.solving_settings(subject).apply(subject.calibration).photometry
+        self._held = Held(result.problem, light, result.iterate.log_distance)
         self.base = answer
         self.tried = []
         self._look = Look(result.iterate) if answer.uses_lam else None
