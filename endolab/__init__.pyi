@@ -14,6 +14,7 @@ from .io.datasets.folders import open_dataset as open_dataset
 from .io.datasets.known_endoscopes import load_calibration as load_calibration
 from .io.datasets.traced import load_traced as load_traced
 from .io.descriptions import write_calibration as write_calibration
+from .io.held import load_held as load_held
 from .io.images import read_frame as read_frame
 from .io.surfaces import write_mesh as write_mesh
 from .io.video import open_frames as open_frames

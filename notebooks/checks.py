@@ -362,14 +362,14 @@ regulariser = SimpleNamespace(exercise_1=heavy_lam, exercise_2=small_epsilon)
 
 # 06 ---------------------------------------------------------------------------------------
 @exercise("Distances grow by the root of the gain. Where the median is right, what is left is bent.")
-def gain_for_gamma(gain, left, why, *_):
+def gain_for_gamma(gain, left, why):
     yield Part("gain", gain, 1.13, 0.03, "times")
     yield Part("left", left, 1.2, 0.3, "%")
     yield Part("why", why, "shape")
 
 
 @exercise("Halve λ until the plane is right to 0.1 %. By what do 1/d of a plane's neighbours differ?")
-def lam_of_a_plane(lam, charged, *_):
+def lam_of_a_plane(lam, charged):
     yield Part("λ", lam, 0.0083, 0.0028)
     yield Part("charged", charged, "slope")
 

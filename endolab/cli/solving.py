@@ -64,6 +64,10 @@ def load(
     if "contours" in options:
         options["contours"] = {"auto": None, "yes": True, "no": False}[options["contours"]]
     keywords = dict(kept.keywords)
+    if kept.held:
+        from endolab.io.held import load_held
+
+        keywords["held"] = load_held(kept.held)
     for name in LENGTHS if options.keys() & LENGTHS else ():  # one alone may fix the scale
         keywords.pop(name, None)
     return kept.apply(load_endoscope(calibration, sources)), keywords | options

@@ -28,6 +28,7 @@ def tune(
     port: Port = 8877,
     origin: str | None = None,
     no_browser: bool = False,
+    html: str | None = None,
 ) -> None:
     """Open the tuner in the browser.
 
@@ -51,6 +52,8 @@ def tune(
         Of a proxy in front of it, such as https://lab.example.org, whose pages may come too.
     no_browser : bool
         Print the link, and open no browser.
+    html : path
+        Write a tuner that needs no Python into this page, λ × regulariser, and open nothing.
     """
     need("ipywidgets", "anywidget", "tornado")
     from endolab.cli.solving import load_endoscope
@@ -69,6 +72,12 @@ def tune(
 
         return TunerBox(first, known, true, width=width, pictures=pictures)
 
+    if html is not None:
+        box = make()
+        box.export_html(html)
+        box.close()
+        print(f"tuner without Python: {html}")
+        return
     page = Page(make, f"{first.name} · endolab", free_port(port), origin)
 
     def announce() -> None:

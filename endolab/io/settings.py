@@ -7,6 +7,7 @@ default.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
@@ -26,10 +27,13 @@ class SolvingSettings:
         Of `endolab.reconstruct`, those that are options of `Settings`.
     photometry : mapping
         What is believed of the light: see `LightBelief`.
+    held : str
+        A `held.npz` beside the file, which holds light and contours; nothing by default.
     """
 
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
+    held: str = ""
 
     def apply(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""
@@ -55,6 +59,7 @@ class _File(Settings):
 
     endolab_settings: Literal[1] = field(kw_only=True)
     photometry: LightBelief = LightBelief()
+    held: str = ""
 
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
@@ -62,6 +67,8 @@ def write_settings(settings: SolvingSettings, path: PathLike) -> None:
     content = {"endolab_settings": 1, **settings.keywords}
     if settings.photometry:
         content["photometry"] = dict(settings.photometry)
+    if settings.held:
+        content["held"] = settings.held
     write_atomically(path, as_json(content))
 
 
@@ -72,8 +79,10 @@ def read_settings(path: PathLike) -> SolvingSettings:
         raise ValueError(f'{path}: regulariser "curvature" is gone; write "second"')
     known = from_content(_File, content, str(path))
     light = content.pop("photometry", {})
+    held = content.pop("held", "")
     del content["endolab_settings"]
     return SolvingSettings(
         {name: getattr(known, name) for name in content},
         {name: getattr(known.photometry, name) for name in light},
+        str(Path(path).parent / held) if held else "",
     )

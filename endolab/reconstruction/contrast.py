@@ -59,8 +59,10 @@ def explained_share(problem: Problem, residual: FloatArray, noise: float) -> flo
     return 1 - (float(np.var(residual[compared])) + noise**2) / spread
 
 
-def suggest_lam(lams: Sequence[float], explained: Sequence[float]) -> float | None:
-    """Return the largest λ that still explains enough, 99 % of the contrast.
+def suggest_lam(
+    lams: Sequence[float], explained: Sequence[float]
+) -> tuple[float | None, bool]:
+    """Return the largest λ that still explains enough, 99 % of the contrast, and whether more might.
 
     Between two λ the explained contrast is taken to be linear in log λ.
 
@@ -73,19 +75,19 @@ def suggest_lam(lams: Sequence[float], explained: Sequence[float]) -> float | No
 
     Returns
     -------
-    float or None
-        The greatest λ tried, if it explains enough; None if none does.
+    lam : float or None
+        None if no λ explains enough, as where tissue is wet, or the light another.
+    at_least : bool
+        Whether the greatest λ tried explains enough: a larger one may do as well.
     """
-    if not len(lams):
-        return None
     order = np.argsort(lams)
-    tried = np.log(lams)[order]
-    excess = np.asarray(explained)[order] - ENOUGH_CONTRAST
+    tried = np.log(np.asarray(lams, float))[order]
+    excess = np.asarray(explained, float)[order] - ENOUGH_CONTRAST
     enough = np.flatnonzero(excess >= 0)
     if not len(enough):
-        return None
+        return None, False
     last = int(enough[-1])
     if last == len(tried) - 1:
-        return float(np.exp(tried[last]))
+        return float(np.exp(tried[last])), True
     way = excess[last] / (excess[last] - excess[last + 1])
-    return float(np.exp(tried[last] + way * (tried[last + 1] - tried[last])))
+    return float(np.exp(tried[last] + way * (tried[last + 1] - tried[last]))), False

@@ -28,10 +28,12 @@ from typing import Any
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.side_by_side import in_background
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import known_albedo
+from endolab.reconstruction.held import Held
 from endolab.reconstruction.light_and_contours import (
     light_and_contours,
     problem_as_before,
@@ -70,6 +72,7 @@ def reconstruct(
     calibration: Calibration,
     *,
     start: Result | None = None,
+    held: Held | None = None,
     observers: Iterable[Observer] = (),
     threads: int | None = None,
     **options: Any,
@@ -86,6 +89,9 @@ def reconstruct(
     start : Result, optional
         An earlier result to start from. If it is of the same frame and endoscope, what was found of bounced
         light and contours stays: with another λ, say, the next result is a step or two away.
+    held : Held, optional
+        Direct light, contours and a start that were found before, as the tuner exports them
+        (`endolab.load_held`). Only energy, light and solver are then as asked.
     observers : iterable of callables
         Each is shown every iterate of every stage (`Iterate.stage`), and at last the answer in mm if a
         length is given; one that returns True stops the run.
@@ -119,6 +125,9 @@ def reconstruct(
     """
     with limit_threads(threads):
         settings = Settings.of(options)
+        if held is not None:
+            problem = held.problem_with(settings, calibration.photometry)
+            return run(_solve(problem, settings, held.start), observers)
         give_full = _begin(frame, calibration, settings, start)
         stages = _solve_in_stages(frame, calibration, settings, start, give_full)
 
@@ -204,18 +213,31 @@ def _solve_in_stages(
     elif start is not None:
         first = start_from(start.iterate, problem)
 
+    halvings = DESCENT.like_halvings  # as it was found on fewer pixels
+    converged_at = None
+    if start is not None:
+        if start.status.is_done:
+            converged_at = start.energy
+        if first is None:
+            first = start_from(start.iterate, problem)
+            halvings = DESCENT.start_halvings
+    return (yield from _solve(problem, settings, first, halvings, converged_at))
+
+
+def _solve(
+    problem: Problem,
+    settings: Settings,
+    start: FloatArray | None,
+    halvings: int = DESCENT.start_halvings,
+    converged_at: float | None = None,
+) -> Solver:
+    """Solve the problem that is left, from a first map if there is one."""
     asked = settings.as_dict() | {"regulariser": problem.regulariser}
     problem = replace(problem, report=replace(problem.report, asked=asked))
-    halvings = DESCENT.like_halvings  # as it was found on fewer pixels
-    if start is not None and first is None:
-        first = start_from(start.iterate, problem)
-        halvings = DESCENT.start_halvings
     offered: dict[str, Any] = {
-        "start": first,
+        "start": start,
         "halvings": halvings,
-        "converged_at": start.energy
-        if start is not None and start.status.is_done
-        else None,
+        "converged_at": converged_at,
         "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,
         "max_iterations": settings.max_iterations,
     }

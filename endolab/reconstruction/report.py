@@ -7,7 +7,7 @@ import numpy as np
 
 from endolab.frames.surround import unclear_surround
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.contrast import explained_contrast
+from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
@@ -282,3 +282,51 @@ def _warnings(result: Result) -> Iterator[str]:
     albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", DARKEST_ALBEDO)))
     if albedo < DARKEST_ALBEDO:
         yield f"An albedo of {albedo:.2g} is too dark for tissue, which has 0.1 to 0.8."
+
+
+SOLVER_NAMES = {
+    "gauss_newton": "Gauss-Newton",
+    "primal_dual": "primal-dual",
+    "fast_marching": "fast marching",
+    "facing": "facing",
+}
+
+
+def describe(
+    result: Result, explained: float, stage: str, errors: tuple[float, float] | None
+) -> str:
+    """Say in the tuner's line what solved a result, what it explains, and how it ended.
+
+    `stage` is "look" or "iterate" of what is still moving; `errors` are the mean and the median, %.
+    """
+    asked = result.report.asked
+    solver = str(asked.get("solver", "gauss_newton"))
+    parts = [SOLVER_NAMES[solver]]
+    if solver in ("gauss_newton", "primal_dual"):
+        problem = result.problem
+        parts += [f"λ {problem.lam:.3g}", f"{problem.regulariser} order"]
+    parts.append(f"explains {100 * explained:.1f} %")
+    if errors is not None:
+        parts.append(f"error: mean {errors[0]:.1f} %, median {errors[1]:.1f} %")
+    ended = f"{result.status.name.lower()} in {result.seconds:.1f} s"
+    if stage == "look":
+        ended = "follows the hand"
+    elif stage == "iterate":
+        ended = f"iterate {result.iterate.k}, still falls"
+    return " · ".join([*parts, ended.replace("_", " ")])
+
+
+def advice(explained: float, best: float | None) -> str:
+    """Say what to do about a surface that explains too little; nothing where nothing is known to help."""
+    if explained >= ENOUGH_CONTRAST or best is None:
+        return ""
+    return f"too smooth: λ {best:.2g} explains 99 %"
+
+
+def what_changed(before: Result, now: Result, lines: int) -> str:
+    """Say what asking anew has changed; `lines` is by how many more lines the surface is cut."""
+    contours = "contours: as many"
+    if lines:
+        contours = f"contours: {abs(lines)} {'more' if lines > 0 else 'fewer'}"
+    deepest = [float(np.nanmax(one.distance)) for one in (before, now)]
+    return f"asked anew: {contours}; deepest {deepest[0]:.3g} → {deepest[1]:.3g} {now.problem.unit}"

@@ -422,7 +422,7 @@ class Look:
 
     def follow(self, problem: Problem) -> Iterate:
         """Step towards the surface of the same picture with another energy, and return it at full size."""
-        names = ("xi", "regulariser", "epsilon", "threshold")
+        names = ("xi", "regulariser", "epsilon", "threshold", "photometry")
         if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
             self._set_grids(problem)
             self._v = self._coarse.below_ceiling(self._v)

@@ -24,7 +24,7 @@ def row_of(case):
     """Whether none is suggested, suggested λ, its errors, that of 1, the least of the five, and its λ."""
     first = case.solve()
     results = [first if lam == 1 else case.solve(lam=lam, start=first) for lam in LAMS]
-    advised = suggest_lam(LAMS, [explained_contrast(result) for result in results])
+    advised, _ = suggest_lam(LAMS, [explained_contrast(result) for result in results])
     suggested = advised or 1.0  # as the guide advises
     errors = [case.errors_of(result).mean_percent for result in results]
     best = int(np.argmin(errors))

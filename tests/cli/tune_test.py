@@ -99,7 +99,8 @@ import endolab as el
 from endolab.workbench.tuning.widget import TunerBox
 known = el.load_calibration("large.json")
 app = TunerBox(el.read_frame("large.png", known), known, width=160)
-outcome = app.engine.wait(200)
+app.engine.wait(200)
+outcome = app.answer
 app.close()
 # Of this program alone: ru_maxrss begins with that of the one which started it.
 peak = re.search("VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]

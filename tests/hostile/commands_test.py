@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-import rerun as rr
 
-from endolab.workbench.recording.stream import Sink
 from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -121,18 +119,3 @@ def test_a_full_disk_is_one_sentence_and_nothing_half_written(name, given, disk,
     assert status == 0 or "No space left" in output or "disk may be full" in output
     check(disk, together)
     assert not list(disk.rglob(".endolab*"))
-
-
-@pytest.mark.parametrize("disk", [60], indirect=True)
-def test_no_recording_waits_for_good_on_a_full_disk(
-    disk,
-):  # as one in sixty did that Rerun wrote itself
-    def record():
-        with Sink(disk / "run.rrd") as sink:
-            for step in range(3):
-                sink.at("step", step)
-                sink.log("numbers", rr.Scalars(np.arange(20000.0)))
-
-    for _ in range(300):
-        with pytest.raises(OSError, match=r"run\.rrd: No space"):
-            record()

@@ -28,14 +28,6 @@ MOST_MEMORY = 600  # MB that reading a small file may take
 PICTURES = ("frame.png", "deep.png", "frame.jpg", "frame.tif", "frame.bmp")
 
 
-def read_recording(path):
-    """Read all that a recording holds."""
-    for one in el.read_recording(path).runs.values():
-        one.table()
-        for iteration in one.pictured:
-            one.depth(iteration)
-
-
 READERS = {
     "mask.png": read_mask,
     "0042_depth.png": true_z,
@@ -46,7 +38,6 @@ READERS = {
     "other.npy": read_depth_map,
     "other.tiff": read_depth_map,
     "traced.npz": traced.read,
-    "run.rrd": read_recording,
     "endoscope.json": el.load_calibration,
     "target.json": read_target,
     "settings.json": read_settings,
@@ -71,10 +62,8 @@ def damages(path):
 def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_path):
     path = tmp_path / name
     READERS[name](Path(shutil.copy(given / name, path)))  # undamaged
-    # A recording takes a process each.
-    count = max(EXAMPLES // 5, 1) if name == "run.rrd" else EXAMPLES
 
-    @settings(max_examples=count)
+    @settings(max_examples=EXAMPLES)
     @tried(damages(given / name))
     def attack(content):
         path.write_bytes(content)

@@ -30,8 +30,9 @@ def test_it_falls_as_lam_grows(explained):
 
 
 def test_the_suggested_lam_lies_between_what_does_and_what_does_not_explain_enough():
-    assert el.suggest_lam([10, 0.1, 1], [0.9, 1.0, 0.995]) == pytest.approx(
-        10 ** (0.005 / 0.095)
-    )
-    assert el.suggest_lam(LAMS, [0.999] * 4) == pytest.approx(100)
-    assert el.suggest_lam(LAMS, [0.98, 0.9, 0.8, 0.7]) is None
+    lam, at_least = el.suggest_lam([10, 0.1, 1], [0.9, 1.0, 0.995])
+    assert lam == pytest.approx(10 ** (0.005 / 0.095))
+    assert not at_least
+    assert el.suggest_lam(LAMS, [0.999] * 4) == (pytest.approx(100), True)
+    assert el.suggest_lam(LAMS, [0.98, 0.9, 0.8, 0.7]) == (None, False)
+    assert el.suggest_lam([], []) == (None, False)

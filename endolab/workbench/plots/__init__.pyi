@@ -3,8 +3,11 @@ from .calibration import geometry_figure as geometry_figure
 from .calibration import light_figure as light_figure
 from .calibration import show_coverage as show_coverage
 from .calibration import show_detection as show_detection
+from .calibration import show_fall_off_uncertainty as show_fall_off_uncertainty
+from .calibration import show_ray_uncertainty as show_ray_uncertainty
 from .calibration import show_reprojection as show_reprojection
 from .calibration import show_reprojection_histogram as show_reprojection_histogram
+from .calibration import uncertainty_figure as uncertainty_figure
 from .light import show_brdf as show_brdf
 from .light import show_fall_off as show_fall_off
 from .light import show_gains as show_gains
@@ -13,6 +16,7 @@ from .light import show_ridge as show_ridge
 from .light import show_sampling as show_sampling
 from .light import show_scores as show_scores
 from .maps import overview as overview
+from .maps import prepare_figure as prepare_figure
 from .maps import show_depth as show_depth
 from .maps import show_dominant_source as show_dominant_source
 from .maps import show_error as show_error
@@ -22,10 +26,6 @@ from .maps import show_normals as show_normals
 from .maps import show_picture as show_picture
 from .maps import show_section as show_section
 from .maps import show_sigma as show_sigma
-from .preparation import prepare_figure as prepare_figure
 from .scales import common_limit as common_limit
 from .scales import common_limits as common_limits
 from .surface_view import show_cloud as show_cloud
-from .uncertainty import show_fall_off_uncertainty as show_fall_off_uncertainty
-from .uncertainty import show_ray_uncertainty as show_ray_uncertainty
-from .uncertainty import uncertainty_figure as uncertainty_figure

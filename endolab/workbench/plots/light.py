@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
@@ -18,32 +17,40 @@ from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots.maps import show_picture
-from endolab.workbench.plots.style import HOUSE, decorate, house, legend_below
+from endolab.workbench.plots.style import (
+    HOUSE,
+    AxesOrNew,
+    decorate,
+    house,
+    legend_below,
+)
 
 
-def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
+def histogram(
+    ax: AxesOrNew,
+    title: str,
+    unit: str,
+    values: FloatArray,
+    mean: float,
+    sigma: float,
+    label: str,
+) -> Axes:
     """Draw a histogram as a density, and the normal distribution of `mean` and `sigma` over it."""
-    sigma = max(sigma, 1e-9)
-    bins = np.linspace(mean - 4 * sigma, mean + 4 * sigma, 61)
-    share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
-    ax.stairs(share, bins, fill=True, color=HOUSE.sky, label=label)
-    x = np.linspace(bins[0], bins[-1], 301)
-    curve = norm.pdf(x, mean, sigma)
-    ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
-    ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
+    ax = decorate(ax, title, f"measured - predicted [{unit}]", f"density [1/{unit}]")
+    x = mean + np.linspace(-4, 4, 301) * max(sigma, 1e-9)
+    ax.hist(values, x[::5].tolist(), density=True, color=HOUSE.sky, label=label)
+    ax.plot(x, norm.pdf(x, mean, sigma), "--", color="black", label="Gaussian")
+    ax.set_xlim(x[0], x[-1])
+    ax.margins(y=0.3)
     ax.locator_params(axis="x", nbins=5)
     ax.legend(loc="upper right", ncols=2)
-
-
-def _show_band(ax: Axes, x: NDArray, low: FloatArray, high: FloatArray) -> None:
-    """Shade what lies within a standard error of a curve."""
-    ax.fill_between(x, low, high, color=HOUSE.vermilion, alpha=0.35, lw=0)
+    return ax
 
 
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
     """Shade the angles of 0 to 90° that are not between two."""
-    for start, end in ((0, low), (high, 90)):
-        ax.axvspan(start, end, color="0.88", lw=0, zorder=0)
+    ax.axvspan(0, low, color="0.88", lw=0, zorder=0)
+    ax.axvspan(high, 90, color="0.88", lw=0, zorder=0)
     ax.set(xlim=(0, 90), xticks=range(0, 91, 15))
 
 
@@ -52,7 +59,7 @@ def show_sampling(
     image: FloatArray,
     samples: Samples,
     camera: Camera,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     used: BoolArray | None = None,
     title: str = "Samples",
@@ -78,27 +85,23 @@ def show_sampling(
         (used & ~paper, HOUSE.blue, "white", "grey patch"),
         (~used, "none", "black", "left out"),
     ):
-        if which.any():
-            ax.plot(*pixels[which].T, "o", ms=5, mfc=fill, mec=edge, mew=0.8, label=label)
-    if len(samples):
-        legend_below(ax)
+        ax.plot(*pixels[which].T, "o", ms=5, mfc=fill, mec=edge, mew=0.8, label=label)
+    legend_below(ax)
     return ax
 
 
 @house()
-def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
+def show_light_residuals(light: PhotometricFit, ax: AxesOrNew = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian."""
     values = light.residuals[light.used]
     left_out = np.count_nonzero(~light.used)
     title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
-    off = "measured - predicted [grey levels of 255]"
-    ax = decorate(ax, title, off, "density [1/grey level]")
-    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
-    return ax
+    label = count_of(len(values), "sample")
+    return histogram(ax, title, "grey levels", values, light.mean, light.sigma, label)
 
 
 @house()
-def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
+def show_fall_off(light: PhotometricFit, ax: AxesOrNew = None) -> Axes:
     """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
 
     Angles at which there were no samples are shaded.
@@ -113,7 +116,8 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
     label = f"cosᵏ α, k = {k:.3f} ± {error:.3f}"
     ax.plot(alpha, cosine**k, color=HOUSE.vermilion, label=label)
-    _show_band(ax, alpha, cosine ** (k + error), cosine ** (k - error))
+    band = (cosine ** (k + error), cosine ** (k - error))
+    ax.fill_between(alpha, *band, color=HOUSE.vermilion, alpha=0.35, lw=0)
     ax.set_ylim(0, 1.05)
     ax.legend(loc="upper right")
     return ax
@@ -132,7 +136,7 @@ def _second_scale(ax: Axes, label: str) -> Axes:
 @house()
 def show_gains(
     light: PhotometricFit,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     frames: IntArray | None = None,
     distance: FloatArray | None = None,
@@ -152,14 +156,13 @@ def show_gains(
     known = np.isfinite(light.gain_errors)
     gains = np.where(known, light.gains, np.nan)
     errors = np.where(known, light.gain_errors, np.nan)
-    _show_band(ax, frames, gains - errors, gains + errors)
-    label = "gain ± 1 s.e."
-    handles = ax.plot(frames, gains, color=HOUSE.vermilion, marker=".", label=label)
-    ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
+    band: Any = {"color": HOUSE.vermilion, "alpha": 0.35, "lw": 0}
+    ax.fill_between(frames, gains - errors, gains + errors, **band)
+    handles = ax.plot(frames, gains, ".-", color=HOUSE.vermilion, label="gain ± 1 s.e.")
+    ax.set_ylim(0, 1.25 * float(np.nanmax(gains, initial=1e-9)))
     if distance is not None:
         twin = _second_scale(ax, "mean distance of the sheet [mm]")
-        look: Any = {"color": HOUSE.blue, "lw": 1.5, "ls": "--", "label": "distance"}
-        handles += twin.plot(frames, distance, **look)
+        handles += twin.plot(frames, distance, "--", color=HOUSE.blue, label="distance")
         twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
     return ax
@@ -168,7 +171,7 @@ def show_gains(
 @house()
 def show_brdf(
     light: PhotometricFit,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     samples: Samples | None = None,
     title: str = "BRDF of the paper",
@@ -188,22 +191,19 @@ def show_brdf(
     ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
     look: Any = {"color": HOUSE.vermilion, "marker": "o", "capsize": 3}
     ax.errorbar(degrees, relative, errors, label="fitted ± 1 s.e.", **look)
-    bottom = (relative - errors).min()
-    top = (relative + errors).max()
-    room = max(top - bottom, 0.2)
-    ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
+    ax.margins(y=0.3)
     if samples is not None:
         incidence = np.arccos(np.minimum(samples.cos_theta[light.used], 1))
         count, bins = np.histogram(np.rad2deg(incidence), 30, (0, 90))
-        heights = 0.2 * count / max(count.max(), 1)
         below: Any = {"transform": ax.get_xaxis_transform(), "label": "samples"}
-        ax.bar(bins[:-1] + 1.5, heights, 2.6, color=HOUSE.sky, alpha=0.8, **below)
+        heights = 0.2 * count / max(count.max(), 1)
+        ax.bar(bins[:-1], heights, 3, align="edge", color=HOUSE.sky, alpha=0.8, **below)
     ax.legend(loc="upper right")
     return ax
 
 
 @house()
-def show_scores(scores: HeldOut, ax: Axes | None = None) -> Axes:
+def show_scores(scores: HeldOut, ax: AxesOrNew = None) -> Axes:
     """Show by how much the light of frames that the fit has not seen differs from the model's."""
     title = "Frames held out, with samples"
     what = "measured/modelled light - 1 [%]"
@@ -211,28 +211,23 @@ def show_scores(scores: HeldOut, ax: Axes | None = None) -> Axes:
     edges = np.rad2deg(scores.edges)
     half = np.diff(edges) / 2
     middle = edges[:-1] + half
-    # Nan where there were no samples, which is not drawn.
-    error = 100 * scores.error
-    spread = 100 * scores.standard_error
+    # Of a few samples too little is known to be drawn.
+    error = 100 * np.where(scores.count >= LEAST_SCORED, scores.error, np.nan)
     ax.axhline(0, color="black", lw=1.2)
     look: Any = {"color": HOUSE.vermilion, "ls": "none", "marker": "o", "capsize": 3}
-    ax.errorbar(middle, error, spread, half, **look)
-    # A bin of a few samples must not make the others small.
-    sure = scores.count >= LEAST_SCORED
-    reach = 1.25 * np.max(np.abs(error[sure]) + spread[sure], initial=0.1)
-    ticks = range(0, int(edges[-1]) + 1, 15)
-    ax.set(xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=ticks)
+    ax.errorbar(middle, error, 100 * scores.standard_error, half, **look)
+    ax.margins(y=0.15)
+    ax.set(xlim=(0, edges[-1]), xticks=range(0, int(edges[-1]) + 1, 15))
     below: Any = {"transform": ax.get_xaxis_transform(), "color": "0.3", "size": "small"}
     for at, count in zip(middle, scores.count, strict=True):
-        if count:
-            ax.text(at, 0.02, f"{count}", ha="center", **below)
+        ax.text(at, 0.02, f"{count}", ha="center", **below)
     return ax
 
 
 @house()
 def show_ridge(
     fits: Sequence[PhotometricFit],
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     title: str = "What the samples know of γ",
 ) -> Axes:
     """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""

@@ -1,6 +1,6 @@
 """Figures: a frame, its depth, normals and surface, errors and energies.
 
-Every function but the page, `overview`, draws into the axes ``ax`` it
+Every function but the pages, `overview` and `prepare_figure`, draws into the axes ``ax`` it
 is given, or into new ones, under ``title``, and returns the axes. Maps are nan where unknown,
 which is shown in neutral grey; where little is known, maps end around it. ``unit`` is that of the
 distances. Colours are safe for colour-blind readers, and axes carry units (`style`).
@@ -9,28 +9,39 @@ distances. Colours are safe for colour-blind readers, and axes carry units (`sty
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from endolab.frames.prepare import Prepared
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.report import meaning
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
-from endolab.workbench.plots import style
+from endolab.workbench.plots import scales
 from endolab.workbench.plots.scales import (
+    MAPS,
+    OKABE_ITO,
     SOURCE_COLOURS,
     break_line,
-    common_limit,
-    common_limits,
+    in_colour,
     isoline_levels,
+)
+from endolab.workbench.plots.style import (
+    HOUSE,
+    AxesOrNew,
+    crop,
+    decorate,
+    house,
+    legend_below,
+    page,
+    show_pixels,
+    show_values,
 )
 from endolab.workbench.plots.surface_view import show_cloud
 
@@ -48,38 +59,22 @@ def _distance_and_cuts(surface: Surface) -> tuple[FloatArray, BoolArray | None]:
     return surface, None
 
 
-def _draw(picture: FloatArray, ax: Axes | None, title: str, **look: Any) -> Axes:
-    """Show a picture on pixel axes."""
-    ax = style.pixel_axes(ax, title)
-    ax.imshow(picture, interpolation="nearest", **look)
-    ax.locator_params(nbins=3)
-    return ax
-
-
-def _draw_signed(
-    values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None = None
-) -> Axes:
-    """Show a map of values of both signs, white at 0."""
-    limit = common_limit([values]) if limit is None else limit
-    limits = (-limit, limit)
-    return style.show_values(values, ax, title, label, limits, ends="both", cmap="RdBu_r")
-
-
-@style.house()
-def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Frame") -> Axes:
+@house()
+def show_picture(picture: FloatArray, ax: AxesOrNew = None, title: str = "Frame") -> Axes:
     """Show a frame.
 
     Parameters
     ----------
-    picture : (H, W) or (H, W, 3) float array of stored values, clipped to [0, 1]
+    picture : (H, W) or (H, W, 3) float array of stored values, clipped to [0, 1]; nan where unknown
     """
-    return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)
+    colours = np.clip(in_colour(picture), 0, 1)
+    return show_pixels(np.where(np.isfinite(colours), colours, HOUSE.left_out), ax, title)
 
 
-@style.house()
+@house()
 def show_depth(
     surface: Surface,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     unit: str = "mm",
     limits: tuple[float, float] | None = None,
@@ -98,27 +93,25 @@ def show_depth(
         need the same: see `common_limits`.
     """
     distance, cuts = _distance_and_cuts(surface)
-    low, high = common_limits([distance]) if limits is None else limits
-    low = max(low, 1e-3 * high)
-    high = max(high, 1.01 * low)
-    look: Any = {"scale": LogNorm, "cmap": "viridis"}
-    ax = style.show_values(distance, ax, title, f"distance [{unit}]", (low, high), **look)
+    limits = limits or scales.limits("distance", distance)
+    label = MAPS["distance"].label(unit)
+    ax = show_values("distance", distance, ax, title, label, limits)
     if surface is distance:
         cuts = depth_cuts(distance)
     if cuts is not None:
         distance = np.where(cuts.any(axis=0), np.nan, distance)
     known = distance[np.isfinite(distance)]
-    levels = isoline_levels(low, high)
-    # Matplotlib would warn of levels none of which is crossed.
-    if np.any((levels > known.min(initial=high)) & (levels < known.max(initial=low))):
+    levels = isoline_levels(*limits)
+    crossed = (levels > known.min(initial=np.inf)) & (levels < known.max(initial=0))
+    if crossed.any():  # else Matplotlib warns
         ax.contour(distance, levels, colors="white", linewidths=0.7, alpha=0.65)
     return ax
 
 
-@style.house()
+@house()
 def show_map(
     values: FloatArray,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     label: str,
     limits: tuple[float, float] | None = None,
@@ -134,32 +127,27 @@ def show_map(
     limits : two floats, optional
         As of `show_depth`.
     """
-    limits = common_limits([values]) if limits is None else limits
-    return style.show_values(values, ax, title, label, limits, cmap="viridis")
+    return show_values("any", values, ax, title, label, limits)
 
 
-@style.house()
-def show_normals(
-    normals: FloatArray, ax: Axes | None = None, title: str = "Normals"
-) -> Axes:
+@house()
+def show_normals(normals: FloatArray, ax: AxesOrNew = None, title: str = "Normals") -> Axes:
     """Show normals as colours, (n + 1)/2.
 
     Parameters
     ----------
     normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
     """
-    known: BoolArray = np.all(np.isfinite(normals), axis=-1)
-    colours = np.clip((normals + 1) / 2, 0, 1)
-    ax = _draw(np.where(known[..., None], colours, style.HOUSE.left_out), ax, title)
-    style.crop(ax, known)
+    ax = show_picture((normals + 1) / 2, ax, title)
+    crop(ax, np.isfinite(normals[..., 0]))
     return ax
 
 
-@style.house()
+@house()
 def show_error(
     estimate: FloatArray,
     truth: FloatArray,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     limit: float | None = None,
     label: str = "error [%]",
@@ -175,26 +163,26 @@ def show_error(
     label : str, optional
         Of the colour bar.
     """
-    return _draw_signed(100 * (estimate - truth) / truth, ax, title, label, limit)
+    percent = 100 * (estimate - truth) / truth
+    limits = None if limit is None else (-limit, limit)
+    return show_values("error", percent, ax, title, label, limits)
 
 
-@style.house()
-def show_sigma(percent: FloatArray, ax: Axes | None = None) -> Axes:
+@house()
+def show_sigma(percent: FloatArray, ax: AxesOrNew = None) -> Axes:
     """Show σ of the distance with a colour bar to its 98th percentile; dark is certain.
 
     Parameters
     ----------
     percent : (H, W) float array, 100 σ/d; nan where unknown
     """
-    limits = (0.0, common_limit([percent]))
-    label = "σ of the distance [%]"
-    return style.show_values(percent, ax, "Uncertainty: σ", label, limits, cmap="magma")
+    return show_values("σ", percent, ax)
 
 
-@style.house()
+@house()
 def show_dominant_source(
     dominant_source: np.ndarray,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     title: str = "What determined each pixel",
 ) -> Axes:
@@ -204,31 +192,24 @@ def show_dominant_source(
     ----------
     dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
     """
-    colours = [style.HOUSE.left_out, *np.array([*SOURCE_COLOURS.values()]) / 255]
-    ax = _draw(np.array(colours)[dominant_source], ax, title)
-    style.crop(ax, dominant_source > 0)
-    inside = dominant_source[dominant_source > 0]
-    patches = []
-    for k, name in enumerate(SOURCE_COLOURS, 1):
-        share = 100 * (inside == k).sum() / max(inside.size, 1)
+    colours = np.array([*SOURCE_COLOURS.values()]) / 255
+    ax = show_pixels(np.vstack([HOUSE.left_out, colours])[dominant_source], ax, title)
+    inside = dominant_source > 0
+    crop(ax, inside)
+    for number, (name, colour) in enumerate(zip(SOURCE_COLOURS, colours, strict=True), 1):
+        share = np.mean(dominant_source[inside] == number)
         lines = name.replace(" or ", "\nor ")
-        patches.append(Patch(color=colours[k], label=f"{lines}\n{share:.0f} %"))
+        ax.plot([], [], "s", ms=10, color=colour, label=f"{lines}\n{share:.0%}")
     # Where colour bars are: on the map it would hide what it names.
-    ax.legend(
-        handles=patches,
-        loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
-        handlelength=1.0,
-        labelspacing=1.0,
-    )
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), labelspacing=1, handlelength=1)
     return ax
 
 
-@style.house()
+@house()
 def show_section(
     distances: Mapping[str, Surface],
     field: RayField,
-    ax: Axes | None = None,
+    ax: AxesOrNew = None,
     *,
     column: int | None = None,
     unit: str = "mm",
@@ -248,48 +229,36 @@ def show_section(
     """
     column = field.shape[1] // 2 if column is None else column
     title = f"Section along column {column}" if title is None else title
-    ax = style.decorate(ax, title, f"z [{unit}]", f"y [{unit}]")
+    ax = decorate(ax, title, f"z [{unit}]", f"y [{unit}]")
     # The truth is black, as a reference should be.
-    lines = {"truth": "black", "start": style.HOUSE.sky, "estimate": style.HOUSE.vermilion}
-    more_colours = iter(style.HOUSE.curve_colours * len(distances))
-    followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
-    for label, surface in distances.items():
+    colours = {"truth": "black", "start": HOUSE.sky, "estimate": HOUSE.vermilion}
+    ax.set_prop_cycle(color=HOUSE.curve_colours)  # of others
+    ax.plot(0, 0, ">", color="black", ms=7, label="camera")
+    near = [np.zeros((1, 2))]
+    for name, surface in distances.items():
         distance, cuts = _distance_and_cuts(surface)
         points = distance[:, column, None] * field.rays[:, column, [2, 1]]
         if cuts is not None:
             points = break_line(points, cuts[1, :, column])
-        colour = lines.get(label) or next(more_colours)
-        ax.plot(*points.T, color=colour, lw=1.8, label=label)
+        ax.plot(*points.T, color=colours.get(name), label=name)
         # The start may have spikes many times as far as all else.
-        if label != "start" or len(distances) == 1:
-            followed.append(points[np.isfinite(points).all(axis=1)])
-    ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
-    # Below it: to its left the axis may have its numbers.
-    ax.annotate(
-        "camera",
-        (0, 0),
-        xytext=(0, -8),
-        textcoords="offset points",
-        ha="center",
-        va="top",
-    )
-    shown = np.concatenate(followed)
-    low = shown.min(axis=0)
-    high = shown.max(axis=0)
-    # Room for half of the word to the camera's left, and above and below for the legend.
-    spare = np.array([[-0.25, -0.15], [0.0, 0.15]])
-    ax.dataLim.set_points(np.stack([low, high]) + spare * (high - low))
+        if name != "start" or len(distances) == 1:
+            near.append(points)
+    shown = np.concatenate(near)
+    low = np.nanmin(shown, axis=0)
+    high = np.nanmax(shown, axis=0)
+    room = 0.15 * (high - low)
+    ax.dataLim.set_points(np.stack([low - room, high + room]))
     ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
-    if not ax.yaxis_inverted():
-        ax.invert_yaxis()  # as in the picture, y points down
+    ax.yaxis.set_inverted(True)  # as in the picture, y points down
     ax.legend(loc="best")
     return ax
 
 
-@style.house()
+@house()
 def show_history(
-    history: Sequence[Mapping[str, float]], ax: Axes | None = None, title: str = "Energy"
+    history: Sequence[Mapping[str, float]], ax: AxesOrNew = None, title: str = "Energy"
 ) -> Axes:
     """Show energy and terms against the iteration, on a logarithmic axis.
 
@@ -297,19 +266,16 @@ def show_history(
     ----------
     history : sequence of mappings: k, energy and its terms, as in `Result.history`
     """
-    ax = style.decorate(ax, title, "iteration", "energy [1]")
+    ax = decorate(ax, title, "iteration", "energy [1]")
     k = [entry["k"] for entry in history]
-    lines = (
-        ("energy", "black", "-"),
-        ("data", style.HOUSE.blue, "--"),
-        ("regulariser", style.HOUSE.vermilion, ":"),
-    )
-    for name, colour, dashes in lines:
-        values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
+    colours = {"energy": "black", "data": HOUSE.blue, "regulariser": HOUSE.vermilion}
+    for (name, colour), dashes in zip(colours.items(), ("-", "--", ":"), strict=True):
+        values = np.array([entry.get(name, np.nan) for entry in history])
         # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
         if np.any(values > 0):
-            values[values <= 0] = np.nan
-            ax.plot(k, values, dashes, color=colour, lw=2, label=name)
+            ax.plot(
+                k, np.where(values > 0, values, np.nan), dashes, color=colour, label=name
+            )
     ax.set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
@@ -337,38 +303,66 @@ def overview(
     iterate = result.iterate
     problem = iterate.problem
     unit = problem.unit
-    residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    curves: dict[str, Surface] = {
-        "start": np.exp(np.where(problem.mask, problem.log_d0, np.nan)),
-        "estimate": iterate,
-    }
+    start = np.exp(np.where(problem.mask, problem.log_d0, np.nan))
+    curves: dict[str, Surface] = {"start": start, "estimate": iterate}
     if truth is not None:
-        scale = np.nanmedian((iterate.distance / truth)[problem.mask])
-        truth = truth if problem.metric else scale * truth
-        curves = {"truth": np.where(problem.mask, truth, np.nan), **curves}
+        scale = (
+            1 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
+        )
+        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+    residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
+    channel = iterate.report.channel
     words = [
         result.status.value.rstrip("."),
+        channel and f"channel {channel}",
         f"λ {problem.lam:g}, {problem.regulariser}",
         f"iteration {iterate.k}",
         f"energy {iterate.energy:.4g}",
+        "" if problem.metric else "relative units",
     ]
-    if channel := iterate.report.channel:
-        words.insert(1, f"channel {channel}")
-    if not problem.metric:
-        words.append("relative units")
     columns = 3 if uncertainty is None else 4
-    with style.page(1 + 5 * columns, 9) as figure:
+    with page(1 + 5 * columns, 9) as figure:
         panels = figure.subplots(2, columns)
         show_picture(problem.shown, panels[0, 0])
-        style.crop(panels[0, 0], problem.mask)
+        crop(panels[0, 0], problem.mask)
         show_depth(iterate, panels[0, 1], unit=unit)
         show_normals(iterate.normals, panels[0, 2])
         show_cloud(iterate.points, problem.shown, panels[1, 0], unit=unit)
         show_section(curves, problem.field, panels[1, 1], unit=unit)
-        _draw_signed(residual, panels[1, 2], "Model - frame", "grey levels of 255")
+        show_values("model - frame", residual, panels[1, 2])
         if uncertainty is not None:
             show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
-        figure.suptitle("  ·  ".join(words), fontsize=15)
-        figure.supxlabel(meaning(result)[0], fontsize=13)
+        figure.suptitle("  ·  ".join(filter(None, words)))
+        figure.supxlabel(meaning(result)[0], size="medium")
+    return figure
+
+
+def prepare_figure(prepared: Prepared) -> Figure:
+    """Draw the steps from a frame as it came to a frame that is solved, as the paper does.
+
+    Returns
+    -------
+    Figure
+        Four panels, 1600 px wide when saved; not one of pyplot's.
+    """
+    image = prepared.original.image
+    inside = prepared.field_of_view
+    masked = np.where(inside[..., None], in_colour(image), np.nan)
+    ready = prepared.frame
+    solved = np.where(ready.mask[..., None], in_colour(ready.image), np.nan)
+    tall = min(image.shape[0] / image.shape[1], 2.0)  # that a page stays one
+    with page(16, 14 * tall + 2.4) as figure:
+        ((original, canonical), (masks, used)) = figure.subplots(2, 2)
+        show_picture(image, original, "Original")
+        show_picture(prepared.canonical, canonical, "Canonical")
+        for name, colour in (("lumen", OKABE_ITO.blue), ("highlights", OKABE_ITO.green)):
+            part = getattr(prepared, name)
+            paint = np.array(colour) / 255
+            masked[part] = 0.25 * masked[part] + 0.75 * paint
+            label = f"{name}, {100 * part[inside].mean():.2g} %"
+            masks.plot([], [], "s", ms=10, color=paint, label=label)
+        show_picture(masked, masks, "Masks")
+        legend_below(masks)
+        show_picture(solved, used, "Pixels to be solved")
     return figure

@@ -1,7 +1,9 @@
-"""Scales that figures share with recordings and the tuner, of NumPy alone: of colours and of lengths."""
+"""What figures, recordings and the tuner share: colours, each map's words, palette and limits, lengths."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,37 +13,71 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 Colour = tuple[int, int, int]  # R, G, B of 255
 
 
-@dataclass(frozen=True)
-class Palette:
-    """Colours that colour-blind readers can tell apart: Okabe and Ito's, "Color universal design", 2008."""
-
-    black: Colour = (0, 0, 0)
-    orange: Colour = (230, 159, 0)
-    sky: Colour = (86, 180, 233)
-    green: Colour = (0, 158, 115)
-    yellow: Colour = (240, 228, 66)
-    blue: Colour = (0, 114, 178)
-    vermilion: Colour = (213, 94, 0)
-    purple: Colour = (204, 121, 167)
-
-
-OKABE_ITO = Palette()
+# Colours that colour-blind readers can tell apart: Okabe and Ito's, "Color universal design", 2008.
+COLOURS = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "yellow": "#F0E442",
+    "blue": "#0072B2",
+    "vermilion": "#D55E00",
+    "purple": "#CC79A7",
+}
+# The same as R, G, B of 255.
+OKABE_ITO: Any = SimpleNamespace(
+    **{name: tuple(bytes.fromhex(code[1:])) for name, code in COLOURS.items()}
+)
 # What determined a pixel, as `endolab.reconstruction.uncertainty` numbers it from 1, and its colour.
-SOURCE_COLOURS = {
+SOURCE_COLOURS: dict[str, Colour] = {
     "data": OKABE_ITO.blue,
     "border or contour": OKABE_ITO.orange,
     "prior": OKABE_ITO.purple,
 }
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How a map of numbers is shown, whoever draws it.
+
+    `unit` is None if it is that of distances; `palette` is Matplotlib's name; `kind` says how colours follow
+    values and where they end, see `limits`; `form` is how one value is written.
+    """
+
+    title: str
+    quantity: str
+    unit: str | None
+    palette: str
+    kind: Literal["log", "linear", "from 0", "signed"]
+    form: str
+
+    def label(self, unit: str = "mm") -> str:
+        """Of a colour bar: quantity [unit]; `unit` is that of distances."""
+        return f"{self.quantity} [{self.unit or unit}]"
+
+    def say(self, value: float, unit: str = "mm") -> str:
+        """Say the value of a pixel, as beside a cursor."""
+        return f"{value:{self.form}} {self.unit or unit}"
+
+
+MAPS = {
+    "distance": Scale("Distance", "distance", None, "viridis", "log", ".4g"),
+    "model - frame": Scale(
+        "Model - frame", "difference", "grey levels of 255", "RdBu_r", "signed", "+.1f"
+    ),
+    "error": Scale("Error", "error", "%", "RdBu_r", "signed", "+.1f"),
+    "change": Scale("B / A - 1", "change", "%", "RdBu_r", "signed", "+.1f"),
+    "spread over λ": Scale("Spread over λ", "spread", "%", "magma", "from 0", ".1f"),
+    "bounced light": Scale("Bounced light", "share", "%", "magma", "from 0", ".1f"),
+    "σ": Scale("Uncertainty: σ", "σ of the distance", "%", "magma", "from 0", ".1f"),
+    "σ of rays": Scale(
+        "Rays, a common turn apart", "σ of the ray", "mrad", "viridis", "from 0", ".2f"
+    ),
+    "σ of μ′": Scale("Light's fall-off μ′", "σ of μ′", "%", "viridis", "from 0", ".2f"),
+    "any": Scale("", "value", "1", "viridis", "linear", ".4g"),
+}
 # Of 255: grey levels of model - frame at which a recording's colours end.
 LARGEST_RESIDUAL = 10.0
-
-
-def blue_white_red(values: FloatArray) -> NDArray[np.uint8]:
-    """Map -1…1 to blue, white, red: (...) to (..., 3); what lies beyond is as dark as the ends."""
-    colours = [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]]
-    nodes = np.linspace(-1, 1, len(colours))
-    channels = [np.interp(values, nodes, channel) for channel in np.array(colours, float).T]
-    return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
 def _known_values(maps: Iterable[FloatArray]) -> FloatArray:
@@ -71,6 +107,29 @@ def common_limit(errors: Iterable[FloatArray], percentile: float = 98) -> float:
     """
     seen = np.abs(_known_values(errors))
     return float(np.percentile(seen, percentile)) or 1.0 if seen.size else 1.0
+
+
+def limits(name: str, *maps: FloatArray) -> tuple[float, float]:
+    """Where the colours of one of `MAPS` end, such that they suit several maps, nan where unknown.
+
+    Of a scale through or from 0 where 98 % of the values' sizes lie within, of others at the 1st and 99th
+    percentile.
+    """
+    kind = MAPS[name].kind
+    if kind in ("signed", "from 0"):
+        end = common_limit(maps)
+        return (-end if kind == "signed" else 0.0), end
+    low, high = common_limits(maps)
+    if kind == "log":
+        low = max(low, 1e-3 * high)
+    return low, max(high, low + 0.01 * abs(low))
+
+
+def palette(name: str) -> NDArray[np.uint8]:
+    """Colours of one of `MAPS`, from its lower limit to its upper one: (256, 4), R, G, B, A."""
+    from matplotlib import colormaps
+
+    return colormaps[MAPS[name].palette](np.arange(256), bytes=True)
 
 
 def in_colour(picture: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ import rerun.blueprint as rrb
 
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import LARGEST_RESIDUAL
-from endolab.workbench.recording.stream import Layout
 
 ITERATIONS = "iteration"  # a timeline
 FRAMES = "frame"  # another
@@ -49,9 +48,9 @@ class Shown:
         return rrb.TextDocumentView(origin=self.at(entity), name=entity.capitalize())
 
 
-def _open_at(timeline: str, layout: rrb.Container) -> Layout:
+def _open_at(timeline: str, layout: rrb.Container) -> rrb.Blueprint:
     """A layout with the timeline to open on, and without panels beside it."""
-    return Layout(
+    return rrb.Blueprint(
         layout,
         # Slow enough for a run of few iterates.
         rrb.TimePanel(state="collapsed", timeline=timeline, fps=5),
@@ -71,7 +70,7 @@ def _residual(shown: Shown) -> rrb.Spatial2DView:
     return shown.view(f"Residual, blue -{end} to red +{end}/255", "residual")
 
 
-def _uncertainty(shown: Shown) -> list[rrb.View]:
+def _sigma(shown: Shown) -> list[rrb.View]:
     """How far the run's end can be trusted, if it was recorded."""
     if shown.sigma is None:
         return []
@@ -82,16 +81,16 @@ def _uncertainty(shown: Shown) -> list[rrb.View]:
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
-    middle = np.array([0.0, 0.0, np.mean(shown.limits)])
-    title = shown.title(f"Surface [{shown.unit}]")
-    away = 1.2 * shown.limits[1] * np.array(FROM_BEHIND)
-    return _space(title, shown.at("world"), middle, middle + away)
+    away = 1.2 * shown.limits[1]
+    middle = (0, 0, float(np.mean(shown.limits)))
+    return _space(shown.title(f"Surface [{shown.unit}]"), shown.at("world"), middle, away)
 
 
 def _space(
-    name: str, origin: str, target: FloatArray, position: FloatArray
+    name: str, origin: str, target: Sequence[float], away: float
 ) -> rrb.Spatial3DView:
-    """A view from one place to another."""
+    """A view of a place from so far away, from behind the camera."""
+    position = np.add(target, away * np.array(FROM_BEHIND))
     eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=[0, -1, 0])
     return rrb.Spatial3DView(
         origin=origin, name=name, eye_controls=eye, background=(45, 50, 58), line_grid=False
@@ -109,25 +108,22 @@ def _curves(title: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
     )
 
 
-def _energy(contents: Sequence[str]) -> rrb.TimeSeriesView:
-    return _curves("log₁₀ energy", contents)
-
-
 def _change(runs: Sequence[Shown]) -> rrb.TimeSeriesView:
     changes = [shown.at("log10/change") for shown in runs]
     return _curves("log₁₀ change of log-distance", changes)
 
 
-def reconstruction(shown: Shown) -> Layout:
+def reconstruction(shown: Shown) -> rrb.Blueprint:
     """Pictures above, the surface, curves and words below."""
-    uncertainty = _uncertainty(shown)
+    sigma = _sigma(shown)
     pictures = rrb.Horizontal(
         shown.view("Frame", "input", "prepared", "mask"),
         _depth(shown),
-        rrb.Tabs(*uncertainty[:1], shown.view("Normals", "normals"), active_tab=0),
-        rrb.Tabs(_residual(shown), *uncertainty[1:], active_tab=0),
+        rrb.Tabs(*sigma[:1], shown.view("Normals", "normals"), active_tab=0),
+        rrb.Tabs(_residual(shown), *sigma[1:], active_tab=0),
     )
-    energy = _energy([shown.at("log10/**"), f"- {shown.at('log10/change')}"])
+    contents = [shown.at("log10/**"), f"- {shown.at('log10/change')}"]
+    energy = _curves("log₁₀ energy", contents)
     stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
     curves = rrb.Vertical(energy, stages, row_shares=[2, 1])
     words = rrb.Tabs(shown.words("settings"), shown.words("end"), _change([shown]))
@@ -135,17 +131,16 @@ def reconstruction(shown: Shown) -> Layout:
     return _open_at(ITERATIONS, rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
 
 
-def comparison(runs: Sequence[Shown]) -> Layout:
+def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
     """Each run a column of pictures and its surface; energies and changes of all in one plot each."""
     columns = []
     for shown in runs:
-        below = rrb.Tabs(_residual(shown), *_uncertainty(shown))
+        below = rrb.Tabs(_residual(shown), *_sigma(shown))
         columns.append(rrb.Vertical(_depth(shown), below, _surface(shown)))
     curves = ("log10/energy", "log10/begins/**")
-    energy = _energy([shown.at(name) for shown in runs for name in curves])
-    return _open_at(
-        ITERATIONS, rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
-    )
+    contents = [shown.at(name) for shown in runs for name in curves]
+    plots = rrb.Vertical(_curves("log₁₀ energy", contents), _change(runs))
+    return _open_at(ITERATIONS, rrb.Horizontal(*columns, plots))
 
 
 def _plots(curves: Curves) -> list[rrb.TimeSeriesView]:
@@ -155,7 +150,7 @@ def _plots(curves: Curves) -> list[rrb.TimeSeriesView]:
     return views
 
 
-def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> Layout:
+def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> rrb.Blueprint:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
     `limits` are those of the distances of the first surface, in `unit`.
@@ -168,21 +163,20 @@ def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> Layout:
     return _open_at(FRAMES, rrb.Vertical(pictures, below, row_shares=[1, 1.3]))
 
 
-def calibration(centre: FloatArray, curves: Curves) -> Layout:
+def calibration(centre: FloatArray, curves: Curves) -> rrb.Blueprint:
     """The frame, the sheet in space with the curves over the frames, and the account.
 
     The sheet is mostly at `centre`, (3,), mm.
     """
     alone = Shown("", "mm")
-    found = ("picture", "picture/detected", "picture/reprojection")
+    found = [f"picture/{what}" for what in ("detected", "reprojection", "outliers")]
     frame = rrb.Vertical(
-        alone.view("Detection", *found),
+        alone.view("Detection", "picture", *found),
         alone.view("Brightness", "picture", "picture/samples"),
     )
     # From aside, between the camera and where the sheet mostly is.
-    away = 2 * np.linalg.norm(centre) * np.array(FROM_BEHIND)
-    sheet = _space("Sheet", "/world", centre / 2, centre / 2 + away)
-    words = alone.words("account")
+    away = 2 * float(np.linalg.norm(centre))
+    sheet = _space("Sheet", "/world", (centre / 2).tolist(), away)
     middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
-    parts = rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1])
-    return _open_at(FRAMES, parts)
+    parts = (frame, middle, alone.words("account"))
+    return _open_at(FRAMES, rrb.Horizontal(*parts, column_shares=[1.2, 1.5, 1]))

@@ -12,15 +12,16 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.stencils import central_gradient
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
-from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, blue_white_red
+from endolab.workbench.plots.scales import LARGEST_RESIDUAL, OKABE_ITO, palette
 from endolab.workbench.recording.stream import classes, depth_map, every
 
 OPAQUE_BLACK = (0, 0, 0, 255)
 CLEAR = (0, 0, 0, 0)
-SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `LARGEST_RESIDUAL`
+# Colours of residuals up to `LARGEST_RESIDUAL`.
+SHADES = palette("model - frame")[np.linspace(0, 255, 65).astype(int)].tolist()
 RESIDUAL_COLOURS = {"left out": OPAQUE_BLACK} | {
-    f"{LARGEST_RESIDUAL * share:+.2g}/255": (*blue_white_red(share).tolist(), 255)
-    for share in SHADES
+    f"{LARGEST_RESIDUAL * share:+.2g}/255": tuple(colour)
+    for share, colour in zip(np.linspace(-1, 1, len(SHADES)), SHADES, strict=True)
 }
 USED_COLOURS = {"left out": OPAQUE_BLACK, "used": CLEAR}
 # The first three in the order of `Problem.evidence`.
@@ -55,15 +56,15 @@ class Painter:
 
     def paint(self, iterate: Iterate) -> dict[str, rr.AsComponents]:
         """Make the pictures of an iterate, by their entities."""
+        problem = self.problem
         v = iterate.log_distance
-        distance = np.exp(v[self.sparse][self.inside])
+        distance = iterate.distance[self.sparse][self.inside]
         points = (distance[:, None] * self._rays).astype(np.float32)
         # OpenCV's ways to bytes take a tenth of NumPy's time; nan becomes 0.
-        problem = self.problem
         towards = normals(v, problem.field, problem.mask, self._step)
         facing = cv2.convertScaleAbs(towards, alpha=127.5, beta=127.5)
         return {
-            "depth": depth_map(np.exp(v[self.thin]), self.problem.metric),
+            "depth": depth_map(iterate.distance[self.thin], problem.metric),
             "normals": rr.Image(facing),
             "residual": rr.SegmentationImage(self._shades(v), opacity=1.0),
             "world/cloud": rr.Points3D.from_fields(positions=points),

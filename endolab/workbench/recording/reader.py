@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa  # type: ignore[import-untyped]
+import rerun as rr
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import PATH, check_kinds
-from endolab.numerics.memory import check_memory
-from endolab.workbench.recording import decoder
 from endolab.workbench.recording.layouts import ITERATIONS
 
 # By entity and component, Arrow's values of each iteration (None if they stay).
@@ -42,10 +36,8 @@ def read_recording(path: PathLike) -> Recording:
     Raises
     ------
     OSError, ValueError
-        In one sentence, if there is no such file, or it is no recording, damaged, or of another version of
-        Rerun.
-    MemoryError
-        If it is too large for this machine.
+        In one sentence, if there is no such file, or it is no recording, cut off, or of another version of
+        Rerun. Bytes that have changed within a file can end the process, in Rerun's own reader.
 
     Examples
     --------
@@ -57,29 +49,25 @@ def read_recording(path: PathLike) -> Recording:
     >>> recording.unit, recording.depth().shape
     ('mm', (72, 96))
     """
-    recording = Recording(Path(path), {})
+    file = Path(path)
+    if not file.is_file():
+        raise FileNotFoundError(f"there is no recording {file}")
+    entities: Entities = {}
     try:
-        batches = list(_decode(recording.path))
-        # As it was logged.
-        for batch in sorted(batches, key=lambda batch: batch.column(0)[0].as_py()):
-            _take(batch, recording.entities)
-        for run in recording.runs.values():
-            run.table()
-            for k in run.pictured:
-                run.normals(k)
-    except (OSError, MemoryError):
-        raise
-    except Exception as error:  # whatever the values in a damaged file lead to
-        version = importlib.metadata.version("rerun-sdk")
-        raise ValueError(
-            f"{path} is damaged, of another version than Rerun {version}, or no recording"
-        ) from error
-    return recording
+        chunks = rr.chunk.RrdReader(file).stream().to_chunks()
+        batches = [chunk.to_record_batch() for chunk in chunks]
+    except Exception as error:  # of whatever kind Rerun's reader raises
+        text = f"{file} is damaged, of another version than Rerun {rr.__version__}, or no recording"
+        raise ValueError(text) from error
+    # As it was logged.
+    for batch in sorted(batches, key=lambda batch: batch.column(0)[0].as_py()):
+        _take(batch, entities)
+    return Recording(file, entities)
 
 
 def _take(batch: Any, entities: Entities) -> None:
     """Sort the rows of a batch by entity, component and iteration."""
-    entity = (batch.schema.metadata or {}).get(b"rerun:entity_path", b"").decode()
+    entity = batch.schema.metadata[b"rerun:entity_path"].decode()
     at: list[int | None] = [None] * len(batch)
     if ITERATIONS in batch.schema.names:
         at = batch.column(ITERATIONS).to_pylist()
@@ -90,34 +78,13 @@ def _take(batch: Any, entities: Entities) -> None:
             rows |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
 
 
-def _decode(path: Path) -> Iterator[Any]:
-    """What a file holds, decoded by a process of its own."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no recording {path}")
-    size = path.stat().st_size
-    check_memory(6 * size, f"{path}: a recording of {size / 1e6:.0f} MB")
-    program = subprocess.run(
-        [sys.executable, "-P", decoder.__file__, str(path.resolve())],
-        env=os.environ | {"RUST_LOG": "off"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        timeout=60 + size / 1e6,  # s: one more for each megabyte
-        check=True,
-    )
-    with pa.BufferReader(program.stdout) as content:
-        while content.tell() < content.size():
-            yield from pa.ipc.open_stream(content)
-
-
+@dataclass(frozen=True, repr=False)
 class Recording:
     """A recording of the file `path`, or one run of it."""
 
-    # Of each entity the rows of each component; without a run, it is the only one.
-    def __init__(self, path: Path, entities: Entities, run: str | None = None) -> None:
-        self.path = path
-        self.entities = entities
-        self._run = run
+    path: Path
+    entities: Entities  # of each the rows of each component
+    run: str | None = None  # none: it is the only one
 
     def __repr__(self) -> str:
         return f"<Recording {self.path}: {', '.join(map(repr, self.runs)) or 'no run'}>"
@@ -125,8 +92,8 @@ class Recording:
     @property
     def runs(self) -> dict[str, Recording]:
         """Runs by name; one that was recorded alone is called ''."""
-        names = [self._run or ""]
-        if self._run is None:
+        names = [self.run or ""]
+        if self.run is None:
             # Pictures over the iterations: other recordings of ours are over frames.
             depths = [name for name in self.entities if self._at(name, "depth_range")]
             names = [name.removesuffix("depth").strip("/") for name in depths]
@@ -149,9 +116,8 @@ class Recording:
         """What an entity of the run has at an iteration, or had last before; by default, at the end."""
         entity = self._start + entity
         at = self._at(entity, component)
-        if k is not None:
-            at = [before for before in at if before <= k]
-        return self.entities[entity][component][at[-1]]
+        last = max(before for before in at if k is None or before <= k)
+        return self.entities[entity][component][last]
 
     @property
     def history(self) -> list[dict[str, float]]:
@@ -173,8 +139,7 @@ class Recording:
         ``recording.table()["energy"]`` is a column; what was not logged is nan.
         """
         history = self.history
-        names = list(history[0])[1:]
-        fields = [("iteration", int), *((name, float) for name in names)]
+        fields = [("iteration", int), *((name, float) for name in list(history[0])[1:])]
         return np.array([tuple(row.values()) for row in history], fields)
 
     @property
@@ -218,9 +183,8 @@ class Recording:
         pictured = self.pictured
         k = pictured[-1] if iteration == -1 else iteration
         if k not in pictured:
-            nearest = min(pictured, key=lambda other: abs(other - k))
             raise ValueError(
-                f"iteration {iteration} has no picture; the nearest that has is {nearest}"
+                f"iteration {k} has no picture: those that have are {pictured}"
             )
         return k
 

@@ -17,7 +17,12 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
-from endolab.workbench.plots.scales import SOURCE_COLOURS, common_limits, in_colour
+from endolab.workbench.plots.scales import (
+    SOURCE_COLOURS,
+    common_limit,
+    common_limits,
+    in_colour,
+)
 from endolab.workbench.recording.layouts import (
     ITERATIONS,
     Shown,
@@ -103,8 +108,7 @@ class Comparison:
         self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480
     ) -> None:
         self._sink = Sink(path)
-        self._truth = truth
-        self._max_width = max_width
+        self._given = (self._sink, truth, max_width)
         self.path = self._sink.path
         self._runs: dict[str, Recorder] = {}
 
@@ -112,7 +116,7 @@ class Comparison:
         """Make the observer of one run; its entities begin with the run's name."""
         if not name.isidentifier() or name in self._runs:
             raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
-        self._runs[name] = Recorder(self._sink, self._truth, self._max_width, run=name)
+        self._runs[name] = Recorder(*self._given, run=name)
         return self._runs[name]
 
     def close(self) -> None:
@@ -166,7 +170,7 @@ class Recorder:
         self._open = True
         self._within = False  # a block at whose end it is closed
         self._last: Iterate | None = None
-        self._pictured: Iterate | None = None  # the last one of this stage with pictures
+        self._pictured = -1  # the last k of this stage with pictures
         self._before = 0  # places on the timeline before this stage's k = 0
         self._begun = 0  # place of this stage's first iterate
 
@@ -175,18 +179,24 @@ class Recorder:
         if self._sink.is_viewer_closed:
             return  # the run goes on
         last = self._last
-        if last is None or (last.stage, last.round) != (iterate.stage, iterate.round):
+        begins = last is None or (last.stage, last.round) != (iterate.stage, iterate.round)
+        if begins:
             if last is not None:
                 self._end_stage(last)
                 self._before += last.k + 1 - iterate.k
             self._begin_stage(iterate)
         self._last = iterate
         self._at(iterate)
-        self._log_scalars(iterate)
-        shown = self._pictured
+        falling = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        for name, value in {**falling, **iterate.scalars}.items():
+            self._sink.log_scalar(f"{self._run}/plots/{name}", value)
+        # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
+        for name, value in falling.items():
+            if value > 0:
+                self._sink.log_scalar(f"{self._run}/log10/{name}", np.log10(value))
         # Ever fewer, that a recording stays small.
-        often = shown is not None and (iterate.k <= 20 or iterate.k >= 1.5 * shown.k)
-        if shown is None or (often and iterate.stage == SOLUTION):
+        often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
+        if begins or (often and iterate.stage == SOLUTION):
             self._log_pictures(iterate)
 
     def add_uncertainty(self, uncertainty: Uncertainty, result: Result | Iterate) -> None:
@@ -204,15 +214,13 @@ class Recorder:
         ValueError
             If the recording is closed, nothing was recorded, or what was is not of the same size.
         """
-        if self._last is None:
-            raise ValueError("nothing was recorded that could be trusted")
         shape = uncertainty.sigma.shape
-        recorded = self._last.mask.shape
+        recorded = None if self._last is None else self._last.mask.shape
         if shape != recorded:
             raise ValueError(f"uncertainty has shape {shape}, what was recorded {recorded}")
         thin = every(shape[1], self.max_width)
         percent = (100 * uncertainty.sigma / result.distance)[thin]
-        most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
+        most = float(f"{common_limit([percent]):.2g}")
         sigma = depth_map(percent, False, (0.0, most), "magma")
         self._log("uncertainty/sigma", sigma, static=True)
         colours = {"left out": OPAQUE_BLACK}
@@ -221,7 +229,7 @@ class Recorder:
         source = classes(uncertainty.dominant_source[thin], colours)
         self._log("uncertainty/dominant_source", *source, static=True)
         self.shown = replace(self.shown, sigma=most)
-        self._arrange()
+        self._follow()
 
     def __enter__(self) -> Self:
         self._within = True
@@ -230,7 +238,6 @@ class Recorder:
     def __exit__(self, failure: object, *_: object) -> None:
         self._within = False
         if failure is not None and not self._run:
-            self._open = False
             self._sink.drop()
         self.close()
 
@@ -239,7 +246,7 @@ class Recorder:
 
         In a block of its own (``with record(...) as recorder:``) this is done at the block's end.
         """
-        if not self._open or self._within:
+        if not (self._open and self._sink.open) or self._within:
             return
         self._open = False
         # A comparison goes on.
@@ -253,13 +260,11 @@ class Recorder:
                 self._sink.arrange(reconstruction(self.shown))
 
     # Stages ---------------------------------------------------------------------------
-
     def _begin_stage(self, iterate: Iterate) -> None:
         """Log what stays for a stage."""
         problem = iterate.problem
         last = self._last
         self._painter = painter = Painter(problem, self.max_width)
-        self._pictured = None
         self._begun = self._before + iterate.k
         self.shown = Shown(self._run, problem.unit)
         if last is None:
@@ -267,8 +272,17 @@ class Recorder:
             shades = classes(np.zeros((1, 1)), RESIDUAL_COLOURS)[0]
             self._log("residual", shades, static=True)
         self._at(iterate)
-        self._log("stage", rr.TextLog(_stage_text(iterate)))
-        self._mark_stage(iterate)
+        stage = (
+            f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
+        )
+        self._log("stage", rr.TextLog(stage))
+        # A mark on the curve of the energy.
+        mark = f"log10/begins/{iterate.stage.replace(' ', '_')}"
+        name = f"{self._run} {iterate.stage} begins".strip()
+        look = rr.SeriesPoints(names=name, markers="diamond", marker_sizes=6)
+        self._log(mark, look, static=True)
+        if iterate.energy > 0:
+            self._sink.log_scalar(f"{self._run}/{mark}", np.log10(iterate.energy))
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
             self._log("input", rr.Image(picture[painter.thin]))
@@ -278,48 +292,33 @@ class Recorder:
         colours = picture[painter.sparse][painter.inside]
         radii = rr.Radius.ui_points(2.5)
         self._log("world/cloud", rr.Points3D.from_fields(colors=colours, radii=radii))
-        size = 0.35 * float(np.nanmedian(iterate.distance[painter.thin]))
+        size = 0.35 * float(np.nanmedian(iterate.distance))
         self._log("world/camera", camera_shape(problem.camera, size))
         if self.truth is not None:
             self._log_truth(iterate, self.truth)
-        self._reach_surface(iterate)
-        self._arrange()
-
-    def _mark_stage(self, iterate: Iterate) -> None:
-        """Put a mark with the stage's name on the curve of the energy, where the stage begins."""
-        if iterate.energy <= 0:
-            return
-        entity = f"log10/begins/{iterate.stage.replace(' ', '_')}"
-        name = f"{self._run} {iterate.stage} begins".strip()
-        look = rr.SeriesPoints(names=name, markers="diamond", marker_sizes=6)
-        self._log(entity, look, static=True)
-        self._sink.log_scalar(f"{self._run}/{entity}", np.log10(iterate.energy))
+        self.reach(common_limits([iterate.distance]))
+        self._follow()
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
         """Log the true surface, in the unit of an iterate; not on the smaller grid of a stage before."""
-        problem = iterate.problem
         shape = iterate.mask.shape
-        if truth.shape != shape and iterate.stage == SOLUTION:
-            raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
-        known = iterate.mask & (truth > 0) if truth.shape == shape else np.zeros(0, bool)
-        if not known.any():
+        if truth.shape != shape:
+            if iterate.stage == SOLUTION:
+                raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
             return
-        if not problem.metric:
-            truth = truth * np.median((iterate.distance / truth)[known])
+        known = iterate.mask & (truth > 0)
+        if not iterate.problem.metric:
+            truth = truth * np.nanmedian((iterate.distance / truth)[known])
         thin = self._painter.thin
-        points = truth[thin][known[thin], None] * problem.field.rays[thin][known[thin]]
-        dots = rr.Points3D(points.astype(np.float32), colors=TRUTH_COLOUR, radii=THIN)
-        self._log("world/truth", dots)
+        rays = iterate.problem.field.rays[thin][known[thin]]
+        points = (truth[thin][known[thin], None] * rays).astype(np.float32)
+        self._log("world/truth", rr.Points3D(points, colors=TRUTH_COLOUR, radii=THIN))
 
     def _end_stage(self, last: Iterate) -> None:
         """Log the pictures of a stage's last iterate, and let the colours reach what it needs."""
-        if self._pictured is not last:
+        if self._pictured != last.k:
             self._log_pictures(last)
-        self._reach_surface(last)
-
-    def _reach_surface(self, iterate: Iterate) -> None:
-        """Let the colours of this stage's distances suit an iterate."""
-        self.reach(common_limits([iterate.distance[self._painter.thin]]))
+        self.reach(common_limits([last.distance]))
 
     def reach(self, limits: tuple[float, float]) -> None:
         """Let the colours of this stage's distances reach from one limit to the other."""
@@ -327,12 +326,10 @@ class Recorder:
         self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
         self.shown = replace(self.shown, limits=limits)
 
-    def _arrange(self) -> None:
+    def _follow(self) -> None:
         """Tell a viewer how to show the run so far."""
         if self.path is None:
             self._sink.arrange(reconstruction(self.shown))
-
-    # Iterates -------------------------------------------------------------------------
 
     def _at(self, iterate: Iterate) -> None:
         self._sink.at(ITERATIONS, self._before + iterate.k)
@@ -340,33 +337,11 @@ class Recorder:
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self._sink.log(f"{self._run}/{entity}", *what, static=static)
 
-    def _log_scalars(self, iterate: Iterate) -> None:
-        falling = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
-        for name, value in {**falling, **iterate.scalars}.items():
-            self._sink.log_scalar(f"{self._run}/plots/{name}", value)
-        # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
-        for name, value in falling.items():
-            if value > 0:
-                self._sink.log_scalar(f"{self._run}/log10/{name}", np.log10(value))
-
     def _log_pictures(self, iterate: Iterate) -> None:
         self._at(iterate)
         for entity, what in self._painter.paint(iterate).items():
             self._log(entity, what)
-        self._pictured = iterate
-
-
-def _stage_text(iterate: Iterate) -> str:
-    return f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
-
-
-def _four_digits(value: object) -> str:
-    """Write a setting, its numbers with four digits."""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_four_digits, value))
-    return str(value)
+        self._pictured = iterate.k
 
 
 def _settings(iterate: Iterate) -> str:
@@ -374,22 +349,22 @@ def _settings(iterate: Iterate) -> str:
     problem = iterate.problem
     camera = problem.camera
     photometry = problem.photometry
-    light = f"k = {photometry.k:.4g}, γ = {photometry.gamma:.4g}"
-    gain = "unknown" if photometry.gain is None else f"{photometry.gain:.4g}"
     rows = {
         "distances": "mm" if problem.metric else "**relative units**",
         "picture": f"{camera.width} x {camera.height} px",
         "camera": camera.model.replace("_", "-"),
-        "light": f"{light}, gain = {gain}",
+        "k": photometry.k,
+        "γ": photometry.gamma,
+        "gain": photometry.gain,
         **iterate.report.settings,
-        "regulariser": f"{problem.regulariser} of {problem.xi}",
-        "λ": problem.lam,
-        "ε": problem.epsilon,
+        "regulariser": problem.regulariser,
+        "lam": problem.lam,
+        "epsilon": problem.epsilon,
+        "xi": problem.xi,
     }
-    for name in ("lam", "epsilon", "xi"):
-        rows.pop(name, None)
     table = "## Settings\n\n| | |\n|---|---|\n"
     for name, value in rows.items():
-        cell = _four_digits(value).replace("|", "\\|")
+        words = f"{value:.4g}" if isinstance(value, float) else str(value)
+        cell = words.replace("|", "\\|")
         table += f"| {name} | {cell} |\n"
     return table

@@ -77,10 +77,10 @@ class SequenceRecorder:
         sink.log("normals", jpeg((maps["normals"][thin] + 1) / 2))
         inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * self._camera.field.rays[sparse][inside]
-        if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
-            size = (width, height)
-            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
-        colours = as_bytes(in_colour(picture)[sparse][inside])
+        # It may be larger than the depth map.
+        size = (width, height)
+        small = cv2.resize(in_colour(picture), size, interpolation=cv2.INTER_AREA)
+        colours = as_bytes(np.asarray(small, float)[sparse][inside])
         sink.log("world/cloud", rr.Points3D(cloud.astype(np.float32), colors=colours))
         for name in itertools.chain(*VIDEO_CURVES.values()):
             sink.log_scalar(f"plots/{name}", row[name])

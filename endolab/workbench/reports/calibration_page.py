@@ -1,9 +1,9 @@
 """The report of a calibration: a page with pictures, and its numbers as JSON."""
 
-from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from endolab._extras import lacking
 from endolab.calibration import summary
@@ -12,10 +12,8 @@ from endolab.io.atomic import as_json, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
 from endolab.io.video import Frames
-from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots import calibration as figures
 from endolab.workbench.plots.style import page
-from endolab.workbench.plots.uncertainty import uncertainty_figure
 
 
 def _page(session: Session, source: str, shown: str) -> str:
@@ -35,19 +33,6 @@ def _page(session: Session, source: str, shown: str) -> str:
     )
 
 
-def _pictures(
-    frames: Named, names: Collection[str], session: Session
-) -> dict[str, FloatArray]:
-    """Read some frames; black where one can no longer be read."""
-    black = np.zeros((session.camera.height, session.camera.width))
-    pictures = dict.fromkeys(names, black)
-    read = frames.read(sorted(names)) if isinstance(frames, Frames) else frames
-    for name, image in read:
-        if name in pictures and image is not None:
-            pictures[name] = image
-    return pictures
-
-
 def write_report(
     session: Session, frames: Named, folder: Path, channel: str = "grey"
 ) -> None:
@@ -59,26 +44,31 @@ def write_report(
     source = str(frames.path) if isinstance(frames, Frames) else ""
     name = figures.best_frame(session)
     worst = figures.worst_frames(session)
-    pictures = _pictures(frames, {name, *worst}, session)
+    # Black where one can no longer be read.
+    black = np.zeros((session.camera.height, session.camera.width))
+    pictures = dict.fromkeys({name, *worst}, black)
+    read = frames.read(sorted(pictures)) if isinstance(frames, Frames) else frames
+    pictures |= {one: image for one, image in read if one in pictures and image is not None}
     image = pictures[name]
-    facts = {"endolab": 1, **summary.evidence(session, source, channel)}
-    facts["account"] = summary.account(session)
+    drawn: dict[str, Figure] = {}
     if session.geometry is None:
-        detection = session.detections[name]
-        with page(10, 8) as figure:
-            ax = figure.subplots()
-            figures.show_detection(image, detection, session.target, ax)
-        write_figure(folder / "detection.png", figure)
+        with page(10, 8) as drawn["detection"]:
+            ax = drawn["detection"].subplots()
+            figures.show_detection(image, session.detections[name], session.target, ax)
     else:
-        write_figure(folder / "camera.png", figures.geometry_figure(session, image))
+        drawn["camera"] = figures.geometry_figure(session, image)
     if worst:
         shown = {name: pictures[name] for name in worst}
-        write_figure(folder / "frames.png", figures.frames_figure(session, shown))
+        drawn["frames"] = figures.frames_figure(session, shown)
     if session.light is not None:
-        write_figure(folder / "light.png", figures.light_figure(session, image))
+        drawn["light"] = figures.light_figure(session, image)
     if session.geometry is not None or session.light is not None:
-        write_figure(folder / "uncertainty.png", uncertainty_figure(session))
+        drawn["uncertainty"] = figures.uncertainty_figure(session)
+    for title, figure in drawn.items():
+        write_figure(folder / f"{title}.png", figure)
     if not lacking("jinja2"):
         write_atomically(folder / "report.html", _page(session, source, name).encode())
+    facts = {"endolab": 1, **summary.evidence(session, source, channel)}
+    facts["account"] = summary.account(session)
     write_atomically(folder / "report.json", as_json(facts))
     write_camera(session.camera, folder / "camera.json")

@@ -18,8 +18,7 @@ from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.scale import scale_of
 from endolab.solvers.result import Result
-from endolab.workbench.plots.maps import overview
-from endolab.workbench.plots.preparation import prepare_figure
+from endolab.workbench.plots.maps import overview, prepare_figure
 from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
 
 if TYPE_CHECKING:
@@ -67,19 +66,17 @@ def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str,
     inside = result.mask
     percent = 100 / result.distance[inside]
     sigma = percent * uncertainty.sigma[inside]
-    shape = percent * uncertainty.sigma_shape[inside]
     low, middle, high = np.percentile(sigma, [10, 50, 90]).tolist()
     decided = uncertainty.dominant_source[inside]
     sources = enumerate(SOURCE_COLOURS, 1)
     causes = uncertainty.causes.items()
-    scales = uncertainty.scales.items()
     return {
         "sigma_percent": {"10th": low, "median": middle, "90th": high},
-        "sigma_shape_percent": float(np.median(shape)),
+        "sigma_shape_percent": float(np.median(percent * uncertainty.sigma_shape[inside])),
         "sigma_scale_percent": 100 * uncertainty.sigma_scale,
         "dominant_source": {name: float(np.mean(decided == k)) for k, name in sources},
         "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in causes},
-        "scale_causes_percent": {name: 100 * value for name, value in scales},
+        "scale_causes_percent": {k: 100 * v for k, v in uncertainty.scales.items()},
         "draws": uncertainty.draws,
         "status": uncertainty.status.name,
         "notes": list(uncertainty.notes),
@@ -141,7 +138,11 @@ def write_files(
 ) -> None:
     """Write the files of a result into a folder that is there; parameters as of `save_result`."""
     inside = result.mask
-    cloud = (result.points, result.normals, in_colour(result.problem.shown))
+    points = result.points[inside]
+    colours = in_colour(result.problem.shown)[inside]
+    none = np.empty((0, 3), int)
+    unit = result.problem.unit
+    cloud = Mesh(points, none, colours, result.normals[inside], unit)
     # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
     with ThreadPoolExecutor(1) as pool:
         path = folder / "depth.npz"
@@ -149,10 +150,7 @@ def write_files(
         write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
         if prepared is not None:
             write_figure(folder / "preparation.png", prepare_figure(prepared))
-        points, normals, colours = (values[inside] for values in cloud)
-        none = np.empty((0, 3), int)
-        unit = result.problem.unit
-        write_mesh(folder / "cloud.ply", Mesh(points, none, colours, normals, unit))
+        write_mesh(folder / "cloud.ply", cloud)
         if mesh:
             write_mesh(folder / "mesh.ply", make_mesh(result))
         if mesh and uncertainty is not None:

@@ -1,7 +1,6 @@
 """Sheets to print: a target as a PDF or SVG of true size, and its description as JSON."""
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +15,20 @@ from endolab.calibration.targets import TARGETS, Board, Target
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.numerics.arrays import FloatArray
 
-
-@dataclass(frozen=True)
-class SheetPage:
-    """The page of a target, mm."""
-
-    size: tuple[float, float] = (297.0, 210.0)  # A4 landscape; larger if the sheet needs it
-    edge: float = 8.0  # that a printer may leave white
-    caption: float = 24.0  # below the sheet, for words and the ruler
-    words: float = 120.0  # that the longest line of words needs
-    ruler: float = 50.0
+A4 = (297.0, 210.0)  # landscape, mm; a page is larger if the sheet needs it
+EDGE = 8.0  # mm that a printer may leave white
+CAPTION = 24.0  # mm below the sheet, for words and the ruler
+WORDS = 120.0  # mm that the longest line of words needs
+RULER = 50  # mm
 
 
-PAGE = SheetPage()
-
-
-# Pages ----------------------------------------------------------------------------------
 def _fill(axes: Axes, unit: Outline, frames: FloatArray, colour: str) -> None:
     """Fill copies of a shape at (x, y, width, height), as one outline: then no renderer shows seams."""
-    corners = np.asarray(unit.vertices, dtype=np.float64)
+    corners = np.asarray(unit.vertices)
     copies = [Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames]
     if copies:
-        axes.add_patch(
-            PathPatch(Outline.make_compound_path(*copies), facecolor=colour, linewidth=0)
-        )
+        outline = Outline.make_compound_path(*copies)
+        axes.add_patch(PathPatch(outline, facecolor=colour, linewidth=0))
 
 
 def _grey(reflectance: float) -> str:
@@ -64,44 +53,38 @@ def draw_sheet(target: Target) -> Figure:
     axes are in mm of the target's frame, y down.
     """
     left, top, width, height = target.sheet
-    page = np.array([max(width, PAGE.words), height + PAGE.caption]) + 2 * PAGE.edge
-    if np.all(page <= PAGE.size):
-        page = np.array(PAGE.size)
-    figure = Figure(figsize=(page[0] / 25.4, page[1] / 25.4))
+    page = np.array([max(width, WORDS), height + CAPTION]) + 2 * EDGE
+    if np.all(page <= A4):
+        page = np.array(A4)
+    figure = Figure(figsize=tuple(page / 25.4))
     axes = figure.add_axes((0, 0, 1, 1))
     x = left + (width - page[0]) / 2
-    y = top - (page[1] - height - PAGE.caption) / 2
+    y = top - (page[1] - height - CAPTION) / 2
     axes.set(xlim=(x, x + page[0]), ylim=(y + page[1], y))
     axes.set_axis_off()
-
     rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
     axes.add_patch(Rectangle((left, top), width, height, **rim))
     ink = target.ink
-    for reflectance in np.unique(ink.greys[:, 3]):
-        same = ink.greys[ink.greys[:, 3] == reflectance]
-        _fill(axes, Outline.unit_circle(), same[:, [0, 1, 2, 2]], _grey(reflectance))
+    for x, y, diameter, reflectance in ink.greys:
+        disc = np.array([[x, y, diameter, diameter]])
+        _fill(axes, Outline.unit_circle(), disc, _grey(reflectance))
     _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], "black")
     _fill(axes, Outline.unit_rectangle(), ink.rectangles, "black")
-
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
+    lines: dict[str, Any] = {"color": "0.4", "linewidth": 0.5}
     bottom = top + height
-    line = min(left, x + page[0] - PAGE.edge - PAGE.words)
     if target.fold_x is not None:
-        mark = min(3.0, target.margin / 3)
-        for start, end in ((top, top + mark), (bottom, bottom - mark)):
-            axes.plot([target.fold_x] * 2, [start, end], color="0.4", linewidth=0.6)
-        axes.text(target.fold_x, top - 3, "fold here, away from you", ha="center", **words)
+        axes.plot([target.fold_x] * 2, [top, bottom], "|", ms=12, **lines)
+        axes.text(target.fold_x, top - 5, "fold here, away from you", ha="center", **words)
+    start = min(left, axes.get_xlim()[1] - EDGE - WORDS)
     caption = f"{_caption(target)}. Print at 100 %, not fitted to the page."
-    axes.text(line, bottom + 5, caption, **words)
-    ruler = bottom + 17
-    check = f"Check: this line must be {PAGE.ruler:g} mm long."
-    axes.text(line, bottom + 10, check, **words)
-    axes.plot([line, line + PAGE.ruler], [ruler, ruler], color="black", linewidth=0.5)
-    words["fontsize"] = 6
-    for tick in np.arange(0, PAGE.ruler + 1, 10):
-        at = line + tick
-        axes.plot([at, at], [ruler - 1.5, ruler], color="black", linewidth=0.5)
-        axes.text(at, ruler + 2.5, f"{tick:g}", ha="center", **words)
+    axes.text(start, bottom + 5, caption, **words)
+    check = f"Check: this line must be {RULER} mm long."
+    axes.text(start, bottom + 10, check, **words)
+    ruler = np.arange(0, RULER + 1, 10)
+    axes.plot(start + ruler, np.full(len(ruler), bottom + 17), "|-", **lines)
+    for tick in ruler:
+        axes.text(start + tick, bottom + 20, f"{tick}", ha="center", **words)
     return figure
 
 

@@ -1,91 +1,85 @@
-"""The tuner's engine: the latest wish wins, a rough answer comes first, and nothing waits in a queue.
+"""Answers that follow a hand: the newest wish wins, and what was found of light and contours is held.
 
-While the hand moves, answers follow from the last one. Two threads find them, each one at a time:
+    a knob moves       look   a step on a quarter of the pixels, from the last answer
+    the hand rests     kept   the same problem at full size, from where light and contours were found
+    in idle time              the same for other λ, and on to larger ones until too little is explained
+    asked anew         anew   light and contours as well: what `reconstruct` makes of the frame
 
-    a knob moves      look     a step on a quarter of the pixels; it always ends, then the     first thread
-                               newest wish is next
-    the hand rests    kept     the same problem at full size, until it has converged          second thread
-    in idle time      final    all anew, light and contours too                               second thread
-    thereafter                 four λ more, with the final light and contours                 second thread
-
-A change of the energy alone (λ, ε, ξ, the regulariser) leaves the picture's light and its contours as they
-are, which is what makes a look quick. After any other change there is a first look instead: one channel at
-half the size, without contours.
-The final answer is what `reconstruct` makes of the whole frame from a cold start, so that it depends on
-nothing that was tried before and the lines of `Knobs.code` give it again, bit for bit; an energy with more
-than one minimum can make the two differ, and the answer holds both. While a long solve goes on, what it has
-so far is told. A new wish stops what the second thread does at its next iterate.
+An energy's other solvers have no looks: their iterates are shown as they come. One thread does all of it;
+whatever takes long asks at each step whether a newer wish has come. A kept answer follows from the wish and
+from what is held alone, so that `held.npz` and the settings give it again, bit for bit.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from skimage.measure import label
 
-from endolab.frames.frame import Frame
 from endolab.metrics.depth_errors import resample_truth
-from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.iteration import Status, Stopped
-from endolab.numerics.stencils import links, px_per_reference
+from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.contrast import explained_share, noise_of
-from endolab.reconstruction.pipeline import reconstruct
-from endolab.reconstruction.report import warnings
-from endolab.reconstruction.uncertainty import (
-    Uncertainty,
-    noise_left,
-    uncertainty_of,
+from endolab.reconstruction.contrast import (
+    ENOUGH_CONTRAST,
+    explained_share,
+    noise_of,
+    suggest_lam,
 )
+from endolab.reconstruction.held import Held
+from endolab.reconstruction.pipeline import reconstruct
+from endolab.reconstruction.uncertainty import Uncertainty, noise_left, uncertainty_of
 from endolab.solvers.energy import contradicts, model_image
-from endolab.solvers.gauss_newton import DESCENT, Look, gauss_newton
-from endolab.solvers.problem import Problem
+from endolab.solvers.gauss_newton import Look
 from endolab.solvers.result import Iterate, Observer, Result, run
+from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
-
-@dataclass(frozen=True)
-class Pace:
-    """What makes the tuner quick, chosen by hand at the knobs."""
-
-    picture_interval: float = 0.4  # s of a full solve between one picture and the next
-    rest: float = 0.1  # s without a wish, after which the hand rests
-    settled: float = 1e-2  # of distances: what follows has settled when it changes by less
-    least_width: int = 128  # px, of a frame that is worth solving at half its size first
-    remembered: int = 12  # final answers that come back without a solve
-    # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
-    draws: int = 8
-    path_length: int = 60  # iterates of the last run that can be looked at, at most
-
-
-PACE = Pace()
-# Times the present λ, for the λ curve: from a tenth to ten times in even steps.
-LAM_FACTORS = (0.1, 0.32, 1.0, 3.2, 10.0)
-# The most steps of a first look from nothing; other solvers have no limit.
-FIRST_STEPS = {"gauss_newton": 10, "primal_dual": 120}
-# Knobs of the energy, which leave light and contours as they are.
-ENERGY_KNOBS = ("lam", "epsilon", "threshold", "xi", "regulariser")
-IsStale = Callable[[], bool]
+REST = 0.1  # s without a wish, after which the hand rests
+# Times the present λ, for the λ curve: from a tenth to ten times, the near ones first.
+LAM_FACTORS = (0.32, 3.2, 0.1, 10.0)
+LARGEST_LAM = 100.0  # that the slider reaches
+PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
+# Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
+DRAWS = 8
+FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
+WITH_ENERGY = (FOLLOWS, "primal_dual")
 
 
 class Stage(StrEnum):
     """How far an answer has come."""
 
     LOOK = "look"  # on few pixels, from the last answer
-    FIRST = "first look"  # on few pixels of one channel, from nothing
-    KEPT = "light and contours kept"
-    SOFAR = "so far"  # what a long solve has
-    PASSED = "iterate"  # of the last run
-    FINAL = "final"
+    ITERATE = "iterate"  # of a run that goes on, or of the last one
+    KEPT = "kept"
+    ANEW = "anew"
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """What stays while energy and light are turned."""
+
+    subject: Subject  # what is looked at
+    truth: FloatArray | None  # distance, (H, W), in the answers' unit; nan outside the mask
+    noise: float  # of the grey picture, stored values
+    noise_left: float  # of what is explained, once it was smoothed
+
+    @classmethod
+    def of(cls, subject: Subject, result: Result) -> Still:
+        """Note what a result that was found anew is compared with."""
+        truth = subject.truth
+        if truth is not None:
+            truth = np.where(result.mask, resample_truth(truth, result.mask.shape), np.nan)
+            if not result.metric:
+                truth *= np.nanmedian(result.distance / truth)
+        return cls(subject, truth, noise_of(result.problem), noise_left(result)[0])
 
 
 @dataclass(eq=False)
@@ -94,39 +88,11 @@ class Answer:
 
     settings: Knobs
     stage: Stage
-    seconds: float  # that it took
-    subject: Subject  # what was looked at
+    still: Still
     result: Result
-    # The quick answer at full size, which the final one may differ from.
-    followed: Result | None = None
-    # How far the result can be trusted, filled in when that was asked for.
-    uncertainty: Uncertainty | None = None
-    # What the same light and contours give with another λ or regulariser, by the names of both.
-    variants: dict[str, Answer] = field(default_factory=dict)
+    held: Held | None = None  # what it was solved with; None if all was found anew
     path: Sequence[Iterate] = ()  # iterates of the run, some of many
-    place: int = 0  # on that path, from 1, if it is an iterate
-
-    @cached_property
-    def truth(self) -> FloatArray | None:
-        """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
-        if self.subject.truth is None:
-            return None
-        mask = self.result.mask
-        truth = resample_truth(self.subject.truth, mask.shape)  # a frame may be shrunk
-        truth = np.where(mask, truth, np.nan)
-        if not self.result.metric:
-            truth *= np.nanmedian(self.result.distance / truth)
-        return truth
-
-    @cached_property
-    def error(self) -> FloatArray | None:
-        """Distance over the true one, less one, (H, W), %; None if no truth is known."""
-        return None if self.truth is None else 100 * (self.result.distance / self.truth - 1)
-
-    @cached_property
-    def median_error(self) -> float | None:
-        """Median of |d - d*|/d*, %; None if no truth is known."""
-        return None if self.error is None else float(np.nanmedian(np.abs(self.error)))
+    uncertainty: Uncertainty | None = None
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -136,405 +102,317 @@ class Answer:
         return np.where(contradicts(problem, residual), 255 * residual, np.nan)
 
     @cached_property
-    def noise(self) -> float:
-        """Standard deviation of the picture's noise, stored values."""
-        return noise_left(self.result)[0]
+    def explained(self) -> float:
+        """Share of the picture's contrast that the surface explains."""
+        problem = self.result.problem
+        return explained_share(problem, self.residual / 255, self.still.noise)
 
     @cached_property
-    def grey_noise(self) -> float:
-        """The same of its grey values, see `explained_contrast`."""
-        return noise_of(self.result.problem)
-
-    @cached_property
-    def warnings(self) -> tuple[str, ...]:
-        """What can hardly be true of the result, a sentence each."""
-        return warnings(self.result)
-
-    @cached_property
-    def change(self) -> FloatArray | None:
-        """By what the quick answer differs from this one, (H, W), %; None if there was none of this size."""
-        if self.followed is None:
+    def errors(self) -> tuple[float, float] | None:
+        """Mean and median error of the distance, %, if the truth is known."""
+        if self.still.truth is None:
             return None
-        return 100 * (self.followed.distance / self.result.distance - 1)
+        error = 100 * np.abs(self.result.distance / self.still.truth - 1)
+        known = error[np.isfinite(error)]
+        return float(known.mean()), float(np.median(known))
+
+    @property
+    def is_final(self) -> bool:
+        """Whether its solver has come to its end."""
+        return self.stage in (Stage.KEPT, Stage.ANEW)
 
     @property
     def uses_lam(self) -> bool:
         """Whether its solver minimises an energy, which λ is part of."""
-        return self.settings.solver in FIRST_STEPS
-
-    @cached_property
-    def explained_contrast(self) -> float:
-        """Share of the picture's contrast that the surface explains."""
-        return explained_share(self.result.problem, self.residual / 255, self.grey_noise)
-
-    @cached_property
-    def residual_size(self) -> float:
-        """Root mean square of the residual, grey levels of 255."""
-        return float(np.sqrt(np.nanmean(self.residual**2)))
-
-    def pass_by(self, index: int) -> Answer:
-        """Return an iterate of the run, as an answer."""
-        iterate = self.path[index]
-        row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
-        result = Result(iterate, Status.STOPPED, [row], self.seconds)
-        return Answer(
-            self.settings, Stage.PASSED, self.seconds, self.subject, result, place=index + 1
-        )
-
-    def variants_of_lam(self) -> list[Answer]:
-        """Return what other λ give."""
-        labels = values_of_lam(self.settings.lam)
-        return [one for label, one in self.variants.items() if label in labels]
-
-    @cached_property
-    def roughness(self) -> float:
-        """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is cut."""
-        normals = self.result.normals
-        joined = links(self.result.mask, self.result.problem.cuts)
-        right = np.linalg.norm(np.diff(normals, axis=1), axis=-1)[joined[0, :, :-1]]
-        below = np.linalg.norm(np.diff(normals, axis=0), axis=-1)[joined[1, :-1]]
-        mean = np.mean(np.append(right, below))
-        return float(np.degrees(mean)) * px_per_reference(normals.shape)
+        return self.settings.solver in WITH_ENERGY
 
     @property
-    def spread(self) -> FloatArray:
-        """The greatest over the least of the distances that other λ give, less one, (H, W), %."""
-        several = [self, *self.variants_of_lam()]
-        logs = np.stack([one.result.iterate.log_distance for one in several])
-        return np.asarray(100 * np.expm1(logs.max(axis=0) - logs.min(axis=0)))
-
-    @property
-    def cut_count(self) -> int:
-        """Steps between pixels over which the surface is cut."""
-        cuts = self.result.problem.cuts
-        return 0 if cuts is None else int(cuts.sum())
-
-    @cached_property
     def contours(self) -> int:
-        """A number that is the same for the same cuts."""
+        """How many lines the surface is cut along."""
         cuts = self.result.problem.cuts
-        return 0 if cuts is None else hash(np.packbits(cuts).tobytes())
+        return 0 if cuts is None else int(label(cuts.any(axis=0), connectivity=2).max())
 
 
-def values_of_lam(lam: float) -> dict[str, float]:
-    """Return λ to be compared with one, and this one itself, by what they are called."""
-    values = (float(f"{lam * times:.2g}") if times != 1 else lam for times in LAM_FACTORS)
-    return {f"λ {value:.2g}": value for value in values}
+def shown_as(iterate: Iterate, seconds: float = 0.0) -> Result:
+    """Return an iterate of a run that goes on as a result."""
+    row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
+    return Result(iterate, Status.STOPPED, [row], seconds)
 
 
-def sentence_of(error: BaseException) -> str:
-    """Say an error in one line."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()) -> Answer:
+    """Find all anew, here and now: what `reconstruct` makes of the frame."""
+    saved = wish.solving_settings(subject)
+    known = saved.apply(subject.calibration)
+    steps = Path()
+    watch = [steps.add, *observers]
+    result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
+    path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
+    return Answer(wish, Stage.ANEW, Still.of(subject, result), result, path=path)
 
 
-class Tuner:
-    """Does what is asked for in two threads of its own.
+class Engine:
+    """Answers the newest wish in a thread of its own.
 
-    `tell` is given every `Answer`, and again when more is known of it, `refuse` a sentence for what cannot be
-    answered, in these threads.
-    Scenes are rendered by the calibration, at any size; ``Knobs(scene=None)`` looks at `frame`, whose
-    true distance, mm, is `truth`, (H, W).
+    `show` is told each answer there, `note` that more is known of λ, `refuse` a sentence for what cannot be
+    answered.
     """
 
     def __init__(
         self,
-        calibration: Calibration,
-        tell: Callable[[Answer], object] = lambda answer: None,
+        source: Source,
+        show: Callable[[Answer], object],
+        note: Callable[[], object] = lambda: None,
         refuse: Callable[[str], object] = lambda sentence: None,
-        *,
-        frame: Frame | None = None,
-        truth: FloatArray | None = None,
     ) -> None:
-        self.tell = tell
+        self.source = source  # to be replaced at any time
+        self.show = show
+        self.note = note
         self.refuse = refuse
-        self.source = Source(calibration, frame, truth)  # to be replaced at any time
-        self._looks = ThreadPoolExecutor(1, "endolab tuner looks")
-        self._pool = ThreadPoolExecutor(1, "endolab tuner")
-        self._asked = 0  # number of the last job; those before are stale
-        self._wished = 0  # number of the last wish, ...
-        self._answered = 0  # ... and of the last one that was answered or refused
-        self._job: Future[None] | None = None
-        self._answers: list[Answer] = []  # final ones, the last one at the end
-        self._following = threading.Lock()  # of the two below, which both threads change
-        self._last: Answer | None = None  # the last one at full size, a look as well
-        self._followed: Look | None = None  # what looks follow from
+        self.base: Answer | None = None  # whose light and contours are held
+        self.tried: list[Answer] = []  # with these
+        self._held: Held | None = None
+        self._look: Look | None = None
+        self._last: Iterate | None = None  # at full size, a look as well
+        self._wish: tuple[Knobs, int] | None = None  # and how often all was asked anew
+        self._asked: tuple[Knobs, int] | None = None  # the one that is being answered
+        self._anew = 0
+        self._found_anew = 0
+        self._jobs: list[Callable[[], object]] = []
+        self._done: tuple[Knobs, int] | None = None
+        self._news = threading.Condition()
+        self._ends = False
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
 
     # From any thread ---------------------------------------------------------------------
 
-    def do(self, job: Callable[[IsStale], object], name: str = "") -> None:
-        """Do a job in the tuner's thread, and drop what was asked for before; returns at once.
-
-        One that has a name is never dropped, and if it fails `refuse` is told.
-        """
-        self._asked += 1
-        number = self._asked
-
-        def is_stale() -> bool:
-            return self._asked != number
-
-        def run_it() -> None:
-            if is_stale() and not name:
-                return
-            try:
-                job(is_stale)
-            except Exception as error:  # whatever it is, the next wish may do better
-                self._answered = number
-                if name or not is_stale():
-                    sentence = sentence_of(error)
-                    self.refuse(f"{name}: {sentence}" if name else sentence)
-                raise
-
-        self._job = self._pool.submit(run_it)
-
-    def ask(self, settings: Knobs) -> None:
+    def ask(self, wish: Knobs, anew: bool = False) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
-        seen: Future[Answer | None] = Future()
-        self._wished = number = self._asked + 1
-        self.do(lambda is_stale: self._answer(settings, seen, number, is_stale))
-        self._looks.submit(self._look, settings, seen, number)
+        with self._news:
+            self._anew += anew
+            self._wish = (wish, self._anew)
+            self._news.notify_all()
 
-    @property
-    def waits(self) -> bool:
-        """Whether the last wish is still to be answered: any other job would drop it."""
-        return self._answered < self._wished
+    def do(self, job: Callable[[], object]) -> None:
+        """Do a job in the engine's thread, whatever is wished for meanwhile; returns at once."""
+        with self._news:
+            self._jobs.append(job)
+            self._news.notify_all()
 
-    def compare(self, answer: Answer, several: Mapping[str, Knobs]) -> None:
-        """Solve all of these with an answer's light and contours; tell it anew with each of its variants."""
-        self.do(lambda is_stale: self._vary(answer, several, is_stale))
-
-    def find_uncertainty(self, answer: Answer) -> None:
-        """Find how far an answer can be trusted, and tell it once more."""
-        believed = answer.settings.solving_settings(answer.subject).apply(
-            answer.subject.calibration
-        )
-
-        def job(is_stale: IsStale) -> None:
-            watch = [_watch(is_stale)]
-            with suppress(Stopped):  # only a wish that came since does that
-                answer.uncertainty = uncertainty_of(
-                    answer.result, believed, draws=PACE.draws, observers=watch
-                )
-                self.tell(answer)
-
-        self.do(job)
-
-    def wait(self, timeout: float | None = None) -> Answer:
-        """Wait so many seconds for the end of what was asked for last, and return the last final answer.
-
-        Raises ValueError, in one sentence, if there is none to that.
-        """
-        job = None
-        while self._job is not None and job is not self._job:  # another may come meanwhile
-            job = self._job
-            try:
-                job.result(timeout)
-            except TimeoutError:
-                raise TimeoutError(f"no answer in {timeout} s") from None
-            except Exception as error:
-                if job is self._job:
-                    raise ValueError(sentence_of(error)) from error
-        if not self._answers:
-            raise ValueError("nothing was asked for")
-        return self._answers[-1]
-
-    def solve_cold(
-        self,
-        settings: Knobs,
-        observers: Iterable[Observer] = (),
-        subject: Subject | None = None,
-        **options: Any,
-    ) -> Answer:
-        """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish.
-
-        Another `subject` can be looked at, with other `options` of `reconstruct`.
-        """
-        subject = subject or self.source.subject(settings)
-        started = time.perf_counter()
-        saved = settings.solving_settings(subject)
-        known = saved.apply(subject.calibration)
-        keywords = {**saved.keywords, **options}
-        path = Path()
-        observers = [*observers, path.add]
-        result = reconstruct(subject.frame, known, observers=observers, **keywords)
-        seconds = time.perf_counter() - started
-        return Answer(settings, Stage.FINAL, seconds, subject, result, path=path.iterates)
+    def wait(self, timeout: float | None = None) -> None:
+        """Wait until the last wish and all jobs are done; TimeoutError after so many seconds."""
+        with self._news:
+            idle = self._news.wait_for(
+                lambda: self._done == self._wish and not self._jobs, timeout
+            )
+        if not idle:
+            raise TimeoutError(f"no answer in {timeout} s")
 
     def close(self) -> None:
-        """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
-        self._asked += 1
-        self._looks.shutdown()
-        self._pool.shutdown()
+        """Stop what is being solved, and end the thread."""
+        with self._news:
+            self._ends = True
+            self._wish = None
+            self._news.notify_all()
+        self._thread.join()
 
-    # In the first thread -----------------------------------------------------------------
+    def suggested(self, answer: Answer) -> tuple[float | None, bool]:
+        """Return the largest λ that explains enough, with this answer's solver, and whether more may do."""
+        curve = self.curve_of(answer)
+        lams = [one.settings.lam for one in curve]
+        return suggest_lam(lams, [one.explained for one in curve])
 
-    def _look(self, settings: Knobs, seen: Future[Answer | None], number: int) -> None:
-        """Tell what a step on few pixels makes of the last answer; None if no look can follow from it.
+    def recall(self, wish: Knobs) -> Answer | None:
+        """Return what was solved for a wish, if it was, with what is held."""
+        return next((one for one in self.tried if one.settings == wish), None)
 
-        It takes one core: the other draws the look before, and a page needs some, too.
-        """
-        started = time.perf_counter()
-        try:
-            answer = None
-            with self._following, limit_threads(1):
-                last = self._last
-                followed = self._followed
-                is_due = number == self._asked and self._recall(settings) is None
-                if is_due and last and followed and self._follows(settings, last):
-                    iterate = followed.follow(_with_energy(last, settings))
-                    row = {"k": 0, "energy": iterate.energy, **iterate.terms}
-                    seconds = time.perf_counter() - started
-                    result = Result(iterate, Status.STOPPED, [row], seconds)
-                    answer = Answer(settings, Stage.LOOK, seconds, last.subject, result)
-                    answer.noise = last.noise  # as the picture is the same
-                    answer.grey_noise = last.grey_noise
-                    self._last = answer
-            if answer is not None:
-                self.tell(answer)
-            seen.set_result(answer)
-        except Exception as error:  # the second thread says it
-            seen.set_exception(error)
+    def curve_of(self, answer: Answer) -> list[Answer]:
+        """Return what was solved that differs from an answer by λ alone, by λ."""
+        like = [
+            one
+            for one in self.tried
+            if replace(one.settings, lam=answer.settings.lam) == answer.settings
+        ]
+        return sorted(like, key=lambda one: one.settings.lam)
 
-    def _recall(self, settings: Knobs) -> Answer | None:
-        """Return the final answer of these settings, if it is remembered."""
-        for known in self._answers:
-            if known.settings == settings and known.subject is self.source.subject(
-                settings
-            ):
-                return known
-        return None
+    # In the engine's thread --------------------------------------------------------------
 
-    def _follows(self, settings: Knobs, last: Answer) -> bool:
-        """Whether a wish differs from the last answer by the energy alone, and its solver has one."""
-        energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
-        return (
-            settings.solver in FIRST_STEPS
-            and settings == replace(last.settings, **energy)
-            and last.subject is self.source.subject(settings)
-        )
-
-    # In the second thread ----------------------------------------------------------------
-
-    def _answer(
-        self,
-        settings: Knobs,
-        seen: Future[Answer | None],
-        number: int,
-        is_stale: IsStale,
-    ) -> None:
-        """Answer a wish: what follows from the last answer, or a first look; then the final answer."""
-        subject = self.source.subject(settings)
-        kept = None
-        try:
-            look = seen.result()
-            known = self._recall(settings)
-            if known is not None:
-                self._finish(replace(known), number, is_stale)
-                return
-            if look is None:
-                self._first_look(subject, settings, is_stale)
-            elif _rests(is_stale):
-                kept = self._settle(look, is_stale)
-        except Exception as error:  # the whole frame may do better
-            self.refuse(f"there is no first look: {sentence_of(error)}")
-        if is_stale():
-            return
-
-        def tell(sofar: Result) -> None:
-            if kept is None:
-                self.tell(Answer(settings, Stage.SOFAR, sofar.seconds, subject, sofar))
-
-        answer = self.solve_cold(settings, [_watch(is_stale, tell)], subject)
-        if is_stale():
-            return
-        answer.followed = kept
-        self._finish(answer, number, is_stale)
-
-    def _finish(self, answer: Answer, number: int, is_stale: IsStale) -> None:
-        """Tell a final answer, remember it as the last one, and have looks follow from it."""
-        others = [known for known in self._answers if known.settings != answer.settings]
-        for known in others:  # what is large
-            known.variants = {}
-            known.path = ()
-        self._answers = [*others[-PACE.remembered :], answer]
-        self._answered = number
-        self.tell(answer)
-        followed = None
-        if answer.settings.solver in FIRST_STEPS:
-            followed = Look(answer.result.iterate)
-        with self._following:
-            if is_stale():
-                return
-            self._last = answer
-            self._followed = followed
-        if followed is not None:
-            lams = values_of_lam(answer.settings.lam).items()
-            several = {label: replace(answer.settings, lam=lam) for label, lam in lams}
-            self._pool.submit(self._vary, answer, several, is_stale)  # when there is time
-
-    def _settle(self, seen: Answer, is_stale: IsStale) -> Result:
-        """Solve the problem that was looked at, and tell what is found if no other wish came."""
-        kept = solve_warm(seen, seen.settings, is_stale)
-        result = kept.result
-        with self._following:
-            if is_stale():
-                return result
-            self._last = kept
-            if self._followed is not None:
-                self._followed.start_from(result.iterate)
-        self.tell(kept)
-        return result
-
-    def _vary(
-        self, answer: Answer, several: Mapping[str, Knobs], is_stale: IsStale
-    ) -> None:
-        """Tell an answer once more with each variant that it has not yet."""
-        for label, settings in several.items():
-            if label in answer.variants or settings == answer.settings:
-                continue
+    def _work(self) -> None:
+        while True:
+            with self._news:
+                self._news.wait_for(
+                    lambda: self._ends or self._jobs or self._wish != self._done
+                )
+                if self._ends:
+                    return
+                wish = self._wish if self._wish != self._done else None
+                job = None if wish else self._jobs[0]
             try:
-                found = solve_warm(answer, settings, is_stale)
-            except ValueError as error:
-                self.refuse(f"{label}: {sentence_of(error)}")
-                continue
-            if is_stale():
-                return
-            answer.variants = answer.variants | {label: found}
-            self.tell(answer)
+                if job is not None:
+                    job()
+                elif wish is not None:
+                    self._answer(*wish)
+            except Exception as error:  # whatever it is, the next wish may do better
+                self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
+            with self._news:
+                if job is not None:
+                    self._jobs.remove(job)
+                else:
+                    self._done = wish
+                self._news.notify_all()
 
-    def _first_look(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> None:
-        """Tell what one channel says at half the size without contours, if there is a point in that."""
-        if settings.width < PACE.least_width:
+    def is_stale(self) -> bool:
+        """Whether a newer wish has come than the one that is being answered."""
+        return self._wish != self._asked
+
+    def _answer(self, wish: Knobs, anew: int) -> None:
+        self._asked = (wish, anew)
+        base = self.base
+        subject = self.source.subject(wish)
+        if (
+            base is None
+            or anew != self._found_anew
+            or subject is not base.still.subject
+            or not wish.follows(base.settings)
+        ):
+            answer = self._find_anew(wish, subject)
+            self._found_anew = anew
+        else:
+            answer = self.recall(wish) or self._follow(wish)
+        if answer is None:
             return
-        options: dict[str, Any] = {"width": min(settings.width, subject.frame.width) // 2}
-        options["contours"] = False
-        if settings.uses_colours and subject.frame.image.ndim == 3:
-            options["channel"] = "green"
-        if settings.solver in FIRST_STEPS:
-            options["max_iterations"] = FIRST_STEPS[settings.solver]
-        first = self.solve_cold(settings, [_watch(is_stale)], subject, **options)
-        if not is_stale():
-            self.tell(replace(first, stage=Stage.FIRST))
+        if self.recall(wish) is None:
+            self.tried.append(answer)
+        self._last = answer.result.iterate
+        if self._look is not None:
+            self._look.start_from(self._last)
+        self.show(answer)
+        self.note()
+        if answer.uses_lam:
+            self._try_others(answer)
 
+    def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
+        """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
+        base = self.base
+        tell = None
+        shape = None
+        if base is not None and subject is base.still.subject:
+            shape = base.result.mask.shape
+            tell = self._show_long(wish, base.still, None)
 
-def _with_energy(last: Answer, settings: Knobs) -> Problem:
-    """The last answer's problem, with the energy that is wished for."""
-    energy = {name: getattr(settings, name) for name in ENERGY_KNOBS}
-    return replace(
-        last.result.problem, **energy | {"regulariser": settings.used_regulariser}
-    )
+        def watch(iterate: Iterate) -> bool:
+            if tell is not None and iterate.mask.shape == shape:
+                tell(iterate)
+            return self.is_stale() and base is not None
 
+        answer = solve_anew(wish, subject, [watch])
+        if self.is_stale() and base is not None:
+            return None
+        result = answer.result
+        light = wish.solving_settings(subject).apply(subject.calibration).photometry
+        self._held = Held(result.problem, light, result.iterate.log_distance)
+        self.base = answer
+        self.tried = []
+        self._look = Look(result.iterate) if answer.uses_lam else None
+        return answer
 
-def solve_warm(
-    answer: Answer, settings: Knobs, is_stale: IsStale = lambda: False
-) -> Answer:
-    """Solve what is wished for from an answer, with its light and contours."""
-    before = answer.result
-    problem = _with_energy(answer, settings)
-    start = before.iterate.log_distance
-    halvings = 0 if answer.stage == Stage.LOOK else DESCENT.like_halvings
-    steps = gauss_newton(problem, start=start, settled=PACE.settled, halvings=halvings)
-    result = run(steps, [_watch(is_stale)])
-    return Answer(settings, Stage.KEPT, result.seconds, answer.subject, result)
+    def _follow(self, wish: Knobs) -> Answer | None:
+        """Show what follows at once; once the hand rests, solve at full size. None if a newer wish came."""
+        base = self.base
+        assert base is not None
+        assert self._held is not None
+        if wish.solver == FOLLOWS and self._look is not None:
+            saved = wish.solving_settings(base.still.subject)
+            light = saved.apply(base.still.subject.calibration).photometry
+            problem = self._held.problem_with(wish, light)
+            started = time.perf_counter()
+            with limit_threads(1):
+                iterate = self._look.follow(problem)
+            self._last = iterate
+            seconds = time.perf_counter() - started
+            sofar = shown_as(iterate, seconds)
+            look = Answer(wish, Stage.LOOK, base.still, sofar, self._held)
+            self.show(look)
+            if not self._rests():
+                return None
+        return self.solve_held(wish, [self._show_long(wish, base.still, self._held)])
+
+    def _show_long(self, wish: Knobs, still: Still, held: Held | None) -> Observer:
+        """Show the iterates of a solver that has no looks, as they come; stop when a newer wish came."""
+        told = time.perf_counter()
+
+        def watch(iterate: Iterate) -> bool:
+            nonlocal told
+            now = time.perf_counter()
+            if wish.solver != FOLLOWS and now - told > 0.06:
+                self._last = iterate
+                sofar = shown_as(iterate)
+                self.show(Answer(wish, Stage.ITERATE, still, sofar, held))
+                told = time.perf_counter()
+            return self.is_stale()
+
+        return watch
+
+    def solve_held(self, wish: Knobs, observers: Iterable[Observer] = ()) -> Answer | None:
+        """Solve with what is held; None if a newer wish came.
+
+        Gauss-Newton begins where light and contours were found; the paper's path is slow, and goes on from
+        what is shown.
+        """
+        base = self.base
+        assert base is not None
+        assert self._held is not None
+        saved = wish.solving_settings(base.still.subject)
+        held = self._held
+        if wish.solver == "primal_dual" and self._last is not None:
+            held = replace(held, start=self._last.log_distance)
+        steps = Path()
+        result = reconstruct(
+            base.still.subject.frame,
+            saved.apply(base.still.subject.calibration),
+            held=held,
+            observers=[*observers, steps.add],
+            **saved.keywords,
+        )
+        if self.is_stale():
+            return None
+        return Answer(wish, Stage.KEPT, base.still, result, held, steps.iterates)
+
+    def _rests(self) -> bool:
+        """Wait until the hand rests; return whether it does."""
+        with self._news:
+            return not self._news.wait_for(lambda: self._ends or self.is_stale(), REST)
+
+    def _try_others(self, answer: Answer) -> None:
+        """Solve for other λ, and on to the right until too little is explained."""
+        wish = answer.settings
+        wanted = [wish.lam * factor for factor in LAM_FACTORS]
+
+        def stop(iterate: Iterate) -> bool:
+            return self.is_stale()
+
+        while wanted:
+            lam = float(f"{wanted.pop(0):.2g}")
+            other = replace(wish, lam=lam)
+            if not 0 < lam <= LARGEST_LAM:
+                continue
+            if self.recall(other) is None:
+                found = self.solve_held(other, [stop])
+                if found is None:
+                    return
+                found.path = ()
+                self.tried.append(found)
+                self.note()
+            curve = self.curve_of(answer)
+            if not wanted and curve[-1].explained >= ENOUGH_CONTRAST:
+                wanted.append(3.2 * curve[-1].settings.lam)
+
+    def find_uncertainty(self, answer: Answer) -> None:
+        """Find how far an answer can be trusted, in this thread, and show it once more."""
+        subject = answer.still.subject
+        known = answer.settings.solving_settings(subject).apply(subject.calibration)
+        answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
+        self.show(answer)
 
 
 class Path:
@@ -551,34 +429,25 @@ class Path:
             self.iterates.pop()  # which was the last one, and is no more
         self.iterates.append(iterate)
         self._count += 1
-        if len(self.iterates) > PACE.path_length:
+        if len(self.iterates) > PATH_LENGTH:
             self.iterates = self.iterates[:-1:2] + self.iterates[-1:]
             self._step *= 2
 
 
-def _rests(is_stale: IsStale) -> bool:
-    """Wait until the hand rests; return whether it does."""
-    end = time.perf_counter() + PACE.rest
-    while time.perf_counter() < end:
-        if is_stale():
-            return False
-        time.sleep(PACE.rest / 20)
-    return True
-
-
-def _watch(
-    is_stale: IsStale, tell: Callable[[Result], object] | None = None
-) -> Callable[[Any], bool]:
-    """Stop a solve that is stale, and tell now and then what a long one has so far."""
-    started = last_told = time.perf_counter()
-
-    def watch(iterate: Iterate) -> bool:
-        nonlocal last_told
-        now = time.perf_counter()
-        if tell is not None and now - last_told > PACE.picture_interval and not is_stale():
-            row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
-            tell(Result(iterate, Status.STOPPED, [row], now - started))
-            last_told = time.perf_counter()
-        return is_stale()
-
-    return watch
+def variants(
+    answer: Answer, lams: Iterable[float], regularisers: Iterable[str]
+) -> list[Answer]:
+    """Solve for each regulariser and λ with an answer's light and contours."""
+    problem = answer.result.problem
+    held = Held(problem, problem.photometry, answer.result.iterate.log_distance)
+    found = []
+    for regulariser in regularisers:
+        start = held.start
+        for lam in lams:
+            changes: dict[str, Any] = {"lam": lam, "regulariser": regulariser}
+            wish = replace(answer.settings, **changes)
+            steps = solve(held.problem_with(wish, held.light), start=start)
+            result = run(steps)
+            start = result.iterate.log_distance  # neighbours are near
+            found.append(Answer(wish, Stage.KEPT, answer.still, result, held))
+    return found

@@ -70,7 +70,6 @@ class Page:
         self._ended = asyncio.Event()
         self._pages: set[_Channel] = set()
         self._ending: asyncio.TimerHandle | None = None
-        self._asker: _Channel | None = None  # whose message is being answered
 
     def run(self, on_open: Callable[[], object] = lambda: None) -> None:
         """Serve; `on_open` is called when pages can be opened."""
@@ -79,8 +78,9 @@ class Page:
 
         class Comm(BaseComm):
             def publish_msg(self, msg_type: str, *given: Any, **message: Any) -> None:
-                if msg_type == "comm_msg":
-                    page.send(self.comm_id, message["data"], message["buffers"] or [])
+                data = message.get("data") or {}
+                if data.get("method") == "custom":
+                    page.send({"content": data["content"]}, message["buffers"] or [])
 
         comm.create_comm = Comm
         try:
@@ -114,39 +114,31 @@ class Page:
 
     # Between widgets and pages -----------------------------------------------------------
 
-    def send(self, widget: str, data: dict[str, Any], buffers: Sequence[Any]) -> None:
-        """Tell all pages what has changed of a widget, from any thread; who changed it knows it already."""
-        asker = self._asker if data["method"] == "echo_update" else None
-        message = {key: data[key] for key in ("state", "buffer_paths")} | {"id": widget}
-        parts: list[str | bytes] = [json.dumps(message), *map(bytes, buffers)]
+    def send(self, message: dict[str, Any], buffers: Sequence[Any]) -> None:
+        """Tell all pages, from any thread."""
+        parts: list[str | bytes] = [
+            json.dumps(message | {"buffers": len(buffers)}),
+            *map(bytes, buffers),
+        ]
         with suppress(RuntimeError):  # all has ended, and what is closed says so to nobody
-            self._loop.call_soon_threadsafe(self._tell, parts, asker)
+            self._loop.call_soon_threadsafe(self._tell, parts)
 
-    def _tell(self, parts: Sequence[str | bytes], asker: _Channel | None) -> None:
-        for page in self._pages - {asker}:
+    def _tell(self, parts: Sequence[str | bytes]) -> None:
+        for page in self._pages:
             page.tell(*parts)
 
-    def take(self, content: str | bytes, page: _Channel) -> None:
-        """Do what a page says, and tell it when that is done."""
-        message = json.loads(content)
-        widget = comm.get_comm_manager().comms[message["id"]]
-        self._asker = page
-        try:
-            widget.handle_msg({"content": {"data": message["data"]}, "buffers": []})
-        finally:
-            self._asker = None
-        if message["data"]["method"] == "update":
-            self._loop.call_soon(page.tell, json.dumps({"id": message["id"], "done": True}))
+    def take(self, content: Any, buffers: list[bytes]) -> None:
+        """Do what a page says."""
+        data = {"method": "custom", "content": content}
+        self.widget.comm.handle_msg({"content": {"data": data}, "buffers": buffers})
 
     def join(self, page: _Channel) -> None:
-        """Add a page, and tell all there is: what a widget holds first."""
+        """Add a page, and give it the widget."""
         if self._ending is not None:
             self._ending.cancel()
         self._pages.add(page)
-        held = self.widget.trait_values().values()
-        for widget in (*held, self.widget):
-            if isinstance(widget, AnyWidget):
-                widget.send_state()
+        state = {name: self.widget.get_state()[name] for name in ("_esm", "_css", "facts")}
+        page.tell(json.dumps({"state": state, "buffers": 0}))
 
     def leave(self, page: _Channel) -> None:
         """Forget a page; the last one ends all."""
@@ -164,7 +156,6 @@ class _Whole(tornado.web.RequestHandler):
 
     def get(self) -> None:
         script = HERE.with_name("page.js").read_text(encoding="utf-8")
-        script = script.replace("WIDGET", self.page.widget.model_id)
         channel = (self.page.origin or "").replace("http", "ws", 1)
         self.set_header("Content-Security-Policy", CONTENT_POLICY % channel)
         self.set_header("Cache-Control", "no-store")
@@ -194,7 +185,13 @@ class _Channel(tornado.websocket.WebSocketHandler):
 
     def on_message(self, message: str | bytes) -> None:
         try:
-            self.page.take(message, self)
+            if isinstance(message, str):
+                self._said = json.loads(message)
+                self._parts: list[bytes] = []
+            else:
+                self._parts.append(message)
+            if len(self._parts) == self._said["buffers"]:
+                self.page.take(self._said["content"], self._parts)
         # The page lives on, and what it sent, with its address, is nobody's.
         except Exception as error:
             sentence = f"endolab: a page sent what cannot be read: {type(error).__name__}"

@@ -19,6 +19,20 @@ from endolab.reconstruction.settings import Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
+# Knobs of the energy and of the light's law: light that bounced and contours stay while these are turned.
+FOLLOWED = (
+    "lam",
+    "regulariser",
+    "xi",
+    "epsilon",
+    "threshold",
+    "k",
+    "gamma",
+    "gain",
+    "solver",
+    "max_iterations",
+)
+
 
 @dataclass(frozen=True)
 class Knobs(Settings):
@@ -39,6 +53,11 @@ class Knobs(Settings):
     def __post_init__(self) -> None:
         """Options are checked when they are solved with: what is wrong is said as all else that is."""
 
+    def follows(self, other: Knobs) -> bool:
+        """Whether what the machine found of light and contours stays, from the other position to this."""
+        followed = {name: getattr(self, name) for name in FOLLOWED}
+        return replace(other, **followed) == self
+
     def solving_settings(self, subject: Subject) -> SolvingSettings:
         """Say the same as settings that ``endolab reconstruct --settings`` takes.
 
@@ -54,40 +73,6 @@ class Knobs(Settings):
         if known.photometry.gain is not None and self.gain != 1:
             light["gain"] = known.photometry.gain * self.gain
         return SolvingSettings(_without_none(chosen), _without_none(light))
-
-    def code(self, subject: Subject) -> str:
-        """Three lines of Python that make the same result with the tuner's calibration.
-
-        They need the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
-        scene is rendered, `frame`; they leave `result`.
-        """
-        saved = self.solving_settings(subject)
-        source = "calibration"
-        frame = "frame"
-        lines = []
-        if self.scene is not None:
-            camera = subject.calibration.camera
-            resized = f"calibration.camera.resize({camera.width}, {camera.height})"
-            lit = f"calibration.photometry, noise={self.noise!r}"
-            lines = [f"view = el.render(el.SCENES[{self.scene!r}], {resized}, {lit})"]
-            source = "view"
-            frame = "el.Frame(view.image, view.mask)"
-        light = saved.photometry
-        believed: dict[str, str] = {}
-        for name in ("k", "gamma"):
-            if name in light:
-                believed[name] = repr(light[name])
-        if "gain" in light:
-            believed["gain"] = f"{source}.photometry.gain * {self.gain!r}"
-        if "albedo" in light:
-            believed["brdf"] = f"el.Lambertian({self.albedo!r})"
-        photometry = f"{source}.photometry"
-        if believed:
-            changes = ", ".join(f"{name}={value}" for name, value in believed.items())
-            photometry = f"replace({photometry}, {changes})"
-        lines.append(f"known = el.Calibration({source}.camera, {photometry})")
-        given = ", ".join(f"{name}={value!r}" for name, value in saved.keywords.items())
-        return "\n".join([*lines, f"result = el.reconstruct({frame}, known, {given})"])
 
 
 def _without_none(values: dict[str, Any]) -> dict[str, Any]:

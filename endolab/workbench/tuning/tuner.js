@@ -1,20 +1,17 @@
-// The page's part of widget.py: knobs and buttons, a line, and a picture whose maps share a cursor and whose titles
-// open a list. Jupyter holds a change back while the kernel works on the last one, and then sends the latest only:
-// neither a drag nor a cursor builds up a queue.
-const KEYS = { a: ["keep"], b: ["blink"], d: ["show", "A beside B"], n: ["step", 1], p: ["step", -1],
-  r: ["reset"], u: ["undo"], x: ["drop"] };
-const HELP = { A: "keep as A, once the answer is final", B: "A or B", D: "A beside B", X: "drop A",
-  C: "compare five λ, or end that", V: "3D from the camera, or from outside", "P, N": "frame before, frame after",
-  U: "undo", R: "reset all knobs", "?": "these keys", "drag on a map": "lay the section",
-  "wheel on a map": "zoom; with shift, drag it; double click for all", "click on a title": "show another picture" };
+// The tuner's page, on top of board.js: knobs, one row of words, six panels. Python (or the file itself, see player.js)
+// sends numbers, the page draws them. What is said comes as messages of which any part may be missing:
+//   number, moving     of the picture; `painted` goes back once it is on the screen, and the next one may come
+//   still              width, height, unit and the window of the frame; arrays picture, rays, cuts, truth
+//   maps               of each its title, unit, palette, low, high, log, keys; arrays of the same names
+//   line, badge, chips, label, knobs, curve, energy, path
+const KEYS = { Enter: ["anew"], n: ["step", 1], p: ["step", -1], r: ["reset"], u: ["undo"] };
+const HELP = { Enter: "ask anew: light, contours, scales as the knobs are now", A: "keep as A, or drop it", V: "3D from the camera, or from outside",
+  "P, N": "frame before, frame after", U: "undo", R: "reset all knobs", "?": "these keys", "click on a map": "lay the section",
+  "click on a dot": "take its λ", "wheel on a map": "zoom; with shift, drag it; double click for all", "a panel's title": "show something else there" };
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
-const COMPARE = { "compare ...": "", "five λ": "lam", regularisers: "regulariser" };
-
-const add = (tag, name, to, more = {}) => {
-  const node = to.appendChild(document.createElement(tag));
-  node.className = name;
-  return Object.assign(node, more);
-};
+const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"];
+const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
+const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97];
 
 // Adds one knob; returns what shows a value in it. `turn` is called with another.
 function knob({ name, label, tip, options, range, log, hint, first }, to, turn) {
@@ -28,7 +25,7 @@ function knob({ name, label, tip, options, range, log, hint, first }, to, turn) 
     select.onchange = () => turn(JSON.parse(select.value));
     return (value) => { select.value = JSON.stringify(value); };
   }
-  const line = add("input", "", box, { ariaLabel: label, placeholder: hint ?? "" }), digits = log ? 2 : 6;
+  const line = add("input", "", box, { ariaLabel: label, placeholder: hint ?? "" });
   line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); }; // JupyterLab keeps Enter's own effect
   if (!range) {
     line.onchange = () => {
@@ -39,272 +36,455 @@ function knob({ name, label, tip, options, range, log, hint, first }, to, turn) 
   }
   const [min, max, step] = range, slider = add("input", "", box, { type: "range", min, max, step, ariaLabel: label });
   const give = (value) => turn(value === first ? null : value);
-  slider.oninput = () => give(Number((log ? 10 ** slider.value : Number(slider.value)).toPrecision(digits)));
-  const show = (value) => {
-    line.value = Number((value ?? first).toPrecision(6));
-    slider.value = log ? Math.log10(value) : value ?? first;
+  slider.oninput = () => {
+    const value = Number((log ? 10 ** slider.value : Number(slider.value)).toPrecision(log ? 2 : 6));
+    line.value = value;
+    give(value);
   };
   line.onchange = () => {
     const value = Number(line.value);
     if (line.value.trim() && Number.isFinite(value) && (!log || value > 0)) give(value);
     else slider.oninput();
   };
-  return show;
+  return (value) => {
+    line.value = Number((value ?? first).toPrecision(6));
+    slider.value = log ? Math.log10(value) : value ?? first;
+  };
 }
 
 function render({ model, el }) {
-  const root = add("div", "endolab-tuner", el);
-  const lost = add("div", "endolab-lost", root, { hidden: true });
-  lost.textContent = "The kernel that drew this is gone: run the cell again.";
-  const bars = add("div", "endolab-bars", root), stage = add("div", "endolab-stage", root);
-  const image = add("img", "endolab-picture", stage, { draggable: false });
+  const root = add("div", "endolab-tuner", el), facts = model.get("facts");
+  const palettes = Object.fromEntries(Object.entries(facts.palettes).map(([name, colours]) => [name, Uint32Array.from(colours)]));
+  const now = root.endolab = { arrays: {}, maps: {}, knobs: {}, chips: [] }; // all that is known; tests read it here
+  let kept, box, cursor, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 }, scales = {}, held = {};
+  const send = (action, ...given) => model.send({ do: action, given });
+
+  // Above the panels
+  const lost = add("div", "endolab-lost", root, { hidden: true, textContent: "The kernel that drew this is gone: run the cell again." });
+  const [sight, advanced, actions, status] = ["knobs", "advanced endolab-knobs", "actions", "status"].map((name) => add("div", `endolab-${name}`, root));
   const keys = add("div", "endolab-keys", root, { hidden: true });
   for (const [key, does] of Object.entries(HELP)) {
     add("b", "", keys, { textContent: key });
     add("span", "", keys, { textContent: does });
   }
-  const show_keys = () => { keys.hidden = !keys.hidden; };
-  keys.onclick = show_keys;
-  const marks = add("div", "endolab-marks", stage), place3d = add("div", "endolab-3d", stage);
-  const act = (...action) => model.send(action);
-  const tell = (name, value) => { model.set(name, value); model.save_changes(); };
-  const listen = [["comm_live_update", () => { lost.hidden = false; }]];
-  const follow = (names, action) => {
-    for (const name of names) listen.push([`change:${name}`, action]);
-    action();
-  };
-
-  // Above the panels
-  const rows = ["knobs", "actions", "advanced endolab-knobs"].map((name) => add("div", `endolab-${name}`, bars));
-  const [sight, actions, advanced] = rows;
-  const button = (name, title, action, to) => add("button", "", to, { textContent: name, title, onclick: action });
-  const shown = model.get("specs").map((spec) => [spec.name, knob(spec, spec.hidden ? advanced : sight, (value) => {
-    model.set("knobs", { ...model.get("knobs"), [spec.name]: value });
-    model.save_changes();
+  keys.onclick = () => { keys.hidden = true; };
+  const shown = facts.specs.map((spec) => [spec.name, knob(spec, spec.hidden ? advanced : sight, (value) => {
+    now.knobs = { ...now.knobs, [spec.name]: value };
+    send("turn", now.knobs);
   })]);
-  follow(["knobs"], () => {
-    for (const [name, show] of shown) show(model.get("knobs")[name]);
-  });
-  button("reset", "All knobs as they were at first.", () => act("reset"), sight);
-  const status = add("div", "endolab-status", bars);
-  follow(["line"], () => {
-    const { text, warnings, wrong, low } = model.get("line");
-    const open = [...status.querySelectorAll("[open] summary")].map((one) => one.textContent);
-    status.replaceChildren();
-    add("span", wrong ? "endolab-wrong" : low ? "endolab-low" : "", status, { textContent: text ?? "solving ..." });
-    for (const { chip, text: sentence } of warnings ?? []) {
-      const details = add("details", "endolab-chip", status, { open: open.includes(chip) });
-      add("summary", "", details, { textContent: chip });
-      add("div", "", details, { textContent: sentence });
-    }
-  });
-  button("undo", "Back to the answer before; Ctrl-Z.", () => act("undo"), actions);
-  const keep = button("keep as A", "Keep this answer, to compare it with what comes; key A, and X drops it.",
-    () => act(model.get("shows") ? "drop" : "keep"), actions);
-  const sides = ["A", "B", "A beside B"].map((side) => button(side, "What is shown; B blinks, D is both.",
-    () => act("show", side), actions));
-  follow(["shows"], () => {
-    const shows = model.get("shows");
-    keep.textContent = shows ? "drop A" : "keep as A";
-    for (const side of sides) {
-      side.hidden = !shows;
-      side.ariaPressed = String(side.textContent === shows);
-    }
-  });
-  const compare = add("select", "", actions, { title: "Answers side by side on one scale; a click takes one over." });
-  for (const [text, what] of Object.entries(COMPARE)) compare.add(new Option(text, what));
-  compare.onchange = () => act("compare", compare.value);
-  follow(["compared"], () => { compare.value = model.get("compared"); });
-  const preset = add("select", "", actions, { title: "All options at once." });
-  for (const name of ["preset ...", ...model.get("presets")]) preset.add(new Option(name, name));
-  preset.onchange = () => {
-    if (preset.selectedIndex) act("preset", preset.value);
-    preset.selectedIndex = 0;
-  };
-  const path = add("label", "endolab-path", actions, { title: "The iterates of the last run: drag to see its path." });
-  const scrub = add("input", "", path, { type: "range", min: 1, ariaLabel: "iterate" }), place_in = add("span", "", path);
-  scrub.oninput = () => tell("scrub", Number(scrub.value));
-  follow(["path", "path_place", "path_text"], () => {
-    path.hidden = model.get("path") < 2;
-    scrub.max = model.get("path");
-    scrub.value = model.get("path_place");
-    place_in.textContent = model.get("path_text");
-  });
   advanced.hidden = true;
-  button("advanced", "All other knobs, and the code.", () => { advanced.hidden = !advanced.hidden; }, actions);
-  const folder = add("input", "endolab-folder", actions, { value: "tuned", title: "The folder that is exported into." });
-  button("export", "Write what is shown: pictures, cloud, depth, settings, code and recording.",
-    () => act("export_aside", folder.value), actions);
-  button("?", "All keys.", show_keys, actions);
-  button("find σ", "Find how far this answer can be trusted, pixel by pixel.", () => act("find_uncertainty"), advanced);
-  const code = add("textarea", "", advanced, { readOnly: true, title: "What makes the answer that is shown." });
-  follow(["code"], () => { code.value = model.get("code"); });
+  const button = (name, title, action, to = actions) => add("button", "", to, { textContent: name, title, onclick: action });
+  const live = add("span", "endolab-live", actions, { hidden: facts.alone });
+  button("ask anew", "Find light, contours and scales again, with the knobs as they are; Enter.", () => send("anew"), live).className = "endolab-anew";
+  button("undo", "Back to the knobs before; U.", () => send("undo"), live);
+  button("reset", "All knobs as they were at first; R.", () => send("reset"), live);
+  const preset = add("select", "", live, { title: "All options at once." });
+  for (const name of ["preset ...", ...facts.presets]) preset.add(new Option(name));
+  preset.onchange = () => { send("preset", preset.value); preset.selectedIndex = 0; };
+  const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.", () => keep_or_drop());
+  const side = add("input", "endolab-wipe", actions, { type: "range", min: 0, max: 1, step: 0.01, value: 0.5, hidden: true, ariaLabel: "wipe",
+    title: "Left of this the maps show A, right of it B." });
+  side.oninput = () => { wipe = Number(side.value); draw(); };
+  const film = add("span", "endolab-film", live, { hidden: true });
+  const play = button("▶", "Play the way of the solver to this answer.", () => toggle(), film);
+  const place = add("input", "", film, { type: "range", min: 1, step: 1, ariaLabel: "iterate" }), says = add("span", "", film);
+  place.oninput = () => send("iterate", Number(place.value));
+  let playing = 0;
+  const toggle = (on = !playing) => {
+    clearInterval(playing);
+    playing = on ? setInterval(() => { place.value = Number(place.value) % place.max + 1; place.oninput(); }, 120) : 0;
+    play.textContent = on ? "⏸" : "▶";
+  };
+  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => send("sigma"), live);
+  const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
+  button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
+    async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
+  button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
+  button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
+  const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "", status);
 
-  // JupyterLab leaves arrows to who has the focus.
-  for (const one of bars.querySelectorAll("input, select, button")) one.dataset.lmSuppressShortcuts = "true";
-
-  // The panels
-  let url, cursor, held = false;
-  let reads = false, waits = false; // a picture is being read; a newer one is there
-  const show = () => {
-    const [width, height, ratio] = model.get("size"), old = url;
-    waits = reads;
-    if (!width || reads) return;
-    reads = true;
-    url = URL.createObjectURL(new Blob([model.get("picture")], { type: "image/jpeg" }));
-    image.onload = image.onerror = () => {
-      URL.revokeObjectURL(old);
-      reads = false;
-      if (waits) show();
-    };
-    image.src = url;
-    Object.assign(stage.style, { width: `${width / ratio}px`, height: `${height / ratio}px` });
-  };
-  follow(["picture"], show);
-  const put = (node, [left, top, right, bottom]) => {
-    const [x, y, width, height] = [left, top, right - left, bottom - top].map((share) => `${100 * share}%`);
-    Object.assign(node.style, { left: x, top: y, width, height });
-  };
-  const point = () => {
-    marks.replaceChildren();
-    model.get("cells").forEach(({ spot, name }, i) => {
-      if (!spot || !cursor || name === "3D") return;
-      const [left, top, right, bottom] = spot, text = model.get("cursor_texts")[i];
-      const x = left + cursor[0] * (right - left), y = top + cursor[1] * (bottom - top);
-      put(add("div", "endolab-cross", marks), [left, y, right, y]);
-      put(add("div", "endolab-cross", marks), [x, top, x, bottom]);
-      if (text) put(add("div", "endolab-said", marks, { textContent: text }), [left, bottom, right, bottom]);
-    });
-    if (!cursor) return;
-    model.get("cursor_marks").forEach(([x, y], i) => {
-      if (x === undefined) return;
-      put(add("div", "endolab-mark", marks), [x, y, x, y]);
-      put(add("div", "endolab-said", marks, { textContent: model.get("cursor_texts")[i] }), [x, y, x, y]);
-    });
-  };
-  follow(["cursor_texts", "cursor_marks"], point);
-  follow(["cells"], () => {
-    const cells = model.get("cells");
-    stage.querySelectorAll("select").forEach((one) => one.remove());
-    stage.dataset.cells = JSON.stringify(cells);
-    place3d.hidden = true;
-    cells.forEach(({ box, spot, name }, i) => {
-      if (!name) return; // several answers are compared
-      const select = add("select", "endolab-choose", stage, { title: "choose what this panel shows" });
-      select.ariaLabel = `panel ${i + 1}`;
-      for (const choice of model.get("choices")) select.add(new Option(choice, choice));
-      select.value = name;
-      put(select, [box[0], box[1], box[2], box[1]]);
-      select.onchange = () => act("choose", i, select.value);
-      if (name !== "3D") return;
-      put(place3d, spot);
-      place3d.hidden = false;
-    });
+  // Panels
+  const stage = add("div", "endolab-stage", root);
+  const panels = USUAL.map((name) => {
+    const cell = add("div", "endolab-cell", stage), head = add("div", "endolab-head", cell), choose = add("select", "", head, { ariaLabel: "panel" });
+    for (const one of facts.panels) choose.add(new Option(one));
+    choose.value = name;
+    const title = add("span", "", head), body = add("div", "endolab-body", cell), canvas = add("canvas", "", body);
+    const panel = { name, choose, title, body, canvas, said: add("div", "endolab-said", body, { hidden: true }), mark: add("div", "endolab-mark", body, { hidden: true }) };
+    choose.onchange = () => show_in(panel, choose.value);
+    canvas.onpointermove = (event) => hover(panel, event);
+    canvas.onpointerleave = () => { cursor = undefined; point(); };
+    canvas.onpointerdown = (event) => press(panel, event);
+    canvas.ondblclick = () => { zoom = [0, 0, 1, 1]; draw(); };
+    canvas.addEventListener("wheel", (event) => wheel(panel, event), { passive: false });
+    return panel;
   });
-  (async () => {
-    const manager = model.widget_manager, id = model.get("surface").replace("IPY_MODEL_", "");
-    place3d.append((await manager.create_view(await manager.get_model(id))).el);
-  })();
+  const view = add("div", "endolab-3d", root), from = button("from the camera", "V", () => surface.look(!surface.inside), view);
+  const size_of_box = add("div", "endolab-size", view);
+  const surface = new Surface(view, () => { from.textContent = surface.inside ? "from outside" : "from the camera"; draw_surface(); });
+  const show_in = (panel, name) => {
+    panel.name = panel.choose.value = name;
+    panel.said.hidden = panel.mark.hidden = true;
+    send("panels", panels.map((one) => one.name));
+    draw();
+  };
+  const keep_or_drop = () => {
+    const before = kept?.third; // what stood where A is compared now
+    kept = kept ? undefined : { label: now.label, arrays: now.arrays, cuts: now.arrays.cuts, third: panels[2].name };
+    delete scales["B / A - 1"];
+    side.hidden = !kept;
+    wipe = kept ? 0.5 : 1;
+    side.value = 0.5;
+    keep.textContent = kept ? "drop A" : "keep as A";
+    if (kept && !panels.some((one) => one.name === "B / A - 1")) show_in(panels[2], "B / A - 1");
+    else if (before && panels[2].name === "B / A - 1") show_in(panels[2], before);
+    else draw();
+  };
 
-  const place = ({ clientX, clientY }) => {
-    const box = image.getBoundingClientRect();
-    return [(clientX - box.left) / box.width, (clientY - box.top) / box.height];
+  // What a map shows: numbers with a scale, or a picture
+  const style = () => {
+    const { color } = getComputedStyle(root);
+    return { ink: color, faint: "#8884" };
   };
-  // What of all maps is seen: left, top, right, bottom, shares of what is seen at first.
-  let part = [0, 0, 1, 1], pulled, active = !el.closest(".jp-Notebook");
-  const see = (next) => {
-    const sides = [0, 1].map((axis) => Math.min(next[axis + 2] - next[axis], 1));
-    const start = [0, 1].map((axis) => Math.min(Math.max(next[axis], 0), 1 - sides[axis]));
-    part = [...start, start[0] + sides[0], start[1] + sides[1]];
-    tell("window", part);
+  // A scale that is round, of 98 % of some differences; held until all is asked anew.
+  const symmetric = (name, values) => {
+    const end = Math.max(2, 2.5 * Number(percentile(values.map(Math.abs), 0.98).toPrecision(1)));
+    if (!now.moving || !scales[name]) scales[name] = name === "error" && scales[name] || { palette: palettes.RdBu_r, low: -end, high: end };
+    return scales[name];
   };
-  const zoom = (event) => {
-    if (!cursor || !active) return; // who only scrolls by is not held up
-    event.preventDefault();
-    const times = Math.max(1.002 ** event.deltaY, 0.05 / (part[2] - part[0]));
-    see(part.map((end, i) => {
-      const fixed = part[i % 2] + cursor[i % 2] * (part[i % 2 + 2] - part[i % 2]);
-      return fixed + times * (end - fixed);
-    }));
+  const map_of = (name, arrays = now.arrays) => {
+    const { truth, distance } = arrays, spec = now.maps[name];
+    if (name === "frame") return { picture: arrays.picture };
+    if (name === "error") {
+      if (!now.arrays.truth?.length) return { empty: "the truth is unknown" };
+      const values = distance.map((far, p) => 100 * (far / now.arrays.truth[p] - 1));
+      return { values, title: `of the distance [%], median ${short(percentile(values.map(Math.abs), 0.5), 2)}`, unit: "%", ...symmetric(name, values) };
+    }
+    if (name === "B / A - 1") {
+      if (!kept) return { empty: "keep an answer as A first" };
+      const ratio = distance.map((far, p) => far / kept.arrays.distance[p]), common = now.still.metric ? 1 : percentile(ratio, 0.5);
+      const values = ratio.map((one) => 100 * (one / common - 1));
+      return { values, title: `[%], A: ${kept.label}`, unit: "%", ...symmetric(name, values) };
+    }
+    if (!spec || spec.empty) return { empty: spec?.empty ?? "with the next answer" };
+    if (!spec.palette) return { ...spec, picture: arrays[name] };
+    return { ...spec, values: arrays[name], palette: palettes[spec.palette] };
   };
-  follow(["window"], () => {
-    part = model.get("window");
-    stage.dataset.window = part[2] - part[0];
-  });
-  image.addEventListener("wheel", zoom, { passive: false });
-  image.ondblclick = () => see([0, 0, 1, 1]);
-  image.onpointerdown = (event) => {
-    active = true;
-    if (event.button !== 0) return;
-    image.setPointerCapture(event.pointerId);
-    pulled = event.shiftKey && cursor && { at: cursor, from: part };
-    held = !pulled;
-    if (held) act("press", ...place(event));
+
+  // The part of the frame that is seen, px: left, top, width, height; and where it lies in a panel.
+  const seen = () => {
+    const [left, top, right, bottom] = now.still.window, [w, h] = [right - left, bottom - top];
+    return [left + zoom[0] * w, top + zoom[1] * h, (zoom[2] - zoom[0]) * w, (zoom[3] - zoom[1]) * h];
   };
-  image.onpointermove = (event) => {
-    const [x, y] = place(event);
-    const { spot } = model.get("cells").find(({ spot: one }) => one
-      && one[0] <= x && x <= one[2] && one[1] <= y && y <= one[3]) ?? {};
-    cursor = spot && [(x - spot[0]) / (spot[2] - spot[0]), (y - spot[1]) / (spot[3] - spot[1])];
-    if (pulled && cursor) {
-      const { at, from } = pulled;
-      see(from.map((end, i) => end - (cursor[i % 2] - at[i % 2]) * (from[i % 2 + 2] - from[i % 2])));
+  const spot = ({ body }) => {
+    const [, , w, h] = seen(), [wide, tall] = [body.clientWidth - 56, body.clientHeight], scale = Math.min(wide / w, tall / h);
+    return [(wide - scale * w) / 2, (tall - scale * h) / 2, scale];
+  };
+  const pen_of = ({ canvas, body }) => {
+    const ratio = window.devicePixelRatio || 1, [wide, tall] = [body.clientWidth, body.clientHeight];
+    if (canvas.width !== Math.round(ratio * wide) || canvas.height !== Math.round(ratio * tall)) {
+      Object.assign(canvas, { width: Math.round(ratio * wide), height: Math.round(ratio * tall) });
+    }
+    const pen = canvas.getContext("2d");
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, wide, tall);
+    Object.assign(pen, { font: "11px system-ui, 'DejaVu Sans', sans-serif", lineWidth: 1, imageSmoothingEnabled: false });
+    return [pen, wide, tall];
+  };
+  const draw_map = (panel) => {
+    const { name } = panel, [pen, wide, tall] = pen_of(panel), { width, height } = now.still, { ink } = style();
+    const map = map_of(name), [left, top, scale] = spot(panel), [x, y, w, h] = seen();
+    panel.map = map;
+    panel.title.textContent = map.title ?? map.empty ?? "";
+    if (map.empty) return;
+    const canvas = (one) => (one.picture ? as_picture(one.picture, width, height) : coloured(one.values, one, width, height));
+    pen.drawImage(canvas(map), x, y, w, h, left, top, scale * w, scale * h);
+    if (kept && wipe < 1 && ["distance", "model - frame", "error"].includes(name)) {
+      const share = wipe * w;
+      pen.drawImage(canvas({ ...map, ...map_of(name, kept.arrays), low: map.low, high: map.high }), x, y, share, h, left, top, scale * share, scale * h);
+      Object.assign(pen, { strokeStyle: GREEN, fillStyle: GREEN, lineWidth: 2, textBaseline: "top" });
+      pen.strokeRect(left + scale * share, top, 0, scale * h);
+      pen.fillText("A", left + scale * share - 12, top + 2);
+      pen.fillText("B", left + scale * share + 5, top + 2);
+    }
+    const at = (u, v) => [left + scale * (u - x), top + scale * (v - y)];
+    pen.save();
+    pen.beginPath();
+    pen.rect(left, top, scale * w, scale * h);
+    pen.clip();
+    if (name === "distance") {
+      const lines = isolines(map.values, width, height, rounds(map.low, map.high, 12, true));
+      Object.assign(pen, { strokeStyle: "#fffb", lineWidth: 1 });
+      pen.beginPath();
+      for (let i = 0; i < lines.length; i += 4) { pen.moveTo(...at(lines[i], lines[i + 1])); pen.lineTo(...at(lines[i + 2], lines[i + 3])); }
+      pen.stroke();
+    }
+    if (["frame", "distance"].includes(name)) {
+      const place = line_of();
+      Object.assign(pen, { strokeStyle: RED, lineWidth: 1.5 });
+      path(pen, cut.is_row ? [0, width] : [place + 0.5, place + 0.5], cut.is_row ? [place + 0.5, place + 0.5] : [0, height], at);
+    }
+    pen.restore();
+    if (map.values) draw_bar(pen, [wide - 50, 8, 10, tall - 16], map, ink);
+    (map.keys ?? []).forEach(([text, colour], i) => {
+      Object.assign(pen, { fillStyle: `rgb(${colour})`, textBaseline: "top", textAlign: "left" });
+      pen.fillRect(4, 4 + 15 * i, 10, 10);
+      pen.fillStyle = ink;
+      pen.fillText(text, 18, 4 + 15 * i);
+    });
+  };
+  const line_of = () => Math.min(Math.floor(cut.share * (cut.is_row ? now.still.height : now.still.width)), (cut.is_row ? now.still.height : now.still.width) - 1);
+
+  // Charts
+  const brief = ({ label }) => label.split(", ").slice(0, -1).join(", ");
+  const draw_section = (panel) => {
+    const grid = { ...now.still, ...now.arrays }, index = line_of(), axis = "xy"[cut.is_row ? 0 : 1], { unit } = now.still;
+    const lines = [{ ...section(now.arrays.distance, grid, cut.is_row, index), colour: RED, name: kept ? `B: ${brief(now)}` : "result" }];
+    if (kept) lines.unshift({ ...section(kept.arrays.distance, { ...grid, cuts: kept.cuts }, cut.is_row, index), colour: GREEN, name: `A: ${brief(kept)}` });
+    if (now.arrays.truth?.length) lines.unshift({ ...section(now.arrays.truth, grid, cut.is_row, index), colour: BLACK, name: "truth" });
+    panel.title.textContent = `along ${cut.is_row ? "row" : "column"} ${index}`;
+    const fit = lines[0];
+    held[`${cut.is_row} ${index}`] ??= [fit.x, fit.y].map((some) => [percentile(some, 0.005), percentile(some, 0.98)]); // held as scales are
+    const [[x_low, x_high], [y_low, y_high]] = held[`${cut.is_row} ${index}`], [more, beside] = [0.06 * (x_high - x_low), 0.1 * (y_high - y_low)];
+    const [pen, wide, tall] = pen_of(panel);
+    panel.axes = draw_chart(pen, wide, tall, { x: { label: `z [${unit}]`, low: x_low - more, high: x_high + 2 * more },
+      y: { label: `${axis} [${unit}]`, low: y_low - beside, high: y_high + beside }, lines, equal: true, down: !cut.is_row }, style());
+  };
+  const height_of = (explained) => -Math.log10(Math.min(Math.max(1 - explained, 1e-4), 0.9));
+  const draw_curve = (panel) => {
+    const [pen, wide, tall] = pen_of(panel), { curve } = now;
+    panel.title.textContent = curve?.title ?? "";
+    if (!curve?.lams) return;
+    const range = facts.specs.find((spec) => spec.name === "lam").range, has_errors = curve.errors.some((one) => one !== null);
+    const most = Math.max(...curve.errors) * 1.15, y = { label: "explained [%]", low: 0.2, high: 4.1, ticks: SHARES.map((share) => [height_of(share / 100), String(share)]) };
+    const lines = [{ x: curve.lams, y: curve.explained.map(height_of), colour: BLUE, name: "explained" }];
+    if (has_errors) lines.push({ x: curve.lams, y: curve.errors.map((one) => one ?? NaN), colour: BLACK, name: "error [%]", right: true });
+    panel.dots = curve.lams.map((lam, i) => ({ x: lam, y: height_of(curve.explained[i]), colour: lam === curve.now ? RED : BLUE,
+      text: lam === curve.now || lam === curve.best ? short(lam, 2) : "" }));
+    const rules = [{ y: height_of(0.99), colour: "#009e7388" }, ...(curve.best ? [{ x: curve.best, colour: "#009e7388" }] : [])];
+    panel.axes = draw_chart(pen, wide, tall, { x: { label: "λ", low: 10 ** range[0], high: 10 ** range[1], log: true }, y, lines, dots: panel.dots, rules,
+      right: has_errors ? { low: 0, high: most } : undefined }, style());
+  };
+  const draw_energy = (panel) => {
+    const [pen, wide, tall] = pen_of(panel), { energy } = now;
+    panel.title.textContent = energy ? `${energy.k.length - 1} iterations` : "with the next answer that is solved";
+    if (!energy) return;
+    const lines = [["data", BLUE], ["regulariser", RED], ["energy", style().ink]].map(([name, colour]) => ({ x: energy.k, y: energy[name], colour, name }));
+    const all = lines.flatMap((one) => one.y).filter((one) => one > 0);
+    draw_chart(pen, wide, tall, { x: { label: "iteration", low: energy.k[0], high: Math.max(energy.k.at(-1), energy.k[0] + 1) },
+      y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, style());
+  };
+
+  // The surface lies on its panel
+  const draw_surface = () => {
+    const panel = panels.find((one) => one.name === "3D");
+    view.hidden = !panel;
+    if (!panel || !now.arrays.distance) return;
+    pen_of(panel);
+    const [outer, inner] = [root, panel.body].map((one) => one.getBoundingClientRect());
+    Object.assign(view.style, { left: `${inner.left - outer.left}px`, top: `${inner.top - outer.top}px`, width: `${inner.width}px`, height: `${inner.height}px` });
+    panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
+    surface.draw();
+    if (box) size_of_box.textContent = `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${now.still.unit}, the near 95 %`;
+    point();
+  };
+  const feed_surface = () => {
+    if (view.hidden || !surface.gl) return;
+    const { width, height } = now.still, { distance, rays, cuts } = now.arrays, step = Math.ceil(Math.max(width, height) / (now.moving ? 160 : 320));
+    if (laid?.cuts !== cuts || laid.step !== step) surface.lay({ rays, cuts, width, height }, step);
+    if (laid?.cuts !== cuts || laid.step !== step || laid.on !== now.knobs.texture || laid.on !== "frame") {
+      const map = map_of(now.knobs.texture ?? "frame"), one = map.empty ? map_of("frame") : map;
+      surface.dress(one.picture ? as_picture(one.picture, width, height) : coloured(one.values, one, width, height));
+    }
+    laid = { cuts, step, on: now.knobs.texture };
+    box ??= box_of(distance, rays);
+    surface.show(distance, box);
+  };
+  const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy, "3D": () => draw_surface() };
+  const draw = () => {
+    if (!now.still) return;
+    for (const panel of panels) {
+      delete panel.map;
+      if (now.arrays.distance || panel.name === "frame") (CHARTS[panel.name] ?? draw_map)(panel);
+    }
+    view.hidden = !panels.some((one) => one.name === "3D");
+  };
+
+  // The cursor
+  const hover = (panel, event) => {
+    const [x, y, w, h] = seen(), [left, top, scale] = spot(panel);
+    if (!panel.map || panel.map.empty) { cursor = undefined; point(); return; }
+    const [u, v] = [x + (event.offsetX - left) / scale, y + (event.offsetY - top) / scale];
+    cursor = u >= x && u < x + w && v >= y && v < y + h ? [Math.floor(u), Math.floor(v)] : undefined;
+    if (event.buttons && !event.shiftKey && cursor) lay_section();
+    if (event.buttons && event.shiftKey) {
+      const by = [event.movementX / scale / w * (zoom[2] - zoom[0]), event.movementY / scale / h * (zoom[3] - zoom[1])];
+      see(zoom.map((end, i) => end - by[i % 2]));
     }
     point();
-    tell("hover", cursor ?? []);
-    if (held) tell("drag", [x, y]);
   };
-  image.onpointerup = image.onpointercancel = () => { held = false; pulled = undefined; };
-  image.onpointerleave = () => { cursor = undefined; point(); };
+  const point = () => {
+    const [j, i] = cursor ?? [], { width } = now.still ?? {}, p = i * width + j, { distance, rays } = now.arrays;
+    for (const panel of panels) {
+      const is_map = cursor && panel.map && !panel.map.empty;
+      panel.said.hidden = !is_map;
+      panel.mark.hidden = true;
+      if (is_map) {
+        const { values, unit, title } = panel.map, [left, top, scale] = spot(panel), [x, y] = seen();
+        const told = !values ? "" : values[p] === values[p] ? `: ${short(values[p], 4)} ${unit ?? ""}` : ": left out";
+        panel.said.textContent = `${j}, ${i}${told}`;
+        Object.assign(panel.mark, { hidden: false });
+        Object.assign(panel.mark.style, { left: `${left + scale * (j + 0.5 - x)}px`, top: `${top + scale * (i + 0.5 - y)}px` });
+      }
+      if (cursor && panel.name === "section" && panel.axes && distance?.[p] > 0) {
+        const [z, across] = [distance[p] * rays[3 * p + 2], distance[p] * rays[3 * p + (cut.is_row ? 0 : 1)]];
+        panel.mark.hidden = false;
+        Object.assign(panel.mark.style, { left: `${panel.axes.to_x(z)}px`, top: `${panel.axes.to_y(across)}px` });
+      }
+      if (cursor && panel.name === "3D" && surface.box && distance?.[p] > 0) {
+        const at = surface.place([0, 1, 2].map((axis) => distance[p] * rays[3 * p + axis]));
+        spot3d.hidden = !at;
+        if (at) Object.assign(spot3d.style, { left: `${100 * at[0]}%`, top: `${100 * at[1]}%` });
+      }
+    }
+    if (!cursor) spot3d.hidden = true;
+  };
+  const spot3d = add("div", "endolab-mark", view, { hidden: true });
+  const lay_section = () => {
+    cut.share = cut.is_row ? (cursor[1] + 0.5) / now.still.height : (cursor[0] + 0.5) / now.still.width;
+    draw();
+  };
+  const press = (panel, event) => {
+    if (event.shiftKey) return;
+    if (panel.map && cursor) { panel.canvas.setPointerCapture(event.pointerId); lay_section(); return; }
+    if (panel.name === "section") { cut.is_row = !cut.is_row; draw(); }
+    if (panel.name !== "λ curve" || !panel.axes) return;
+    const away = ({ x, y }) => Math.hypot(panel.axes.to_x(x) - event.offsetX, panel.axes.to_y(y) - event.offsetY);
+    const [near] = [...panel.dots].sort((a, b) => away(a) - away(b));
+    if (near && away(near) < 14) turn_to(near.x);
+  };
+  const turn_to = (lam) => {
+    now.knobs = { ...now.knobs, lam };
+    show_knobs();
+    send("turn", now.knobs);
+  };
+  const see = ([left, top, right, bottom]) => {
+    const [w, h] = [Math.min(right - left, 1), Math.min(bottom - top, 1)], x = Math.max(0, Math.min(left, 1 - w)), y = Math.max(0, Math.min(top, 1 - h));
+    zoom = [x, y, x + w, y + h];
+    draw();
+  };
+  const wheel = (panel, event) => {
+    if (!panel.map || !cursor) return;
+    event.preventDefault();
+    const [x, y, w, h] = seen(), share = [(cursor[0] - x) / w, (cursor[1] - y) / h], by = Math.min(1.002 ** event.deltaY, 1 / (zoom[2] - zoom[0]));
+    const at = [0, 1].map((i) => zoom[i] + share[i] * (zoom[i + 2] - zoom[i]));
+    if (by * (zoom[2] - zoom[0]) > 0.02) see(zoom.map((end, i) => at[i % 2] + by * (end - at[i % 2])));
+  };
+
+  // What is said
+  const show_knobs = () => { for (const [name, show] of shown) if (name in now.knobs) show(now.knobs[name]); };
+  const hear = (message, buffers) => {
+    if (message.gone) { lost.hidden = false; return; }
+    (message.names ?? []).forEach(([name, kind], i) => {
+      const { buffer, byteOffset, byteLength } = buffers[i], bytes = buffer.slice(byteOffset, byteOffset + byteLength);
+      now.arrays = { ...now.arrays, [name]: kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes) };
+    });
+    const maps = { ...now.maps, ...message.maps };
+    Object.assign(now, message, { maps });
+    if (message.anew) { scales = {}; held = {}; box = undefined; if (kept?.arrays.distance.length !== now.arrays.distance?.length) kept && keep_or_drop(); }
+    if (message.knobs) show_knobs();
+    if (message.line !== undefined) {
+      line.textContent = line.title = message.line;
+      line.className = `endolab-line ${message.tone ?? ""}`;
+    }
+    badge.textContent = now.badge ?? "";
+    badge.hidden = !now.badge;
+    if (message.chips) {
+      chips.replaceChildren(...message.chips.map(({ chip, text, panel, lam }) => {
+        const one = document.createElement("button");
+        Object.assign(one, { className: "endolab-chip", textContent: chip, title: text });
+        one.onclick = () => {
+          line.textContent = text;
+          if (panel) show_in(panels[2], panel);
+          if (lam) turn_to(lam);
+        };
+        return one;
+      }));
+    }
+    if (message.path) {
+      film.hidden = message.path.count < 2;
+      Object.assign(place, { max: message.path.count, value: message.path.place });
+      says.textContent = message.path.text;
+    }
+    if (message.names) { view.hidden = !panels.some((one) => one.name === "3D"); if (now.arrays.distance) feed_surface(); }
+    if (message.names || message.curve || message.energy || message.anew) draw();
+    if (message.number) requestAnimationFrame(() => setTimeout(() => {
+      send("painted", message.number);
+      root.dispatchEvent(new CustomEvent("painted", { detail: now }));
+    }, 0));
+  };
+
+  // The whole board as one picture, as it is seen.
+  const board = async () => {
+    const ratio = window.devicePixelRatio || 1, outer = stage.getBoundingClientRect(), { ink } = style();
+    const canvas = new OffscreenCanvas(Math.ceil(ratio * outer.width), Math.ceil(ratio * outer.height)), pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.fillStyle = getComputedStyle(root).backgroundColor;
+    pen.fillRect(0, 0, outer.width, outer.height);
+    draw_surface();
+    for (const panel of panels) {
+      const { left, top, width, height } = panel.body.getBoundingClientRect(), x = left - outer.left, y = top - outer.top;
+      Object.assign(pen, { fillStyle: ink, font: "12px system-ui, sans-serif", textBaseline: "bottom" });
+      pen.fillText(`${panel.name} ${panel.name === "3D" ? size_of_box.textContent : panel.title.textContent}`, x + 4, y - 3);
+      pen.drawImage(panel.name === "3D" && surface.gl ? surface.canvas : panel.canvas, x, y, width, height);
+    }
+    return canvas.convertToBlob({ type: "image/png" });
+  };
 
   // Keys work wherever the focus is but in a text field; in a notebook, as long as this cell is the active one.
-  const press = (event) => {
+  const on_key = (event) => {
     const cell = el.closest(".jp-Cell"), held_too = event.ctrlKey || event.metaKey || event.altKey;
-    if (cell && !cell.classList.contains("jp-mod-active")) return;
-    if (event.target.closest?.(TYPING) || !el.isConnected) return;
-    let action = held_too ? undefined : KEYS[event.key];
-    if (event.key === "z" && (event.ctrlKey || event.metaKey)) action = ["undo"];
-    if (event.key === "c" && !held_too) action = ["compare", model.get("compared") ? "" : "lam"];
-    let does = action && (() => act(...action));
-    if (event.key === "v" && !held_too) does = () => place3d.querySelector("button")?.click();
-    if (event.key === "?" || (event.key === "Escape" && !keys.hidden)) does = show_keys;
-    if (!does) return;
+    if ((cell && !cell.classList.contains("jp-mod-active")) || event.target.closest?.(TYPING) || !el.isConnected) return;
+    const own = { a: keep_or_drop, v: () => surface.look(!surface.inside), "?": () => { keys.hidden = !keys.hidden; }, Escape: () => { keys.hidden = true; } };
+    let does = held_too ? undefined : own[event.key] ?? (KEYS[event.key] && !facts.alone && (() => send(...KEYS[event.key])));
+    if (event.key === "z" && (event.ctrlKey || event.metaKey)) does = () => send("undo");
+    if (!does || (event.key === "Enter" && event.target.closest?.("button, select"))) return;
     event.preventDefault();
     event.stopPropagation(); // to a notebook V means: paste a cell
     does();
   };
-  document.addEventListener("keydown", press, true);
+  document.addEventListener("keydown", on_key, true);
 
-  let known = "";
+  // The page's size and theme
   const night = window.matchMedia("(prefers-color-scheme: dark)");
-  const measure = () => {
-    const page = el.closest(".jp-WindowedPanel-outer, .jp-Notebook");
+  const resize = () => {
+    const page = el.closest(".jp-WindowedPanel-outer, .jp-Notebook"), theme = document.body.dataset.jpThemeLight;
+    root.classList.toggle("endolab-dark", theme ? theme === "false" : night.matches);
     const above = stage.getBoundingClientRect().top - root.getBoundingClientRect().top;
-    const height = (page ? page.clientHeight - 24 : window.innerHeight - 16) - above;
-    const theme = document.body.dataset.jpThemeLight;
-    const dark = theme ? theme === "false" : night.matches;
-    root.classList.toggle("endolab-dark", dark);
-    const room = [Math.floor(el.clientWidth), Math.floor(height), window.devicePixelRatio || 1, dark];
-    if (room[0] < 1 || known === room.join()) return;
-    known = room.join();
-    act("measure", ...room);
+    const room = (page ? page.clientHeight - 24 : window.innerHeight - 16) - above, wide = root.clientWidth;
+    stage.style.height = `${Math.max(300, Math.min(room, 0.62 * wide))}px`;
+    draw();
   };
-  const watch = new ResizeObserver(measure);
+  const watch = new ResizeObserver(resize), themes = new MutationObserver(resize);
   watch.observe(el);
-  watch.observe(bars);
-  const themes = new MutationObserver(() => measure());
   themes.observe(document.body, { attributeFilter: ["data-jp-theme-light"] });
-  night.addEventListener("change", measure);
-  window.addEventListener("resize", measure);
-  for (const [event, action] of listen) model.on(event, action);
+  night.addEventListener("change", resize);
+  window.addEventListener("resize", resize);
+  model.on("msg:custom", hear);
+  model.on("comm_live_update", () => hear({ gone: true }));
+  // Arrows turn knobs, and fold no heading of the notebook.
+  for (const one of root.querySelectorAll("input, select, button")) one.dataset.lmSuppressShortcuts = "true";
+  resize();
+  send("ready");
   return () => {
-    for (const [event, action] of listen) model.off(event, action);
+    toggle(false);
+    model.off("msg:custom", hear);
     watch.disconnect();
     themes.disconnect();
-    night.removeEventListener("change", measure);
-    window.removeEventListener("resize", measure);
-    document.removeEventListener("keydown", press, true);
-    URL.revokeObjectURL(url);
+    night.removeEventListener("change", resize);
+    window.removeEventListener("resize", resize);
+    document.removeEventListener("keydown", on_key, true);
+    surface.free();
   };
 }
 export default { render };

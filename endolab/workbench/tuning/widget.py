@@ -1,76 +1,61 @@
 """The tuner: knobs under a hand, the surface under its eyes.
 
-`tune` makes a widget for JupyterLab. Its `engine` solves in threads of its own; pictures are drawn and sent
-from there, those of looks beside them, so that neither a slow solve nor a running cell freezes the page.
-There is one answer, `TunerBox.answer`, that all which is shown, written and exported is of.
+`tune` makes a widget for JupyterLab and for `endolab tune`. Its `engine` answers in a thread of its own; the
+page (`tuner.js`) is sent numbers, and draws. One picture is under way at a time: the next one waits until the
+page says that it has painted the last. `TunerBox.answer` is what is shown, written and exported.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
-from weakref import WeakSet
 
 import anywidget
-import ipywidgets as w
 import numpy as np
 import traitlets as t
+from matplotlib import colormaps
 
 from endolab.frames.frame import Frame
 from endolab.io import datasets
-from endolab.io.atomic import stage_folder, write_atomically
+from endolab.io.atomic import read_bytes, stage_folder, write_atomically
+from endolab.io.descriptions import write_calibration
+from endolab.io.held import save_held
 from endolab.io.images import read_frame, write_image
 from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import check_int, check_kinds, excerpt, unknown_name
+from endolab.numerics.checks import check_int, check_kinds, unknown_name
+from endolab.reconstruction.contrast import suggest_lam
+from endolab.reconstruction.pipeline import reconstruct
+from endolab.reconstruction.report import advice, describe, warnings, what_changed
 from endolab.reconstruction.settings import Settings
+from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
-from endolab.workbench.tuning.boards import (
-    Board,
-    are_comparable,
-    draw_answer,
-    draw_columns,
-    draw_frame,
-    draw_pair,
-)
 from endolab.workbench.tuning.controls import knob_specs
-from endolab.workbench.tuning.engine import Answer, Stage, Tuner, sentence_of, values_of_lam
-from endolab.workbench.tuning.panels import (
+from endolab.workbench.tuning.engine import (
+    LAM_FACTORS,
+    Answer,
+    Engine,
+    Stage,
+    shown_as,
+    variants,
+)
+from endolab.workbench.tuning.maps import (
     NEED_UNCERTAINTY,
     PANELS,
-    USUAL_PANELS,
-    View,
+    map_of,
+    rgba,
+    still_of,
 )
-from endolab.workbench.tuning.pictures import DARK, DRAWING, WHOLE, Chart, Window, jpeg
-from endolab.workbench.tuning.sentences import is_too_smooth, summary, warnings
+from endolab.workbench.tuning.player import pack, write_page
 from endolab.workbench.tuning.source import Knobs, Source
-from endolab.workbench.tuning.surface_view import SurfaceView
-from endolab.workbench.tuning.tried import Tried
+from endolab.workbench.tuning.surface_view import page_script
 
-
-@dataclass(frozen=True)
-class BoardLook:
-    """The tuner's board and what it remembers, chosen by hand on a laptop's screen and a large one."""
-
-    room: tuple[float, float] = (1176.0, 620.0)  # px, before the page tells its own
-    least_room: tuple[float, float] = (420.0, 300.0)
-    tallest: float = 0.75  # of a board, over its width
-    text: int = 12  # px, of letters
-    click_radius: int = 12  # px around a dot in which a click takes it
-    widths: tuple[int, ...] = (160, 320, 480, 640)  # px, to choose among
-    least_zoom: float = 0.02  # share of a map's side that can be looked at
-
-
-BOARD = BoardLook()
-# Knobs that change what is seen and not what is solved.
-VIEW_KNOBS = {"section": 50.0, "across": False, "texture": "frame"}
+WIDTHS = (160, 320, 480, 640)  # px, to choose among
 PAPER = {"channel": "green", "solver": "primal_dual", "regulariser": "second"}
 # Options beside the defaults, by what the page calls them.
 PRESETS: dict[str, dict[str, Any]] = {
@@ -78,23 +63,11 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": PAPER | {"contours": False, "highlights": "keep"},
     "fastest": {"channel": "green", "solver": "fast_marching"},
 }
-# What the page may ask for, each a method.
-ACTIONS = {
-    "blink",
-    "choose",
-    "compare",
-    "drop",
-    "export_aside",
-    "find_uncertainty",
-    "keep",
-    "measure",
-    "preset",
-    "press",
-    "reset",
-    "show",
-    "step",
-    "undo",
-}
+# What the page makes by itself.
+OWN_PANELS = {"frame", "section", "3D", "λ curve", "error", "B / A - 1", "energy"}
+PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
+ELSEWHERE = 10.0  # %; two surfaces that differ by more are not the same
+PLAYED_LAMS = 10 ** np.linspace(-2, 2, 21)  # of the tuner without Python
 
 
 @check_kinds(frame=Frame, calibration=Calibration)
@@ -123,21 +96,14 @@ def tune(
     Returns
     -------
     TunerBox
-        The widget; `box.answer` is what is on the screen.
+        The widget; `box.answer` is what is on the screen, `box.export(folder)` writes it, and
+        `box.export_html(path)` makes a tuner that needs no Python.
 
     Raises
     ------
     ValueError
         If frame, calibration and truth do not go together, or if there is no such scene.
     """
-    for name, given, kind in (
-        ("frame", frame, Frame),
-        ("calibration", calibration, Calibration),
-    ):
-        if given is not None and not isinstance(given, kind):
-            raise ValueError(
-                f"{name} must be an endolab {kind.__name__}, got {excerpt(given)}"
-            )
     if scene not in SCENES:
         raise unknown_name("scene", scene, SCENES)
     check_int("width", width, 1)
@@ -149,45 +115,13 @@ def tune(
 class TunerBox(anywidget.AnyWidget):
     """The tuner's widget; `tune` makes it.
 
-    `engine` solves what `knobs` say, of which a dict can be set. `now` is the last answer, B if A was kept,
-    `kept` is A, and `answer` the one of them that is shown. `pictures` are frames to choose among, of which
-    `frame` is the first.
+    `knobs` are what the page's controls say, `answer` is what is shown, and `pictures` are frames to choose
+    among, of which `frame` is the first. Each action of the page is a method.
     """
 
-    _esm = Path(__file__).with_name("tuner.js")
+    _esm = page_script("tuner.js")
     _css = Path(__file__).with_name("tuner.css")
-    specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
-    knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
-    # "text"; "warnings", each a "chip" and its "text"; whether it is "wrong", and whether too "low" a share
-    # of the contrast is explained.
-    line: t.Dict[str, Any] = t.Dict().tag(sync=True)
-    code = t.Unicode().tag(sync=True)
-    shows = t.Unicode().tag(sync=True)  # A, B or both, if A is kept
-    compared = t.Unicode().tag(sync=True)  # the knob whose values stand in columns
-    surface: t.Instance[SurfaceView] = t.Instance(SurfaceView).tag(
-        sync=True, **w.widget_serialization
-    )
-    # The board: a JPEG; its width and height in px of the screen, and how many of these a px of the page has;
-    # of each panel its "box", the "spot" of its map or None, both in shares of the board, and its "name".
-    picture = t.Bytes().tag(sync=True)
-    size: t.List[Any] = t.List([0, 0, 1]).tag(sync=True)
-    cells: t.List[Any] = t.List().tag(sync=True)
-    choices = t.List([*PANELS]).tag(sync=True)  # what panels can show
-    cursor_texts: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
-    cursor_marks: t.List[Any] = t.List().tag(
-        sync=True
-    )  # where the cursor's point is in each chart, or []
-    presets = t.List([*PRESETS]).tag(sync=True)
-    # Of the last run: how many iterates can be looked at, which one is (from 1), and what is said of it.
-    path = t.Int().tag(sync=True)
-    path_place = t.Int().tag(sync=True)
-    path_text = t.Unicode().tag(sync=True)
-    # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
-    hover: t.List[float] = t.List().tag(sync=True)
-    # Likewise: which part of the maps it wants to see, and which iterate of the last run.
-    window: t.List[float] = t.List([*WHOLE]).tag(sync=True)
-    scrub = t.Int().tag(sync=True)
-    drag: t.List[float] = t.List().tag(sync=True)
+    facts: t.Dict[str, Any] = t.Dict().tag(sync=True)  # specs, palettes, presets, panels
 
     def __init__(
         self,
@@ -198,28 +132,20 @@ class TunerBox(anywidget.AnyWidget):
         width: int = 320,
         pictures: Sequence[Path] = (),
     ) -> None:
-        self.now: Answer | None = None
-        self.kept: Answer | None = None
-        self.passed: Answer | None = None  # an iterate of the last run that is looked at
-        self._told: WeakSet[Answer] = WeakSet()
-        self.visited: list[Knobs] = []  # for undo
-        self.tried: list[Tried] = []
-        self.names = list(USUAL_PANELS)  # of the panels
-        self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
-        self.frame = 0  # which of `pictures` is looked at
-        self._wish: Knobs | None = None  # the last one
+        self.answer: Answer | None = None
+        self.frame = 0  # which of the pictures is looked at
+        self.panels: Sequence[str] = PANELS[:6]
         self._calibration = calibration
         self._pictures = list(pictures)
-        # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
-        self._lock = threading.RLock()
-        self._room = BOARD.room
-        self._ratio = 1.0
-        self._look = DRAWING
-        self._keeps_next = False  # whether the answer to come shall be A
-        self._drawings = 0  # that were begun
-        self._painter = ThreadPoolExecutor(1, "endolab tuner pictures")
-        self._to_paint: dict[str, Any] | None = None  # the line that a look replaces
-        self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
+        self._visited: list[Knobs] = []  # for undo
+        self._limits: dict[
+            str, tuple[float, float]
+        ] = {}  # of maps, held until all is asked anew
+        self._number = 0  # of the last picture
+        self._drawn: Knobs | None = None  # what the λ curve is of
+        self._said = ""  # what the last answer that was asked anew has changed
+        self._free = threading.Event()  # the page has painted it
+        self._free.set()
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
         start = Knobs(scene=scene, width=width)
         shown: str | int = scene
@@ -228,553 +154,518 @@ class TunerBox(anywidget.AnyWidget):
             shown = 0
             names = [frame.name, *(path.name for path in self._pictures[1:])]
             scenes = [(name, number) for number, name in enumerate(names)] + scenes
-        self._first = vars(start) | VIEW_KNOBS | {"scene": shown}
+        self._first = vars(start) | {"scene": shown, "texture": "frame"}
+        self.knobs = dict(self._first)
         # What the knobs cannot know: the choices, and what None stands for.
         known: dict[str, dict[str, Any]] = {
             "scene": {"options": scenes},
-            "width": {"options": sorted({*BOARD.widths, width})},
+            "width": {"options": sorted({*WIDTHS, width})},
             "k": {"first": calibration.photometry.k},
             "gamma": {"first": calibration.photometry.gamma},
         }
-        specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
-        super().__init__(specs=specs, knobs=self._first, surface=SurfaceView())
-        self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))
-        self.observe(self._guard(self._follow_knobs), "knobs")
-        self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
-        self.observe(self._guard(lambda change: self._show()), "window")
-        self.observe(self._guard(self._follow_scrub), "scrub")
-        self.observe(self._guard(lambda change: self._cut(*change["new"])), "drag")
-        self.ask()
-        with self._lock:
-            if self.now is None:
-                self._show_frame()
+        self._specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
+        source = Source(calibration, frame, truth)
+        super().__init__(facts=self._facts())
+        self.on_msg(self._hear)
+        self.engine = Engine(source, self._show, self._note, self._refuse)
+        self.engine.ask(self.settings())
 
-    def set_state(self, sync_data: dict[str, Any]) -> None:
-        """Hear what the page says, not while several things are being sent: part of them would be lost."""
-        with self._lock:
-            super().set_state(sync_data)
+    def _facts(self) -> dict[str, Any]:
+        palettes = {
+            name: colormaps[name](np.arange(256), bytes=True).view(np.uint32)[:, 0].tolist()
+            for name in ("viridis", "magma", "RdBu_r")
+        }
+        return {
+            "specs": self._specs,
+            "palettes": palettes,
+            "presets": [*PRESETS],
+            "panels": [*PANELS],
+        }
 
-    def _guard(self, action: Callable[..., object]) -> Callable[..., None]:
-        """Say what goes wrong in the status line."""
+    # What the page asks for --------------------------------------------------------------
 
-        def call(*given: Any) -> None:
-            try:
-                with self._lock:
-                    action(*given)
-            except Exception as error:
-                self._refuse(sentence_of(error))
-
-        return call
-
-    def _act(self, name: str, *given: Any) -> None:
-        if name not in ACTIONS:
-            raise ValueError(f"there is no action {name!r}")
-        getattr(self, name)(*given)
-
-    # What is solved ----------------------------------------------------------------------
-
-    @property
-    def answer(self) -> Answer | None:
-        """The one answer that is shown, or whose path is."""
-        return self.kept if self.shows == "A" else self.now
+    def _hear(self, _: object, content: dict[str, Any], buffers: list[Any]) -> None:
+        """Do what the page asks for, and say what goes wrong in the status line."""
+        actions: dict[str, Callable[..., object]] = {
+            "anew": self.ask_anew,
+            "export": self._export_aside,
+            "iterate": self.show_iterate,
+            "painted": lambda number: self._free.set(),
+            "panels": self._choose,
+            "preset": self.preset,
+            "ready": self._send_all,
+            "reset": self.reset,
+            "sigma": self.find_uncertainty,
+            "step": self.step,
+            "turn": self.turn,
+            "undo": self.undo,
+        }
+        try:
+            actions[content["do"]](*content["given"], *map(bytes, buffers))
+        except Exception as error:
+            self._refuse((str(error).strip() or type(error).__name__).splitlines()[0])
 
     def settings(self) -> Knobs:
-        """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
-        values = {name: self.knobs[name] for name in self.knobs if name not in VIEW_KNOBS}
+        """Return what the knobs say."""
+        values = {name: value for name, value in self.knobs.items() if name != "texture"}
         if not isinstance(values["scene"], str):
             values["scene"] = None
         return Knobs(**values)
 
-    def ask(self) -> None:
-        """Ask the engine for what the knobs say; returns at once."""
-        self._wish = self.settings()
-        self._leave_comparison()
-        self.passed = None
-        self.engine.ask(self._wish)
-
-    def _follow_knobs(self, change: dict[str, Any]) -> None:
-        """Follow the knobs."""
+    def turn(self, values: dict[str, Any], anew: bool = False) -> None:
+        """Turn some knobs, and ask for what they say; returns at once."""
+        before = self.knobs
+        self.knobs = before | values
         scene = self.knobs["scene"]
         if isinstance(scene, int) and scene != self.frame:
             self._open(scene)
-        if self.settings() != self._wish:
-            self.ask()
-        elif any(self.knobs[name] != change["old"][name] for name in VIEW_KNOBS):
-            self._show()
+            anew = True
+        if self.knobs["texture"] != before["texture"]:
+            self._send_all()
+        self.engine.ask(self.settings(), anew)
 
-    def _set_knobs(self, settings: Knobs) -> None:
-        """Have the knobs say what settings do, and ask for nothing; which frame is looked at stays."""
-        self._wish = settings
-        scene = self.frame if settings.scene is None else settings.scene
-        self.knobs = self.knobs | vars(settings) | {"scene": scene}
+    def set_knobs(self, values: dict[str, Any]) -> None:
+        """Turn some knobs on the page as well."""
+        self.turn(values)
+        self.send({"knobs": self.knobs})
+
+    def ask_anew(self) -> None:
+        """Have light and contours found again, with the knobs as they are."""
+        self.turn({}, anew=True)
+
+    def undo(self) -> None:
+        """Go back to the knobs before."""
+        if len(self._visited) > 1 and self.settings() == self._visited[-1]:
+            self._visited.pop()
+        if self._visited:
+            wanted = self._visited[-1]
+            scene = self.frame if wanted.scene is None else wanted.scene
+            self.set_knobs(vars(wanted) | {"scene": scene})
+
+    def reset(self) -> None:
+        """All knobs as they were at first."""
+        self.set_knobs(self._first | ({"scene": self.frame} if self._pictures else {}))
+
+    def preset(self, name: str) -> None:
+        """Set all options of a reconstruction at once; the frame and what is believed stay."""
+        options = {part.name for part in fields(Settings)} - {"width"}
+        first = {key: value for key, value in self._first.items() if key in options}
+        self.set_knobs(first | PRESETS[name])
+
+    def step(self, by: int) -> None:
+        """Look at the next frame, or the one before."""
+        if 0 <= self.frame + by < len(self._pictures):
+            self.set_knobs({"scene": self.frame + by})
 
     def _open(self, index: int) -> None:
         """Look at another frame; one that cannot be used is passed by with a sentence, and the last stays."""
         try:
             frame = read_frame(self._pictures[index], self._calibration)
         except (OSError, ValueError, MemoryError) as error:
-            self.knobs = self.knobs | {"scene": self.frame}
-            sentence = f"{sentence_of(error)}: the frame before is still shown"
-            raise ValueError(sentence) from error
+            self.knobs["scene"] = self.frame
+            self.send({"knobs": self.knobs})
+            raise ValueError(f"{error}: the frame before is still shown") from error
         self.engine.source = Source(self._calibration, frame)
         self.frame = index
-        self.visited = []
-        self.tried = []
-        self._wish = None
-        self.window = [*WHOLE]
-        self.drop()
+        self._visited = []
 
-    def step(self, by: int) -> None:
-        """Look at the next frame, or the one before."""
-        index = self.frame + by
-        if 0 <= index < len(self._pictures):
-            self.knobs = self.knobs | {"scene": index}
+    def _choose(self, names: list[str]) -> None:
+        """Show other panels."""
+        added = {*names} - {*self.panels}
+        self.panels = [name for name in names if name in PANELS]
+        if added.intersection(NEED_UNCERTAINTY):
+            self.find_uncertainty()
+        if added - OWN_PANELS:
+            self._send_all()
 
-    def _take(self, answer: Answer) -> None:
-        """Show an answer; in the engine's thread. Of one that is there already, more is known now."""
-        try:
-            with self._lock:
-                is_new = answer not in (self.now, self.kept)
-                if is_new and answer in self._told:
-                    return  # more is known of an answer that was left
-                self._accept(answer, is_new)
-                if answer.stage == Stage.FINAL and self._keeps_next:
-                    self.keep()
-                    return
-                line = self.line if is_new else {}
-                if answer.stage == Stage.LOOK:
-                    if self._to_paint is None:
-                        self._painter.submit(self._paint)
-                    self._to_paint = line
-                    return
-            self._show(line, meanwhile=True)
-        except Exception as error:
-            self._refuse(sentence_of(error))
-
-    def _paint(self) -> None:
-        """Show the last look, while the next one is solved; those that came too fast are left out."""
-        try:
-            with self._lock:
-                line = self._to_paint
-                self._to_paint = None
-            self._show(line, meanwhile=True)
-        except Exception as error:
-            self._refuse(sentence_of(error))
-
-    def _accept(self, answer: Answer, is_new: bool) -> None:
-        """Take an answer as the present one, and note what a final one says of λ."""
-        if is_new:
-            self.now = answer
-            self._told.add(answer)
-            if answer.stage == Stage.FINAL and self.visited[-1:] != [answer.settings]:
-                self.visited.append(answer.settings)
-        if answer.stage == Stage.FINAL:
-            for one in (*answer.variants.values(), answer):  # this one at the end
-                self._note(Tried.of(one))
-
-    def _note(self, tried: Tried) -> None:
-        """Have an answer among those on the λ curve."""
-        known = tried.settings, tried.contours
-        others = [one for one in self.tried if (one.settings, one.contours) != known]
-        self.tried = [*others, tried]
-
-    def bring_back(self, settings: Knobs) -> None:
-        """Ask for the answer of these settings once more."""
-        self._set_knobs(settings)
-        self.ask()
-
-    def undo(self) -> None:
-        """Go back to the answer before."""
-        if len(self.visited) > 1 and self.settings() == self.visited[-1]:
-            self.visited.pop()
-        if self.visited:
-            self.bring_back(self.visited[-1])
-
-    def reset(self) -> None:
-        """All knobs as they were at first."""
-        self.knobs = self._first | ({"scene": self.frame} if self._pictures else {})
-
-    def preset(self, name: str) -> None:
-        """Set all options of a reconstruction at once; the frame and what is believed stay."""
-        options = {part.name for part in fields(Settings)} - {"width"}
-        first = {key: value for key, value in self._first.items() if key in options}
-        self.knobs = self.knobs | first | PRESETS[name]
-
-    def _follow_scrub(self, change: dict[str, Any]) -> None:
-        """Follow the slider of the path; 0 is nobody's wish."""
-        if change["new"]:
-            self.iterate(change["new"])
-
-    def iterate(self, place: int) -> None:
-        """Look at an iterate of the last run, from 1; the last one is the answer again."""
+    def show_iterate(self, place: int) -> None:
+        """Show an iterate of the last run, from 1; the last one is the answer again."""
         answer = self._final()
         if not 1 <= place <= len(answer.path):
             raise ValueError(f"there are {len(answer.path)} iterates, got {place}")
-        self.passed = None
+        shown = answer
         if place < len(answer.path):
-            self.passed = answer.pass_by(place - 1)
-        self._leave_comparison()
-        self._show()
+            passed = shown_as(answer.path[place - 1])
+            shown = replace(answer, stage=Stage.ITERATE, result=passed, uncertainty=None)
+        self._send_answer(shown, {"path": self._path(answer, place)})
 
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
-        answer = self._final_alone()
+        answer = self._final()
         if answer.uncertainty is None:
-            self.engine.find_uncertainty(answer)
-            self._tell("finding σ ...")
+            self.send({"line": "finding σ ..."})
+            self.engine.do(lambda: self.engine.find_uncertainty(answer))
 
     def _final(self) -> Answer:
-        if self.answer is None or self.answer.stage != Stage.FINAL:
-            raise ValueError("the last answer is still to come")
-        return self.answer
-
-    def _final_alone(self) -> Answer:
-        """Return the final answer, for a job that would drop a wish: there must be none."""
-        if self.engine.waits:
-            raise ValueError("the last answer is still to come")
-        return self._final()
-
-    # What is compared --------------------------------------------------------------------
-
-    def compare(self, what: str) -> None:
-        """Show five λ around this ("lam") or each "regulariser" in columns; "" ends that."""
-        if what:
-            now = self._final_alone()
-            if not now.uses_lam:
-                raise ValueError(f"{now.settings.solver} has neither λ nor a regulariser")
-            self.passed = None
-            several = _compared_settings(now.settings, what)
-            self.engine.compare(now, several)
-        self.compared = what
-        self._show()
-
-    def _columns(self, answer: Answer) -> dict[str, Answer | None]:
-        """What is compared, by the names of its columns; None is still to come."""
-        several = _compared_settings(answer.settings, self.compared)
-        return {
-            label: answer if one == answer.settings else answer.variants.get(label)
-            for label, one in several.items()
-        }
-
-    def keep(self) -> None:
-        """Keep what is shown as A, to compare, once it is final; then it stands beside what is shown."""
-        is_final = self.answer is not None and self.answer.stage == Stage.FINAL
-        self._keeps_next = self.engine.waits or not is_final
-        if self._keeps_next:
-            self._show()
-            return
-        self.kept = self._final()
-        self.show("A beside B")
-
-    def drop(self) -> None:
-        """Forget A."""
-        self.kept = None
-        self.shows = ""
-        self._keeps_next = False
-        self._show()
-
-    def show(self, which: str) -> None:
-        """Show A, B, or both; knobs, code and export are of the one that is shown, of both of B."""
-        if self.kept is None:
-            return
-        self._leave_comparison()
-        self.passed = None
-        self.shows = which
-        if self.answer is not None:
-            self._set_knobs(self.answer.settings)
-        self._show()
-
-    def blink(self) -> None:
-        """Show the other of A and B."""
-        self.show("A" if self.shows == "B" else "B")
-
-    def _leave_comparison(self) -> None:
-        """From columns, or from A, to the present answer."""
-        self.compared = ""
-        if self.shows == "A":
-            self.shows = "B"
+        answer = self.answer
+        if answer is None or not answer.is_final:
+            raise ValueError("the answer is still to come")
+        return answer
 
     # What is shown -----------------------------------------------------------------------
 
     def _refuse(self, sentence: str) -> None:
-        self._tell(sentence, wrong=True)
+        self.send({"line": sentence, "tone": "endolab-wrong"})
 
-    def _tell(self, text: str, wrong: bool = False) -> None:
-        with self._lock:
-            self.line = {"text": text, "wrong": wrong}
-
-    def _view(self) -> View:
-        """How an answer is looked at; if A was kept, on its scales."""
-        wide, tall = (int(side * self._ratio) for side in self._room)
-        return View(
-            line=(self.knobs["across"], self.knobs["section"] / 100),
-            like=self.kept,
-            tried=self.tried,
-            room=(wide, tall),
-            text=round(self._ratio * BOARD.text),
-            zoom=self._zoom(),
-            look=self._look,
-        )
-
-    def _zoom(self) -> Window:
-        """The part of the maps that the page wants to see, but not less than can be looked at."""
-        left, top, right, bottom = np.clip(self.window, 0, 1).tolist()
-        left, top = (min(low, 1 - BOARD.least_zoom) for low in (left, top))
-        return (
-            left,
-            top,
-            max(right, left + BOARD.least_zoom),
-            max(bottom, top + BOARD.least_zoom),
-        )
-
-    def _show_frame(self) -> None:
-        """Show the frame, as there is no answer yet."""
-        with suppress(ValueError):  # which the answer will say
-            subject = self.engine.source.subject(self.settings())
-            board = draw_frame(subject.frame.image, self._view())
-            self._send_board(board, [], jpeg(board.picture))
-
-    def _send_board(self, board: Board, names: Sequence[str], picture: bytes) -> None:
-        """Have the page show a board."""
-        self.board = board
-        height, width = board.picture.shape[:2]
-        with self.hold_sync():
-            self.size = [width, height, self._ratio]
-            self.cells = board.cells(names)
-            self.picture = picture
-
-    def _draw(self, answer: Answer, view: View) -> tuple[Board, Sequence[str]]:
-        """The board, and the names of its panels, if they can be chosen."""
-        kept = self.kept
-        if self.compared:
-            return draw_columns(self._columns(answer), answer, view), []
-        if self.shows == "A beside B" and kept and are_comparable(kept, answer):
-            return draw_pair(kept, answer, view), []
-        names = [*self.names]
-        return draw_answer(answer, names, view), names
-
-    def _show(self, line: dict[str, Any] | None = None, meanwhile: bool = False) -> None:
-        """Show the one answer, alone or beside others: panels, surface, code and status line.
-
-        Drawing takes longest. `meanwhile` the page is heard, if another thread draws; and if that made
-        another picture necessary, this one is dropped. What was refused stays to be read, unless it is the
-        `line` that is to be replaced, by default the present one.
-        """
-        with nullcontext() if meanwhile else self._lock:
-            self._draw_and_send(line)
-
-    def _draw_and_send(self, line: dict[str, Any] | None) -> None:
-        with self._lock:
-            answer = self.passed or self.answer
-            if answer is None:
+    def _show(self, answer: Answer) -> None:
+        """Show an answer, once the page has painted the one before; in the engine's thread."""
+        is_new = self.answer is None or answer.stage == Stage.ANEW
+        if not answer.is_final:
+            self._free.wait(PAINTING)
+            if self.engine.is_stale():
                 return
-            self._drawings += 1
-            number = self._drawings
-            replaced = self.line if line is None else line
-            view = self._view()
-            texture = self.knobs["texture"]
-        board, names = self._draw(answer, view)
-        picture = jpeg(board.picture)
-        lies = None
-        if "3D" in names and texture != "frame":
-            lies = PANELS[texture](answer, view).picture
-        with self._lock:
-            if number != self._drawings:
-                return
-            with self.hold_sync():  # one message, as a page draws anew with each
-                if self.line is replaced or not self.line.get("wrong"):
-                    self.line = self._line(answer)
-                self.code = self.python()
-                self._tell_path()
-                self._send_board(board, names, picture)
-            self._say(self.hover)
-        if "3D" in names:
-            moving = answer.stage in (Stage.LOOK, Stage.PASSED)
-            self.surface.show(answer.result, lies, moving)
+        before = self.answer
+        self.answer = answer
+        more: dict[str, Any] = {}
+        if answer.is_final:
+            more["path"] = self._path(answer, len(answer.path))
+            more["energy"] = _energy(answer)
+            if self._visited[-1:] != [answer.settings]:
+                self._visited.append(answer.settings)
+        if is_new and answer.is_final and before is not answer:
+            self._limits = {}
+            self._compare(before, answer)
+            self._send_answer(answer, more, still=True)
+        else:
+            self._send_answer(answer, more)
 
-    def _line(self, answer: Answer) -> dict[str, Any]:
-        """What is said of an answer."""
-        text = summary(answer, self.tried)
-        if self.compared:
-            columns = self._columns(answer).values()
-            found = sum(one is not None for one in columns)
-            text = f"{found} of {len(columns)} · {text}"
-        elif self.shows:
-            text = f"{self.shows}: {text}"
-        elif self._keeps_next:
-            text = f"to be kept as A: {text}"
-        before = [one for one in self.tried if one.settings != answer.settings]
-        found_out = warnings(answer, before[-1] if before else None)
-        return {
-            "text": text,
-            "low": is_too_smooth(answer),
-            "warnings": [{"chip": one.chip, "text": one.sentence} for one in found_out],
-        }
+    def _compare(self, before: Answer | None, answer: Answer) -> None:
+        """Note what asking anew has changed."""
+        self._said = ""
+        self._elsewhere = 0.0
+        if before is None or before.settings != answer.settings or not before.is_final:
+            return
+        old = before.result
+        new = answer.result
+        if (
+            old.mask.shape == new.mask.shape
+            and before.still.subject is answer.still.subject
+        ):
+            self._said = what_changed(old, new, answer.contours - before.contours)
+            change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
+            self._elsewhere = 100 * float(np.mean(change > ELSEWHERE))
 
-    def _tell_path(self) -> None:
-        """Tell the page which iterate of the last run is shown."""
+    _elsewhere = 0.0  # % of the pixels that were elsewhere before all was asked anew
+
+    def _send_all(self) -> None:
+        """Send all there is, to a page that was opened, or that shows something else now."""
+        self._free.set()
         answer = self.answer
-        count = (
-            len(answer.path) if answer is not None and answer.stage == Stage.FINAL else 0
-        )
-        self.path = count
-        self.path_place = count
-        self.path_text = ""
-        if self.passed is None:
-            self.scrub = 0  # so that the same place is heard again
+        if answer is not None:
+            more = {"path": self._path(answer, len(answer.path)), "energy": _energy(answer)}
+            self._send_answer(answer, more, still=True)
+            self._note()
         else:
-            self.path_place = self.passed.place
-            self.path_text = f"{self.passed.place} of {count}"
+            self._send_frame()
 
-    # What the page says ------------------------------------------------------------------
+    def _send_frame(self) -> None:
+        """Show the frame, as there is no answer yet."""
+        subject = self.engine.source.subject(self.settings())
+        image = subject.frame.image
+        step = -(-image.shape[1] // self.knobs["width"])
+        picture = image[::step, ::step]
+        height, width = picture.shape[:2]
+        still = {"width": width, "height": height, "unit": "mm", "metric": True}
+        still["window"] = [0, 0, width, height]
+        content = {"still": still, "names": [("picture", "u1")], "line": "solving ..."}
+        self.send(content | {"knobs": self.knobs}, [rgba(picture).tobytes()])
 
-    def measure(
-        self, width: float, height: float, ratio: float, dark: bool = False
+    def _send_answer(
+        self, answer: Answer, more: dict[str, Any], still: bool = False
     ) -> None:
-        """Take the size of the page, px, and the screen's ratio to it; send it the board whatever it has."""
-        wide = max(width, BOARD.least_room[0])
-        self._room = wide, min(max(height, BOARD.least_room[1]), BOARD.tallest * wide)
-        self._ratio = min(max(ratio, 1.0), 3.0)
-        self._look = DARK if dark else DRAWING
-        if self.answer is None:
-            self._show_frame()
-        self._show()
-        # It may have been made while a picture was on its way, and have missed that.
-        self.send_state(["picture", "size", "cells"])
+        """Send an answer in one message: words, maps, and with `still` what stays meanwhile."""
+        names: list[tuple[str, str]] = []
+        buffers: list[bytes] = []
+        message: dict[str, Any] = dict(more)
+        if still:
+            facts, arrays = still_of(answer.result.problem, answer.still.truth)
+            message["still"] = facts
+            message |= {"anew": not self._limits, "knobs": self.knobs}
+            for name, array in arrays.items():
+                names.append((name, "u1" if array.dtype == np.uint8 else "f4"))
+                buffers.append(array.tobytes())
+        maps = {}
+        wanted = {"distance", "model - frame", *self.panels, self.knobs["texture"]}
+        for name in wanted - OWN_PANELS:
+            sent = map_of(name, answer, self.engine, self._limits)
+            maps[name] = sent.spec
+            if "empty" not in sent.spec:
+                names.append((name, sent.kind))
+                buffers.append(sent.content)
+        if not answer.is_final and not self._is_of_curve(answer):
+            message["curve"] = {"title": ""}
+        self._number += 1
+        self._free.clear()
+        message |= self._words(answer)
+        message |= {
+            "names": names,
+            "maps": maps,
+            "number": self._number,
+            "asked": self._asked_for(answer),
+            "moving": not answer.is_final,
+        }
+        self.send(message, buffers)
 
-    def _say(self, where: Sequence[float]) -> None:
-        """Tell what all panels say of a point of their maps, and show it in the section and in 3D."""
-        texts = []
-        marks = []
-        self.surface.marker = []
-        for place in self.board.places if where else []:
-            i, j = place.pixel(*where)
-            texts.append(place.says(i, j))
-            marks.append(place.mark(i, j))
-            point = place.answer.result.points[i, j]
-            if np.all(np.isfinite(point)):
-                self.surface.marker = point.tolist()
-        with self.hold_sync():
-            self.cursor_texts = texts
-            self.cursor_marks = marks
+    def _asked_for(self, answer: Answer) -> dict[str, float]:
+        """Numbers of the knobs that an answer is of."""
+        known = answer.still.subject.calibration.photometry
+        asked = answer.settings
+        light = {"k": asked.k, "gamma": asked.gamma}
+        found = {
+            name: getattr(known, name) if value is None else value
+            for name, value in light.items()
+        }
+        return {"lam": asked.lam, "gain": asked.gain, **found}
 
-    def choose(self, index: int, name: str) -> None:
-        """Show something else in a panel."""
-        self.names[index] = name
-        self._show()
-        if name in NEED_UNCERTAINTY:
-            self.find_uncertainty()
+    def _words(self, answer: Answer) -> dict[str, Any]:
+        """What is said of an answer: its line, badge, label and warnings."""
+        order = answer.result.problem.regulariser
+        label = f"λ {answer.settings.lam:.3g}, {order}" if answer.uses_lam else ""
+        label = label or answer.settings.solver.replace("_", " ")
+        words: dict[str, Any] = {
+            "label": f"{label}, {100 * answer.explained:.1f} % explained",
+            "badge": "" if answer.held is None else "held",
+            "line": describe(answer.result, answer.explained, answer.stage, answer.errors),
+            "tone": "",
+        }
+        if answer.stage == Stage.ANEW and self._said:
+            words["line"] = f"{self._said} · {words['line']}"
+        if not answer.is_final:
+            return words
+        best, _ = self._suggested(answer)
+        advised = advice(answer.explained, best)
+        text = "A smaller λ follows the picture more closely; click to take it."
+        chips: list[dict[str, Any]] = []
+        if advised:
+            chips.append({"chip": advised, "text": text, "lam": float(f"{best:.2g}")})
+        chips += [
+            {"chip": one.split(":")[0].split(",")[0].rstrip("."), "text": one}
+            for one in warnings(answer.result)
+        ]
+        if answer.stage == Stage.ANEW and self._elsewhere > 0:
+            share = f"{self._elsewhere:.2g} %"
+            text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
+            chip = f"not unique: {share} of pixels"
+            chips.append({"chip": chip, "text": text, "panel": "spread over λ"})
+        words["chips"] = chips
+        return words
 
-    def press(self, x: float, y: float) -> None:
-        """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
-        place = self.board.at(x, y)
-        if place is None:
+    def _suggested(self, answer: Answer) -> tuple[float | None, bool]:
+        """Which λ explains enough, and whether more might; nothing of a solver that has none."""
+        return self.engine.suggested(answer) if answer.uses_lam else (None, True)
+
+    def _note(self) -> None:
+        """Send what is known of λ."""
+        answer = self.answer
+        if answer is None:
             return
-        if self.compared:
-            self.bring_back(place.answer.settings)
-        elif isinstance(place.panel, Chart) and len(place.dots):
-            height, width = self.board.picture.shape[:2]
-            away = np.linalg.norm((place.dots - (x, y)) * (width, height), axis=1)
-            brings = [dot.brings for dot in place.panel.dots]
-            away[[one is None for one in brings]] = np.inf
-            nearest = int(away.argmin())
-            if away[nearest] < BOARD.click_radius * self._ratio:
-                self.bring_back(brings[nearest])
-        else:
-            self._cut(x, y)
-
-    def _cut(self, x: float, y: float) -> None:
-        """Lay the section through a point of a map."""
-        place = self.board.at(x, y)
-        if place is None or place.spot is None or self.compared:
+        if not answer.uses_lam:
+            title = f"{answer.settings.solver.replace('_', ' ')} has no λ"
+            self.send({"curve": {"title": title}})
             return
-        left, top, right, bottom = place.spot
-        row, column = place.pixel((x - left) / (right - left), (y - top) / (bottom - top))
-        height, width = place.answer.result.mask.shape
-        share = (column + 0.5) / width
-        if self.knobs["across"]:
-            share = (row + 0.5) / height
-        self.knobs = self.knobs | {"section": round(1000 * share) / 10}
+        self._drawn = answer.settings
+        best, at_least = self._suggested(answer)
+        tried = self.engine.curve_of(answer)
+        errors = [one.errors for one in tried]
+        curve = {
+            "title": _curve_title(best, at_least) if len(tried) > len(LAM_FACTORS) else "",
+            "lams": [one.settings.lam for one in tried],
+            "explained": [one.explained for one in tried],
+            "errors": [None if one is None else one[0] for one in errors],
+            "best": best,
+            "at_least": at_least,
+            "now": answer.settings.lam,
+        }
+        self.send({"curve": curve} | (self._words(answer) if answer.is_final else {}))
+
+    def _is_of_curve(self, answer: Answer) -> bool:
+        """Whether an answer differs by λ alone from those of the curve that is shown."""
+        drawn = self._drawn
+        return (
+            drawn is not None and replace(drawn, lam=answer.settings.lam) == answer.settings
+        )
+
+    def _path(self, answer: Answer, place: int) -> dict[str, Any]:
+        """Which iterate of the last run is shown."""
+        count = len(answer.path)
+        text = ""
+        if count:
+            text = f"iterate {answer.path[place - 1].k} of {answer.path[-1].k}"
+            text += "" if place == count else ", still falls"
+        return {"count": count, "place": place, "text": text}
 
     # What is written ---------------------------------------------------------------------
 
     def python(self) -> str:
-        """Return the Python that makes the one answer, imports included."""
-        if self.answer is None:
-            raise ValueError("there is no answer to write yet")
-        return self._code_of(self.answer)
+        """Return the Python that makes the one answer; it runs where its export lies."""
+        answer = self._final()
+        saved = answer.settings.solving_settings(answer.still.subject)
+        lines = [
+            "from dataclasses import replace",
+            "from pathlib import Path",
+            "",
+            "import endolab as el",
+            "",
+            "here = Path(__file__).parent",
+            'calibration = el.load_calibration(here / "endoscope.json")',
+        ]
+        if answer.settings.scene is None:
+            mask = (
+                "" if answer.still.subject.frame.mask.all() else ', mask=here / "mask.png"'
+            )
+            lines.append(f'frame = el.read_frame(here / "{self._picture_name()}"{mask})')
+        else:
+            lit = f"calibration.photometry, noise={answer.settings.noise!r}"
+            scene = f"el.SCENES[{answer.settings.scene!r}]"
+            lines += [
+                f"view = el.render({scene}, calibration.camera, {lit})",
+                "frame = el.Frame(view.image, view.mask)",
+            ]
+        light = dict(saved.photometry)
+        if "albedo" in light:
+            albedo = light.pop("albedo")
+            light["brdf"] = f"el.Lambertian({albedo!r})"
+        changes = ", ".join(
+            f"{name}={value if name == 'brdf' else repr(value)}"
+            for name, value in light.items()
+        )
+        if changes:
+            believed = f"replace(calibration.photometry, {changes})"
+            lines.append(f"calibration = replace(calibration, photometry={believed})")
+        else:
+            lines.remove("from dataclasses import replace")
+        given = [f"{name}={value!r}" for name, value in saved.keywords.items()]
+        if answer.held is not None:
+            lines.append('held = el.load_held(here / "held.npz")')
+            given.insert(0, "held=held")
+        lines.append(f"result = el.reconstruct(frame, calibration, {', '.join(given)})")
+        return "\n".join([*lines, ""])
 
-    def _code_of(self, answer: Answer) -> str:
-        source = 'calibration = el.load_calibration("endoscope.json")  # the one given to the tuner'
-        for name, known in datasets.CALIBRATIONS.items():
-            if known == self._calibration:
-                source = f"calibration = el.load_calibration({name!r})"
-        settings = answer.settings
-        subject = answer.subject
-        lines = ["from dataclasses import replace\n\nimport endolab as el\n", source]
-        if settings.scene is None:
-            lines.append(f"frame = el.read_frame({subject.frame.name!r}, calibration)")
-        return "\n".join([*lines, settings.code(subject), ""])
+    def _picture_name(self) -> str:
+        return self._pictures[self.frame].name if self._pictures else "frame.png"
 
-    def export(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+    def export(
+        self, folder: str | Path, *, overwrite: bool = False, board: bytes | None = None
+    ) -> Path:
         """Write all there is about the one answer into a folder.
 
-        That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, and what `save_result` writes;
-        all or none. It is solved once more, to be recorded. A folder that holds files of others is written
-        into only if `overwrite`.
+        That is `result.py`, `settings.json`, `endoscope.json`, the frame, `recording.rrd`, `held.npz` unless
+        all was asked anew, and what `save_result` writes; from the page also `board.png`, as it is seen. All
+        or none. A folder that holds files of others is written into only if `overwrite`.
         """
-        with self._lock:
-            answer = self._final()
-        return self._export(answer, folder, overwrite)
-
-    def _export(self, answer: Answer, folder: str | Path, overwrite: bool = False) -> Path:
         from endolab.workbench.recording.recorder import record
 
-        with self._lock:
-            code = self._code_of(answer)
-            board = draw_answer(answer, self.names, self._view())
-        settings = answer.settings
-        subject = answer.subject
-        uncertainty = answer.uncertainty
+        answer = self._final()
+        subject = answer.still.subject
+        saved = answer.settings.solving_settings(subject)
+        known = saved.apply(subject.calibration)
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
-                self.engine.solve_cold(settings, [recorder], subject)
-                if uncertainty is not None:
-                    recorder.add_uncertainty(uncertainty, answer.result)
-            write_files(answer.result, staging, uncertainty=uncertainty)
-            write_image(staging / "board.png", board.picture / 255)
-            write_atomically(staging / "result.py", code.encode())
-            write_settings(settings.solving_settings(subject), staging / "settings.json")
+                reconstruct(
+                    subject.frame,
+                    known,
+                    held=answer.held,
+                    observers=[recorder],
+                    **saved.keywords,
+                )
+                if answer.uncertainty is not None:
+                    recorder.add_uncertainty(answer.uncertainty, answer.result)
+            write_files(answer.result, staging, uncertainty=answer.uncertainty)
+            if board is not None:
+                write_atomically(staging / "board.png", board)
+            if answer.held is not None:
+                save_held(answer.held, staging / "held.npz")
+                saved = replace(saved, held="held.npz")
+            if answer.settings.scene is None:
+                self._write_frame(subject.frame, staging)
+            write_calibration(subject.calibration, staging / "endoscope.json")
+            write_settings(saved, staging / "settings.json")
+            write_atomically(staging / "result.py", self.python().encode())
         return Path(folder)
 
-    def export_aside(self, name: str) -> None:
+    def _write_frame(self, frame: Frame, folder: Path) -> None:
+        path = folder / self._picture_name()
+        if self._pictures:
+            write_atomically(path, read_bytes(self._pictures[self.frame]))
+        else:
+            write_image(path, frame.image, bits=16)
+        if not frame.mask.all():
+            write_image(folder / "mask.png", frame.mask.astype(float))
+
+    def _export_aside(self, name: str, board: bytes) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile."""
         if not name.strip():
             raise ValueError("name a folder to export into")
+        self._final()
         folder = Path(name.strip()).expanduser()
-        answer = self._final_alone()  # whatever else is answered before the export begins
-        self._tell(f"exporting into {folder} ...")
+        self.send({"line": f"exporting into {folder} ..."})
 
-        def job(is_stale: object) -> None:
-            self._tell(f"exported into {self._export(answer, folder).resolve()}")
+        def job() -> None:
+            self.export(folder, board=board)
+            self.send({"line": f"exported into {folder.resolve()}", "tone": ""})
 
-        self.engine.do(job, f"the export into {folder}")
+        self.engine.do(job)
+
+    def export_html(self, path: str | Path) -> Path:
+        """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""
+        self.engine.wait()
+        answer = self._final()
+        if answer.settings.solver != "gauss_newton":
+            raise ValueError("only Gauss-Newton's answers are played over λ")
+        lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
+        answers = variants(answer, lams, REGULARISERS)
+        held = self._limits
+        residual = map_of("model - frame", answer, self.engine, held).spec
+        distance = map_of("distance", answer, self.engine, held).spec
+        rows = []
+        for one in answers:
+            errors = one.errors
+            words = self._words(one)
+            settings = {"lam": one.settings.lam, "regulariser": one.settings.regulariser}
+            found = {"explained": one.explained, "error": errors and errors[0]}
+            rows.append(settings | found | {"line": words["line"], "label": words["label"]})
+        for order in REGULARISERS:
+            some = [row for row in rows if row["regulariser"] == order]
+            best = suggest_lam(lams, [row["explained"] for row in some])
+            for row in some:
+                row["curve"] = {"title": _curve_title(*best), "best": best[0]}
+        still, arrays = still_of(answer.result.problem, answer.still.truth)
+        knobs = {"lam": answer.settings.lam, "regulariser": "second", "texture": "frame"}
+        specs = [spec for spec in self._specs if spec["name"] in knobs]
+        specs = [
+            spec | ({"options": [*REGULARISERS]} if "range" not in spec else {})
+            for spec in specs
+            if spec["name"] != "texture"
+        ]
+        alone = {"specs": specs, "alone": True, "panels": [*PANELS[:8]], "presets": []}
+        first = {"still": still, "knobs": knobs, "anew": True}
+        first["maps"] = {"distance": distance, "model - frame": residual}
+        maps = pack(answers, max(residual["high"], 5.0))
+        title = f"{answer.still.subject.frame.name} · endolab"
+        page = write_page(self._facts() | alone, first, arrays, rows, maps, title)
+        write_atomically(path, page.encode())
+        return Path(path)
 
     def close(self) -> None:
         """Close the widget and end its thread."""
         if hasattr(self, "engine"):  # not if it was refused
             self.engine.close()
-            self._painter.shutdown()
-            self.surface.close()
-            self.layout.close()
         super().close()
 
 
-def _compared_settings(settings: Knobs, knob: str) -> dict[str, Knobs]:
-    """Settings that differ by a knob, "lam" or "regulariser", by what their columns are called."""
-    values: dict[str, Any] = {}
-    if knob == "lam":
-        values |= values_of_lam(settings.lam)
-    else:
-        values |= {order: order for order in ("first", "second")}
-    return {label: replace(settings, **{knob: value}) for label, value in values.items()}
+def _curve_title(best: float | None, at_least: bool) -> str:
+    """What the λ curve says."""
+    if best is None:
+        return "no λ tried explains 99 %: wet or noisy walls, or another light"
+    return f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
+
+
+def _energy(answer: Answer) -> dict[str, list[float]] | None:
+    """The course of the energy, if more than one step was taken."""
+    history = answer.result.history
+    if len(history) < 2:
+        return None
+    return {
+        name: [row[name] for row in history]
+        for name in ("k", "data", "regulariser", "energy")
+    }

@@ -8,6 +8,7 @@ import pytest
 
 from endolab.calibration import summary
 from endolab.calibration.photometric.result import HeldOut
+from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty
 from endolab.workbench.plots import calibration as plots
 from endolab.workbench.plots import light as light_plots
 from tests.tools.simulated_session import simulated
@@ -24,44 +25,36 @@ def session():
     return simulated()[0]
 
 
-@pytest.fixture(scope="module")
-def frames():
-    return dict(simulated()[1])
-
-
-def test_arrows_are_the_residuals_and_outliers_end_early(session):
+def test_arrows_are_the_residuals(session):
     geometry = session.geometry
     ax = plots.show_reprojection(geometry)
-    inliers, outliers = ax.collections
+    (arrows,) = ax.collections
     residuals = np.concatenate(geometry.residuals)
-    good = np.concatenate(geometry.inliers)
     magnify = float(ax.get_title().split("× ")[1])
-    assert inliers.scale == outliers.scale == pytest.approx(1 / magnify)
+    assert arrows.scale == pytest.approx(1 / magnify)
     assert 0.4 < magnify * geometry.sigma / (0.02 * geometry.camera.width) <= 1
-    assert np.isin(inliers.U, residuals[good, 0]).mean() > 0.99
-    assert np.hypot(outliers.U, outliers.V).max() == pytest.approx(
-        plots.CROWDING.longest_arrow * geometry.sigma
-    )
+    assert np.isin(arrows.U, residuals[:, 0]).all()
+
+
+def angle_of(line, camera):
+    rays = camera.unproject(line.get_xydata())
+    return np.arccos(rays[np.isfinite(rays).all(axis=-1), 2])
 
 
 def test_the_field_has_circles_of_equal_angle(session):
-    camera = session.camera
-    ax = plots.show_coverage(session.geometry)
-    rings = ax.lines[1:]  # after the features
+    rings = plots.show_coverage(session.geometry).lines[1:]  # after the features
     for ring, angle in zip(rings[:3], (10, 20, 30), strict=True):
-        rays = camera.unproject(ring.get_xydata())
-        assert np.rad2deg(np.arccos(rays[:, 2])) == pytest.approx(angle, abs=1e-6)
+        assert np.rad2deg(angle_of(ring, session.camera)) == pytest.approx(angle)
 
 
-def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(
-    session, frames
-):
+def test_bars_are_the_errors_and_the_worst_frames_show_found_over_expected(session):
     worst = plots.worst_frames(session)
     errors = sorted(session.errors.values(), reverse=True)
     assert [session.errors[name] for name in worst] == errors[:4]
     ax = plots.show_frame_errors(session.errors, worst)
     assert [bar.get_height() for bar in ax.patches] == list(session.errors.values())
-    expected, found = plots.show_features(frames[worst[0]], session, worst[0]).lines
+    image = dict(simulated()[1])[worst[0]]
+    expected, found = plots.show_features(image, session, worst[0]).lines
     assert np.array_equal(expected.get_xydata(), session.predict_pixels(worst[0]))
     assert np.array_equal(found.get_xydata(), session.detections[worst[0]].pixels)
 
@@ -81,22 +74,34 @@ def test_the_brdf_is_relative_to_its_pinned_node(session):
     assert ax.containers[0].lines[0].get_ydata() == pytest.approx(values * np.pi)
 
 
-def test_a_score_shows_its_bins_and_a_wide_bar_does_not_rule():
+def test_a_score_shows_its_bins_and_a_wide_bar_of_few_samples_does_not_rule():
     edges = np.deg2rad([0, 10, 20, 30, 40])
     error = np.array([0.001, -0.001, -0.002, np.nan])
     counts = np.array([30, 30, 1, 0])
     spread = np.array([0.001, 0.001, 0.5, np.nan])
     ax = light_plots.show_scores(HeldOut(edges, error, spread, counts, 3.0))
-    shown = ax.containers[0].lines[0].get_xydata()[:3]
-    assert shown == pytest.approx(np.array([[5, 0.1], [15, -0.1], [25, -0.2]]))
+    shown = ax.containers[0].lines[0].get_xydata()
+    assert shown[:2] == pytest.approx(np.array([[5, 0.1], [15, -0.1]]))
+    assert np.isnan(shown[2:, 1]).all()
     assert 0.2 < ax.get_ylim()[1] < 5
 
 
-def test_pages_are_whole(session, frames):
-    image = frames[plots.best_frame(session)]
-    worst = plots.worst_frames(session)
-    pages = [plots.geometry_figure(session, image), plots.light_figure(session, image)]
-    pages.append(plots.frames_figure(session, {name: frames[name] for name in worst}))
-    for figure, panels in zip(pages, (4, 6, 6), strict=True):
-        figure.canvas.draw()
-        assert sum(bool(ax.get_title()) for ax in figure.axes) == panels
+def test_maps_of_uncertainty_show_their_values_on_the_whole_picture(session):
+    geometry = session.geometry
+    seen = geometry.max_angle_seen
+    known = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
+    light = session.light
+    for ax, expected, angle in (
+        (plots.show_ray_uncertainty(geometry), known.mrad_shape, seen),
+        (
+            plots.show_fall_off_uncertainty(light, session.camera),
+            fall_off_uncertainty(light, session.camera),
+            light.alpha_range[1],
+        ),
+    ):
+        (shown,) = ax.images
+        values = shown.get_array().filled(np.nan)
+        assert np.array_equal(values, expected, equal_nan=True)
+        assert shown.get_extent() == [-0.5, 159.5, 119.5, -0.5]
+        assert 0 < shown.get_clim()[1] < np.nanmax(expected)
+        assert angle_of(ax.lines[0], session.camera) == pytest.approx(angle)

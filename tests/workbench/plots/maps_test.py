@@ -1,18 +1,21 @@
-"""Figures: what they say, what they leave out, and that they leave nothing behind."""
+"""Figures of a surface: what they show is what was found."""
 
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
-from matplotlib.text import Text
 
 import endolab as el
 from endolab import plots
-from endolab.workbench.plots import style
+from endolab.workbench.plots.scales import MAPS, limits, palette
 from tests.tools.problems import coloured_colon
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays():
+    yield
+    plt.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -30,25 +33,15 @@ def start(colon):
     return el.Iterate.of(colon[0], colon[0].log_d0)
 
 
-@pytest.fixture(autouse=True)
-def _no_figure_stays():
-    yield
-    plt.close("all")
-
-
-def test_a_depth_map_has_units_and_limits_and_equal_ratios_are_equal_steps():
+def test_a_depth_map_has_limits_and_equal_ratios_are_equal_steps():
     distance = np.linspace(10.0, 110.0, 1200).reshape(30, 40)
     distance[:10, :10] = np.nan
-    ax = plots.show_depth(distance)
-    image = ax.images[0]
+    image = plots.show_depth(distance).images[0]
     assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(distance, [1, 99])))
-    assert image.colorbar.ax.get_ylabel() == "distance [mm]"
     norm = image.norm
     assert norm(40.0) - norm(20.0) == pytest.approx(norm(20.0) - norm(10.0))
     image = plots.show_depth(distance, limits=(1.0, 200.0)).images[0]
     assert image.get_clim() == (1.0, 200.0)
-    plots.show_depth(distance * np.nan).figure.canvas.draw()
-    assert plots.show_sigma(distance * np.nan).images[0].get_clim() == (0, 1)
 
 
 def test_isolines_lie_at_the_ticks_and_not_across_jumps():
@@ -62,33 +55,44 @@ def test_isolines_lie_at_the_ticks_and_not_across_jumps():
         if len(path):
             drawn[level] = np.unique(path.vertices[:, 0])
     assert drawn == {30: 9.5, 110: 29.5}
-    assert not plots.show_depth(np.full((9, 9), 40.0)).collections
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda: plots.show_depth(np.full((9, 9), np.nan)),
+        lambda: plots.show_depth(np.full((9, 9), 40.0)),
+        lambda: plots.show_sigma(np.full((9, 9), np.nan)),
+        lambda: plots.show_error(np.ones((9, 9)), np.ones((9, 9))),
+        lambda: plots.show_normals(np.full((9, 9, 3), np.nan)),
+        lambda: plots.show_cloud(np.full((9, 9, 3), np.nan), np.ones((9, 9))),
+    ],
+)
+def test_what_is_unknown_or_flat_is_drawn(draw):
+    draw().figure.canvas.draw()
 
 
 def test_an_error_is_signed_and_centred():
     truth = np.full((4, 4), 50.0)
     estimate = truth + np.linspace(-1, 4, 16).reshape(4, 4)
-    estimate[0, 0] = np.nan
     image = plots.show_error(estimate, truth).images[0]
     assert image.get_array()[3, 3] == pytest.approx(8.0)
     assert image.get_clim()[0] == -image.get_clim()[1]
     assert image.get_clim()[1] == pytest.approx(8.0, rel=0.1)
-    plots.show_error(truth, truth).figure.canvas.draw()  # no error at all
 
 
 def test_a_section_lies_on_the_surface(rendered):
     field = rendered.camera.field
-    distances = {"truth": rendered.distance, "mine": 2 * rendered.distance}
-    ax = plots.show_section(distances, field)
-    z, y = ax.lines[0].get_data()
+    ax = plots.show_section(
+        {"truth": rendered.distance, "mine": rendered.distance}, field
+    )
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert names == ["camera", "truth", "mine"]
+    z, y = ax.lines[1].get_data()
     points = rendered.distance[..., None] * field.rays
     assert np.array_equal(z, points[:, 40, 2], equal_nan=True)
     assert np.array_equal(y, points[:, 40, 1], equal_nan=True)
     assert ax.yaxis_inverted()
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
-        "truth",
-        "mine",
-    ]
 
 
 def test_a_section_of_a_cut_surface_has_gaps(rendered, start):
@@ -97,7 +101,7 @@ def test_a_section_of_a_cut_surface_has_gaps(rendered, start):
     cut = replace(start, problem=replace(start.problem, cuts=cuts))
     field = rendered.camera.field
     whole, broken = (
-        plots.show_section({"a": surface}, field, column=40).lines[0].get_xdata()
+        plots.show_section({"a": surface}, field, column=40).lines[1].get_xdata()
         for surface in (start, cut)
     )
     assert np.array_equal(np.delete(broken, 31), whole, equal_nan=True)
@@ -112,105 +116,39 @@ def test_a_surface_from_the_side_is_seen_from_the_left_and_above():
     assert corners.mean(axis=(0, 1)) == pytest.approx([-25.0, 0.0], abs=0.5)
 
 
-def result_of(iterate):
-    return el.Result(iterate, el.Status.CONVERGED, [{"k": 0, "energy": 1.0}], 0.1)
-
-
-def section_of(figure):
-    return next(ax for ax in figure.axes if ax.get_title().startswith("Section"))
-
-
-def test_an_overview_says_everything_and_leaves_no_figure(start, rendered):
-    open_figures = plt.get_fignums()
-    figure = plots.overview(result_of(start), truth=rendered.distance)
-    assert plt.get_fignums() == open_figures
-    assert sum(bool(ax.get_title()) for ax in figure.axes) == 6
-    assert "reached its goal" in figure.get_suptitle()
-    assert "relative" not in figure.get_suptitle()
-    names = [text.get_text() for text in section_of(figure).get_legend().get_texts()]
-    assert names == ["truth", "start", "estimate"]
-
-
-def test_an_overview_without_a_gain_says_relative_and_may_be_grey(start, rendered):
+def test_an_overview_without_a_gain_has_no_millimetres_and_may_be_grey(start, rendered):
     problem = replace(start.problem, metric=False, picture=None)
-    relative = result_of(replace(start, problem=problem))
-    figure = plots.overview(relative, truth=7 * rendered.distance)
+    iterate = replace(start, problem=problem)
+    result = el.Result(iterate, el.Status.CONVERGED, [{"k": 0, "energy": 1.0}], 0.1)
+    figure = plots.overview(result, truth=7 * rendered.distance)
     assert "relative units" in figure.get_suptitle()
-    truth, _, estimate, _ = section_of(figure).lines
+    section = next(ax for ax in figure.axes if ax.get_title().startswith("Section"))
+    _, truth, _, estimate = section.lines
     assert 0.5 < np.nanmedian(estimate.get_xdata() / truth.get_xdata()) < 2
     labels = [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes]
     assert not any("mm" in label for label in labels)
 
 
-def one_of_each(start, rendered, axes=(None,) * 7):
-    """Every plot function that draws on axes, in `axes` or its own."""
-    history = [{"k": k, "energy": 0.5**k} for k in range(5)]
-    curves = {"truth": rendered.distance, "start": start.distance}
-    return [
-        plots.show_picture(rendered.image, axes[0]),
-        plots.show_depth(start.distance, axes[1]),
-        plots.show_normals(start.normals, axes[2]),
-        plots.show_error(start.distance, rendered.distance, axes[3]),
-        plots.show_section(curves, rendered.camera.field, axes[4]),
-        plots.show_history(history, axes[5]),
-        plots.show_cloud(start.points, rendered.image, axes[6]),
-    ]
-
-
-def sizes_of_text(figure):
-    figure.canvas.draw()
-    texts = figure.findobj(Text)
-    return [text.get_size() for text in texts if text.get_text().strip()]
-
-
-def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
-    with plt.rc_context({"font.size": 6}):
-        given = plt.subplots(1, 7, figsize=(30, 5))[1]
-    drawn = [*one_of_each(start, rendered), *one_of_each(start, rendered, given)]
-    assert drawn[7:] == list(given)
-    for ax in [*drawn, plots.overview(result_of(start)).axes[0]]:
-        sizes = sizes_of_text(ax.figure)
-        assert len(sizes) > 2
-        assert min(sizes) >= 12  # 17 px at 100 dpi, 8 at half size
-    for ax in drawn[:6]:  # the last one has a scale bar
-        assert ax.get_xlabel().endswith("]") or ax.get_xlabel() == "iteration"
-        assert ax.get_ylabel().endswith("]")
-
-
-@pytest.mark.parametrize("theirs", ["default", "dark_background"])
-def test_figures_are_opaque_white_on_a_dark_page(start, rendered, theirs):
-    """A picture file shown on a dark page, whatever style the user has chosen."""
-    with plt.style.context(theirs):
-        for ax in [
-            *one_of_each(start, rendered),
-            plots.overview(result_of(start)).axes[0],
-        ]:
-            canvas = FigureCanvasAgg(ax.figure)
-            canvas.draw()
-            page = np.asarray(canvas.buffer_rgba()) / 255.0
-            assert (page[..., 3] == 1).all()
-            assert np.allclose(page[[0, 0, -1, -1], [0, -1, 0, -1], :3], 1)
-            outside = [ax.xaxis.label, ax.yaxis.label, ax.title]
-            assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in outside)
-
-
-def test_the_style_is_not_left_behind_and_can_be_used():
-    before = dict(plt.rcParams)
-    plots.show_picture(np.zeros((4, 5)))
-    assert dict(plt.rcParams) == before
-    with plt.rc_context():
-        style.use(14)
-        assert plt.rcParams["font.size"] == 14
-
-
-def test_common_limits_are_those_of_all(rng):
+def test_limits_are_those_of_all_maps(rng):
     maps = [rng.uniform(20, 40, (30, 40)), rng.uniform(60, 90, (30, 40))]
     maps[0][0] = np.nan
-    everything = np.concatenate([m[np.isfinite(m)] for m in maps])
-    assert plots.common_limits(maps) == pytest.approx(
-        np.percentile(everything, [1, 99])
-    )
-    expected = np.percentile(np.abs(everything - 50), 98)
-    assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(expected)
+    known = np.concatenate([m[np.isfinite(m)] for m in maps])
+    expected = np.percentile(known, [1, 99])
+    assert plots.common_limits(maps) == pytest.approx(expected)
+    assert limits("distance", *maps) == pytest.approx(expected)
+    end = np.percentile(np.abs(known - 50), 98)
+    assert limits("error", *(m - 50 for m in maps)) == pytest.approx((-end, end))
+    assert limits("σ", *(m - 50 for m in maps)) == pytest.approx((0, end))
     assert plots.common_limits([]) == (0, 1)
     assert plots.common_limit([np.zeros(3), np.full(2, np.nan)]) == 1
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_each_map_has_words_a_unit_and_colours(name):
+    assert MAPS[name].label("cm").endswith("]")
+    assert MAPS[name].say(3.14159, "cm").split()[0].strip("+") in (
+        "3.1",
+        "3.14",
+        "3.142",
+    )
+    assert palette(name).shape == (256, 4)

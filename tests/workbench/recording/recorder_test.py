@@ -50,7 +50,12 @@ def solved(tmp_path_factory):
     return steps, el.read_recording(path)
 
 
-def test_curves_and_the_table_are_those_of_the_run(solved):
+def assert_same_depth(recording, k, step):
+    found = recording.depth(k)
+    assert np.allclose(found, step.distance, rtol=1e-6, equal_nan=True)
+
+
+def test_what_is_read_back_is_the_run(solved):
     steps, recording = solved
     table = recording.table()
     assert list(table["iteration"]) == [0, 1, 2, 3]
@@ -58,25 +63,15 @@ def test_curves_and_the_table_are_those_of_the_run(solved):
     assert np.isnan(table["change"][0])  # the start has none
     assert table["change"][-1] == steps[-1].change
     assert list(table["step"]) == [step.scalars["step"] for step in steps]
-
-
-def assert_same_depth(recording, k, step):
-    found = recording.depth(k)
-    assert np.allclose(found, step.distance, rtol=1e-6, equal_nan=True)
-
-
-def test_maps_are_those_of_the_iterates(solved):
-    steps, recording = solved
     assert (recording.unit, recording.pictured) == ("mm", (0, 1, 2, 3))
     assert np.array_equal(recording.mask, steps[0].mask)
     assert np.abs(recording.picture - steps[0].problem.picture).max() < 0.003
-    for k in (0, 3):
+    for k in (0, 3, -1):
         step = steps[k]
         assert_same_depth(recording, k, step)
         cosine = np.sum(recording.normals(k) * step.normals, axis=-1)
         assert np.rad2deg(np.arccos(np.clip(cosine[step.mask], -1, 1))).max() < 0.5
         assert np.isnan(cosine[~step.mask]).all()
-    assert_same_depth(recording, -1, steps[3])
 
 
 def test_the_viewer_sees_the_same(solved):
@@ -98,19 +93,14 @@ def test_the_viewer_sees_the_same(solved):
     assert np.allclose(shown, np.clip(error[last.mask], -10, 10), atol=0.25)
 
 
-def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
-    steps = towards(PAPER.resize(32, 24), 60)[0]
-    el.run(iter_of(steps), observers=[el.record(tmp_path / "run.rrd")])
+def test_a_long_run_keeps_all_scalars_and_some_pictures_which_are_thinned(tmp_path):
+    steps = towards(Pinhole(32, 24, 24.0, 24.0, 15.5, 11.5), 60)[0]
+    el.run(iter_of(steps), observers=[el.record(tmp_path / "run.rrd", max_width=12)])
     recording = el.read_recording(tmp_path / "run.rrd")
     assert len(recording.table()) == 60
     assert (recording.pictured[:21], recording.pictured[-1]) == (tuple(range(21)), 59)
     assert len(recording.pictured) < 30
-
-
-def test_large_pictures_are_thinned(tmp_path):
-    steps, _ = towards(Pinhole(80, 60, 60.0, 60.0, 39.5, 29.5), 1)
-    el.run(iter_of(steps), observers=[el.record(tmp_path / "run.rrd", max_width=30)])
-    assert el.read_recording(tmp_path / "run.rrd").depth().shape == (20, 27)
+    assert recording.depth().shape == (8, 11)
 
 
 @pytest.fixture(scope="module")
@@ -126,44 +116,29 @@ def in_stages():
     return [*once, *twice, *fine, last]
 
 
-@pytest.fixture(scope="module")
-def trusted(in_stages, tmp_path_factory):
-    """A run in stages with its uncertainty, recorded beside another run."""
+def test_stages_runs_and_uncertainty_are_read_back(in_stages, tmp_path):
     uncertainty = el.uncertainty_of(in_stages[-1], draws=4)
-    path = tmp_path_factory.mktemp("uncertainty") / "both.rrd"
+    path = tmp_path / "both.rrd"
     with Comparison(path) as both:
         with both.run("one") as recorder:
             el.run(iter_of(in_stages), observers=[recorder])
             recorder.add_uncertainty(uncertainty, in_stages[-1])
         both.run("other")(in_stages[-1])
         assert not path.exists()  # not before it is whole
-    return uncertainty, el.read_recording(path)
-
-
-def test_stages_follow_each_other_on_one_timeline(trusted, in_stages):
-    run = trusted[1].runs["one"]
+    runs = el.read_recording(path).runs
+    assert list(runs) == ["one", "other"]
+    assert_same_depth(runs["other"], 3, in_stages[-1])
+    run = runs["one"]
     assert list(run.table()["energy"]) == [step.energy for step in in_stages]
-    stages = Recorded(run.path).numbers("/one/stage", "text")
-    assert list(stages) == [0, 4, 8, 12]
     # Ends of the stages before, all after.
     assert run.pictured == (0, 3, 4, 7, *range(8, 13))
     for k in run.pictured:
         assert_same_depth(run, k, in_stages[k])
-        assert np.array_equal(
-            np.isfinite(run.normals(k)).all(axis=-1), in_stages[k].mask
-        )
-
-
-def test_runs_are_read_each_by_its_name(trusted, in_stages):
-    recording = trusted[1]
-    assert list(recording.runs) == ["one", "other"]
-    assert_same_depth(recording.runs["other"], 3, in_stages[-1])
-
-
-def test_uncertainty_is_of_what_was_recorded(trusted, in_stages):
-    uncertainty, recording = trusted
+        known = np.isfinite(run.normals(k)).all(axis=-1)
+        assert np.array_equal(known, in_stages[k].mask)
+    file = Recorded(path)
+    assert list(file.numbers("/one/stage", "text")) == [0, 4, 8, 12]
     percent = 100 * uncertainty.sigma / in_stages[-1].distance
-    file = Recorded(recording.path)
     stored = file.at("/one/uncertainty/sigma", "buffer", None).view(np.float32)
     assert np.allclose(stored, percent.ravel(), rtol=1e-6, equal_nan=True)
     source = file.at("/one/uncertainty/dominant_source", "buffer", None)
@@ -224,6 +199,16 @@ def test_a_full_disk_leaves_what_was_there_before(tmp_path, solved):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
     assert (tmp_path / "run.rrd").read_bytes() == b"an old recording"
+
+
+# Damaged files ------------------------------------------------------------------------
+@pytest.mark.parametrize("content", [b"", b"RRF2", b"RRF2\0\x63\0\0" + bytes(99), None])
+def test_what_is_no_recording_or_is_cut_off_is_named(content, tmp_path, solved):
+    if content is None:
+        content = solved[1].path.read_bytes()[:-1000]
+    (tmp_path / "run.rrd").write_bytes(content)
+    with pytest.raises(ValueError, match=r"run\.rrd is"):
+        el.read_recording(tmp_path / "run.rrd")
 
 
 def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path, solved):

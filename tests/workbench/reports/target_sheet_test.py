@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from endolab.calibration.targets import TARGETS, DotGrid
-from endolab.workbench.reports.target_sheet import PAGE, draw_sheet, write_sheet
+from endolab.workbench.reports.target_sheet import A4, draw_sheet, write_sheet
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
 from tests.tools.sheet_views import reflectance
 
@@ -33,7 +33,7 @@ def test_a_page_is_a4_or_as_large_as_it_needs_has_no_pixels_and_knows_no_date(
         assert path.read_bytes() == content
         return np.array(re.search(size, content).groups(), float) / 72 * 25.4
 
-    np.testing.assert_allclose(page(TARGETS["vicalib_folded"]), PAGE.size, atol=0.01)
+    np.testing.assert_allclose(page(TARGETS["vicalib_folded"]), A4, atol=0.01)
     needed = np.array(BIG.sheet[2:])
     assert np.all(page(BIG) >= needed)
     assert np.all(page(BIG) - needed <= [20, 45])

@@ -19,12 +19,12 @@ from endolab.workbench.tuning import server
 from endolab.workbench.tuning.server import Page
 
 
-class Slider(anywidget.AnyWidget):
-    """A widget with a number, bytes, and another in it."""
+class Widget(anywidget.AnyWidget):
+    """A widget with facts."""
 
-    value = t.Int(3).tag(sync=True)
-    content = t.Bytes(b"abc").tag(sync=True)
-    other = t.Any()
+    _esm = "export default {}"
+    _css = ""
+    facts = t.Dict({"a": 3}).tag(sync=True)
 
 
 @pytest.fixture(autouse=True)
@@ -92,14 +92,14 @@ async def leave(*channels):
 async def heard(channel):
     """The next message, and its buffers."""
     message = json.loads(await asyncio.wait_for(channel.read_message(), 10))
-    buffers = message.get("buffer_paths", [])
     return message, [
-        await asyncio.wait_for(channel.read_message(), 10) for _ in buffers
+        await asyncio.wait_for(channel.read_message(), 10)
+        for _ in range(message["buffers"])
     ]
 
 
 def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve):
-    page, *_ = serve(Slider)
+    page, *_ = serve(Widget)
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\w{48}/", page.link)
     root = page.link[: -len("/") - 48]
     for path in ("", "channel", f"{'0' * 48}/", f"{page.link[-49:]}../server.py"):
@@ -125,12 +125,12 @@ def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve
 def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(
     serve, origin, named
 ):
-    page, *_ = serve(Slider, origin=origin)
+    page, *_ = serve(Widget, origin=origin)
     _, headers, _ = get(page.link)
 
     async def visit():
         channel = await connected(page, named)
-        assert (await heard(channel))[0]["state"]["value"] == 3
+        assert (await heard(channel))[0]["state"]["facts"] == {"a": 3}
         await leave(channel)
 
     for other in ("http://evil.example", f"{named}.evil.example", "null", ""):
@@ -142,51 +142,38 @@ def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(
     asyncio.run(visit())
 
 
-def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(
-    serve, capfd
-):
+def test_pages_get_the_widget_and_what_it_says_and_the_widget_hears_them(serve, capfd):
     seen = []
 
     def make():
-        slider = Slider(other=Slider(value=4))
-        slider.observe(lambda change: seen.append(change["new"]), "value")
-        return slider
+        widget = Widget()
+        widget.on_msg(lambda _, content, buffers: seen.append((content, buffers)))
+        return widget
 
     page, *_ = serve(make)
 
     async def talk():
         one = await connected(page)
-        inner, _ = await heard(one)
-        outer, buffers = await heard(one)
-        assert (inner["state"]["value"], outer["state"]["value"]) == (4, 3)
-        assert outer["id"] == page.widget.model_id
-        assert (outer["buffer_paths"], buffers) == ([["content"]], [b"abc"])
         other = await connected(page)
-        for channel in (one, other):  # all, once more
-            await heard(channel)
-            await heard(channel)
-        change = {
-            "id": outer["id"],
-            "data": {"method": "update", "state": {"value": 5}},
-        }
-        await one.write_message(json.dumps(change))
-        assert (await heard(one))[0] == {"id": outer["id"], "done": True}
-        assert (await heard(other))[0]["state"] == {"value": 5}
-        page.widget.value = 7  # from another thread
         for channel in (one, other):
-            assert (await heard(channel))[0]["state"] == {"value": 7}
-        others = [{"id": "none"}, {"id": []}, {"data": None}]
-        wrong = [json.dumps(change | other) for other in others]
-        for nonsense in ("nonsense", "[]", "[" * 200_000, b"bytes", *wrong):
-            await one.write_message(nonsense, binary=isinstance(nonsense, bytes))
-        await one.write_message(json.dumps(change))
-        assert (await heard(one))[0]["done"]  # it is still there
+            assert (await heard(channel))[0]["state"]["facts"] == {"a": 3}
+        await one.write_message(json.dumps({"content": {"do": 1}, "buffers": 1}))
+        await one.write_message(b"abc", binary=True)
+        page.widget.send({"b": 7}, [b"xyz"])  # from another thread
+        for channel in (one, other):
+            message, buffers = await heard(channel)
+            assert (message["content"], buffers) == ({"b": 7}, [b"xyz"])
+        for nonsense in ("nonsense", "[]", "[" * 200_000, '{"content": 1}'):
+            await one.write_message(nonsense)
+        await one.write_message(json.dumps({"content": "end", "buffers": 0}))
+        while len(seen) < 2:
+            await asyncio.sleep(0.02)
         await leave(one, other)
 
     asyncio.run(talk())
-    assert seen == [5, 7, 5]
+    assert seen == [({"do": 1}, [b"abc"]), ("end", [])]
     output = capfd.readouterr().err
-    assert len(output.splitlines()) == 7  # one for each nonsense
+    assert len(output.splitlines()) == 4  # one for each nonsense
     assert page.link[-49:-1] not in output
 
 
@@ -194,7 +181,7 @@ def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(
     serve, monkeypatch
 ):
     monkeypatch.setattr(server, "AFTER_LEAVING", 1.5)
-    page, thread, raised = serve(Slider)
+    page, thread, raised = serve(Widget)
 
     async def visit():
         one = await connected(page)
@@ -219,7 +206,7 @@ def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(
 @pytest.mark.parametrize("code", [None, 1001])
 def test_a_page_that_is_lost_is_waited_for(serve, code):
     """Without a word, or with the browser's own, as when it dies or puts a tab to sleep."""
-    page, thread, _ = serve(Slider)
+    page, thread, _ = serve(Widget)
 
     async def visit():
         one = await connected(page)

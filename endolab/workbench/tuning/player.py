@@ -1,0 +1,79 @@
+"""A tuner without Python: answers for each regulariser and λ in one HTML file, under the tuner's page.
+
+Neighbouring λ differ little, so that each map is stored as what it differs by from the one before, deflated:
+log d in 4,094 even steps, of which two bytes, model - frame in 255.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from endolab.workbench.tuning.engine import Answer
+from endolab.workbench.tuning.surface_view import page_script
+
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><link rel="icon" href="data:,">
+<style>body {{ margin: 0; padding: 8px 12px; }}
+@media (prefers-color-scheme: dark) {{ body {{ background: #191919; }} }}
+{style}</style></head>
+<body><div id="tuner">loading …</div>
+<script type="module">{script}
+const place = document.getElementById("tuner");
+place.textContent = "";
+await play({content}, place);
+</script></body></html>
+"""
+
+
+def pack(answers: Sequence[Answer], end: float) -> dict[str, Any]:
+    """Pack distances and residuals; `end` is the largest residual that is told apart, grey levels."""
+    logs = np.stack([answer.result.iterate.log_distance for answer in answers])
+    low = float(np.nanmin(logs))
+    step = max((float(np.nanmax(logs)) - low) / 4093, 1e-9)
+    codes = np.where(np.isnan(logs), 0, np.round((logs - low) / step) + 1)
+    codes = codes.astype(np.uint16)
+    left = np.stack([answer.residual for answer in answers])
+    left = np.where(np.isnan(left), 0, np.round(127 * left / end).clip(-127, 127) + 128)
+    planes = [(codes & 255), codes >> 8, left]
+    content = b""
+    for plane in (plane.astype(np.uint8) for plane in planes):
+        content += np.concatenate([plane[:1], np.diff(plane, axis=0)]).tobytes()
+    packed = base64.b64encode(zlib.compress(content, 9)).decode()
+    return {"packed": packed, "low": low - step, "step": step, "end": end}
+
+
+def write_page(
+    facts: dict[str, Any],
+    first: dict[str, Any],
+    arrays: dict[str, np.ndarray],
+    rows: Sequence[dict[str, Any]],
+    maps: dict[str, Any],
+    title: str,
+) -> str:
+    """Return the page: what the tuner's page needs at first, arrays that stay, rows and packed maps of λ."""
+    still = [
+        (
+            name,
+            "u1" if array.dtype == np.uint8 else "f4",
+            base64.b64encode(array.tobytes()).decode(),
+        )
+        for name, array in arrays.items()
+    ]
+    content = {"facts": facts, "first": first, "rows": rows, "still": still, **maps}
+    style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
+    script = page_script("tuner.js").replace("export default { render };", "")
+    script += Path(__file__).with_name("player.js").read_text(encoding="utf-8")
+    return PAGE.format(
+        title=html.escape(title),
+        style=style,
+        script=script,
+        content=json.dumps(content).replace("</", "<\\/"),
+    )

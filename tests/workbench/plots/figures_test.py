@@ -1,0 +1,128 @@
+"""Every figure: axes with units, white paper and legible text, in whatever axes; nothing is left behind."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.text import Text
+
+import endolab as el
+from endolab import plots
+from endolab.calibration.photometric.fit import calibrate_light
+from endolab.workbench.plots import calibration
+from tests.tools.problems import coloured_colon
+from tests.tools.simulated_session import refused, simulated
+
+PAGES = {"overview": 6, "prepare_figure": 4, "geometry_figure": 4, "light_figure": 6}
+PAGES |= {"uncertainty_figure": 2, "frames_figure": 6}  # panels of each
+FIGURES = [name for name in dir(plots) if name.startswith("show_")]
+FIGURES += ["show_features", "show_frame_errors"]  # of a page
+WITHOUT_UNIT = {"", "iteration", "frame", "$f_r$ relative to the pinned node", "γ"}
+WITHOUT_UNIT |= {"share of the light on the axis"}
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """What each figure is drawn of."""
+    problem, seen = coloured_colon(el.load_calibration("paper", width=80).camera)
+    start = el.Iterate.of(problem, problem.log_d0)
+    history = [{"k": k, "energy": 0.5**k, "regulariser": 0.0} for k in range(5)]
+    session, frames, _ = simulated()
+    geometry = session.geometry
+    light = session.light
+    samples = session.samples
+    name, image = frames[0]
+    detection = session.detections[name]
+    known = el.Calibration(problem.camera, problem.photometry)
+    worst = calibration.worst_frames(session)
+    return {
+        "show_picture": (seen.image,),
+        "show_depth": (start,),
+        "show_map": (start.distance,),
+        "show_normals": (start.normals,),
+        "show_error": (start.distance, seen.distance),
+        "show_sigma": (start.distance,),
+        "show_dominant_source": (1 * problem.mask,),
+        "show_section": ({"truth": seen.distance, "start": start}, problem.field),
+        "show_history": (history,),
+        "show_cloud": (start.points, seen.image),
+        "show_detection": (image, detection, session.target),
+        "show_reprojection": (geometry,),
+        "show_reprojection_histogram": (geometry,),
+        "show_coverage": (geometry,),
+        "show_ray_uncertainty": (geometry,),
+        "show_fall_off_uncertainty": (light, session.camera),
+        "show_features": (image, session, name),
+        "show_frame_errors": (session.errors, worst),
+        "show_sampling": (image, samples[samples.frame == 0], session.camera),
+        "show_light_residuals": (light,),
+        "show_fall_off": (light,),
+        "show_gains": (light,),
+        "show_brdf": (light,),
+        "show_scores": (session.scores,),
+        "show_ridge": ([calibrate_light(samples, gamma=g) for g in (2.0, 2.4)],),
+        "overview": (el.Result(start, el.Status.CONVERGED, history, 0.1),),
+        "prepare_figure": (el.prepare(el.Frame(seen.image, seen.mask), known),),
+        "geometry_figure": (session, image),
+        "light_figure": (session, image),
+        "uncertainty_figure": (session,),
+        "frames_figure": (session, {name: dict(frames)[name] for name in worst}),
+    }
+
+
+def draw(name, given, **ax):
+    label = {"label": "d [mm]"} if name == "show_map" else {}
+    return getattr(plots, name, vars(calibration).get(name))(*given, **label, **ax)
+
+
+def check(figure):
+    """Text that can be read, units, and opaque white paper under dark words."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    words = [text for text in figure.findobj(Text) if text.get_text().strip()]
+    assert min(text.get_size() for text in words) > 9.9
+    for ax in figure.axes:
+        for label in (ax.get_xlabel(), ax.get_ylabel()):
+            assert label in WITHOUT_UNIT or label.endswith("]"), label
+        assert np.mean(to_rgb(ax.title.get_color())) < 0.3
+    page = np.asarray(canvas.buffer_rgba()) / 255.0
+    assert (page[..., 3] == 1).all()
+    assert np.allclose(page[[0, 0, -1, -1], [0, -1, 0, -1], :3], 1)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_has_units_legible_text_and_white_paper_in_whatever_style(name, drawn):
+    before = dict(plt.rcParams)
+    with plt.style.context("dark_background"):
+        check(draw(name, drawn[name]).figure)
+    assert dict(plt.rcParams) == before
+    with plt.rc_context({"font.size": 6}):
+        given = plt.subplots()[1]
+    assert draw(name, drawn[name], ax=given) is given
+    assert given.xaxis.label.get_size() >= 12
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_whole_and_none_of_pyplots(name, drawn):
+    figure = draw(name, drawn[name])
+    check(figure)
+    assert sum(bool(ax.get_title()) for ax in figure.axes) == PAGES[name]
+    assert plt.get_fignums() == []
+
+
+def test_a_page_shows_what_there_is(drawn):
+    figure = plots.uncertainty_figure(refused(*drawn["uncertainty_figure"]))
+    assert sum(bool(ax.get_title()) for ax in figure.axes) == 1
+
+
+def test_the_style_can_be_used():
+    with plt.rc_context():
+        plots.style.use()
+        assert plt.rcParams["font.size"] == 12
