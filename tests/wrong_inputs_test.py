@@ -179,6 +179,7 @@ SETTINGS = [
     settings({"endolab_settings": 1, "contours": "yes"}, "contours"),
     settings({"endolab_settings": 1, "known_distance": [1, 2]}, "known_distance"),
     settings({"endolab_settings": 1, "photometry": {"gamma": "2"}}, "gamma"),
+    settings({"endolab_settings": 1, "held": "none.npz"}, "none.npz"),
 ]
 TARGETS = [
     target("endolab_target", 2),
@@ -242,6 +243,7 @@ CALLED = [
     Row("coverage", lambda: el.metrics.coverage_of(ONES, ONES[1:], ONES), "sigma"),
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
+    Row("held", lambda: el.load_held("two.npz"), "two.npz"),
     Row("record", lambda: el.record("run.txt"), "run.txt"),
     Row("tune", lambda: el.tune("a.png", el.load_calibration("c3vd")), "frame"),
     Row("no folder", lambda: el.open_dataset("none"), "none"),
