@@ -51,28 +51,30 @@ def test_the_energy_falls_with_every_iterate(camera, scene, regulariser, xi):
     assert dict(result.iterate.terms) == pytest.approx(expected, rel=1e-10)
 
 
-NOISY = {"width": 320, "noise": 3.0, "bits": 8}
-EXACT = {"width": 320}
 FISHEYE = {"width": 160, "camera": "paper"}
 
 
 @pytest.mark.parametrize(
     ("scene", "how", "limit", "degrees"),
     [
-        *(("plane", EXACT, 0.01, 0.05), ("curved", EXACT, 0.01, 0.05)),
-        *(("plane", NOISY, 0.15, 3), ("curved", NOISY, 0.15, 3)),
-        *(("tube", EXACT, 2.0, 4.0), ("tube", NOISY, 4.0, 9)),
-        *(("curved", FISHEYE, 0.3, 3), ("tube", FISHEYE, 0.4, 3)),
+        ("plane", {}, 0.01, 0.05),
+        ("curved", {}, 0.01, 0.05),
+        ("tube", {}, 2.0, 4.0),
+        ("plane", {"noise": 3.0, "bits": 8}, 0.15, 3),
+        ("curved", {"noise": 3.0, "bits": 8}, 0.15, 3),
+        ("tube", {"noise": 3.0, "bits": 8}, 4.0, 9),
+        ("curved", FISHEYE, 0.3, 3),
+        ("tube", FISHEYE, 0.4, 3),
     ],
 )
 def test_frames_exact_with_three_grey_levels_of_noise_and_of_a_fisheye(
     scene, how, limit, degrees
 ):
-    """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 0.05, 0.05 %; 1.12 %, 2.2°; 2.7 %. All with one λ.
+    """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 1.12 %, 2.2°; 0.05, 0.05 %; 2.7 %. All with one λ.
 
     The fisheye's border looks at walls that are near: 0.15 and 0.16 %.
     """
-    problem, seen = problem_of(scene, **how)
+    problem, seen = problem_of(scene, **{"width": 320, **how})
     result = solve(problem)
     found = errors_of(result, seen)
     assert found.pixels > 0.97 * problem.mask.sum()
@@ -101,12 +103,25 @@ def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(
 ):
     problem, _ = problem_of("colon", 96, xi=xi, regulariser=regulariser)
     problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < share)
-    for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
+    for start in (None, problem.log_d0):
         result = solve(problem, start=start)
         check_it_falls(result)
-        assert (
-            np.nanmax(result.iterate.log_distance - problem.log_d0) <= CEILING + 1e-12
-        )
+        above = result.iterate.log_distance - problem.log_d0
+        assert np.nanmax(above) <= CEILING + 1e-12
+
+
+def test_islands_share_the_number_of_steps_and_nothing_else(rng):
+    """Measured 1e-4 beside noise, whose steps are shorter, in the worst pixel."""
+    problem, _ = problem_of("curved", 96)
+    columns = np.indices(problem.mask.shape)[1]
+    mask = problem.mask & (abs(columns - 40.5) > 1)
+    noise = np.where(columns > 41, rng.uniform(0.05, 1.0, mask.shape), problem.image)
+    both = replace(problem, mask=mask)
+    beside = replace(both, image=noise)
+    beside.__dict__["xi_median"] = both.xi_median  # of the whole frame, so shared
+    left = mask & (columns < 40)
+    found, expected = (solve(each).distance[left] for each in (beside, both))
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
 def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
@@ -129,7 +144,7 @@ def test_the_tube_with_its_border_given(tube):
     problem, seen, without = tube
     inflow = border(seen, 1)
     given = np.isfinite(inflow) & problem.mask
-    for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
+    for start in (None, problem.log_d0):
         result = solve(problem, inflow=inflow, start=start)
         np.testing.assert_array_equal(result.iterate.log_distance[given], inflow[given])
         assert np.all(np.diff(energies(result)) < 0)
@@ -142,7 +157,8 @@ def test_a_little_more_or_less_smoothness_is_two_steps_away(tube, lam):
     problem, seen, first = tube
     problem = replace(problem, lam=lam)
     result = solve(problem, start=first.iterate.log_distance)
-    assert (result.status, result.iterations <= 2) == (el.Status.CONVERGED, True)
+    assert result.status is el.Status.CONVERGED
+    assert result.iterations <= 2
     assert result.energy < energies(result)[0]
     assert result.energy < 1.02 * solve(problem).energy
     assert percent_off(result, seen) < 2
@@ -231,9 +247,7 @@ MASKS = {
     "a row": ROWS == 30,
     "a column": COLUMNS == 30,
     "a diagonal": ROWS == COLUMNS,
-    "lines": (ROWS % 9 == 0)
-    | (COLUMNS % 11 == 0)
-    | ((ROWS % 4 == 0) & (COLUMNS % 3 == 0)),
+    "lines": (ROWS % 9 == 0) | (COLUMNS % 11 == 0),
     "a checkerboard": (ROWS + COLUMNS) % 2 == 0,
 }
 
