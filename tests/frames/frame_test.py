@@ -13,20 +13,20 @@ from tests.tools.problems import problem_of
 GAMMA = 2.2
 
 
-@pytest.mark.parametrize(
-    ("asked", "name", "weights"),
-    [
-        ("red", "red", (1, 0, 0)),
-        (None, "green", (0, 1, 0)),
-        ("blue", "blue", (0, 0, 1)),
-        ("grey", "grey", (0.299, 0.587, 0.114)),
-    ],
-)
-def test_channels_of_a_colour_picture(rng, asked, name, weights):
+def test_channels_of_a_colour_picture(rng):
     image = rng.uniform(size=(4, 6, 3))
-    found = el.Frame(image, np.ones((4, 6), bool)).channel(asked)
-    assert found[0] == name
-    assert_allclose(found[1], image @ weights, rtol=1e-12)
+    frame = el.Frame(image, np.ones((4, 6), bool))
+    weights = {
+        "red": (1, 0, 0),
+        "green": (0, 1, 0),
+        "blue": (0, 0, 1),
+        "grey": (0.299, 0.587, 0.114),
+    }
+    for name in weights:
+        found, plane = frame.channel(name)
+        assert found == name
+        assert_allclose(plane, image @ weights[name], rtol=1e-12)
+    assert frame.channel()[0] == "green"
 
 
 @pytest.mark.parametrize("size", [(32, 24), (27, 19), (64, 48), (1, 1)])

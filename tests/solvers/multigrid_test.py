@@ -91,19 +91,6 @@ def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
         assert np.isin(np.round(inner(fine.interpolate(v)), 12), (1.0, 2.0)).all()
 
 
-def test_prolongation_is_the_adjoint_of_restriction(system, rng):
-    top, below = (level.structure for level in system[0].levels[:2])
-    fine = rng.normal(size=top.active.shape) * top.active
-    coarse = rng.normal(size=below.active.shape) * below.active
-    down = np.zeros_like(coarse)
-    up = np.zeros_like(fine)
-    top.way.adjoint(fine, below.active, down)
-    top.way.add(coarse, up)
-    assert np.vdot(down, coarse) == pytest.approx(np.vdot(fine, up), rel=1e-11)
-    assert not down[below.active == 0].any()
-    assert not up[top.active == 0].any()
-
-
 def dense(matrix):
     """The matrix that seven or thirteen numbers a pixel stand for."""
     place = np.arange(matrix[0].size).reshape(matrix.shape[1:])
@@ -123,6 +110,18 @@ def interpolation(structure):
     for step, column in zip(steps, columns, strict=True):
         structure.way.add(step, column)
     return columns.reshape(len(steps), -1).T
+
+
+def test_restriction_is_the_adjoint_of_interpolation(system, rng):
+    structure = system[0].levels[0].structure
+    below = structure.coarser.active
+    fine = rng.normal(size=structure.active.shape)
+    down = np.zeros(below.shape)
+    structure.way.adjoint(fine * structure.active, below, down)
+    way = interpolation(structure)
+    np.testing.assert_allclose(down[below > 0], fine.ravel() @ way, atol=1e-11)
+    assert not down[below == 0].any()
+    assert not way[structure.active.ravel() == 0].any()
 
 
 def test_a_coarse_grid_has_the_fine_ones_matrix(system):
