@@ -8,7 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from endolab.frames.surround import SURE, field_of_view
+from endolab.frames.surround import SURE, dilate, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
@@ -122,8 +122,7 @@ class Frame:
             return freeze(field_of_view(self.image))
         field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
-        reach = 2 * round(0.03 * min(field.shape)) + 1
-        around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+        around = dilate(field, 0.03 * min(field.shape))
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
         return freeze(seen) if beyond > 0.05 and seen.any() else self.mask
@@ -153,14 +152,12 @@ class Frame:
         Pixels of which less than half was in the mask are out of it; masked pixels do not enter the averages.
         A frame remembers the last few, for who solves it again and again.
         """
-        key = (width, height, gamma)
-        resized = self._resized.get(key)
-        if resized is None:
-            resized = self._shrink(width, height, gamma)
+        key = width, height, gamma
+        if key not in self._resized:
             if len(self._resized) > 2:
                 self._resized.clear()
-            self._resized[key] = resized
-        return resized
+            self._resized[key] = self._shrink(*key)
+        return self._resized[key]
 
     def _shrink(self, width: int, height: int, gamma: float) -> Frame:
         if not (1 <= width <= self.width and 1 <= height <= self.height):

@@ -13,22 +13,13 @@ import numpy as np
 import scipy
 
 from endolab.frames.frame import ROUNDING, power
+from endolab.frames.surround import dilate, square
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
 
 STEEPEST = (
     0.7  # change of log light over twice a highlight's width that still counts as a slope
 )
-
-
-def _square(reach: float) -> np.ndarray:
-    """Return a window that reaches as far as this to either side, at least 1 px."""
-    return np.ones((2 * max(1, round(reach)) + 1,) * 2, np.uint8)
-
-
-def dilate(region: BoolArray, reach: float) -> BoolArray:
-    """Grow a region by a square, to every side by `reach` px, at least 1."""
-    return cv2.dilate(region.astype(np.uint8), _square(reach)) > 0
 
 
 def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
@@ -51,7 +42,7 @@ def _palest_colour(light: np.ndarray, wide: float) -> FloatArray:
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
     levels = np.clip(200 * ratio + 0.5, 1, 255).astype(np.uint8)
-    window = _square(wide / step / 8)
+    window = square(wide / step / 8)
     reach = len(window) // 2
     framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
     planes = [rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)]
@@ -140,7 +131,7 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     # Half the width of most highlights and of the largest, as folds bulge at that scale;
     # mirrored light over the tissue's where one begins and where it ends.
     for reach, seed, skirt in ((wide / 100, 0.3, 0.12), (wide / 30, 1.5, 0.75)):
-        opened = cv2.morphologyEx(calm, cv2.MORPH_OPEN, _square(reach))
+        opened = cv2.morphologyEx(calm, cv2.MORPH_OPEN, square(reach))
         opened = cv2.GaussianBlur(opened, (0, 0), max(0.25 * reach, 0.5))
         base = _extrapolate(opened, 2 * max(1, round(reach)))
         certain = evidence(base, seed, 4.0)
@@ -152,7 +143,7 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
                 certain & faint, np.ones((3, 3)), faint
             )
     # Small holes are the highlights' own tops, where even white is clipped.
-    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, _square(1))
+    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, square(1))
     return (closed > 0) & mask
 
 

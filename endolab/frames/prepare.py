@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from endolab.frames.frame import DARK, LEAST_COSINE, Frame, check_size
-from endolab.frames.highlights import dilate, find_highlights, inpaint
+from endolab.frames.highlights import find_highlights, inpaint
+from endolab.frames.surround import dilate
 from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -53,9 +54,11 @@ def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
     green = image if image.ndim == 2 else image[..., 1]
     green = np.where(mask, np.nan_to_num(green), 0.0)
     limit = max(DARK, 5 * noise_level(green, mask))
-    share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
-    calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT)
-    dark = mask & (calm < limit * np.where(mask, share, 1.0))
+    calm, share = (
+        cv2.blur(a, (5, 5), borderType=cv2.BORDER_CONSTANT)
+        for a in (green, mask.astype(np.float64))
+    )
+    dark = mask & (calm < limit * share)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(
         dark.astype(np.uint8), connectivity=4
     )
@@ -75,16 +78,12 @@ def undistort_frame(frame: Frame, camera: Camera) -> tuple[Frame, Pinhole]:
     width = max(1, round(2 * finest))
     height = max(1, round(width * frame.height / frame.width))
     new = Pinhole(width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2)
-    columns, rows = np.moveaxis(
-        np.nan_to_num(camera.project(new.field.rays), nan=-9.0), -1, 0
-    )
-    maps = columns.astype(np.float32), rows.astype(np.float32)
+    places = np.nan_to_num(camera.project(new.field.rays), nan=-9.0).astype(np.float32)
 
     def remap(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
-        remapped = cv2.remap(
-            a.astype(np.float64), *maps, cv2.INTER_LINEAR, borderMode=border
-        )
-        return np.asarray(remapped, dtype=np.float64)
+        x, y = places[..., 0], places[..., 1]
+        values = a.astype(np.float64)
+        return np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=border))
 
     image = np.clip(remap(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
     mask = remap(frame.mask) > 0.999
@@ -108,9 +107,8 @@ def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
             f"{frame.name}: the mask and the camera's field of view have no pixel in common"
         )
     factor = np.where(seen, photometry.attenuation(np.where(seen, cosine, 1.0)), np.nan)
-    factor **= 1 / photometry.gamma
-    picture = frame.image / (factor if frame.image.ndim == 2 else factor[..., None])
-    brightest = picture if picture.ndim == 2 else picture.max(axis=-1)
+    picture = (frame.image.T / factor.T ** (1 / photometry.gamma)).T
+    brightest = np.atleast_3d(picture).max(axis=-1)
     top = float(np.percentile(brightest[seen], 90))
     return np.clip(picture * (0.9 / top if top > 0 else 1.0), 0.0, 1.0)
 
@@ -169,8 +167,10 @@ def prepare(
     field = frame.pixels_to_use()
     notes = [f"The endoscope shows {100 * field.mean():.0f} % of the picture."]
     if frame.misplaced:
-        beyond = f"{100 * frame.misplaced:.0f} % of the mask"
-        notes.append(f"{beyond} lies beyond what the endoscope shows, and is left out.")
+        notes.append(
+            f"{100 * frame.misplaced:.0f} % of the mask lies beyond what the endoscope shows, "
+            "and is left out."
+        )
     mirrored = find_highlights(image, field, gamma)
     lumen = dark_lumen(image, field) & ~mirrored
     if lumen.any():

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from endolab.numerics.arrays import BoolArray, FloatArray, SingleArray
+from endolab.numerics.arrays import BoolArray, ComplexArray, FloatArray, SingleArray
 
 SIDE = 480  # px of the longer side of what is looked at
 RISE = 10  # px of that, within which an edge rises
@@ -36,9 +36,19 @@ class Field(NamedTuple):
     """What an endoscope may show, on what is looked at."""
 
     inside: BoolArray  # (h, w)
-    edge: SingleArray  # (n, 2), the points of its outline that are at an edge, px
+    edge: ComplexArray  # (n,), x + iy of the points of its outline that are at an edge, px
     profiles: SingleArray  # (n, 3 RISE + 1), the contrast across them
     share: float  # of the outline that is at an edge; the picture's border is no outline
+
+
+def square(reach: float) -> np.ndarray:
+    """A window that reaches as far as this to either side, at least 1 px."""
+    return np.ones((2 * max(1, round(reach)) + 1,) * 2, np.uint8)
+
+
+def dilate(region: BoolArray, reach: float) -> BoolArray:
+    """Grow a region by a square, to every side by `reach` px, at least 1."""
+    return cv2.dilate(region.astype(np.uint8), square(reach)) > 0
 
 
 def field_of_view(image: FloatArray, least: float = 0.55) -> BoolArray:
@@ -58,8 +68,7 @@ def field_of_view(image: FloatArray, least: float = 0.55) -> BoolArray:
     width = (profile > 0.8 * top).argmax()
     inside = field.inside.astype(np.uint8)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - width
-    depth = cv2.resize(depth, (wide, high), interpolation=cv2.INTER_LINEAR)
-    shown = depth * max(high, wide) / SIDE > 2
+    shown = cv2.resize(depth, (wide, high)) * max(high, wide) / SIDE > 2
     box = np.ix_(shown.any(axis=1), shown.any(axis=0))
     if shown[box].all():  # bars, which may frame a surround of another colour
         shown[box] = field_of_view(image[box], SURE)
@@ -71,10 +80,9 @@ def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
     field = _find_field(image)
     if field is None or field.share < 0.52:
         return False
-    inside = cv2.resize(
-        field.inside.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST
-    )
-    return bool((mask & (inside == 0)).sum() > 0.02 * mask.sum())
+    outside = (~field.inside).astype(np.uint8)
+    kept = cv2.resize(outside, mask.shape[::-1], interpolation=cv2.INTER_NEAREST)[mask]
+    return bool(kept.sum() > 0.02 * kept.size)
 
 
 def _find_field(image: FloatArray) -> Field | None:
@@ -83,16 +91,16 @@ def _find_field(image: FloatArray) -> Field | None:
     if longer < 60:  # each pixel has edges
         return None
     high, wide = (max(1, round(length * SIDE / longer)) for length in image.shape[:2])
-    bytes_ = cv2.convertScaleAbs(image, alpha=255)
-    scaled = cv2.resize(bytes_, (wide, high), interpolation=cv2.INTER_AREA)
+    levels = cv2.convertScaleAbs(image, alpha=255)
+    scaled = cv2.resize(levels, (wide, high), interpolation=cv2.INTER_AREA)
     # A median takes noise and keeps edges.
     contrast = _contrast(np.atleast_3d(cv2.medianBlur(scaled, 5)).astype(np.float32))
-    fields: list[Field] = []
+    usual = float(np.median(contrast[contrast > 0])) if contrast.any() else 0.0
     # Text and other narrow parts are no field.
-    stub = np.ones((2 * round(0.075 * min(high, wide)) + 1,) * 2, np.uint8)
+    stub = square(0.075 * min(high, wide))
+    fields: list[Field] = []
     for glow in (0.0, 0.1, 0.25):  # of the usual contrast, stray light around the field
-        least = glow * float(np.median(contrast[contrast > 0])) if contrast.any() else 0.0
-        differs = (contrast > least).astype(np.uint8)
+        differs = (contrast > glow * usual).astype(np.uint8)
         cv2.drawContours(differs, _contours(differs), -1, 1, cv2.FILLED)
         body = cv2.morphologyEx(differs, cv2.MORPH_OPEN, stub)
         if body.mean() < 0.1 or not body[high // 2, wide // 2]:
@@ -100,9 +108,10 @@ def _find_field(image: FloatArray) -> Field | None:
         corners = cv2.convexHull(np.concatenate(_contours(body)))
         hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
         images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
-        fields.append(_measure_outline(hull > 0, contrast, least))
-        outlines = _disc(fields[-1].edge, hull.shape), images >= 2, images >= 3
-        fields += [_measure_outline(outline, contrast, least) for outline in outlines]
+        first = _measure_outline(hull > 0, contrast, glow * usual)
+        outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
+        others = [_measure_outline(each, contrast, glow * usual) for each in outlines]
+        fields += [first, *others]
         if any(field.share > SURE for field in fields):
             break
     large = [field for field in fields if len(field.edge) > 10 * RISE]
@@ -112,14 +121,9 @@ def _find_field(image: FloatArray) -> Field | None:
 def _contrast(picture: SingleArray) -> SingleArray:
     """Return the contrast (h, w) to the flat colours of two corners, or black; 0 within their noise."""
     legs = max(4, round(0.03 * min(picture.shape[:2])))
-    ends = slice(legs), slice(-legs, None)
-    corners = np.stack(
-        [
-            picture[down, across].reshape(-1, picture.shape[2])
-            for down in ends
-            for across in ends
-        ]
-    )
+    ends = np.r_[:legs, -legs:0]
+    corners = picture[np.ix_(ends, ends)].reshape(2, legs, 2, legs, -1)
+    corners = corners.swapaxes(1, 2).reshape(4, legs**2, -1)
     colours = np.median(corners, axis=1)
     spread = np.percentile(np.abs(corners - colours[:, None]).max(axis=-1), 90, axis=1)
     noise = 3 + 2 * spread.astype(np.float32)
@@ -133,19 +137,20 @@ def _contrast(picture: SingleArray) -> SingleArray:
     return contrast
 
 
-def _disc(edge: SingleArray, shape: tuple[int, ...]) -> BoolArray:
+def _disc(edge: ComplexArray, shape: tuple[int, ...]) -> BoolArray:
     """Return the disc through points, by least squares; the quarter that is off most does not count."""
-    points = edge.astype(np.float64)
-    x, y, radius = 0.0, 0.0, 0.0
+    points = edge
+    centre, radius = 0j, 0.0
     for _ in range(4 if len(edge) else 0):
         # |p|² = 2 c·p + r² - |c|².
-        system = np.column_stack([2 * points, np.ones(len(points))])
-        x, y, rest = np.linalg.lstsq(system, (points**2).sum(axis=-1))[0]
-        radius = np.sqrt(max(0.0, rest + x**2 + y**2))
-        off = np.abs(np.hypot(*(points - (x, y)).T) - radius)
+        system = np.column_stack([2 * points.real, 2 * points.imag, np.ones(len(points))])
+        x, y, rest = np.linalg.lstsq(system, np.abs(points) ** 2)[0]
+        centre = x + 1j * y
+        radius = np.sqrt(max(0.0, rest + np.abs(centre) ** 2))
+        off = np.abs(np.abs(points - centre) - radius)
         points = points[off <= max(1.0, np.percentile(off, 75))]
     row, column = np.ogrid[: shape[0], : shape[1]]
-    return np.asarray(np.hypot(row - y, column - x) <= radius)
+    return np.asarray(np.abs(column + 1j * row - centre) <= radius)
 
 
 def _contours(region: np.ndarray) -> Sequence[np.ndarray]:
@@ -156,23 +161,22 @@ def _contours(region: np.ndarray) -> Sequence[np.ndarray]:
 def _measure_outline(outline: BoolArray, contrast: SingleArray, least: float) -> Field:
     """Return how much of an outline is at an edge."""
     contours = _contours(outline.astype(np.uint8)) or [np.zeros((1, 1, 2))]
-    points = np.concatenate(contours)[:, 0].astype(np.float32)
-    along = np.roll(points, -4, axis=0) - np.roll(points, 4, axis=0)
-    length = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1)
-    inwards = along[:, ::-1] * (1, -1) / length
-    inner = ((points > 1) & (points < np.array(outline.shape[::-1]) - 2)).all(axis=-1)
-    if not inner.any():
-        return Field(outline, points[:0], points[:0], 0.0)
-    points = points[inner]
+    points = np.concatenate(contours)[:, 0] @ (1, 1j)
+    along = np.roll(points, -4) - np.roll(points, 4)
+    inwards = -1j * along / np.maximum(np.abs(along), 1)
+    high, wide = outline.shape
+    x, y = points.real, points.imag
+    inner = (x > 1) & (y > 1) & (x < wide - 2) & (y < high - 2)
     px = np.arange(-RISE, 2 * RISE + 1)  # into the field
-    at = points[:, None] + px[:, None] * inwards[inner, None]
-    x, y = np.moveaxis(at.astype(np.float32), -1, 0)
-    profiles = np.asarray(cv2.remap(contrast, x, y, cv2.INTER_LINEAR))
+    at = (points[:, None] + px * inwards[:, None]).astype(np.complex64)
+    profiles = np.asarray(cv2.remap(contrast, at.real, at.imag, cv2.INTER_LINEAR))
     before, after, soon, end, beyond = profiles[:, [8, 12, 15, 20, 30]].T
     edge = (
-        (before <= least + 1)
+        inner
+        & (before <= least + 1)
         & (after > least)
         & (soon > least + 5)
         & (end - before > 1.2 * (beyond - end))
     )
-    return Field(outline, points[edge], profiles[edge], float(edge.mean()))
+    share = edge.sum() / max(1, inner.sum())
+    return Field(outline, points[edge], profiles[edge], float(share))

@@ -53,7 +53,7 @@ def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
         jump, as `Problem.cuts` takes it; False where either distance is unknown.
     """
     known = np.isfinite(distance) & (distance > 0)
-    log_distance = np.log(np.where(known, distance, 1.0))
+    log_distance = np.log(distance, where=known, out=np.zeros(known.shape))
     return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
 
 
@@ -85,12 +85,13 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
         raise ValueError(
             f"the depth map is {columns}x{rows} px, the truth {width}x{height} px, of other proportions"
         )
-    maps = truth.reshape(height, width, -1).astype(np.float64)
+    maps = np.atleast_3d(truth).astype(np.float64)
     known = np.isfinite(maps).all(axis=-1, keepdims=True)
     parts = np.dstack([np.where(known, maps, 0.0), known])
     interpolation = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
     parts = np.asarray(cv2.resize(parts, (columns, rows), interpolation=interpolation))
-    mean = parts[..., :-1] / np.where(parts[..., -1:] < 0.5, np.nan, parts[..., -1:])
+    share = parts[..., -1:]
+    mean = parts[..., :-1] / np.where(share < 0.5, np.nan, share)
     if truth.ndim == 2:
         return mean[..., 0]
     return mean / np.linalg.norm(mean, axis=-1, keepdims=True)

@@ -39,12 +39,11 @@ def load_open3d() -> Any:
 def to_open3d(mesh: Mesh) -> Any:
     """Make an ``open3d.geometry.TriangleMesh`` with colours and normals."""
     open3d = load_open3d()
-    made = open3d.geometry.TriangleMesh(
-        open3d.utility.Vector3dVector(mesh.vertices),
-        open3d.utility.Vector3iVector(mesh.triangles),
-    )
-    made.vertex_colors = open3d.utility.Vector3dVector(mesh.colours)
-    made.vertex_normals = open3d.utility.Vector3dVector(mesh.normals)
+    vectors = open3d.utility.Vector3dVector
+    triangles = open3d.utility.Vector3iVector(mesh.triangles)
+    made = open3d.geometry.TriangleMesh(vectors(mesh.vertices), triangles)
+    made.vertex_colors = vectors(mesh.colours)
+    made.vertex_normals = vectors(mesh.normals)
     return made
 
 
@@ -77,19 +76,16 @@ def distance_to(
     if isinstance(truth, Mesh):
         truth = (truth.vertices, truth.triangles)
     if isinstance(truth, tuple):
-        core, scene = load_open3d().core, load_open3d().t.geometry.RaycastingScene()
-        scene.add_triangles(
-            core.Tensor(truth[0].astype(np.float32)),
-            core.Tensor(truth[1].astype(np.uint32)),
-        )
-        distance = scene.compute_distance(core.Tensor(own.astype(np.float32))).numpy()
+        open3d = load_open3d()
+        scene = open3d.t.geometry.RaycastingScene()
+        scene.add_triangles(truth[0].astype(np.float32), truth[1].astype(np.uint32))
+        distance = scene.compute_distance(own.astype(np.float32)).numpy()
     else:
         points = np.reshape(truth, (-1, 3))
         points = points[np.isfinite(points).all(axis=-1)]
         distance = scipy.spatial.cKDTree(points).query(own)[0]
     if not (distance.size and np.isfinite(distance).all()):
         raise ValueError("nothing to measure: the mesh or the truth is empty")
-    percentiles = np.percentile(distance, [50, 95]).tolist()
-    return SurfaceDistance(
-        distance.astype(np.float64), float(distance.mean()), *percentiles
-    )
+    median, percentile = np.percentile(distance, [50, 95]).tolist()
+    distance = distance.astype(np.float64)
+    return SurfaceDistance(distance, float(distance.mean()), median, percentile)

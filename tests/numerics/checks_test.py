@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from endolab.numerics.checks import (
-    mask_array,
-    readonly_copy,
-)
+from endolab.numerics.checks import mask_array, readonly_copy
 
 
 def test_a_mask_may_be_of_numbers_that_leave_no_doubt():

@@ -23,35 +23,24 @@ print(compiled.COMPILED["cache"])
 
 def test_loops_run_where_nothing_can_be_kept(tmp_path):
     """A copy of some of endolab beside which nothing can be kept, and a user without a home."""
-    numerics = tmp_path / "endolab" / "numerics"
-    numerics.mkdir(parents=True)
-    for name in (
-        "__init__.py",
-        "arrays.py",
-        "checks.py",
-        "compiled.py",
-        "iteration.py",
-    ):
-        shutil.copy(PACKAGE / "numerics" / name, numerics)
+    ours = tmp_path / "endolab"
+    shutil.copytree(
+        PACKAGE / "numerics", ours / "numerics", ignore=lambda *_: ["__pycache__"]
+    )
+    # Files, in which even root can make no folder.
     for taken in (
-        tmp_path / "endolab/__init__.py",
-        numerics / "__pycache__",
+        ours / "__init__.py",
+        ours / "numerics/__pycache__",
         tmp_path / "home",
     ):
-        taken.touch()  # a file, in which even root can make no folder
-    home = {
-        name: str(tmp_path / "home/cache")
-        for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")
-    }
-    environment = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith("NUMBA_")
-    } | home
-    how = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120}
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", RUN], env=environment, **how, check=False
+        taken.touch()
+    home = dict.fromkeys(
+        ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), tmp_path / "home/a"
     )
+    kept = {name: x for name, x in os.environ.items() if not name.startswith("NUMBA_")}
+    how = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120}
+    command = [sys.executable, "-B", "-c", RUN]
+    done = subprocess.run(command, env=kept | home, **how, check=False)
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numba
 import numpy as np
@@ -66,25 +67,19 @@ def test_blas_has_one_thread_until_the_last_is_out():
     assert now() == before
 
 
-def test_two_threads_of_a_process_at_once_both_get_it_right(start, rng):
-    other = rng.normal(size=start.shape)
-    expected = [blurred(one, 30) for one in (start, other)]
-    right = []
+def test_two_threads_of_a_process_at_once_both_get_it_right(start):
     gate = threading.Barrier(2)
 
-    def work(one, wanted):
+    def work(a):
         gate.wait()
-        right.extend(np.array_equal(blurred(one, 30), wanted) for _ in range(10))
+        return [blurred(a, 30) for _ in range(10)]
 
-    both = [
-        threading.Thread(target=work, args=given)
-        for given in zip((start, other), expected, strict=True)
-    ]
-    for one in both:
-        one.start()
-    for one in both:
-        one.join()
-    assert right == [True] * 20
+    with ThreadPoolExecutor(2) as pool:
+        for a, found in zip(
+            (start, -start), pool.map(work, (start, -start)), strict=True
+        ):
+            for one in found:
+                np.testing.assert_allclose(one, plainly_blurred(a, 30), rtol=1e-12)
 
 
 FORK = """
@@ -94,14 +89,12 @@ from endolab.numerics import threads
 from tests.tools.loops import blurred
 warnings.simplefilter("ignore", DeprecationWarning)  # Python's own, of forks beside threads
 a = np.random.default_rng(0).normal(size=(325, 90))
-def solved():
-    return blurred(a, 7)
-before = solved()
+before = blurred(a, 7)
 with threads._cores:  # as another thread of the parent might
     child = os.fork()
     if child == 0:
-        os._exit(0 if np.array_equal(solved(), before) else 1)
-print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(solved(), before))
+        os._exit(0 if np.array_equal(blurred(a, 7), before) else 1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(blurred(a, 7), before))
 """
 
 

@@ -20,13 +20,14 @@ def march_distances(problem, **options):
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_scenes_are_exact_to_second_order(scene):
-    posed = (problem_of(scene, width) for width in (80, 160, 320))
-    found = [errors_of(el.run(fast_marching(problem)), seen) for problem, seen in posed]
-    errors = np.array([each.mean_percent for each in found])
-    assert errors[-1] < 0.002
-    assert found[-1].mean_degrees < 0.01
-    orders = np.log2(errors[:-1] / errors[1:])
-    assert np.all(orders > 1.7), f"orders of convergence {orders}"
+    percent = []
+    for width in (80, 160, 320):
+        problem, seen = problem_of(scene, width)
+        errors = errors_of(el.run(fast_marching(problem)), seen)
+        percent.append(errors.mean_percent)
+    assert errors.mean_percent < 0.002
+    assert errors.mean_degrees < 0.01
+    assert np.diff(np.log2(percent)).max() < -1.7
 
 
 def test_the_tube_needs_its_border():
@@ -52,11 +53,11 @@ def test_the_frame_is_explained(brdf):
 def test_what_lies_outside_the_mask_is_not_read():
     problem, _ = problem_of("curved", 80)
     mask = problem.mask & (np.indices(problem.mask.shape).sum(axis=0) % 7 > 0)
-    clean = march_distances(replace(problem, mask=mask))
-    spoilt = np.where(mask, problem.image, np.nan)
-    np.testing.assert_array_equal(
-        march_distances(replace(problem, mask=mask, image=spoilt)), clean
+    images = (problem.image, np.where(mask, problem.image, np.nan))
+    clean, spoilt = (
+        march_distances(replace(problem, mask=mask, image=image)) for image in images
     )
+    np.testing.assert_array_equal(spoilt, clean)
 
 
 def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
@@ -74,7 +75,8 @@ def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
 
 def test_the_front_advances_and_ends_where_one_pass_ends():
     problem, _ = problem_of("colon", 120, camera="paper")
-    steps = list(fast_marching(problem, snapshots=7))
+    steps = []
+    result = el.run(fast_marching(problem, snapshots=7), [steps.append])
     arrived = [step.maps["arrived"] for step in steps]
     assert not arrived[0].any()
     assert np.array_equal(arrived[-1], problem.mask)
@@ -84,7 +86,7 @@ def test_the_front_advances_and_ends_where_one_pass_ends():
         steps[-1].log_distance, el.run(fast_marching(problem)).iterate.log_distance
     )
     assert [step.k for step in steps] == list(range(8))
-    assert el.run(fast_marching(problem, snapshots=7)).status is el.Status.CONVERGED
+    assert result.status is el.Status.CONVERGED
 
 
 def test_contours_that_meet_at_corners_and_holes_do_not_leak(rng):

@@ -51,28 +51,30 @@ def test_the_energy_falls_with_every_iterate(camera, scene, regulariser, xi):
     assert dict(result.iterate.terms) == pytest.approx(expected, rel=1e-10)
 
 
-NOISY = {"width": 320, "noise": 3.0, "bits": 8}
-EXACT = {"width": 320}
 FISHEYE = {"width": 160, "camera": "paper"}
 
 
 @pytest.mark.parametrize(
     ("scene", "how", "limit", "degrees"),
     [
-        *(("plane", EXACT, 0.01, 0.05), ("curved", EXACT, 0.01, 0.05)),
-        *(("plane", NOISY, 0.15, 3), ("curved", NOISY, 0.15, 3)),
-        *(("tube", EXACT, 2.0, 4.0), ("tube", NOISY, 4.0, 9)),
-        *(("curved", FISHEYE, 0.3, 3), ("tube", FISHEYE, 0.4, 3)),
+        ("plane", {}, 0.01, 0.05),
+        ("curved", {}, 0.01, 0.05),
+        ("tube", {}, 2.0, 4.0),
+        ("plane", {"noise": 3.0, "bits": 8}, 0.15, 3),
+        ("curved", {"noise": 3.0, "bits": 8}, 0.15, 3),
+        ("tube", {"noise": 3.0, "bits": 8}, 4.0, 9),
+        ("curved", FISHEYE, 0.3, 3),
+        ("tube", FISHEYE, 0.4, 3),
     ],
 )
 def test_frames_exact_with_three_grey_levels_of_noise_and_of_a_fisheye(
     scene, how, limit, degrees
 ):
-    """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 0.05, 0.05 %; 1.12 %, 2.2°; 2.7 %. All with one λ.
+    """Measured 0.003 %, 0.013°; 0.002 %, 0.020°; 1.12 %, 2.2°; 0.05, 0.05 %; 2.7 %. All with one λ.
 
     The fisheye's border looks at walls that are near: 0.15 and 0.16 %.
     """
-    problem, seen = problem_of(scene, **how)
+    problem, seen = problem_of(scene, **{"width": 320, **how})
     result = solve(problem)
     found = errors_of(result, seen)
     assert found.pixels > 0.97 * problem.mask.sum()
@@ -87,11 +89,11 @@ def test_the_contours_of_the_colon_halve_the_error(width):
     """Measured 7.6 % and 2.2 % at 96 px, 7.3 % and 2.6 % at 160."""
     problem, seen = problem_of("colon", width)
     cut_problem = replace(problem, cuts=depth_cuts(seen.distance))
-    uncut, cut = (solve(each) for each in (problem, cut_problem))
-    assert uncut.status is cut.status is el.Status.CONVERGED
-    assert 5 < percent_off(uncut, seen) < 9
-    assert percent_off(cut, seen) < 4.5
-    assert percent_off(cut, seen) < percent_off(uncut, seen) / 2 + 0.5
+    results = [solve(each) for each in (problem, cut_problem)]
+    assert {result.status for result in results} == {el.Status.CONVERGED}
+    uncut, cut = (percent_off(result, seen) for result in results)
+    assert 5 < uncut < 9
+    assert cut < min(4.5, uncut / 2 + 0.5)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3])
@@ -101,12 +103,25 @@ def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(
 ):
     problem, _ = problem_of("colon", 96, xi=xi, regulariser=regulariser)
     problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < share)
-    for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
+    for start in (None, problem.log_d0):
         result = solve(problem, start=start)
         check_it_falls(result)
-        assert (
-            np.nanmax(result.iterate.log_distance - problem.log_d0) <= CEILING + 1e-12
-        )
+        above = result.iterate.log_distance - problem.log_d0
+        assert np.nanmax(above) <= CEILING + 1e-12
+
+
+def test_islands_share_the_number_of_steps_and_nothing_else(rng):
+    """Measured 1e-4 beside noise, whose steps are shorter, in the worst pixel."""
+    problem, _ = problem_of("curved", 96)
+    columns = np.indices(problem.mask.shape)[1]
+    mask = problem.mask & (abs(columns - 40.5) > 1)
+    noise = np.where(columns > 41, rng.uniform(0.05, 1.0, mask.shape), problem.image)
+    both = replace(problem, mask=mask)
+    beside = replace(both, image=noise)
+    beside.__dict__["xi_median"] = both.xi_median  # of the whole frame, so shared
+    left = mask & (columns < 40)
+    found, expected = (solve(each).distance[left] for each in (beside, both))
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
 def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
@@ -116,10 +131,8 @@ def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     inside[30:33, 40:43] = True
     dark = np.where(inside, 0.02, 1.0) * problem.image
     cut_problem = replace(problem, image=dark, cuts=between(inside))
-    cold, warm = (
-        solve(cut_problem, start=start)
-        for start in (None, solve(problem).iterate.log_distance)
-    )
+    cold = solve(cut_problem)
+    warm = solve(cut_problem, start=solve(problem).iterate.log_distance)
     assert cold.status is warm.status is el.Status.CONVERGED
     assert warm.energy < 1.05 * cold.energy
 
@@ -129,7 +142,7 @@ def test_the_tube_with_its_border_given(tube):
     problem, seen, without = tube
     inflow = border(seen, 1)
     given = np.isfinite(inflow) & problem.mask
-    for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
+    for start in (None, problem.log_d0):
         result = solve(problem, inflow=inflow, start=start)
         np.testing.assert_array_equal(result.iterate.log_distance[given], inflow[given])
         assert np.all(np.diff(energies(result)) < 0)
@@ -142,7 +155,8 @@ def test_a_little_more_or_less_smoothness_is_two_steps_away(tube, lam):
     problem, seen, first = tube
     problem = replace(problem, lam=lam)
     result = solve(problem, start=first.iterate.log_distance)
-    assert (result.status, result.iterations <= 2) == (el.Status.CONVERGED, True)
+    assert result.status is el.Status.CONVERGED
+    assert result.iterations <= 2
     assert result.energy < energies(result)[0]
     assert result.energy < 1.02 * solve(problem).energy
     assert percent_off(result, seen) < 2
@@ -181,8 +195,8 @@ def test_a_look_goes_a_good_part_of_the_way_to_another_energy(lam):
     assert np.nanmean(np.abs(at_rest - start.log_distance)) < 3e-3
     for _ in range(6):
         seen = look.follow(other).log_distance
-    left = np.nanmean(np.abs(seen - there))
-    assert left < 0.7 * np.nanmean(np.abs(start.log_distance - there))
+    before, left = (np.nanmean(np.abs(v - there)) for v in (start.log_distance, seen))
+    assert left < 0.7 * before
 
 
 def test_slow_falls_are_not_taken_for_the_end():
@@ -192,24 +206,16 @@ def test_slow_falls_are_not_taken_for_the_end():
     )
     result = solve(problem)
     assert result.status is el.Status.CONVERGED
-    further = solve(
-        problem, start=result.iterate.log_distance, tolerance=1e-3, max_iterations=60
-    )
+    start = result.iterate.log_distance
+    further = solve(problem, start=start, tolerance=1e-3, max_iterations=60)
     assert further.energy > 0.95 * result.energy
 
 
-@pytest.mark.parametrize(
-    ("name", "given"),
-    [
-        ("start", np.zeros((3, 4))),
-        ("start", np.full((60, 80), np.nan)),
-        ("inflow", np.zeros((3, 4))),
-        ("inflow", np.full((60, 80), np.inf)),
-    ],
-)
-def test_a_start_that_cannot_be_used_is_refused(name, given):
-    with pytest.raises(ValueError, match=name):
-        solve(problem_of("plane", 80)[0], **{name: given})
+@pytest.mark.parametrize(("name", "value"), [("start", np.nan), ("inflow", np.inf)])
+def test_a_start_that_cannot_be_used_is_refused(name, value):
+    for shape in ((60, 80), (3, 4)):
+        with pytest.raises(ValueError, match=name):
+            solve(problem_of("plane", 80)[0], **{name: np.full(shape, value)})
 
 
 @every_regulariser
@@ -217,11 +223,11 @@ def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regul
     problem, seen = problem_of("colon", 160, regulariser=regulariser, noise=1, bits=8)
     cut_problem = replace(problem, cuts=depth_cuts(seen.distance))
     for each in (problem, cut_problem):
-        maps = []
-        for count in (1, 2):
-            with limit_threads(count):
-                maps.append(solve(each, max_iterations=8).iterate.log_distance)
-        np.testing.assert_array_equal(*maps)
+        with limit_threads(1):
+            alone = solve(each, max_iterations=8).distance
+        with limit_threads(2):
+            together = solve(each, max_iterations=8).distance
+        np.testing.assert_array_equal(alone, together)
 
 
 ROWS, COLUMNS = np.indices((72, 96))
@@ -238,14 +244,12 @@ MASKS = {
 }
 
 
-@pytest.mark.parametrize("shape", MASKS)
+@pytest.mark.parametrize("mask", MASKS.values(), ids=MASKS)
 @pytest.mark.parametrize("scene", ["tube", "colon"])
-def test_thin_masks(scene, shape):
-    problem, _ = problem_of(scene, 96)
-    problem = replace(problem, mask=problem.mask & MASKS[shape])
-    result = solve(problem)
+def test_thin_masks(scene, mask):
+    result = solve(problem_of(scene, 96, mask=mask)[0])
     check_it_falls(result)
-    assert np.all(np.isnan(result.distance[~problem.mask]))
+    assert np.all(np.isnan(result.distance[~mask]))
     assert result.status is not el.Status.NON_FINITE
 
 
@@ -259,24 +263,24 @@ def test_tiny_frames(size):
     assert np.all(np.isfinite(result.distance))
 
 
-GREY_LEVEL = 1 / 255
 POOR = {
-    "constant": lambda image, noise: np.full(image.shape, 0.5),
-    "black": lambda image, noise: np.full(image.shape, GREY_LEVEL),
-    "nearly black": lambda image, noise: np.clip(0.01 + 0.004 * noise, GREY_LEVEL, 1),
-    "saturated": lambda image, noise: np.ones(image.shape),
-    "clipped": lambda image, noise: np.minimum(3 * image, 1),
-    "a lumen below one grey level": lambda image, noise: (
-        np.maximum(np.round(0.05 * image / GREY_LEVEL), 0.5) * GREY_LEVEL
+    "constant": lambda levels, noise: 127.5,
+    "black": lambda levels, noise: 1,
+    "nearly black": lambda levels, noise: np.maximum(2.5 + noise, 1),
+    "saturated": lambda levels, noise: 255,
+    "clipped": lambda levels, noise: np.minimum(3 * levels, 255),
+    "a lumen below one level": lambda levels, noise: np.maximum(
+        np.round(0.05 * levels), 0.5
     ),
 }
 
 
-@pytest.mark.parametrize("name", POOR)
-def test_poor_frames(rng, name):
-    problem, seen = problem_of("colon", 96)
-    image = POOR[name](seen.image, rng.normal(size=seen.image.shape))
-    result = solve(replace(problem, image=image, mask=np.ones_like(problem.mask)))
+@pytest.mark.parametrize("spoil", POOR.values(), ids=POOR)
+def test_poor_frames(rng, spoil):
+    problem, _ = problem_of("colon", 96)
+    everywhere = np.ones_like(problem.mask)
+    levels = spoil(255 * problem.image, rng.normal(size=everywhere.shape)) * everywhere
+    result = solve(replace(problem, image=levels / 255, mask=everywhere))
     assert result.status in ENDED
     check_it_falls(result)
 
@@ -287,19 +291,17 @@ def test_any_lam(scene, lam):
     problem, seen = problem_of(scene, 96, lam=lam)
     result = solve(problem)
     check_it_falls(result)
-    if scene == "plane" and lam < 1:
-        assert result.status is el.Status.CONVERGED
-        assert percent_off(result, seen) < 0.05
     if lam > 1:  # 1/d is straight then, whatever the frame shows
         assert result.iterate.terms["regulariser"] < 0.01 * energies(result)[0]
+    elif scene == "plane":
+        assert result.status is el.Status.CONVERGED
+        assert percent_off(result, seen) < 0.05
 
 
 def test_a_frame_that_is_explained_exactly_has_converged():
     """Energies of 1e-32 are rounding, and nothing promises less of them."""
-    problem, _ = problem_of("colon", 96)
-    result = solve(replace(problem, mask=problem.mask & MASKS["single pixels"]))
+    result = solve(problem_of("colon", 96, mask=MASKS["single pixels"])[0])
     assert result.status is el.Status.CONVERGED
     assert result.energy < 1e-24
-    np.testing.assert_allclose(
-        result.distance, np.exp(result.problem.log_d0), rtol=1e-9
-    )
+    log_distance = result.iterate.log_distance
+    np.testing.assert_allclose(log_distance, result.problem.log_d0, rtol=0, atol=1e-9)

@@ -51,16 +51,14 @@ def test_it_leaves_the_energys_minimum():
     lowest = el.run(gauss_newton(problem))
     for patch in (8, 0):
         start = lowest.iterate.log_distance
-        steps = primal_dual(problem, start, patch=patch, max_iterations=400)
-        result = el.run(steps)
+        result = el.run(primal_dual(problem, start, patch=patch, max_iterations=400))
         assert 1.5 * lowest.energy < energies(result)[-1] < 6 * lowest.energy
 
 
 @every_variant
 def test_no_combination_diverges_on_the_tube(xi, regulariser):
-    problem, _ = problem_of(
-        "tube", 80, xi=xi, regulariser=regulariser, lam=0.1, epsilon=3e-4
-    )
+    how = {"xi": xi, "regulariser": regulariser, "lam": 0.1, "epsilon": 3e-4}
+    problem, _ = problem_of("tube", 80, **how)
     result = el.run(primal_dual(problem, max_iterations=400, tolerance=0))
     assert energies(result)[-1] < 0.6 * energies(result)[0]
     assert np.all(np.isfinite(result.distance[problem.mask]))

@@ -1,5 +1,7 @@
 """`run` and a solver that does what it is told."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,6 @@ from endolab.synthetic.scenes import Plane
 CAMERA = el.Pinhole(8, 6, 6.0, 6.0, 3.5, 2.5)
 TRUTH = np.log(Plane(20.0, 10.0).distance(CAMERA.field.rays))
 MASK = np.indices((6, 8)).sum(axis=0) > 1
-HERE = {"a": np.arange(48.0).reshape(6, 8)}
 
 
 @pytest.fixture(scope="module")
@@ -20,122 +21,103 @@ def problem():
     return Problem(rendered.image, MASK, CAMERA, rendered.photometry, lam=0.0)
 
 
-class Script:
-    """A solver that yields the truth plus each offset, then returns; an exception is raised."""
-
-    def __init__(self, problem, *steps, end=el.Status.CONVERGED):
-        self.problem = problem
-        self.steps = steps
-        self.end = end
-        self.closed = False
-        self.iterates = []
-
-    def __call__(self):
-        previous = None
-        try:
-            for step in self.steps:
-                if isinstance(step, type):
-                    raise step
-                scalars = {"step": float(len(self.iterates))}
-                previous = el.Iterate.of(
-                    self.problem, TRUTH + step, previous, maps=HERE, scalars=scalars
-                )
-                self.iterates.append(previous)
-                yield previous
-            return self.end
-        finally:
-            self.closed = True
+def script(problem, told, *steps):
+    """A solver that yields the truth plus each offset; it returns a status, and raises an exception."""
+    previous = None
+    try:
+        for step in steps:
+            if isinstance(step, el.Status):
+                return step
+            if isinstance(step, type):
+                raise step
+            v = TRUTH + step
+            scalars = {"step": float(len(told))}
+            previous = el.Iterate.of(problem, v, previous, scalars=scalars)
+            told.append(previous)
+            yield previous
+        return el.Status.CONVERGED
+    finally:
+        told.append("closed")
 
 
-class Watcher:
-    """An observer that notes what it saw, and at one iterate returns or raises something."""
+def watcher(*answers):
+    """An observer that answers so, or raises an exception."""
+    return Mock(side_effect=answers or None, return_value=None)
 
-    def __init__(self, at=None, answer=None):
-        self.at = at
-        self.answer = answer
-        self.seen = []
-        self.closed = 0
 
-    def __call__(self, iterate):
-        self.seen.append(iterate.k)
-        if iterate.k != self.at:
-            return None
-        if isinstance(self.answer, type):
-            raise self.answer
-        return self.answer
-
-    def close(self):
-        self.closed += 1
+def seen_by(observer):
+    return [call.args[0].k for call in observer.call_args_list]
 
 
 def test_converged_gives_the_last_iterate(problem):
-    script = Script(problem, 0.5, 0.1, 0.3)
-    watcher = Watcher()
-    result = el.run(script(), [watcher, lambda iterate: False])
+    told = []
+    first = watcher()
+    result = el.run(script(problem, told, 0.5, 0.1, 0.3), [first, lambda _: False])
     assert result.status is el.Status.CONVERGED
-    assert result.iterate is script.iterates[2]
-    assert (result.iterations, watcher.seen, watcher.closed) == (2, [0, 1, 2], 1)
-    assert result.energy > script.iterates[1].energy
+    assert result.iterate is told[2]
+    assert (result.iterations, first.close.call_count) == (2, 1)
+    assert seen_by(first) == [0, 1, 2]
+    assert result.energy > told[1].energy
 
 
 @pytest.mark.parametrize(
-    ("status", "options"),
+    ("status", "then", "answer", "limit"),
     [
-        (el.Status.STALLED, {"end": el.Status.STALLED}),
-        (el.Status.MAX_ITERATIONS, {"max_iterations": 2}),
-        (el.Status.STOPPED, {"at": 2, "answer": True}),
-        (el.Status.STOPPED, {"at": 2, "answer": KeyboardInterrupt}),
-        (el.Status.STOPPED, {"then": KeyboardInterrupt}),
-        (el.Status.NON_FINITE, {"then": np.where(MASK, np.nan, 0.0)}),
-        (el.Status.NON_FINITE, {"then": np.inf}),
+        (el.Status.STALLED, el.Status.STALLED, None, None),
+        (el.Status.MAX_ITERATIONS, 0.0, None, 2),
+        (el.Status.STOPPED, 0.0, True, None),
+        (el.Status.STOPPED, 0.0, KeyboardInterrupt, None),
+        (el.Status.STOPPED, KeyboardInterrupt, None, None),
+        (el.Status.NON_FINITE, np.where(MASK, np.nan, 0.0), None, None),
+        (el.Status.NON_FINITE, np.inf, None, None),
     ],
 )
-def test_any_other_end_gives_the_iterate_of_least_energy(problem, status, options):
-    steps = (0.5, 0.1, 0.3, *([options["then"]] if "then" in options else []))
-    more = () if "end" in options or "then" in options else (0.0,)
-    script = Script(problem, *steps, *more, end=options.get("end", el.Status.CONVERGED))
-    first = Watcher(options.get("at"), options.get("answer"))
-    second = Watcher()
+def test_any_other_end_gives_the_iterate_of_least_energy(
+    problem, status, then, answer, limit
+):
+    told = []
+    first, second = watcher(None, None, answer), watcher()
+    # Kept, so that it is not closed for want of a name.
+    solver = script(problem, told, 0.5, 0.1, 0.3, then)
     with np.errstate(over="ignore", invalid="ignore"):
-        solver = script()  # kept, so that it is not closed for want of a name
-        result = el.run(solver, [first, second], options.get("max_iterations"))
+        result = el.run(solver, [first, second], limit)
     assert result.status is status
-    assert result.iterate is script.iterates[1]
-    assert result.iterations == 2
+    assert result.iterate is told[1]
     assert [row["k"] for row in result.history] == [0, 1, 2]
-    assert first.seen == [0, 1, 2]
-    assert second.seen == (
-        [0, 1] if options.get("answer") is KeyboardInterrupt else [0, 1, 2]
+    assert seen_by(first) == [0, 1, 2]
+    assert seen_by(second) == [0, 1, 2][: 2 if answer is KeyboardInterrupt else 3]
+    assert (
+        first.close.call_count == second.close.call_count == told.count("closed") == 1
     )
-    assert (first.closed, second.closed, script.closed) == (1, 1, True)
 
 
 @pytest.mark.parametrize(
-    ("steps", "at", "answer", "error"),
+    ("steps", "answers", "error"),
     [
-        ((KeyboardInterrupt,), None, None, KeyboardInterrupt),
-        ((0.5, RuntimeError), None, None, RuntimeError),
-        ((0.5, 0.1), 1, ZeroDivisionError, ZeroDivisionError),
-        ((np.nan,), None, None, ValueError),
-        ((), None, None, ValueError),
+        ((KeyboardInterrupt,), (), KeyboardInterrupt),
+        ((0.5, RuntimeError), (), RuntimeError),
+        ((0.5, 0.1), (None, ZeroDivisionError), ZeroDivisionError),
+        ((np.nan,), (), ValueError),
+        ((), (), ValueError),
     ],
 )
 def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(
-    problem, steps, at, answer, error
+    problem, steps, answers, error
 ):
-    script = Script(problem, *steps)
-    first = Watcher(at, answer)
-    second = Watcher()
-    solver = script()
+    told = []
+    first, second = watcher(*answers), watcher()
+    solver = script(problem, told, *steps)
     with pytest.raises(error):
         el.run(solver, [first, second])
-    assert (first.closed, second.closed, script.closed) == (1, 1, True)
+    assert (
+        first.close.call_count == second.close.call_count == told.count("closed") == 1
+    )
 
 
 def test_history_tells_each_step(problem):
-    script = Script(problem, 0.5, 0.1, 0.3)
-    result = el.run(script())
-    for row, iterate in zip(result.history, script.iterates, strict=True):
+    told = []
+    result = el.run(script(problem, told, 0.5, 0.1, 0.3))
+    for row, iterate in zip(result.history, told[:3], strict=True):
         terms = energy_terms(problem, iterate.log_distance)
         assert {key: row[key] for key in terms} == terms
         assert row["energy"] == sum(terms.values()) == iterate.energy
