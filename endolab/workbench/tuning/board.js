@@ -159,7 +159,7 @@ function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = []
   pen.fillText(x.label, pad[0] + w / 2, tall - 14);
   for (const [axis, left, align] of [[y, pad[0] - 4, "right"], ...(right ? [[right, pad[0] + w + 4, "left"]] : [])]) {
     Object.assign(pen, { textAlign: align, textBaseline: "middle" });
-    for (const [value, text] of ticks(axis, Math.floor(h / 28))) {
+    for (const [value, text] of ticks(axis, Math.floor(h / 28)).filter(([value]) => axis === y || value > axis.low)) {
       if (axis === y) pen.strokeRect(pad[0], to_y(value), w, 0);
       pen.fillText(text, left, to_y(value, axis));
     }

@@ -260,7 +260,8 @@ function render({ model, el }) {
     const lines = [{ x: curve.lams, y: curve.explained.map(height_of), colour: BLUE, name: "explained" }];
     if (has_errors) lines.push({ x: curve.lams, y: curve.errors.map((one) => one ?? NaN), colour: BLACK, name: "error [%]", right: true });
     panel.dots = curve.lams.map((lam, i) => ({ x: lam, y: height_of(curve.explained[i]), colour: lam === curve.now ? RED : BLUE,
-      text: lam === curve.now || lam === curve.best ? short(lam, 2) : "" }));
+      text: lam === curve.now ? short(lam, 2) : "" }));
+    if (curve.best) panel.dots.push({ x: curve.best, y: height_of(0.99), colour: GREEN, text: short(curve.best, 2) });
     const rules = [{ y: height_of(0.99), colour: "#009e7388" }, ...(curve.best ? [{ x: curve.best, colour: "#009e7388" }] : [])];
     panel.axes = draw_chart(pen, wide, tall, { x: { label: "λ", low: 10 ** range[0], high: 10 ** range[1], log: true }, y, lines, dots: panel.dots, rules,
       right: has_errors ? { low: 0, high: most } : undefined }, style());

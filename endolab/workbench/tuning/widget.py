@@ -67,6 +67,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 OWN_PANELS = {"frame", "section", "3D", "λ curve", "error", "B / A - 1", "energy"}
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
 ELSEWHERE = 10.0  # %; two surfaces that differ by more are not the same
+LEAST_ELSEWHERE = 1.0  # % of the pixels, of which it is said
 PLAYED_LAMS = 10 ** np.linspace(-2, 2, 21)  # of the tuner without Python
 
 
@@ -442,7 +443,7 @@ class TunerBox(anywidget.AnyWidget):
             {"chip": one.split(":")[0].split(",")[0].rstrip("."), "text": one}
             for one in warnings(answer.result)
         ]
-        if answer.stage == Stage.ANEW and self._elsewhere > 0:
+        if answer.stage == Stage.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
             share = f"{self._elsewhere:.2g} %"
             text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
             chip = f"not unique: {share} of pixels"
@@ -473,7 +474,6 @@ class TunerBox(anywidget.AnyWidget):
             "explained": [one.explained for one in tried],
             "errors": [None if one is None else one[0] for one in errors],
             "best": best,
-            "at_least": at_least,
             "now": answer.settings.lam,
         }
         self.send({"curve": curve} | (self._words(answer) if answer.is_final else {}))
