@@ -38,11 +38,11 @@ every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
 @pytest.mark.parametrize(
     ("options", "scene", "percent", "degrees"),
     [
-        ({"solver": "fast_marching"}, "plane", (0, 0.06), (0, 0.15)),
-        ({"solver": "fast_marching"}, "curved", (0, 0.06), (0, 0.15)),
-        ({"solver": "fast_marching"}, "tube", (3, 8), (5, 13)),
-        ({}, "plane", (0, 0.01), (0, 0.05)),
-        ({}, "tube", (0, 3), (0, 4)),
+        ({"solver": "fast_marching"}, "plane", 0.06, 0.15),
+        ({"solver": "fast_marching"}, "curved", 0.06, 0.15),
+        ({"solver": "fast_marching"}, "tube", 8, 13),
+        ({}, "plane", 0.01, 0.05),
+        ({}, "tube", 3, 4),
     ],
 )
 def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
@@ -53,8 +53,8 @@ def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
     result = shots[scene].reconstruct(**options)
     errors = shots[scene].errors(result)
     assert errors.pixels > 0.97 * result.mask.size
-    assert percent[0] <= errors.mean_percent <= percent[1]
-    assert degrees[0] <= errors.mean_degrees <= degrees[1]
+    assert errors.mean_percent < percent
+    assert errors.mean_degrees < degrees
     assert result.status.is_done
     assert result.metric
 
@@ -72,8 +72,6 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
                 frame, ball.calibration, solver=solver, smooth=smooth
             )
             percent[solver, smooth] = ball.errors(result).mean_percent
-            used = result.report.smooth
-            assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
     assert percent["fast_marching", 0.0] / 3 > percent["fast_marching", None] < 1.0
     assert max(percent["gauss_newton", None], percent["gauss_newton", 0.0]) < 0.05
 
@@ -288,6 +286,7 @@ def test_a_frame_that_is_solved_again_is_cut_at_the_same_lines(matt):
         frame, replace(calibration, photometry=brighter), start=first
     )
     assert first.problem.cuts.any()
+    assert again.report.contours is ContourOutcome.AS_BEFORE
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
     assert (
         np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 90)

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab import datasets
-from endolab.numerics.threads import limit_threads
 from endolab.reconstruction import constants
 from endolab.reconstruction.walls import (
     Walls,
@@ -128,7 +127,7 @@ def test_another_lamps_spread_is_as_if_made_with_it(colon, walls):
     assert np.median(by_even / by_spot) > 1.3
 
 
-def test_a_nearer_wall_blocks_and_cores_do_not_matter(walls, all_cores):
+def test_a_nearer_wall_blocks():
     """Two patches that face each other, and a third cell between them, far or near."""
     x = np.array([[-5.0, 0, 10], [5.0, 0, 10]])
     n = np.array([[1.0, 0, 0], [-1.0, 0, 0]])
@@ -136,8 +135,3 @@ def test_a_nearer_wall_blocks_and_cores_do_not_matter(walls, all_cores):
     for between, is_seen in ((12.0, True), (8.0, False)):
         nearest = np.array([[11.2, between, 11.2]])
         assert (exchange_between(x, n, np.ones(2), cells, nearest) > 0).any() == is_seen
-    parts = (walls.points, walls.normals, walls.area)
-    nowhere = open_cells(len(walls.points))
-    found = exchange_between(*parts, *nowhere)
-    with limit_threads(1):
-        assert np.array_equal(exchange_between(*parts, *nowhere), found)
