@@ -104,22 +104,6 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     assert "estimated albedos" in note(result)
 
 
-@pytest.mark.parametrize("contours", [None, False])
-def test_what_is_asked_again_is_answered_again(dry, contours):
-    """Bounced light and lines found anew, on the answer's own surface, moved it by up to 14 %."""
-    first = solved(dry.frame, dry.calibration, contours=contours)
-    again, smoother = (
-        solved(dry.frame, dry.calibration, start=first, contours=contours, lam=lam)
-        for lam in (1.0, 2.0)
-    )
-    np.testing.assert_allclose(again.distance, first.distance, rtol=5e-3)
-    assert notes(again) == notes(first)
-    for result in (again, smoother):
-        assert {stage.name for stage in result.stages} == {"solution"}
-    assert smoother.problem.lam == 2
-    assert error(smoother, dry) < error(first, dry) + 1
-
-
 def test_where_nothing_bounces_nothing_is_taken_out():
     """A picture of endolab's own model: the colours say so, whatever the surface would make of its light."""
     known = el.load_calibration("simple", width=160)

@@ -36,10 +36,13 @@ def colon():
     return np.log(Colon().distance(field.rays)), field
 
 
+def walls_of(v, field, k=2.5):
+    return Walls.of(v, np.isfinite(v), field, k)
+
+
 @pytest.fixture(scope="module")
 def walls(colon):
-    v, field = colon
-    return Walls.of(v, np.isfinite(v), field, 2.5)
+    return walls_of(*colon)
 
 
 def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
@@ -75,7 +78,7 @@ def test_light_is_exchanged_both_ways_and_none_is_made(walls):
 
 
 @pytest.mark.parametrize("turn", [np.fliplr, np.flipud, np.transpose])
-def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
+def test_light_bounces_alike_on_a_surface_that_is_turned(colon, walls, turn):
     """Patches divide a picture into equal cells, whichever side one counts from."""
     v, field = colon
     camera = datasets.load_calibration(
@@ -83,22 +86,18 @@ def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
     ).camera  # its axis is in the picture's middle
     upright = replace(camera, width=120, height=160, cx=camera.cy, cy=camera.cx)
     field_there = upright.field if turn is np.transpose else field
-    before = Walls.of(v, np.isfinite(v), field, 2.5).indirect_ratio(0.6)
-    after = Walls.of(turn(v), np.isfinite(turn(v)), field_there, 2.5).indirect_ratio(
-        0.6
-    )
-    assert_allclose(after, turn(before), rtol=5e-3)
+    after = walls_of(turn(v), field_there).indirect_ratio(0.6)
+    assert_allclose(after, turn(walls.indirect_ratio(0.6)), rtol=5e-3)
 
 
 def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(
     colon, walls
 ):
     v, field = colon
-    mask = np.isfinite(v)
-    larger = Walls.of(v + np.log(7.0), mask, field, 2.5)
+    larger = walls_of(v + np.log(7.0), field)
     green, red = (walls.indirect_ratio(albedo) for albedo in (0.38, 0.75))
     assert_allclose(larger.indirect_ratio(0.38), green, rtol=1e-9)
-    assert np.all((green > 0) & (green < red), where=mask)
+    assert np.all((green > 0) & (green < red), where=np.isfinite(v))
     assert np.isfinite(red).all()
 
 
@@ -115,7 +114,7 @@ def test_light_by_bounces_sums_to_that_of_the_balance(walls):
 def test_another_lamps_spread_is_as_if_made_with_it(colon, walls):
     v, field = colon
     mask = np.isfinite(v)
-    even = Walls.of(v, mask, field, 0.0)
+    even = walls_of(v, field, 0.0)
     turned = walls.under(0.0)
     assert_allclose(turned.direct, even.direct, rtol=1e-9)
     assert_allclose(turned.lit, even.lit, rtol=0.05)  # by the patches' centres
