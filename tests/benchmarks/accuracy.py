@@ -41,15 +41,12 @@ def rows_of(wanted):
     """Means over the frames of a set, a row for each way."""
     scores = {way: [] for way in WAYS}
     for case in cases_of(wanted):
-        light = case.calibration.photometry
-        print(f"{case.name:18} k {light.k:.2f} γ {light.gamma:.2f}", end="")
         for way, options in WAYS.items():
             e = case.errors_of(case.solve(**options))
             scores[way].append(
                 (e.mean_percent, e.median_percent, e.mean_percent, e.mean_degrees)
             )
-            print(f"  {way} {e.mean_percent:.2f} / {e.median_percent:.2f} %", end="")
-        print(flush=True)
+            print(f"{case.name} {way} {e.mean_percent:.2f} %", flush=True)
     for way, found in scores.items():
         if found:
             means = np.mean(found, axis=0)

@@ -101,10 +101,7 @@ def draw(errors):
 if __name__ == "__main__":
     means = {}
     for name in sys.argv[1:] or SETS:
-        errors = []
-        for case in cases_of(name):
-            errors.append(errors_of(case))
-            print(case.name, *(f"{e:.2f}" for e in errors[-1]), flush=True)
+        errors = [errors_of(case) for case in cases_of(name)]
         if errors:
             means[name] = np.mean(errors, axis=0)
     heads = ["frames", *(stage.replace("\n", " ") for stage in STAGES)]

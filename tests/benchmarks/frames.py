@@ -4,18 +4,19 @@ Sets are "scenes" of the model, "traced" ones that come with endolab, random one
 are made if need be, published ones, and folders of frames with a description beside each.
 """
 
-import sys
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import compare, resample_truth
+from endolab.metrics.depth_errors import resample_truth
 from endolab.numerics.arrays import FloatArray
 from tests.benchmarks.known_surface import measure_light
 from tests.tools import random_frames
+from tests.tools.problems import Shot, errors_of
 
 NOMINAL = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
 # Where they lie, how they are read, which, on how many columns they are solved, and degrees off the axis
@@ -52,15 +53,8 @@ class Case:
 
     def errors_of(self, result):
         """How far a result is from the truth."""
-        return compare(
-            result.distance,
-            self.distance,
-            result.problem.field.cos_alpha,
-            normals=result.normals,
-            true_normals=self.normals,
-            mask=self.scored & result.problem.mask,
-            scale=self.scale,
-        )
+        scored = self.scored & result.problem.mask
+        return errors_of(result, self, mask=scored, scale=self.scale)
 
     def percent(self, **options):
         """Mean error of the distance, solved with these options, %."""
@@ -89,11 +83,10 @@ def cases_of(wanted):
     folder = datasets.data_folder() or Path("nowhere")
     if wanted == "scenes":
         known = datasets.load_calibration("simple")
-        for name, scene in el.SCENES.items():
-            made = el.render(scene, known.camera, known.photometry)
-            lit = el.Calibration(made.camera, made.photometry)
-            frame = el.Frame(made.image, made.mask, name)
-            yield Case(name, frame, lit, made.distance, made.normals)
+        for name in el.SCENES:
+            shot = Shot(name, known)
+            truth = shot.truth.distance, shot.truth.normals
+            yield Case(name, shot.frame, shot.calibration, *truth)
     elif wanted == "traced":
         yield from map(_traced, map(el.load_traced, datasets.TRACED))
     elif wanted in random_frames.SETS:
@@ -154,12 +147,7 @@ def _published(wanted, folder):
 
 
 def table(title, heads, rows):
-    """Print a table in Markdown, aligned."""
-    lines = [list(heads), *map(list, rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    lines.insert(1, ["-" * width for width in widths])
+    """Print a table in Markdown, row by row as they come."""
     print(f"\n{title}\n")
-    for line in lines:
-        cells = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
-        print(f"| {' | '.join(cells)} |")
-    sys.stdout.flush()
+    for line in chain([heads, ["---"] * len(heads)], rows):
+        print(f"| {' | '.join(line)} |", flush=True)

@@ -31,7 +31,7 @@ def row_of(case):
     there = case.percent(lam=suggested, start=first)
     anew = case.percent(lam=suggested)
     scores = (there, anew, errors[LAMS.index(1.0)], errors[best])
-    print(f"{case.name:16} {suggested:.2g}", *(f"{e:.2f}" for e in errors), flush=True)
+    print(case.name, f"{suggested:.2g}", *(f"{e:.2f}" for e in errors), flush=True)
     return [advised is None, suggested, *scores, LAMS[best]]
 
 

@@ -9,6 +9,7 @@ phantom's shapes are scored, not fitted on. A minute or so for a constant; by de
 """
 
 import sys
+from unittest.mock import patch
 
 import numpy as np
 
@@ -51,12 +52,8 @@ HEADS += ("neutral", "with neutral", "phantom's shapes")
 
 def errors_with(name, value, cases):
     """Mean errors of the frames with a value of a constant, %."""
-    usual = getattr(constants, name)
-    setattr(constants, name, value)
-    try:
+    with patch.object(constants, name, value):
         return np.array([case.percent() for case in cases])
-    finally:
-        setattr(constants, name, usual)
 
 
 def row_of(name, cases, others):
@@ -88,8 +85,6 @@ if __name__ == "__main__":
         for case in list(cases_of(wanted))[::EVERY]
     ]
     others = [case.resize(WIDTH) for case in cases_of(SCORED)]
-    rows = []
-    for name in sys.argv[1:] or list(TRIED)[:6]:
-        rows.append(row_of(name, cases, others))
-        print(*rows[-1], sep="  ", flush=True)
+    names = sys.argv[1:] or list(TRIED)[:6]
+    rows = (row_of(name, cases, others) for name in names)
     table(f"Constants, by {len(cases)} frames of {', '.join(FITTED)}", HEADS, rows)

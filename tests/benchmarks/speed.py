@@ -6,19 +6,17 @@ Not a test: it asserts nothing and depends on the machine.
 import time
 from statistics import median
 
-import endolab as el
 from endolab import datasets
 from tests.benchmarks.frames import Case, cases_of, table
+from tests.tools.problems import Shot
 
 REPEATS = 7
 
 
 def frames():
     """The guide's frames, each on the pixels that it names, as far as they are here."""
-    known = datasets.load_calibration("paper", 320)
-    made = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    lit = el.Calibration(made.camera, made.photometry)
-    yield Case("the demo's colon", el.Frame(made.image, made.mask), lit, made.distance)
+    shot = Shot("colon", datasets.load_calibration("paper", 320))
+    yield Case("the demo's colon", shot.frame, shot.calibration, shot.truth.distance)
     wanted = {"traced": "matt", "rendered": "colon_pinhole"}
     for name, own in wanted.items():
         yield from (case for case in cases_of(name) if case.name == own)

@@ -37,10 +37,7 @@ def test_the_raster_is_the_reflectance_averaged(target):
 
 @pytest.mark.parametrize(
     "target",
-    [
-        *TARGETS.values(),
-        DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4),
-    ],
+    [*TARGETS.values(), DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4)],
 )
 def test_white_places_are_bare_and_apart(target):
     places = target.white_places()

@@ -25,9 +25,6 @@ from tests.hostile.conftest import CALIBRATIONS, EXAMPLES, run, sentences
 from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json
 
 MOST_MEMORY = 600  # MB that reading a small file may take
-PICTURES = ("frame.png", "deep.png", "frame.jpg", "frame.tif", "frame.bmp")
-
-
 READERS = {
     "mask.png": read_mask,
     "0042_depth.png": true_z,
@@ -41,7 +38,8 @@ READERS = {
     "endoscope.json": el.load_calibration,
     "target.json": read_target,
     "settings.json": read_settings,
-} | dict.fromkeys(PICTURES, read_image)
+}
+READERS |= dict.fromkeys(("frame.png", "deep.png", "frame.jpg"), read_image)
 READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
 
 
@@ -54,8 +52,7 @@ def peak():
 def damages(path):
     """Damages of a file, from without or, where its format is known, from within."""
     ways = {".npz": damaged_arrays, ".json": damaged_json}
-    known = [ways[path.suffix](path)] if path.suffix in ways else []
-    return st.one_of(damaged_bytes(path), *known)
+    return st.one_of(damaged_bytes(path), ways.get(path.suffix, damaged_bytes)(path))
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -10,7 +10,6 @@ from endolab.model.photometry import CHANNELS
 from endolab.reconstruction.colours import (
     AlbedoPrior,
     Light,
-    NoColour,
     Patches,
     fit_light,
     refine_per_pixel,
@@ -114,12 +113,6 @@ def test_tint_tells_where_more_or_less_bounced(known, wrong):
     np.testing.assert_array_equal(
         refine_per_pixel(made, true, replace(light, reason="why")), true
     )
-
-
-def test_white_walls_have_no_colour(known):
-    patches = shown(known, light_of(np.full(3, 0.4), 0.0, 1.0))
-    with pytest.raises(NoColour, match="as good as equal"):
-        fit_light(patches, AlbedoPrior.of(None))
 
 
 @pytest.mark.parametrize("x", [(0.9, 0.7), (2.2, 0.1), (0.3, 0.9)])

@@ -61,14 +61,12 @@ def test_a_camera_that_sees_no_fall_finds_nothing():
     found = estimate_light(frames, NARROW, otherwise=1.75, gamma=2.0)
     assert (found.outcome, found.standard_error > 1) == ("not found", True)
     assert (found.photometry.k, found.photometry.gamma) == (1.75, 2.0)
-    assert "1.75 is taken" in found.verdict
 
 
 def test_what_ends_at_the_bound_is_not_found():
     found = estimate_light([frame_of("tube", 6.5)], FISHEYE)
     assert found.costs[0].argmin() == len(found.exponents) - 1
     assert found.outcome == "not found"
-    assert "it would be 5 or more" in found.verdict
 
 
 def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
@@ -77,7 +75,6 @@ def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
     assert (found.k, found.standard_error) == pytest.approx(
         (of_tube.k, of_tube.standard_error)
     )
-    assert "count as 1.0" in found.verdict
 
 
 def test_frames_that_cannot_be_used_are_named(tube, of_tube):

@@ -6,23 +6,23 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
-import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.reconstruction import constants
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.problem_of_frame import make_problem
+from tests.tools.problems import Shot
 
 
 def seen(scene, width=320, **options):
     """A rendered frame, and the problem it poses."""
-    known = datasets.load_calibration("simple", width)
-    rendered = el.render(
-        el.SCENES[scene], known.camera, known.photometry, bits=8, **options
-    )
-    known = el.Calibration(rendered.camera, rendered.photometry)
-    frame = el.Frame(rendered.image, rendered.mask)
-    return rendered, make_problem(frame, known, channel="green")
+    shot = Shot(scene, datasets.load_calibration("simple", width), bits=8, **options)
+    return shot.truth, make_problem(shot.frame, shot.calibration, channel="green")
+
+
+def steep(problem):
+    """The steep lines of its picture, (2, H, W)."""
+    return find_contours(problem.log_d0, problem.mask) > constants.MIN_STEEPNESS[0]
 
 
 def within(lines, others, pixels):
@@ -39,9 +39,7 @@ def within(lines, others, pixels):
 def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
-    edges = (
-        find_contours(problem.log_d0, problem.mask) > constants.MIN_STEEPNESS[0]
-    ).any(axis=0)
+    edges = steep(problem).any(axis=0)
     true = depth_cuts(rendered.distance).any(axis=0)
     near = round(2 * width / 320)
     assert within(edges, true, near) > 0.6
@@ -50,20 +48,14 @@ def test_folds_are_found_where_the_distance_jumps(width):
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
-    problem = seen(scene, noise=1, texture=0.1)[1]
-    assert not (
-        find_contours(problem.log_d0, problem.mask) > constants.MIN_STEEPNESS[0]
-    ).any()
+    assert not steep(seen(scene, noise=1, texture=0.1)[1]).any()
 
 
 def test_a_tube_is_not_cut_along_its_wall():
     """Lines that ran up the dark wall before its end cut pieces off it, 87 % too far."""
-    known = datasets.load_calibration("simple", 160)
-    seen = el.render(el.SCENES["tube"], known.camera, known.photometry, noise=1, bits=8)
-    result = el.reconstruct(
-        el.Frame(seen.image, seen.mask), el.Calibration(seen.camera, seen.photometry)
-    )
-    assert np.abs(result.distance / seen.distance - 1)[result.mask].max() < 0.3
+    shot = Shot("tube", datasets.load_calibration("simple", 160), noise=1, bits=8)
+    result = shot.reconstruct()
+    assert np.abs(result.distance / shot.truth.distance - 1)[result.mask].max() < 0.3
 
 
 def test_a_step_is_one_closed_line_one_step_thin():

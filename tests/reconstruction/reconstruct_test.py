@@ -32,17 +32,23 @@ def small():
     return Shot("curved", datasets.load_calibration("simple", 80))
 
 
+def moved(result, distance, percentile=99):
+    """By how much a result's distances differ from others, as shares."""
+    change = np.abs(result.distance / distance - 1)
+    return np.percentile(change[result.mask], percentile)
+
+
 every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
 
 
 @pytest.mark.parametrize(
     ("options", "scene", "percent", "degrees"),
     [
-        ({"solver": "fast_marching"}, "plane", (0, 0.06), (0, 0.15)),
-        ({"solver": "fast_marching"}, "curved", (0, 0.06), (0, 0.15)),
-        ({"solver": "fast_marching"}, "tube", (3, 8), (5, 13)),
-        ({}, "plane", (0, 0.01), (0, 0.05)),
-        ({}, "tube", (0, 3), (0, 4)),
+        ({"solver": "fast_marching"}, "plane", 0.06, 0.15),
+        ({"solver": "fast_marching"}, "curved", 0.06, 0.15),
+        ({"solver": "fast_marching"}, "tube", 8, 13),
+        ({}, "plane", 0.01, 0.05),
+        ({}, "tube", 3, 4),
     ],
 )
 def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
@@ -53,8 +59,8 @@ def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
     result = shots[scene].reconstruct(**options)
     errors = shots[scene].errors(result)
     assert errors.pixels > 0.97 * result.mask.size
-    assert percent[0] <= errors.mean_percent <= percent[1]
-    assert degrees[0] <= errors.mean_degrees <= degrees[1]
+    assert errors.mean_percent < percent
+    assert errors.mean_degrees < degrees
     assert result.status.is_done
     assert result.metric
 
@@ -72,8 +78,6 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
                 frame, ball.calibration, solver=solver, smooth=smooth
             )
             percent[solver, smooth] = ball.errors(result).mean_percent
-            used = result.report.smooth
-            assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
     assert percent["fast_marching", 0.0] / 3 > percent["fast_marching", None] < 1.0
     assert max(percent["gauss_newton", None], percent["gauss_newton", 0.0]) < 0.05
 
@@ -125,16 +129,6 @@ def test_a_frame_can_be_shrunk_first(ball):
     assert errors.mean_degrees < 0.05
 
 
-def test_a_tabulated_brdf():
-    theta = np.linspace(0, np.pi / 2, 15)
-    brdf = el.TabulatedBRDF(tuple(theta), tuple(0.2 + 0.1 * np.cos(theta)))
-    shot = Shot("curved", CALIBRATION, replace(CALIBRATION.photometry, brdf=brdf))
-    assert shot.errors(shot.reconstruct()).mean_percent < 0.01
-    matt = replace(shot.calibration.photometry, brdf=el.Lambertian(0.3 * np.pi))
-    result = el.reconstruct(shot.frame, replace(shot.calibration, photometry=matt))
-    assert shot.errors(result).mean_percent > 1.0
-
-
 @every_solver
 def test_iterates_one_by_one(small, solver):
     how = {"channel": "blue", "xi": "d", "smooth": 0}
@@ -146,20 +140,29 @@ def test_iterates_one_by_one(small, solver):
 
 
 @pytest.mark.parametrize(
-    "how", [{}, {"regulariser": "first"}, {"xi": "d"}, {"median_distance": 40.0}]
+    "how",
+    [
+        {},
+        {"regulariser": "first"},
+        {"xi": "d"},
+        {"median_distance": 40.0},
+        {"channel": "separated"},
+        {"channel": "separated", "contours": False},
+    ],
 )
 def test_where_a_run_converged_it_stays(how):
-    """It moved by 1.4 % at the 99th percentile, as a new run knows nothing of the last one's steps."""
+    """It moved by 1.4 % at the 99th percentile, as a new run knows nothing of the last one's steps.
+
+    Bounced light and lines found anew, on the answer's own surface, moved it by up to 14 %.
+    """
     sample = el.load_traced("matt")
     how = {"channel": "green", "width": 160} | how
     first = el.reconstruct(sample.frame, sample.calibration, **how)
     again = el.reconstruct(sample.frame, sample.calibration, start=first, **how)
-    assert first.status is again.status
     assert first.status.is_done
-    assert (
-        np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 99)
-        < 5e-3
-    )
+    assert again.status.is_done
+    assert notes(again) == notes(first)
+    assert moved(again, first.distance) < 5e-3
 
 
 def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch):
@@ -261,8 +264,7 @@ def test_a_frame_that_is_turned_has_the_turned_surface(matt, options, limits):
     upright = el.reconstruct(frame, known, **how)
     for name, limit in limits.items():
         found = solve_turned(frame, known, name, **how)
-        off = np.abs(found.distance / TURNS[name](upright.distance) - 1)
-        assert np.percentile(off[found.mask], 99) < limit
+        assert moved(found, TURNS[name](upright.distance)) < limit
         assert options is None or abs(found.energy / upright.energy - 1) < 3e-3
 
 
@@ -288,11 +290,9 @@ def test_a_frame_that_is_solved_again_is_cut_at_the_same_lines(matt):
         frame, replace(calibration, photometry=brighter), start=first
     )
     assert first.problem.cuts.any()
+    assert again.report.contours is ContourOutcome.AS_BEFORE
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
-    assert (
-        np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 90)
-        < 0.05
-    )
+    assert moved(again, first.distance, 90) < 0.05
 
 
 def test_discontinuities_that_are_given_are_kept():

@@ -30,15 +30,13 @@ WAYS = {
 }
 
 
-def shots(scenes, gains=None):
+def shots(scenes, gains=(900.0,) * COUNT):
     """Frames of a moving camera, with 1 grey level of noise."""
-    gains = [900.0] * len(scenes) if gains is None else gains
-    lights = [replace(GREEN, gain=float(gain)) for gain in gains]
-    seen = zip(scenes, lights, range(len(scenes)), strict=True)
-    return [
-        el.render(scene, BASE.camera, light, noise=1.0, bits=8, seed=k)
-        for scene, light, k in seen
-    ]
+    seen = []
+    for k, scene in enumerate(scenes):
+        light = replace(GREEN, gain=float(gains[k]))
+        seen.append(el.render(scene, BASE.camera, light, noise=1.0, bits=8, seed=k))
+    return seen
 
 
 def named(seen):

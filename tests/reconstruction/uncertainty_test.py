@@ -75,12 +75,9 @@ def test_noise_alone_is_what_solving_again_with_other_noise_finds():
         )
         return replace(clean, image=np.where(clean.mask, image, 0.0))
 
-    first = run(gauss_newton(noisy(), tolerance=1e-6, max_iterations=100))
-    how = {
-        "start": first.iterate.log_distance,
-        "tolerance": 1e-6,
-        "max_iterations": 100,
-    }
+    how = {"tolerance": 1e-6, "max_iterations": 100}
+    first = run(gauss_newton(noisy(), **how))
+    how["start"] = first.iterate.log_distance
     maps = [
         run(gauss_newton(noisy(), **how)).iterate.log_distance[clean.mask]
         for _ in range(24)

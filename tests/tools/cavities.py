@@ -20,7 +20,7 @@ from tests.tools.meshes import grid_triangles
 
 LEAST = 0.05  # mm, a step of a ray beside a wall
 FAREST = 1000.0  # mm, beyond every wall
-POLISH = 11  # steps of false position over the last LEAST
+HALVES = 24  # of the last step
 SPARE = 1.25  # for slopes between the places that are looked at
 STEP = 1e-4  # mm, of the central differences that give normals
 # mm, the size of bumps and the way from ruga to ruga
@@ -163,11 +163,7 @@ class Cavity:
 
     def normals(self, points):
         """See `Scene.normals`; by central differences."""
-        slopes = [
-            self.inside(points + step) - self.inside(points - step)
-            for step in STEP * np.eye(3)
-        ]
-        gradient = np.stack(slopes, axis=-1)
+        gradient = _gradient(self.inside, points)
         return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
 
     def mesh(self, size=400):
@@ -201,12 +197,14 @@ class Cavity:
         """The steepest slope of F in the tube's coordinates, of a grid fine against folds; and some more."""
         start, out = self._lines(160, 48)
         reach = np.linspace(0, 1.1 * max(self.radius, *self.ends), 10)[1:, None, None]
-        places = start + reach * out
-        steps = [
-            self._in_tube(places + step) - self._in_tube(places - step)
-            for step in STEP * np.eye(3)
-        ]
-        return SPARE * float(np.max(np.linalg.norm(steps, axis=0))) / (2 * STEP)
+        slopes = _gradient(self._in_tube, start + reach * out)
+        return SPARE * float(np.linalg.norm(slopes, axis=-1).max())
+
+
+def _gradient(value, x):
+    """Slopes of a function of points (..., 3), by central differences."""
+    steps = [value(x + step) - value(x - step) for step in STEP * np.eye(3)]
+    return np.stack(steps, axis=-1) / (2 * STEP)
 
 
 def _march(inside, start, rays, steepest):
@@ -217,28 +215,19 @@ def _march(inside, start, rays, steepest):
     start = np.broadcast_to(start, rays.shape)
     near = np.zeros(len(rays))
     far = np.zeros(len(rays))
-    above = np.full(len(rays), np.nan)
-    below = np.full(len(rays), np.nan)
     busy = np.arange(len(rays))
     while busy.size:
         room = inside(start[busy] + far[busy, None] * rays[busy])
-        met = room <= 0
-        below[busy[met]] = room[met]
-        busy = busy[~met]
-        room = room[~met]
+        busy = busy[room > 0]
         near[busy] = far[busy]
-        above[busy] = room
-        far[busy] += np.maximum(room / steepest, LEAST)
+        far[busy] += np.maximum(room[room > 0] / steepest, LEAST)
         if busy.size and far[busy].max() > FAREST:
             raise ValueError(
                 f"{busy.size} of {len(rays)} rays come to no wall within {FAREST:.0f} mm"
             )
-    for _ in range(POLISH):  # Illinois: false position, by halves where one end stays
-        t = (near * below - far * above) / (below - above)
-        room = inside(start + t[:, None] * rays)
-        out = room > 0
-        near = np.where(out, t, near)
-        far = np.where(out, far, t)
-        above = np.where(out, room, above / 2)
-        below = np.where(out, below / 2, np.minimum(room, -1e-300))
-    return t
+    for _ in range(HALVES):
+        middle = (near + far) / 2
+        is_before = inside(start + middle[:, None] * rays) > 0
+        near = np.where(is_before, middle, near)
+        far = np.where(is_before, far, middle)
+    return far

@@ -2,8 +2,6 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Generator
-from typing import Any
 
 import nbformat
 import pytest
@@ -14,7 +12,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 STRICT = "import warnings\nwarnings.simplefilter('error')\n"
 
 
-def solutions(cells: list[Any]) -> list[str]:
+def solutions(cells):
     """Python in each solution of a notebook's cells; nothing where a solution is but told."""
     texts = [
         "".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"
@@ -27,9 +25,7 @@ def solutions(cells: list[Any]) -> list[str]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(
-    collector: pytest.Collector,
-) -> Generator[None, pytest.CollectReport]:
+def pytest_make_collect_report(collector):
     """Append a notebook's solutions to its cells, for the kernel in which those have run."""
     report = yield
     if isinstance(collector, IPyNbFile) and report.passed:

@@ -1,12 +1,10 @@
 """A pytest plugin: a notebook cell that ran out of time fails, and so does every cell after it."""
 
-from collections.abc import Generator
-
 import pytest
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
+def pytest_runtest_call(item):
     """Fail a cell that nbval would let pass or xfail: the rest of its notebook proves nothing."""
     yield
     if getattr(item.parent, "timed_out", False):

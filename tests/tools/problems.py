@@ -1,6 +1,7 @@
 """Problems to solve, made of the library's scenes, each with its truth, and how far a result is from it."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from endolab.metrics.depth_errors import compare
 from endolab.solvers.problem import Problem
 from endolab.synthetic.scenes import Colon
 
-VARIANTS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]
-every_variant = pytest.mark.parametrize(("xi", "regulariser"), VARIANTS)
-every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
+ORDERS = ("first", "second")
+every_variant = pytest.mark.parametrize(
+    ("xi", "regulariser"), list(product(("1/z", "d", "1/d"), ORDERS))
+)
+every_regulariser = pytest.mark.parametrize("regulariser", ORDERS)
 # A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(
     tuple(np.linspace(0, 1.5, 15)),
@@ -31,7 +34,6 @@ def problem_of(
     gain=1.0,
     noise=0.0,
     bits=None,
-    mask=True,
     **options,
 ):
     """A rendered scene as a problem of these options, and its truth; nearly black pixels are left out.
@@ -49,7 +51,7 @@ def problem_of(
         seen = el.render(el.SCENES[scene], camera, photometry, **how)
     return Problem(
         seen.image,
-        seen.mask & (seen.image > 0.02) & mask,
+        seen.mask & (seen.image > 0.02),
         camera,
         seen.photometry,
         **options,

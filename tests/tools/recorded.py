@@ -36,30 +36,16 @@ class Recorded:
                         if column[i].is_valid
                     }
 
-    @property
-    def entities(self):
-        """Names of all that was logged, Rerun's own apart."""
-        return {name for name in self.rows if not name.startswith("/__")}
-
     def numbers(self, entity, component):
         """Values of a component, by frame or iteration."""
-        return {
-            k: flat(values)
-            for k, values in sorted(self.rows[entity][component].items(), key=_order)
-        }
+        rows = sorted(self.rows[entity][component].items())
+        return {k: flat(values) for k, values in rows}
 
     def at(self, entity, component, k):
         return flat(self.rows[entity][component][k])
 
-    def text(self, entity, component, k=None):
+    def text(self, entity, component, k):
         return self.rows[entity][component][k][0].as_py()
 
-    def picture(self, entity, k, grey=False):
-        stored = cv2.imdecode(
-            self.at(entity, "blob", k).astype(np.uint8), 0 if grey else 1
-        )
-        return stored if grey else stored[..., ::-1]
-
-
-def _order(row):
-    return -1 if row[0] is None else row[0]
+    def grey_picture(self, entity, k):
+        return cv2.imdecode(self.at(entity, "blob", k).astype(np.uint8), 0)

@@ -111,15 +111,15 @@ def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
     return View(name, 0, ids, pixels)
 
 
-def make_views(camera, target, count, rng, least=20, **options):
-    """Views of `least` points or more, and their true poses."""
-    how = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
+def make_views(camera, target, count, rng, noise=0.08, wrong=0.01, **options):
+    """Views of 20 points or more, and their true poses."""
     views = []
     poses = []
     while len(views) < count:
         pose = random_pose(camera, target, rng, **options)
-        view = view_of(camera, target, pose, rng, f"frame_{len(views):03d}", **how)
-        if len(view.ids) >= least:
+        name = f"frame_{len(views):03d}"
+        view = view_of(camera, target, pose, rng, name, noise, wrong)
+        if len(view.ids) >= 20:
             views.append(view)
             poses.append(pose)
     return views, poses

@@ -8,10 +8,8 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.fit import calibrate_camera
-from endolab.calibration.geometric.reprojection import views_of
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.session import Session, locate, score
+from endolab.calibration.session import calibrate, score
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.sheet_views import centroids_on_panels
@@ -48,17 +46,16 @@ def simulated(name="vicalib_small", **light):
         error = NOISE * rng.standard_normal((len(inside), 2))
         error[rng.random(len(inside)) < 0.03] *= 30
         detections[name] = Detection(inside, pixels[inside] + error)
-    views = [
-        view for name in names for view in views_of(name, detections[name], target)
-    ]
-    geometry = calibrate_camera(views, target, camera.width, camera.height)
-    poses, errors, dropped = locate(detections, target, geometry.camera)
-    steps = []
-    fit = calibrate_light(samples, observers=[steps.append], **light)
-    found = (target, detections, geometry, geometry.camera, poses, samples, fit)
-    facts = {"scores": score(samples, **light), "dropped": dropped, "errors": errors}
     pictures = [(name, rng.uniform(0, 1, (120, 160))) for name in names]
-    return Session(*found, **facts), pictures, steps
+    how = {"detections": detections, "size": (160, 120), "every": 1}
+    session = calibrate(pictures, target, lens="fisheye", **how)
+    steps = []
+    lit = {
+        "light": calibrate_light(samples, observers=[steps.append], **light),
+        "scores": score(samples, **light),
+        "samples": samples,
+    }
+    return replace(session, refused="", **lit), pictures, steps
 
 
 def refused(session):

@@ -10,12 +10,10 @@ def points_and_normals(scene, camera):
     pixels = np.moveaxis(
         np.indices((camera.height, camera.width))[::-1], 0, -1
     ) + np.array([0.013, 0.021])
-    here, right, left, below, above = (
-        scene.distance(rays)[..., None] * rays
-        for rays in (
-            camera.unproject(pixels + STEP * np.array(step))
-            for step in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
-        )
-    )
-    across = np.cross(right - left, below - above)
-    return here, across / -np.linalg.norm(across, axis=-1, keepdims=True)
+
+    def beside(*step):
+        rays = camera.unproject(pixels + STEP * np.array(step))
+        return scene.distance(rays)[..., None] * rays
+
+    across = np.cross(beside(1, 0) - beside(-1, 0), beside(0, -1) - beside(0, 1))
+    return beside(0, 0), across / np.linalg.norm(across, axis=-1, keepdims=True)

@@ -16,7 +16,6 @@ from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
 from endolab.calibration.simulation.trajectory import Movement, fold_pose
 from endolab.calibration.simulation.video import simulate_video
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard
-from endolab.io.datasets import load_calibration
 from tests.tools.sheet_views import centroids_on_panels
 
 CAMERA = datasets.load_calibration("paper", width=640).camera
@@ -177,7 +176,7 @@ def test_a_highlight_across_the_sheet_and_overexposed_or_dark_pictures(factor):
 @pytest.mark.parametrize(("blur", "enlarged"), [(0.0, 1), (1.5, 1), (0.5, 2)])
 def test_corners_are_unbiased_through_blur_noise_and_enlarging(blur, enlarged, rng):
     """Measured, px of the sensor: 0.05 of bias at most, median 0.07 to 0.12."""
-    camera = load_calibration("paper", 640 // enlarged).camera
+    camera = datasets.load_calibration("paper", 640 // enlarged).camera
     off = []
     movement = Movement(distance=(60, 110), tilt=np.deg2rad(35))
     for shot in simulate_video(BOARD, camera, LIGHT, 6, movement=movement, seed=3):
@@ -247,9 +246,6 @@ def test_a_charuco_board_in_small_and_narrow_pictures(size, focal):
         off = errors(found, camera.project(pose.transform(target.points)))
         assert len(found.ids) >= 0.75 * len(target.points)
         assert np.quantile(off, 0.95) < 0.7
-
-
-# With the median error that they were found with, px.
 
 
 def test_the_published_frame_of_the_sheet(data):

@@ -19,7 +19,7 @@ def test_what_is_read_back_is_the_calibration(name, tmp_path):
     file = Recorded(tmp_path / "calibration.rrd")
     names = list(session.detections)
     assert list(file.rows["/picture"]["blob"]) == list(range(len(names)))
-    shown = file.picture("/picture", 4, grey=True)
+    shown = file.grey_picture("/picture", 4)
     assert np.abs(shown / 255 - frames[4][1]).mean() < 0.1  # JPEG of noise
 
     def points(entity, component, number, size=2):
