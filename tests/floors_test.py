@@ -1,13 +1,14 @@
 """The house: imports point down, none in a circle; the core knows neither files nor people."""
 
 import ast
-import graphlib
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tests.tools import structure
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "endolab"
@@ -29,6 +30,7 @@ ORDER = [
 ]
 CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_extras", "__main__"}  # files at the top
+MOST_LEVELS = 9
 
 UPSTAIRS_ONLY = {
     "rerun",
@@ -79,48 +81,6 @@ SLOW_TO_IMPORT = [
 ]
 
 
-# Who imports whom -----------------------------------------------------------------------
-def modules():
-    """Dotted names, below the package, of its modules; its own faces (``__init__``) left out."""
-    return {
-        ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if path.stem != "__init__"
-    }
-
-
-def imports():
-    """Which modules of the package each of its modules imports.
-
-    A name that is taken from a folder's face counts as the folder.
-    """
-    known = modules()
-    graph = {module: set() for module in known}
-    for module, path in known.items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [f"{node.module}.{alias.name}" for alias in node.names]
-            for name in names:
-                start, *parts = name.split(".")
-                # The longest part of the name that is a module, or else a folder.
-                ends = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
-                found = [end for end in ends if end in known]
-                found += [
-                    end for end in ends if (PACKAGE / end.replace(".", "/")).is_dir()
-                ]
-                if start == PACKAGE.name and found and found[0] != module:
-                    graph[module].add(found[0])
-    return graph
-
-
-def folder_of(module):
-    """The room of a module: the first part of its name."""
-    return module.split(".")[0]
-
-
 def complaints(source):
     """What a module of the core may not have in it."""
     wrong = set()
@@ -142,22 +102,46 @@ def complaints(source):
 
 
 def in_core():
-    return sorted(name for name in modules() if folder_of(name) in CORE)
+    return sorted(
+        name for name in structure.modules(PACKAGE) if structure.folder_of(name) in CORE
+    )
 
 
 def test_every_file_lives_in_a_folder_that_has_its_place():
-    assert {folder_of(name) for name in modules()} == {*ORDER, *BESIDE}
+    assert {structure.folder_of(name) for name in structure.modules(PACKAGE)} == {
+        *ORDER,
+        *BESIDE,
+    }
 
 
 def test_no_import_runs_back_up():
-    floor = {folder: place for place, folder in enumerate(ORDER)}
-    for module, others in imports().items():
-        for other in others if folder_of(module) in floor else ():
-            assert floor.get(folder_of(other), -1) <= floor[folder_of(module)], module
+    assert structure.upward(structure.imports(PACKAGE), ORDER) == []
 
 
 def test_nothing_imports_in_a_circle():
-    graphlib.TopologicalSorter(imports()).prepare()
+    graph = structure.imports(PACKAGE)
+    assert structure.circle(graph) == []
+    assert structure.circle(structure.by_folder(graph)) == []
+
+
+def test_the_house_is_not_too_high():
+    folders = structure.by_folder(
+        {k: v for k, v in structure.imports(PACKAGE).items() if k not in BESIDE}
+    )
+    assert max(structure.levels(folders).values()) <= MOST_LEVELS
+
+
+def test_no_import_hides_where_it_leads():
+    for path in structure.modules(PACKAGE).values():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            assert not (isinstance(node, ast.ImportFrom) and node.level), (
+                f"{path}: relative"
+            )
+            hidden = isinstance(node, ast.Call) and "import_module" in ast.unparse(
+                node.func
+            )
+            hidden = hidden and "endolab" in ast.unparse(node)
+            assert not hidden, f"{path}: import_module"
 
 
 def test_no_test_imports_another_test():
@@ -174,7 +158,7 @@ def test_no_test_imports_another_test():
 
 @pytest.mark.parametrize("module", in_core())
 def test_the_core_knows_neither_files_nor_people(module):
-    source = modules()[module].read_text(encoding="utf-8")
+    source = structure.modules(PACKAGE)[module].read_text(encoding="utf-8")
     assert complaints(source) <= BORROWED.get(module, set())
 
 
@@ -189,7 +173,11 @@ def test_the_map_of_the_house_shows_the_same_order_and_every_file():
         for folder, files in rows
         for name in re.findall(r"`(\w+)/?`", files)
     }
-    assert named == {".".join(name.split(".")[:2]) for name in modules()} - BESIDE
+    assert (
+        named
+        == {".".join(name.split(".")[:2]) for name in structure.modules(PACKAGE)}
+        - BESIDE
+    )
 
 
 def test_importing_the_package_loads_nothing_slow():

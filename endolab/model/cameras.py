@@ -191,11 +191,11 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        return _resized(self, width, height)
+        return _with_size(self, width, height)
 
 
 @lru_cache(maxsize=4)  # with their ray fields: those wanted, and coarse ones
-def _resized(camera: Lens, width: int, height: int) -> Lens:
+def _with_size(camera: Lens, width: int, height: int) -> Lens:
     scale = (width / camera.width, height / camera.height)
     scaled = {
         name: getattr(camera, name) * scale[axis]
@@ -481,8 +481,8 @@ class Scaramuzza(Camera):
     def _radius(self, theta: FloatArray) -> FloatArray:
         a0 = self.a[0]
 
-        def scaled(r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def value_and_slope(r: FloatArray) -> tuple[FloatArray, FloatArray]:
             angle, slope = self._angle(r * a0)
             return angle, slope * a0
 
-        return a0 * invert_increasing(scaled, theta, 0.0, self._max_radius / a0)
+        return a0 * invert_increasing(value_and_slope, theta, 0.0, self._max_radius / a0)

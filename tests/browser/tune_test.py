@@ -156,9 +156,9 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
     box = page.locator(".endolab-body").nth(1).bounding_box()
     x, y = box["x"] + 0.3 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.move(x, y)
-    said = page.locator(".endolab-said:visible")
-    assert said.count() == 3
-    assert said.nth(1).inner_text().endswith(" mm")
+    labels = page.locator(".endolab-said:visible")
+    assert labels.count() == 3
+    assert labels.nth(1).inner_text().endswith(" mm")
     titles = page.locator(".endolab-head span")
     before = titles.nth(3).inner_text()
     page.mouse.click(x, y)

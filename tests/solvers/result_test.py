@@ -1,4 +1,4 @@
-"""`run` and a solver that does what it is told."""
+"""`run` and a solver that does what it is rows_of."""
 
 from unittest.mock import Mock
 
@@ -21,7 +21,7 @@ def problem():
     return Problem(rendered.image, MASK, CAMERA, rendered.photometry, lam=0.0)
 
 
-def script(problem, told, *steps):
+def script(problem, rows_of, *steps):
     """A solver that yields the truth plus each offset; it returns a status, and raises an exception."""
     previous = None
     try:
@@ -31,13 +31,13 @@ def script(problem, told, *steps):
             if isinstance(step, type):
                 raise step
             v = TRUTH + step
-            scalars = {"step": float(len(told))}
+            scalars = {"step": float(len(rows_of))}
             previous = el.Iterate.of(problem, v, previous, scalars=scalars)
-            told.append(previous)
+            rows_of.append(previous)
             yield previous
         return el.Status.CONVERGED
     finally:
-        told.append("closed")
+        rows_of.append("closed")
 
 
 def watcher(*answers):
@@ -50,14 +50,14 @@ def seen_by(observer):
 
 
 def test_converged_gives_the_last_iterate(problem):
-    told = []
+    rows_of = []
     first = watcher()
-    result = el.run(script(problem, told, 0.5, 0.1, 0.3), [first, lambda _: False])
+    result = el.run(script(problem, rows_of, 0.5, 0.1, 0.3), [first, lambda _: False])
     assert result.status is el.Status.CONVERGED
-    assert result.iterate is told[2]
+    assert result.iterate is rows_of[2]
     assert (result.iterations, first.close.call_count) == (2, 1)
     assert seen_by(first) == [0, 1, 2]
-    assert result.energy > told[1].energy
+    assert result.energy > rows_of[1].energy
 
 
 @pytest.mark.parametrize(
@@ -75,19 +75,22 @@ def test_converged_gives_the_last_iterate(problem):
 def test_any_other_end_gives_the_iterate_of_least_energy(
     problem, status, then, answer, limit
 ):
-    told = []
+    rows_of = []
     first, second = watcher(None, None, answer), watcher()
     # Kept, so that it is not closed for want of a name.
-    solver = script(problem, told, 0.5, 0.1, 0.3, then)
+    solver = script(problem, rows_of, 0.5, 0.1, 0.3, then)
     with np.errstate(over="ignore", invalid="ignore"):
         result = el.run(solver, [first, second], limit)
     assert result.status is status
-    assert result.iterate is told[1]
+    assert result.iterate is rows_of[1]
     assert [row["k"] for row in result.history] == [0, 1, 2]
     assert seen_by(first) == [0, 1, 2]
     assert seen_by(second) == [0, 1, 2][: 2 if answer is KeyboardInterrupt else 3]
     assert (
-        first.close.call_count == second.close.call_count == told.count("closed") == 1
+        first.close.call_count
+        == second.close.call_count
+        == rows_of.count("closed")
+        == 1
     )
 
 
@@ -104,20 +107,23 @@ def test_any_other_end_gives_the_iterate_of_least_energy(
 def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(
     problem, steps, answers, error
 ):
-    told = []
+    rows_of = []
     first, second = watcher(*answers), watcher()
-    solver = script(problem, told, *steps)
+    solver = script(problem, rows_of, *steps)
     with pytest.raises(error):
         el.run(solver, [first, second])
     assert (
-        first.close.call_count == second.close.call_count == told.count("closed") == 1
+        first.close.call_count
+        == second.close.call_count
+        == rows_of.count("closed")
+        == 1
     )
 
 
 def test_history_tells_each_step(problem):
-    told = []
-    result = el.run(script(problem, told, 0.5, 0.1, 0.3))
-    for row, iterate in zip(result.history, told[:3], strict=True):
+    rows_of = []
+    result = el.run(script(problem, rows_of, 0.5, 0.1, 0.3))
+    for row, iterate in zip(result.history, rows_of[:3], strict=True):
         terms = energy_terms(problem, iterate.log_distance)
         assert {key: row[key] for key in terms} == terms
         assert row["energy"] == sum(terms.values()) == iterate.energy

@@ -216,7 +216,7 @@ class Engine:
             self._news.notify_all()
         self._thread.join()
 
-    def suggested(self, answer: Answer) -> tuple[float | None, bool]:
+    def best_lam(self, answer: Answer) -> tuple[float | None, bool]:
         """Return the largest λ that explains enough, with this answer's solver, and whether more may do."""
         curve = self.curve_of(answer)
         lams = [one.settings.lam for one in curve]
@@ -339,16 +339,16 @@ class Engine:
 
     def _show_long(self, wish: Knobs, still: Still, held: Held | None) -> Observer:
         """Show the iterates of a solver that has no looks, as they come; stop when a newer wish came."""
-        told = time.perf_counter()
+        last_shown = time.perf_counter()
 
         def watch(iterate: Iterate) -> bool:
-            nonlocal told
+            nonlocal last_shown
             now = time.perf_counter()
-            if wish.solver != FOLLOWS and now - told > 0.06:
+            if wish.solver != FOLLOWS and now - last_shown > 0.06:
                 self._last = iterate
                 sofar = shown_as(iterate)
                 self.show(Answer(wish, Stage.ITERATE, still, sofar, held))
-                told = time.perf_counter()
+                last_shown = time.perf_counter()
             return self.is_stale()
 
         return watch

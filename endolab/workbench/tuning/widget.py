@@ -433,7 +433,7 @@ class TunerBox(anywidget.AnyWidget):
             words["line"] = f"{self._said} · {words['line']}"
         if not answer.is_final:
             return words
-        best, _ = self._suggested(answer)
+        best, _ = self._best_lam(answer)
         advised = advice(answer.explained, best)
         text = "A smaller λ follows the picture more closely; click to take it."
         chips: list[dict[str, Any]] = []
@@ -451,9 +451,9 @@ class TunerBox(anywidget.AnyWidget):
         words["chips"] = chips
         return words
 
-    def _suggested(self, answer: Answer) -> tuple[float | None, bool]:
+    def _best_lam(self, answer: Answer) -> tuple[float | None, bool]:
         """Which λ explains enough, and whether more might; nothing of a solver that has none."""
-        return self.engine.suggested(answer) if answer.uses_lam else (None, True)
+        return self.engine.best_lam(answer) if answer.uses_lam else (None, True)
 
     def _note(self) -> None:
         """Send what is known of λ."""
@@ -465,7 +465,7 @@ class TunerBox(anywidget.AnyWidget):
             self.send({"curve": {"title": title}})
             return
         self._drawn = answer.settings
-        best, at_least = self._suggested(answer)
+        best, at_least = self._best_lam(answer)
         tried = self.engine.curve_of(answer)
         errors = [one.errors for one in tried]
         curve = {

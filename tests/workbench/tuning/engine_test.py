@@ -114,7 +114,7 @@ def test_the_curve_is_of_one_solver_and_goes_on_until_too_little_is_explained(st
     curve = engine.curve_of(answers[0])
     assert len(curve) >= 5
     assert {one.settings.solver for one in curve} == {"gauss_newton"}
-    _, at_least = engine.suggested(answers[0])
+    _, at_least = engine.best_lam(answers[0])
     assert at_least == (curve[-1].explained >= 0.99)
     assert not at_least or 3.2 * curve[-1].settings.lam > 100
     engine.ask(replace(FIRST, regulariser="first"))
