@@ -83,16 +83,13 @@ def _camera(
     kind: str, size: Sequence[float], centre: Sequence[float], k: Sequence[float]
 ) -> Camera:
     """Build a camera of fx, fy, cx, cy and coefficients in OpenCV's order, which may be fewer."""
-    # Where a size is not whole, the class says so.
-    plain = Pinhole(*size, *centre)  # type: ignore[arg-type]
-    most = 4 if kind == FISHEYE else 8
+    lens, most = (KannalaBrandt, 4) if kind == FISHEYE else (BrownConrady, 8)
     if any(k[most:]):
         raise ValueError(f"expected {most} coefficients of a {kind} lens, found {len(k)}")
-    full = (*k, *[0.0] * 8)[:most]
-    known = (plain.width, plain.height, plain.fx, plain.fy, plain.cx, plain.cy)
-    if kind == FISHEYE:
-        return KannalaBrandt(*known, full)  # type: ignore[arg-type]
-    return BrownConrady(*known, full) if any(k) else plain
+    # Where a size is not whole, the class says so.
+    if kind == BROWN and not any(k):
+        return Pinhole(*size, *centre)  # type: ignore[arg-type]
+    return lens(*size, *centre, (*k, *[0.0] * 8)[:most])  # type: ignore
 
 
 # The formats ---------------------------------------------------------------------------
@@ -171,10 +168,10 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
     if abs(skew) > 1e-6 * abs(fx) or [zero, *last] != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError("expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], without a skew")
     width, height = _size(part, given)
-    roi = {"x_offset": 0, "y_offset": 0, "width": 0, "height": 0} | part.get("roi", {})
-    is_cut = roi["x_offset"] or roi["y_offset"]
-    is_cut = is_cut or (roi["width"], roi["height"]) not in ((0, 0), (width, height))
-    if is_cut or max(part.get("binning_x", 0), part.get("binning_y", 0)) > 1:
+    roi = part.get("roi", {})
+    cut = [roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")]
+    is_whole = cut in ([0, 0, 0, 0], [0, 0, width, height])
+    if not is_whole or max(part.get("binning_x", 0), part.get("binning_y", 0)) > 1:
         raise ValueError(
             "binning and roi must be of whole pictures; write the camera of these pictures"
         )
