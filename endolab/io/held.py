@@ -67,7 +67,7 @@ def load_held(path: PathLike) -> Held:
     OSError, ValueError
         In one sentence, if it cannot be read.
     """
-    arrays = read_arrays(path, HELD_FILE, (*ARRAYS, "start", "texts"))
+    arrays: Any = read_arrays(path, HELD_FILE, (*ARRAYS, "start", "texts"))
     with name_damage(path, HELD_FILE):
         texts = json.loads(arrays.pop("texts").tobytes())
         start = arrays.pop("start")
@@ -86,7 +86,6 @@ def load_held(path: PathLike) -> Held:
             width=start.shape[1],
             height=start.shape[0],
         )
-        maps: dict[str, Any] = dict(arrays)
         own = Calibration.from_dict(texts["own"])
         believed = Calibration.from_dict(texts["believed"])
         problem = Problem(
@@ -94,6 +93,6 @@ def load_held(path: PathLike) -> Held:
             photometry=own.photometry,
             metric=metric,
             report=report,
-            **maps,
+            **arrays,
         )
         return Held(problem, believed.photometry, start)

@@ -1,7 +1,8 @@
 """Cameras: points to pixels, pixels to unit rays, and the ray field that the solvers use.
 
 All models map the angle ϑ off the axis to a radius h on a plane and that plane to the picture, so
-one class does the work: a model supplies h(ϑ), ϑ(h), and the map of the plane if it is not affine.
+one class does the work: a model supplies h(ϑ) and ϑ(h), where they are not a pinhole's, and the map of
+the plane, where it is not affine.
 
 Frame: x right, y down, z forward. Pixel coordinates are (column, row), the origin at the
 centre of the top-left pixel.
@@ -84,7 +85,7 @@ class Camera:
     @property
     def _max_radius(self) -> float:
         """The largest radius h that the model maps one to one."""
-        raise NotImplementedError
+        return 1e15  # below 90°
 
     @property
     def max_angle(self) -> float:
@@ -93,11 +94,11 @@ class Camera:
 
     def _radius(self, theta: FloatArray) -> FloatArray:
         """Return h(ϑ) for angles within the range."""
-        raise NotImplementedError
+        return np.tan(theta)
 
     def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
-        raise NotImplementedError
+        return np.arctan(radius), 1 / (1 + radius * radius)
 
     def _to_pixels(self, plane: FloatArray) -> FloatArray:
         """Bring points of the model's plane (..., 2) within its range to the picture, px."""
@@ -208,7 +209,7 @@ def _resized(camera: Lens, width: int, height: int) -> Lens:
 
 @checked
 class _FocalCamera(Camera):
-    """A camera with focal lengths and a principal point, px; its plane is a pinhole's, h = tan ϑ."""
+    """A camera with focal lengths and a principal point, px."""
 
     fx: FocalLength
     fy: FocalLength
@@ -220,12 +221,6 @@ class _FocalCamera(Camera):
     @property
     def _affine(self) -> tuple[FloatArray, FloatArray]:
         return np.diag([self.fx, self.fy]), np.array([self.cx, self.cy])
-
-    def _radius(self, theta: FloatArray) -> FloatArray:
-        return np.tan(theta)
-
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.arctan(radius), 1 / (1 + radius * radius)
 
 
 @checked
@@ -248,10 +243,6 @@ class Pinhole(_FocalCamera):
     """
 
     model: Literal["pinhole"] = field(default="pinhole", kw_only=True, repr=False)
-
-    @property
-    def _max_radius(self) -> float:
-        return 1e15  # below 90°
 
 
 def distort(

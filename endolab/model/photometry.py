@@ -183,7 +183,7 @@ class Photometry:
         gain = 1.0 if self.gain is None else self.gain
         reached = self.attenuation(cos_alpha) * self.brdf.value(1.0, 1.0) * gain
         linear = np.asarray(image, dtype=np.float64) ** self.gamma
-        return np.where(reached > 0, linear / np.where(reached > 0, reached, 1.0), np.nan)
+        return linear / np.where(reached > 0, reached, np.nan)
 
     def slant_table(self, size: int = 2048) -> tuple[FloatArray, FloatArray] | None:
         """Slant of the surface against canonical intensity, for a BRDF that isn't Lambertian.

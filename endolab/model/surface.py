@@ -35,8 +35,7 @@ def to_xi(log_distance: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
         return np.exp(v)
     if xi == "1/d":
         return np.exp(-v)
-    forward = np.asarray(cos_alpha) > 0
-    return np.where(forward, np.exp(-v) / np.where(forward, cos_alpha, 1.0), np.nan)
+    return np.exp(-v) / np.where(np.asarray(cos_alpha) > 0, cos_alpha, np.nan)
 
 
 def slant(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
