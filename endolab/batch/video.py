@@ -215,8 +215,9 @@ class _Folder:
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; a broken one is in the table when the next is written."""
-        row = dict.fromkeys(FRAME_COLUMNS, math.nan) | {"status": "", "unit": ""}
-        row |= {
+        row = dict.fromkeys(FRAME_COLUMNS, math.nan) | {
+            "status": "",
+            "unit": "",
             "index": self.names.index(step.name),
             "frame": step.name,
             "warm": int(step.warm),

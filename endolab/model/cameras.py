@@ -118,17 +118,15 @@ class Camera:
         as it is.
         """
         points = np.asarray(points, dtype=np.float64)
-        x = points[..., 0]
-        y = points[..., 1]
+        side = np.hypot(points[..., 0], points[..., 1])
         z = points[..., 2]
-        side = np.hypot(x, y)
         theta = np.arctan2(side, z)
         inside = (theta <= self.max_angle) & ((side > 0) | (z > 0))
         radius = self._radius(np.where(inside, theta, 0.0))
         # h/side → 0·(anything) on the axis, where x and y vanish too.
         ratio = radius / np.where(side > 0, side, 1.0)
-        plane = np.stack([x * ratio, y * ratio], axis=-1)
-        return np.where(inside[..., None], self._to_pixels(plane), np.nan)
+        pixels = self._to_pixels(points[..., :2] * ratio[..., None])
+        return np.where(inside[..., None], pixels, np.nan)
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Unit rays (..., 3) in the camera frame through columns and rows (..., 2), px; nan where none is."""

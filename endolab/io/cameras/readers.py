@@ -159,10 +159,9 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
         middle = () if kind == FISHEYE else (0.0, 0.0)
         return _camera(kind, _size(model, None), values[:4], (*k1_and_k2, *middle, *others))
     if form == C3VD:
-        a = numbers([part["a0"], *(part.get(f"a{power}", 0.0) for power in range(1, 5))])
-        cx, cy, *affine = numbers(
-            [part["cx"], part["cy"], part.get("c", 1), part.get("d", 0), part.get("e", 0)]
-        )
+        a = numbers([part.get(f"a{power}", 0.0) for power in range(5)])
+        part = {"c": 1.0, "d": 0.0, "e": 0.0} | part
+        cx, cy, *affine = numbers([part[name] for name in ("cx", "cy", "c", "d", "e")])
         return Scaramuzza(*_size(part, given), cx, cy, a, *affine)  # type: ignore
     fx, skew, cx, zero, fy, cy, *last = numbers(part["matrix"], 9)
     if abs(skew) > 1e-6 * abs(fx) or [zero, *last] != [0.0, 0.0, 0.0, 1.0]:
