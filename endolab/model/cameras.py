@@ -468,10 +468,4 @@ class Scaramuzza(Camera):
         return np.arctan2(r, height), turn / (r * r + height * height)
 
     def _radius(self, theta: FloatArray) -> FloatArray:
-        a0 = self.a[0]
-
-        def scaled(r: FloatArray) -> tuple[FloatArray, FloatArray]:
-            angle, slope = self._angle(r * a0)
-            return angle, slope * a0
-
-        return a0 * invert_increasing(scaled, theta, 0.0, self._max_radius / a0)
+        return invert_increasing(self._angle, theta, 0.0, self._max_radius)
