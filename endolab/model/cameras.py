@@ -30,6 +30,7 @@ Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]  # of a distortion
 Degree = Annotated[float, Field(ge=-1e7, le=1e7)]  # of a polynomial in px, its coefficient
 Affine = Annotated[float, Field(ge=-1e3, le=1e3)]
 Lens = TypeVar("Lens", bound="Camera")
+WithSlope = tuple[FloatArray, FloatArray]  # a value and its derivative
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Camera:
         """Return h(ϑ) for angles within the range."""
         return np.tan(theta)
 
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> WithSlope:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
         return np.arctan(radius), 1 / (1 + radius * radius)
 
@@ -105,10 +106,10 @@ class Camera:
         matrix, centre = self._affine
         return plane @ matrix.T + centre
 
-    def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _to_plane(self, pixels: FloatArray) -> WithSlope:
         """Bring pixels (..., 2) to the model's plane, nan if it has none; the derivative, (..., 2, 2)."""
         matrix, centre = self._affine
-        to_plane = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        to_plane = np.asarray(np.linalg.inv(matrix), float)
         return (pixels - centre) @ to_plane.T, to_plane
 
     def project(self, points: ArrayLike) -> FloatArray:
@@ -117,7 +118,7 @@ class Camera:
         nan for points outside the model's range and for the centre; a pixel outside the picture is returned
         as it is.
         """
-        points = np.asarray(points, dtype=np.float64)
+        points = np.asarray(points, float)
         side = np.hypot(points[..., 0], points[..., 1])
         z = points[..., 2]
         theta = np.arctan2(side, z)
@@ -130,9 +131,9 @@ class Camera:
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Unit rays (..., 3) in the camera frame through columns and rows (..., 2), px; nan where none is."""
-        return self._rays_at(np.asarray(pixels, dtype=np.float64))[0]
+        return self._rays_at(np.asarray(pixels, float))[0]
 
-    def _rays_at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _rays_at(self, pixels: FloatArray) -> WithSlope:
         """Return the unit rays (…, 3) and their derivatives by the pixel (…, 3, 2)."""
         plane, to_plane = self._to_plane(pixels)
         radius = np.hypot(plane[..., 0], plane[..., 1])
@@ -325,7 +326,7 @@ class BrownConrady(_FocalCamera):
         w = distort(plane[..., 0] + 1j * plane[..., 1], self.k)[0]
         return super()._to_pixels(np.stack([w.real, w.imag], axis=-1))
 
-    def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _to_plane(self, pixels: FloatArray) -> WithSlope:
         w, to_plane = super()._to_plane(pixels)
         z, a, b = self._undistort(w[..., 0] + 1j * w[..., 1])
         inverse = np.stack([a - b.real, -b.imag, -b.imag, a + b.real], axis=-1)
@@ -397,7 +398,7 @@ class KannalaBrandt(_FocalCamera):
     def _max_radius(self) -> float:
         return float(self._radius(np.asarray(self.max_angle)))
 
-    def _polynomial(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _polynomial(self, theta: FloatArray) -> WithSlope:
         k1, k2, k3, k4 = self.k
         s = theta * theta
         value = theta * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
@@ -406,7 +407,7 @@ class KannalaBrandt(_FocalCamera):
     def _radius(self, theta: FloatArray) -> FloatArray:
         return self._polynomial(theta)[0]
 
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> WithSlope:
         theta = invert_increasing(self._polynomial, radius, 0.0, self.max_angle)
         with np.errstate(divide="ignore"):
             return theta, 1 / self._polynomial(theta)[1]
@@ -460,7 +461,7 @@ class Scaramuzza(Camera):
         scaled = [1.0, 0.0, -a2 * a0, -2 * a3 * a0**2, -3 * a4 * a0**3]
         return a0 * smallest_positive_root(scaled, 100.0)
 
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> WithSlope:
         a0, _, a2, a3, a4 = self.a
         r = radius
         height = a0 + r * r * (a2 + r * (a3 + r * a4))

@@ -63,7 +63,7 @@ class Plane:
 
     @property
     def _normal(self) -> FloatArray:
-        return _tilt_matrix(self.tilt) @ np.array([0.0, 0.0, -1.0])
+        return -_tilt_matrix(self.tilt)[:, 2]
 
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`."""
