@@ -279,7 +279,7 @@ class Colon:
         while busy.size:
             now = t[busy]
             ray = rays[:, busy]
-            places = (at + now * along for at, along in zip(self._camera, ray, strict=True))
+            places = self._camera[:, None] + now * ray
             inside, by_x, by_y, by_s = self._inside(*places)
             inside = np.maximum(inside, 0.0)
             slope = by_x * ray[0] + by_y * ray[1] + by_s * ray[2]
