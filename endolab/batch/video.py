@@ -39,9 +39,17 @@ from endolab.reconstruction.sequence import (
 )
 
 FRAME_COLUMNS = (
-    *("index", "frame", "status", "warm", "min_steepness", "unit"),
+    "index",
+    "frame",
+    "status",
+    "warm",
+    "min_steepness",
+    "unit",
     *MEASURED,
-    *("gain", "median_distance", "pixels", "error"),
+    "gain",
+    "median_distance",
+    "pixels",
+    "error",
 )
 VIDEO_FILES = ("frames", "frames.csv", "report.json", "recording.rrd")
 TEXTS = ("frame", "status", "unit", "error")

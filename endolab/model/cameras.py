@@ -324,15 +324,14 @@ class BrownConrady(_FocalCamera):
 
     def _to_pixels(self, plane: FloatArray) -> FloatArray:
         w = distort(plane[..., 0] + 1j * plane[..., 1], self.k)[0]
-        return super()._to_pixels(np.stack([w.real, w.imag], axis=-1))
+        return super()._to_pixels(w[..., None].view(float))
 
     def _to_plane(self, pixels: FloatArray) -> WithSlope:
         w, to_plane = super()._to_plane(pixels)
         z, a, b = self._undistort(w[..., 0] + 1j * w[..., 1])
         inverse = np.stack([a - b.real, -b.imag, -b.imag, a + b.real], axis=-1)
         inverse /= (a * a - np.abs(b) ** 2)[..., None]
-        plane = np.stack([z.real, z.imag], axis=-1)
-        return plane, inverse.reshape(*z.shape, 2, 2) @ to_plane
+        return z[..., None].view(float), inverse.reshape(*z.shape, 2, 2) @ to_plane
 
     def _undistort(self, w: ComplexArray) -> tuple[ComplexArray, FloatArray, ComplexArray]:
         """Invert `distort`, by Newton's steps from a table of h: z, nan if there is none, a and b."""

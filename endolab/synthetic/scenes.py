@@ -273,9 +273,10 @@ class Colon:
             + 4 / narrowest
             + 16 * height / narrowest**2
         )
-        t = np.zeros(flat.shape[0])
+        is_ray = np.isfinite(flat).all(axis=-1)
+        t = np.where(is_ray, 0.0, np.nan)
         rays = np.ascontiguousarray(flat.T)
-        busy = np.flatnonzero(np.isfinite(flat).all(axis=-1))
+        busy = np.flatnonzero(is_ray)
         while busy.size:
             now = t[busy]
             ray = rays[:, busy]
@@ -294,7 +295,7 @@ class Colon:
             now = t[busy] = now + step
             busy = busy[(step > 1e-14 * self.length) & (inside > 0) & (now < end[busy])]
         t = np.minimum(t, end)
-        return np.where(np.isfinite(flat).all(axis=-1) & (t < 4 * self.length), t, np.nan)
+        return np.where(t < 4 * self.length, t, np.nan)
 
     def normals(self, points: FloatArray) -> FloatArray:
         """See `Scene.normals`."""

@@ -128,7 +128,7 @@ def _list_matrices(content: Any) -> dict[str, Any]:
         elif content.get("fisheye_model") is not None:
             kinds = [FISHEYE if content["fisheye_model"] else BROWN]
         for kind in kinds:
-            name = " ".join(filter(None, (match[2].strip("_"), kind)))
+            name = f"{match[2].strip('_')} {kind}".strip()
             cameras[name] = content | {"matrix": content[match[0]], "k": k, "kind": kind}
     return cameras
 
