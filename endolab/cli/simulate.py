@@ -79,8 +79,7 @@ def simulate(
         print(f"written to {out}; next: endolab calibrate {given} --out endoscope.json")
         return
     random["highlights"] = highlights or 0.0
-    output = stage_folder(out, overwrite=overwrite, read=[calibration])
-    with output as folder:
+    with stage_folder(out, overwrite=overwrite, read=[calibration]) as folder:
         shown = el.render(el.SCENES[scene], known.camera, known.photometry, **random)
         write_image(folder / "frame.png", shown.image)
         used = replace(known, photometry=shown.photometry)

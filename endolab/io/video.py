@@ -149,8 +149,11 @@ def open_frames(*paths: PathLike) -> Frames:
     if len(paths) == 1 and source.is_dir():
         with one_sentence(f"{source}: cannot be read"):
             found = sorted(source.glob("[!.]*"), key=_by_number)
-        pictures = (file for file in found if file.suffix.lower() in PICTURES)
-        names = tuple(file.name for file in pictures if not file.is_dir())
+        names = tuple(
+            file.name
+            for file in found
+            if file.suffix.lower() in PICTURES and not file.is_dir()
+        )
         if not names:
             raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
         return Frames(source, names)
