@@ -11,7 +11,7 @@ from endolab.io.atomic import PathLike, name_damage, read_bytes
 from endolab.io.images import quiet, read_stored
 from endolab.io.surfaces import read_arrays, read_depth
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import excerpt, shorten, unknown_name
+from endolab.numerics.checks import shorten, unknown_name
 
 KINDS = ("z", "distance")
 SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr")
@@ -79,9 +79,8 @@ def read_depth_map(
         stored = _read_numbers(source)
     values = np.squeeze(stored)
     if values.ndim != 2 or values.dtype.kind not in "fiu":
-        raise ValueError(
-            f"{source}: expected one number for each pixel, found {excerpt(stored)}"
-        )
+        found = f"{stored.dtype} of shape {stored.shape}"
+        raise ValueError(f"{source}: expected one number for each pixel, found {found}")
     values = values.astype(np.float64) * (1.0 if unit is None else unit)
     values[~(np.isfinite(values) & (values > 0))] = np.nan
     return DepthMap(values, kind or held, unit is not None)

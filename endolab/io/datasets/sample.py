@@ -18,7 +18,6 @@ from endolab.io.atomic import PathLike
 from endolab.io.images import read_image, read_stored
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import excerpt
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,8 @@ def read_stored_depth(path: PathLike, step: float) -> np.ndarray:
     """Read a depth map's numbers, one channel of 16 bits in steps of `step` mm."""
     stored = read_stored(path)[0]
     if stored.ndim != 2 or stored.dtype != np.uint16:
-        raise ValueError(f"{path}: expected one channel of uint16, found {excerpt(stored)}")
+        found = f"{stored.dtype} of shape {stored.shape}"
+        raise ValueError(f"{path}: expected one channel of uint16, found {found}")
     if stored.max() * step < 2:  # mm; no endoscope has all it sees nearer
         raise ValueError(f"{path}: expected depths beyond 2 mm; is it in another unit?")
     return stored
