@@ -69,12 +69,12 @@ def save_sheet_video(
     name: str,
     endoscope: Calibration,
     count: int,
-    video: bool = False,
-    overwrite: bool = False,
-    progress: Callable[[int], object] = lambda done: None,
+    video: bool,
+    overwrite: bool,
+    progress: Callable[[int], object],
     *,
-    noise: float = 1.0,
-    seed: int = 0,
+    noise: float,
+    seed: int,
 ) -> Target:
     """Write a simulated calibration video, pictures or `sheet.mkv`, with `truth.json`; return its target.
 

@@ -27,8 +27,16 @@ from endolab.solvers.solvers import DEFAULT_SOLVER
 ENERGY = ("solver", "xi", "regulariser", "lam")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
 SWEEP_COLUMNS = (
-    *("frame", "xi", "regulariser", "lam", "solver", "options", "status"),
-    *(*MEASURED, *ERRORS, "error"),
+    "frame",
+    "xi",
+    "regulariser",
+    "lam",
+    "solver",
+    "options",
+    "status",
+    *MEASURED,
+    *ERRORS,
+    "error",
 )
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
 

@@ -39,9 +39,17 @@ from endolab.reconstruction.sequence import (
 )
 
 FRAME_COLUMNS = (
-    *("index", "frame", "status", "warm", "min_steepness", "unit"),
+    "index",
+    "frame",
+    "status",
+    "warm",
+    "min_steepness",
+    "unit",
     *MEASURED,
-    *("gain", "median_distance", "pixels", "error"),
+    "gain",
+    "median_distance",
+    "pixels",
+    "error",
 )
 VIDEO_FILES = ("frames", "frames.csv", "report.json", "recording.rrd")
 TEXTS = ("frame", "status", "unit", "error")
@@ -215,8 +223,9 @@ class _Folder:
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; a broken one is in the table when the next is written."""
-        row = dict.fromkeys(FRAME_COLUMNS, math.nan) | {"status": "", "unit": ""}
-        row |= {
+        row = dict.fromkeys(FRAME_COLUMNS, math.nan) | {
+            "status": "",
+            "unit": "",
             "index": self.names.index(step.name),
             "frame": step.name,
             "warm": int(step.warm),

@@ -125,8 +125,7 @@ def reconstruct(
     unrecorded = lacking("rerun")
     prepared = trusted = None
     read = (frame, calibration, mask, settings)
-    output = stage_folder(out, overwrite=overwrite, read=read)
-    with announce_compiling(), output as folder:
+    with announce_compiling(), stage_folder(out, overwrite=overwrite, read=read) as folder:
         if prepare:
             prepared = el.prepare(picture, known, highlights="keep")
             picture = prepared.frame

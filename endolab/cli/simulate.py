@@ -3,15 +3,13 @@
 import shlex
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from endolab.cli.solving import show_progress
 
-SHEET = "sheet"  # the scene that is a video of a target
-
 
 def simulate(
-    scene: str,
+    scene: Literal["plane", "curved", "tube", "colon", "sheet"],
     /,
     *,
     out: str,
@@ -34,7 +32,7 @@ def simulate(
     Parameters
     ----------
     scene : str
-        plane, curved, tube or colon; sheet: a calibration video.
+        What is seen; sheet is a calibration video.
     out : path
         Folder for the results.
     overwrite : bool
@@ -61,16 +59,13 @@ def simulate(
     from endolab.io.atomic import as_json, stage_folder, write_atomically
     from endolab.io.images import write_image
     from endolab.io.surfaces import save_depth
-    from endolab.numerics.checks import unknown_name
 
-    if scene not in (*el.SCENES, SHEET):
-        raise unknown_name("scene", scene, (*el.SCENES, SHEET))
-    if (highlights is not None) if scene == SHEET else (target or frames or video):
+    if (highlights is not None) if scene == "sheet" else (target or frames or video):
         frames_only = "--highlights is of a frame, --target, --frames and --video"
         raise ValueError(f"{frames_only} are of a calibration video")
     known = el.load_calibration(calibration, width)
     random: Any = {"noise": noise, "seed": seed}
-    if scene == SHEET:
+    if scene == "sheet":
         target = target or "vicalib_small"
         frames = 300 if frames is None else frames
         with show_progress("frame") as show:
@@ -84,8 +79,7 @@ def simulate(
         print(f"written to {out}; next: endolab calibrate {given} --out endoscope.json")
         return
     random["highlights"] = highlights or 0.0
-    output = stage_folder(out, overwrite=overwrite, read=[calibration])
-    with output as folder:
+    with stage_folder(out, overwrite=overwrite, read=[calibration]) as folder:
         shown = el.render(el.SCENES[scene], known.camera, known.photometry, **random)
         write_image(folder / "frame.png", shown.image)
         used = replace(known, photometry=shown.photometry)

@@ -48,8 +48,8 @@ def load(
     calibration: str,
     sources: Sequence[str],
     options: dict[str, Any],
-    albedo: Any = None,
-    threads: int | None = None,
+    albedo: Any,
+    threads: int | None,
     settings: str | None = None,
 ) -> tuple[Calibration, dict[str, Any]]:
     """Return the calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""

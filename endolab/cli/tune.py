@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Port
+from endolab.cli.solving import Port, load_endoscope
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -56,7 +56,6 @@ def tune(
         Write a tuner that needs no Python into this page, λ × regulariser, and open nothing.
     """
     need("ipywidgets", "anywidget", "tornado")
-    from endolab.cli.solving import load_endoscope
     from endolab.io.images import read_frame
     from endolab.workbench.tuning.server import Page
 

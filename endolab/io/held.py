@@ -67,26 +67,17 @@ def load_held(path: PathLike) -> Held:
     OSError, ValueError
         In one sentence, if it cannot be read.
     """
-    arrays = read_arrays(path, HELD_FILE, (*ARRAYS, "start", "texts"))
+    arrays: Any = read_arrays(path, HELD_FILE, (*ARRAYS, "start", "texts"))
     with name_damage(path, HELD_FILE):
         texts = json.loads(arrays.pop("texts").tobytes())
         start = arrays.pop("start")
         facts = texts["facts"]
         metric = facts.pop("metric")
-        light = facts.pop("light")
-        contours = facts.pop("contours")
-        known: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in facts.items()
-        }
-        report = Report(
-            **known,
-            light=light and LightOutcome[light],
-            contours=contours and ContourOutcome[contours],
-            width=start.shape[1],
-            height=start.shape[0],
-        )
-        maps: dict[str, Any] = dict(arrays)
+        for name in ("wall_albedo", "indirect_percent"):
+            facts[name] = tuple(facts[name])
+        for name, outcome in (("light", LightOutcome), ("contours", ContourOutcome)):
+            facts[name] = facts[name] and outcome[facts[name]]
+        report = Report(**facts, width=start.shape[1], height=start.shape[0])
         own = Calibration.from_dict(texts["own"])
         believed = Calibration.from_dict(texts["believed"])
         problem = Problem(
@@ -94,6 +85,6 @@ def load_held(path: PathLike) -> Held:
             photometry=own.photometry,
             metric=metric,
             report=report,
-            **maps,
+            **arrays,
         )
         return Held(problem, believed.photometry, start)

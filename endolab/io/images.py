@@ -135,10 +135,12 @@ def say_turned(name: PathLike) -> None:
     log.warning(message, name)
 
 
-def _in_unit(stored: np.ndarray, path: PathLike) -> FloatArray:
+def _read(path: PathLike) -> tuple[FloatArray, FloatArray]:
+    """Read a picture of 8 or 16 bits in [0, 1], and its alpha."""
+    stored, alpha = read_stored(path)
     if stored.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: expected 8 or 16 bits a channel, found {stored.dtype}")
-    return stored / float(np.iinfo(stored.dtype).max)
+    return stored / float(np.iinfo(stored.dtype).max), alpha
 
 
 def read_image(path: PathLike) -> FloatArray:
@@ -146,7 +148,7 @@ def read_image(path: PathLike) -> FloatArray:
 
     Stored values over their maximum (255 or 65535); R, G, B. Errors as of `read_stored`.
     """
-    return _in_unit(read_stored(path)[0], path)
+    return _read(path)[0]
 
 
 def is_picture(path: PathLike) -> bool:
@@ -167,8 +169,7 @@ def read_mask(path: PathLike) -> BoolArray:
 
     If part of it is transparent, True elsewhere, unless black and white are drawn there.
     """
-    stored, alpha = read_stored(path)
-    image = _in_unit(stored, path)
+    image, alpha = _read(path)
     level = image if image.ndim == 2 else image.max(axis=-1)
     bright = level > 0.5
     is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
@@ -215,8 +216,7 @@ def read_frame(
     # Here, for who only writes pictures needs no compiled loops.
     from endolab.frames.frame import Frame, check_size
 
-    stored, alpha = read_stored(path)
-    image = _in_unit(stored, path)
+    image, alpha = _read(path)
     rows, columns = image.shape[:2]
     if calibration is not None:
         check_size(str(path), (columns, rows), calibration.camera)

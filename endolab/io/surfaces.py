@@ -19,6 +19,22 @@ if TYPE_CHECKING:
     from endolab.synthetic.rendering import Rendered
 
 DEPTH_FILE = "a depth.npz that endolab wrote"
+PLY_HEADER = """\
+ply
+format binary_little_endian 1.0
+{comments}element vertex {vertices}
+property float x
+property float y
+property float z
+property float nx
+property float ny
+property float nz
+property uchar red
+property uchar green
+property uchar blue
+{faces}end_header
+"""
+FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 
 
 # Depth maps -----------------------------------------------------------------------------
@@ -117,12 +133,9 @@ def _as_ply(mesh: Mesh, comments: Sequence[str]) -> bytes:
     faces = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"] = 3
     faces["corners"] = mesh.triangles
-    header = ["ply", "format binary_little_endian 1.0"]
-    header += [f"comment {text}" for text in comments]
-    header += [f"element vertex {len(vertices)}"]
-    header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
-    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    if len(faces):
-        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    head = "\n".join([*header, "end_header", ""]).encode()
-    return head + vertices.tobytes() + faces.tobytes()
+    header = PLY_HEADER.format(
+        comments="".join(f"comment {text}\n" for text in comments),
+        vertices=len(vertices),
+        faces=FACES.format(len(faces)) if len(faces) else "",
+    )
+    return header.encode() + vertices.tobytes() + faces.tobytes()

@@ -149,8 +149,11 @@ def open_frames(*paths: PathLike) -> Frames:
     if len(paths) == 1 and source.is_dir():
         with one_sentence(f"{source}: cannot be read"):
             found = sorted(source.glob("[!.]*"), key=_by_number)
-        pictures = (file for file in found if file.suffix.lower() in PICTURES)
-        names = tuple(file.name for file in pictures if not file.is_dir())
+        names = tuple(
+            file.name
+            for file in found
+            if file.suffix.lower() in PICTURES and not file.is_dir()
+        )
         if not names:
             raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
         return Frames(source, names)
@@ -166,11 +169,11 @@ def open_frames(*paths: PathLike) -> Frames:
     return Frames(folder, tuple(file.relative_to(folder).as_posix() for file in ordered))
 
 
-def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0) -> None:
-    """Write a video without loss (FFV1), whole or not at all.
+def write_video(path: PathLike, images: Iterable[FloatArray]) -> None:
+    """Write a video of 30 frames a second without loss (FFV1), whole or not at all.
 
     `path` ends in .mkv. `images` are (H, W) or (H, W, 3), all of one size, of stored values in [0, 1],
-    of which 8 bits are kept; `rate` is in frames per second. OSError in one sentence.
+    of which 8 bits are kept. OSError in one sentence.
     """
     target = Path(path)
     if target.suffix != ".mkv":
@@ -183,7 +186,7 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
             kind = cv2.COLOR_GRAY2BGR if whole.ndim == 2 else cv2.COLOR_RGB2BGR
             if count == 1:
                 code = cv2.VideoWriter.fourcc(*"FFV1")
-                writer.open(str(temporary), code, rate, whole.shape[1::-1])
+                writer.open(str(temporary), code, 30.0, whole.shape[1::-1])
             writer.write(cv2.cvtColor(whole, kind))
         writer.release()
         # For OpenCV does not say if the disk is full.

@@ -91,7 +91,7 @@ class TabulatedBRDF:
         slopes = np.concatenate([[0.0], np.diff(values) / np.diff(nodes), [0.0]])
         slope = slopes[np.searchsorted(nodes, theta, side="right")]
         sin = np.sin(theta)
-        return np.where(sin > 1e-8, -slope / np.where(sin > 1e-8, sin, 1.0), 0.0)
+        return np.where(sin > 1e-8, -slope / np.maximum(sin, 1e-8), 0.0)
 
 
 @checked

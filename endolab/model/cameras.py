@@ -1,7 +1,8 @@
 """Cameras: points to pixels, pixels to unit rays, and the ray field that the solvers use.
 
 All models map the angle ϑ off the axis to a radius h on a plane and that plane to the picture, so
-one class does the work: a model supplies h(ϑ), ϑ(h), and the map of the plane if it is not affine.
+one class does the work: a model supplies h(ϑ) and ϑ(h), where they are not a pinhole's, and the map of
+the plane, where it is not affine.
 
 Frame: x right, y down, z forward. Pixel coordinates are (column, row), the origin at the
 centre of the top-left pixel.
@@ -29,6 +30,7 @@ Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]  # of a distortion
 Degree = Annotated[float, Field(ge=-1e7, le=1e7)]  # of a polynomial in px, its coefficient
 Affine = Annotated[float, Field(ge=-1e3, le=1e3)]
 Lens = TypeVar("Lens", bound="Camera")
+WithSlope = tuple[FloatArray, FloatArray]  # a value and its derivative
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class Camera:
     @property
     def _max_radius(self) -> float:
         """The largest radius h that the model maps one to one."""
-        raise NotImplementedError
+        return 1e15  # below 90°
 
     @property
     def max_angle(self) -> float:
@@ -93,21 +95,21 @@ class Camera:
 
     def _radius(self, theta: FloatArray) -> FloatArray:
         """Return h(ϑ) for angles within the range."""
-        raise NotImplementedError
+        return np.tan(theta)
 
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> WithSlope:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
-        raise NotImplementedError
+        return np.arctan(radius), 1 / (1 + radius * radius)
 
     def _to_pixels(self, plane: FloatArray) -> FloatArray:
         """Bring points of the model's plane (..., 2) within its range to the picture, px."""
         matrix, centre = self._affine
         return plane @ matrix.T + centre
 
-    def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _to_plane(self, pixels: FloatArray) -> WithSlope:
         """Bring pixels (..., 2) to the model's plane, nan if it has none; the derivative, (..., 2, 2)."""
         matrix, centre = self._affine
-        to_plane = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        to_plane = np.asarray(np.linalg.inv(matrix), float)
         return (pixels - centre) @ to_plane.T, to_plane
 
     def project(self, points: ArrayLike) -> FloatArray:
@@ -116,24 +118,22 @@ class Camera:
         nan for points outside the model's range and for the centre; a pixel outside the picture is returned
         as it is.
         """
-        points = np.asarray(points, dtype=np.float64)
-        x = points[..., 0]
-        y = points[..., 1]
+        points = np.asarray(points, float)
+        side = np.hypot(points[..., 0], points[..., 1])
         z = points[..., 2]
-        side = np.hypot(x, y)
         theta = np.arctan2(side, z)
         inside = (theta <= self.max_angle) & ((side > 0) | (z > 0))
         radius = self._radius(np.where(inside, theta, 0.0))
         # h/side → 0·(anything) on the axis, where x and y vanish too.
         ratio = radius / np.where(side > 0, side, 1.0)
-        plane = np.stack([x * ratio, y * ratio], axis=-1)
-        return np.where(inside[..., None], self._to_pixels(plane), np.nan)
+        pixels = self._to_pixels(points[..., :2] * ratio[..., None])
+        return np.where(inside[..., None], pixels, np.nan)
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Unit rays (..., 3) in the camera frame through columns and rows (..., 2), px; nan where none is."""
-        return self._rays_at(np.asarray(pixels, dtype=np.float64))[0]
+        return self._rays_at(np.asarray(pixels, float))[0]
 
-    def _rays_at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _rays_at(self, pixels: FloatArray) -> WithSlope:
         """Return the unit rays (…, 3) and their derivatives by the pixel (…, 3, 2)."""
         plane, to_plane = self._to_plane(pixels)
         radius = np.hypot(plane[..., 0], plane[..., 1])
@@ -208,7 +208,7 @@ def _with_size(camera: Lens, width: int, height: int) -> Lens:
 
 @checked
 class _FocalCamera(Camera):
-    """A camera with focal lengths and a principal point, px; its plane is a pinhole's, h = tan ϑ."""
+    """A camera with focal lengths and a principal point, px."""
 
     fx: FocalLength
     fy: FocalLength
@@ -220,12 +220,6 @@ class _FocalCamera(Camera):
     @property
     def _affine(self) -> tuple[FloatArray, FloatArray]:
         return np.diag([self.fx, self.fy]), np.array([self.cx, self.cy])
-
-    def _radius(self, theta: FloatArray) -> FloatArray:
-        return np.tan(theta)
-
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.arctan(radius), 1 / (1 + radius * radius)
 
 
 @checked
@@ -248,10 +242,6 @@ class Pinhole(_FocalCamera):
     """
 
     model: Literal["pinhole"] = field(default="pinhole", kw_only=True, repr=False)
-
-    @property
-    def _max_radius(self) -> float:
-        return 1e15  # below 90°
 
 
 def distort(
@@ -334,15 +324,14 @@ class BrownConrady(_FocalCamera):
 
     def _to_pixels(self, plane: FloatArray) -> FloatArray:
         w = distort(plane[..., 0] + 1j * plane[..., 1], self.k)[0]
-        return super()._to_pixels(np.stack([w.real, w.imag], axis=-1))
+        return super()._to_pixels(w[..., None].view(float))
 
-    def _to_plane(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _to_plane(self, pixels: FloatArray) -> WithSlope:
         w, to_plane = super()._to_plane(pixels)
         z, a, b = self._undistort(w[..., 0] + 1j * w[..., 1])
         inverse = np.stack([a - b.real, -b.imag, -b.imag, a + b.real], axis=-1)
         inverse /= (a * a - np.abs(b) ** 2)[..., None]
-        plane = np.stack([z.real, z.imag], axis=-1)
-        return plane, inverse.reshape(*z.shape, 2, 2) @ to_plane
+        return z[..., None].view(float), inverse.reshape(*z.shape, 2, 2) @ to_plane
 
     def _undistort(self, w: ComplexArray) -> tuple[ComplexArray, FloatArray, ComplexArray]:
         """Invert `distort`, by Newton's steps from a table of h: z, nan if there is none, a and b."""
@@ -408,7 +397,7 @@ class KannalaBrandt(_FocalCamera):
     def _max_radius(self) -> float:
         return float(self._radius(np.asarray(self.max_angle)))
 
-    def _polynomial(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _polynomial(self, theta: FloatArray) -> WithSlope:
         k1, k2, k3, k4 = self.k
         s = theta * theta
         value = theta * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
@@ -417,7 +406,7 @@ class KannalaBrandt(_FocalCamera):
     def _radius(self, theta: FloatArray) -> FloatArray:
         return self._polynomial(theta)[0]
 
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> WithSlope:
         theta = invert_increasing(self._polynomial, radius, 0.0, self.max_angle)
         with np.errstate(divide="ignore"):
             return theta, 1 / self._polynomial(theta)[1]
@@ -471,7 +460,7 @@ class Scaramuzza(Camera):
         scaled = [1.0, 0.0, -a2 * a0, -2 * a3 * a0**2, -3 * a4 * a0**3]
         return a0 * smallest_positive_root(scaled, 100.0)
 
-    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> WithSlope:
         a0, _, a2, a3, a4 = self.a
         r = radius
         height = a0 + r * r * (a2 + r * (a3 + r * a4))
@@ -479,10 +468,4 @@ class Scaramuzza(Camera):
         return np.arctan2(r, height), turn / (r * r + height * height)
 
     def _radius(self, theta: FloatArray) -> FloatArray:
-        a0 = self.a[0]
-
-        def value_and_slope(r: FloatArray) -> tuple[FloatArray, FloatArray]:
-            angle, slope = self._angle(r * a0)
-            return angle, slope * a0
-
-        return a0 * invert_increasing(value_and_slope, theta, 0.0, self._max_radius / a0)
+        return invert_increasing(self._angle, theta, 0.0, self._max_radius)

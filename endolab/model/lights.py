@@ -54,5 +54,5 @@ class SpotLight:
         offset = points - np.asarray(self.position)
         distance = np.linalg.norm(offset, axis=-1)
         cos_psi = np.maximum(offset @ np.asarray(self.direction), 0.0) / distance
-        front = np.where(cos_psi > 0, cos_psi, 1.0) ** self.exponent * (cos_psi > 0)
+        front = cos_psi**self.exponent * (cos_psi > 0)
         return self.weight * front / distance**2, distance

@@ -113,7 +113,7 @@ class Photometry:
 
     def attenuation(self, cos_alpha: ArrayLike) -> FloatArray:
         """μ′ = cos^k α, α being the angle between ray and axis; 0 from 90° on."""
-        cosine = np.asarray(cos_alpha, dtype=np.float64)
+        cosine = np.asarray(cos_alpha, float)
         front = cosine > 0
         return np.where(
             np.isnan(cosine), np.nan, np.where(front, cosine, 1.0) ** self.k * front
@@ -131,8 +131,8 @@ class Photometry:
 
         0 and up; 1 is the sensor's maximum, where a real picture saturates.
         """
-        points = np.asarray(points, dtype=np.float64)
-        normals = np.asarray(normals, dtype=np.float64)
+        points = np.asarray(points, float)
+        normals = np.asarray(normals, float)
         distance = np.linalg.norm(points, axis=-1)
         to_camera = -points / distance[..., None]
         linear = np.zeros(distance.shape)
@@ -156,7 +156,7 @@ class Photometry:
 
         v = log d, d in mm; the slant is P = tan²θ = ∇vᵀ G⁻¹ ∇v; α is the angle between ray and axis.
         """
-        cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
+        cosine = 1 / np.sqrt(1 + np.asarray(slant, float))
         f = self.brdf.value(cosine, cosine)
         slope = self.brdf.slope(cosine)
         intensity = self.brightness(log_distance, slant, self.attenuation(cos_alpha))
@@ -168,9 +168,9 @@ class Photometry:
         self, log_distance: ArrayLike, slant: ArrayLike, attenuation: FloatArray
     ) -> FloatArray:
         """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
-        cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
+        cosine = 1 / np.sqrt(1 + np.asarray(slant, float))
         f = self.brdf.value(cosine, cosine)
-        falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
+        falloff = np.exp(-2 * np.asarray(log_distance, float))
         linear = attenuation * self._known_gain() * falloff * f * cosine
         return np.asarray(linear ** (1 / self.gamma))
 
@@ -182,8 +182,8 @@ class Photometry:
         """
         gain = 1.0 if self.gain is None else self.gain
         reached = self.attenuation(cos_alpha) * self.brdf.value(1.0, 1.0) * gain
-        linear = np.asarray(image, dtype=np.float64) ** self.gamma
-        return np.where(reached > 0, linear / np.where(reached > 0, reached, 1.0), np.nan)
+        linear = np.asarray(image, float) ** self.gamma
+        return linear / np.where(reached > 0, reached, np.nan)
 
     def slant_table(self, size: int = 2048) -> tuple[FloatArray, FloatArray] | None:
         """Slant of the surface against canonical intensity, for a BRDF that isn't Lambertian.

@@ -6,13 +6,11 @@ They are generous, and narrow enough that whatever is computed from such numbers
 from endolab.numerics.checks import number
 
 RANGES = {
-    "length": (1e-3, 1e6),  # that fixes a scale, mm
     # Of a surface, in any unit: its square is a number in single precision, too.
     "distance": (1e-12, 1e12),
     "lam": (0.0, 1e12),
     "epsilon": (1e-12, 1e6),
     "threshold": (1e-9, 1e6),
-    "smooth": (0.0, 1e6),  # px
 }
 
 

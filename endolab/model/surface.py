@@ -30,13 +30,12 @@ def to_xi(log_distance: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
 
     `cos_alpha` is the z component of the unit rays; "1/z" is nan where they do not point forward.
     """
-    v = np.asarray(log_distance, dtype=np.float64)
+    v = np.asarray(log_distance, float)
     if check_xi(xi) == "d":
         return np.exp(v)
     if xi == "1/d":
         return np.exp(-v)
-    forward = np.asarray(cos_alpha) > 0
-    return np.where(forward, np.exp(-v) / np.where(forward, cos_alpha, 1.0), np.nan)
+    return np.exp(-v) / np.where(np.asarray(cos_alpha) > 0, cos_alpha, np.nan)
 
 
 def slant(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
@@ -75,4 +74,4 @@ def normals_from_gradient(f_u: FloatArray, f_v: FloatArray, field: RayField) -> 
 
 def points(log_distance: ArrayLike, field: RayField) -> FloatArray:
     """Surface points d·r in the camera frame, (H, W, 3), mm, from v = log d, d in mm."""
-    return np.exp(np.asarray(log_distance, dtype=np.float64))[..., None] * field.rays
+    return np.exp(np.asarray(log_distance, float))[..., None] * field.rays

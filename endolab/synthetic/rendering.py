@@ -9,7 +9,7 @@ from endolab.model.brdf import Glossy, Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import check_int, check_kinds
+from endolab.numerics.checks import check_int, check_kinds, number
 from endolab.numerics.memory import RENDERING_BYTES, check_memory
 from endolab.synthetic.scenes import Scene
 
@@ -52,15 +52,6 @@ def waves(
         value += np.sin(angle)
         slope += np.cos(angle)[..., None] * vector
     return value * np.sqrt(2 / count), slope * np.sqrt(2 / count)
-
-
-def check_amounts(**amounts: float) -> None:
-    """Refuse what is negative, not finite or beyond all sense, by its name."""
-    for name, value in amounts.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be finite and at least 0, got {value}")
-        if value > LARGEST_EFFECT:
-            raise ValueError(f"{name} must be at most {LARGEST_EFFECT:g}, got {value:g}")
 
 
 def develop(
@@ -158,9 +149,11 @@ def render(
     >>> seen.image.shape, seen.distance.shape
     ((60, 80, 3), (60, 80))
     """
-    check_amounts(noise=noise, texture=texture, fog=fog, highlights=highlights)
-    if bits is not None and not 1 <= bits <= 16:
-        raise ValueError(f"bits must be from 1 to 16, got {bits}")
+    effects = {"noise": noise, "texture": texture, "fog": fog, "highlights": highlights}
+    for name, amount in effects.items():
+        number(name, amount, 0, LARGEST_EFFECT)
+    if bits is not None:
+        number("bits", bits, 1, 16)
     truth = truth_of(scene, camera)
     mask = truth["mask"]
     distance = truth["distance"][mask]

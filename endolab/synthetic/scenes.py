@@ -63,7 +63,7 @@ class Plane:
 
     @property
     def _normal(self) -> FloatArray:
-        return _tilt_matrix(self.tilt) @ np.array([0.0, 0.0, -1.0])
+        return -_tilt_matrix(self.tilt)[:, 2]
 
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`."""
@@ -273,13 +273,14 @@ class Colon:
             + 4 / narrowest
             + 16 * height / narrowest**2
         )
-        t = np.zeros(flat.shape[0])
+        is_ray = np.isfinite(flat).all(axis=-1)
+        t = np.where(is_ray, 0.0, np.nan)
         rays = np.ascontiguousarray(flat.T)
-        busy = np.flatnonzero(np.isfinite(flat).all(axis=-1))
+        busy = np.flatnonzero(is_ray)
         while busy.size:
             now = t[busy]
             ray = rays[:, busy]
-            places = (at + now * along for at, along in zip(self._camera, ray, strict=True))
+            places = self._camera[:, None] + now * ray
             inside, by_x, by_y, by_s = self._inside(*places)
             inside = np.maximum(inside, 0.0)
             slope = by_x * ray[0] + by_y * ray[1] + by_s * ray[2]
@@ -294,7 +295,7 @@ class Colon:
             now = t[busy] = now + step
             busy = busy[(step > 1e-14 * self.length) & (inside > 0) & (now < end[busy])]
         t = np.minimum(t, end)
-        return np.where(np.isfinite(flat).all(axis=-1) & (t < 4 * self.length), t, np.nan)
+        return np.where(t < 4 * self.length, t, np.nan)
 
     def normals(self, points: FloatArray) -> FloatArray:
         """See `Scene.normals`."""

@@ -83,16 +83,13 @@ def _camera(
     kind: str, size: Sequence[float], centre: Sequence[float], k: Sequence[float]
 ) -> Camera:
     """Build a camera of fx, fy, cx, cy and coefficients in OpenCV's order, which may be fewer."""
-    # Where a size is not whole, the class says so.
-    plain = Pinhole(*size, *centre)  # type: ignore[arg-type]
-    most = 4 if kind == FISHEYE else 8
+    lens, most = (KannalaBrandt, 4) if kind == FISHEYE else (BrownConrady, 8)
     if any(k[most:]):
         raise ValueError(f"expected {most} coefficients of a {kind} lens, found {len(k)}")
-    full = (*k, *[0.0] * 8)[:most]
-    known = (plain.width, plain.height, plain.fx, plain.fy, plain.cx, plain.cy)
-    if kind == FISHEYE:
-        return KannalaBrandt(*known, full)  # type: ignore[arg-type]
-    return BrownConrady(*known, full) if any(k) else plain
+    # Where a size is not whole, the class says so.
+    if kind == BROWN and not any(k):
+        return Pinhole(*size, *centre)  # type: ignore[arg-type]
+    return lens(*size, *centre, (*k, *[0.0] * 8)[:most])  # type: ignore
 
 
 # The formats ---------------------------------------------------------------------------
@@ -131,7 +128,7 @@ def _list_matrices(content: Any) -> dict[str, Any]:
         elif content.get("fisheye_model") is not None:
             kinds = [FISHEYE if content["fisheye_model"] else BROWN]
         for kind in kinds:
-            name = " ".join(filter(None, (match[2].strip("_"), kind)))
+            name = f"{match[2].strip('_')} {kind}".strip()
             cameras[name] = content | {"matrix": content[match[0]], "k": k, "kind": kind}
     return cameras
 
@@ -162,19 +159,18 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
         middle = () if kind == FISHEYE else (0.0, 0.0)
         return _camera(kind, _size(model, None), values[:4], (*k1_and_k2, *middle, *others))
     if form == C3VD:
-        a = numbers([part["a0"], *(part.get(f"a{power}", 0.0) for power in range(1, 5))])
-        cx, cy, *affine = numbers(
-            [part["cx"], part["cy"], part.get("c", 1), part.get("d", 0), part.get("e", 0)]
-        )
+        a = numbers([part.get(f"a{power}", 0.0) for power in range(5)])
+        part = {"c": 1.0, "d": 0.0, "e": 0.0} | part
+        cx, cy, *affine = numbers([part[name] for name in ("cx", "cy", "c", "d", "e")])
         return Scaramuzza(*_size(part, given), cx, cy, a, *affine)  # type: ignore
     fx, skew, cx, zero, fy, cy, *last = numbers(part["matrix"], 9)
     if abs(skew) > 1e-6 * abs(fx) or [zero, *last] != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError("expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], without a skew")
     width, height = _size(part, given)
-    roi = {"x_offset": 0, "y_offset": 0, "width": 0, "height": 0} | part.get("roi", {})
-    is_cut = roi["x_offset"] or roi["y_offset"]
-    is_cut = is_cut or (roi["width"], roi["height"]) not in ((0, 0), (width, height))
-    if is_cut or max(part.get("binning_x", 0), part.get("binning_y", 0)) > 1:
+    roi = part.get("roi", {})
+    cut = [roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")]
+    is_whole = cut in ([0, 0, 0, 0], [0, 0, width, height])
+    if not is_whole or max(part.get("binning_x", 0), part.get("binning_y", 0)) > 1:
         raise ValueError(
             "binning and roi must be of whole pictures; write the camera of these pictures"
         )

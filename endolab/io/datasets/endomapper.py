@@ -59,10 +59,10 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
         for found in rig["light"] if isinstance(rig["light"], list) else [rig["light"]]:
             light = found["light_model"]
             sigma, mu = numbers([light["sigma"], light["mu"]])
-            x, y, z = (1000 * metres for metres in numbers(light["P"], 3))
             exponent, weight = cosine_power(mu)
+            position: Any = 1000 * np.array(numbers(light["P"], 3))
             direction: Any = numbers(light["D"], 3)
-            lights.append(SpotLight((x, y, z), direction, exponent, sigma * weight))
+            lights.append(SpotLight(position, direction, exponent, sigma * weight))
         if [(one.position, one.direction) for one in lights] == [((0, 0, 0), (0, 0, 1))]:
             k += lights.pop().exponent
         made = Photometry(k=k, gamma=gamma, lights=tuple(lights))

@@ -55,33 +55,30 @@ def read(path: PathLike) -> TracedSample:
     what = "a path-traced frame that endolab wrote"
     stored = read_arrays(source, what, ("image", "distance", *LAYERS, "facts"))
     with name_damage(source, what):
-        return _unpack(stored, source.stem)
-
-
-def _unpack(stored: dict[str, np.ndarray], name: str) -> TracedSample:
-    facts = json.loads(str(stored["facts"]))
-    scene = Colon(**facts["scene"])
-    made_with = Calibration.from_dict(facts["calibration"], name)
-    image = stored["image"] / 255
-    check_size(name, (image.shape[1], image.shape[0]), made_with.camera)
-    codes = {
-        layer: np.cumsum(stored[layer], axis=1, dtype=np.uint16)
-        for layer in ("distance", *LAYERS)
-    }
-    layers = {
-        layer: (codes[layer] / GREY_STEPS) ** made_with.photometry.gamma for layer in LAYERS
-    }
-    mask = codes["distance"] > 0
-    distance = np.where(mask, codes["distance"] * DISTANCE_STEP, np.nan)
-    rays = made_with.camera.field.rays[mask]
-    here = scene.normals(distance[mask][:, None] * rays)
-    beyond = scene.normals((distance[mask] + DISTANCE_STEP)[:, None] * rays)
-    # Which begins at its place to rounding.
-    far_wall = (beyond == [0.0, 0.0, -1.0]).all(axis=-1)
-    normals = np.full(image.shape, np.nan)
-    normals[mask] = np.where(far_wall[:, None], beyond, here)
-    frame = Frame(image, mask, name)
-    return TracedSample(frame, made_with, distance, normals, scene=scene, **layers)
+        facts = json.loads(str(stored["facts"]))
+        scene = Colon(**facts["scene"])
+        made_with = Calibration.from_dict(facts["calibration"], source.stem)
+        image = stored["image"] / 255
+        check_size(source.stem, image.shape[1::-1], made_with.camera)
+        codes = {
+            layer: np.cumsum(stored[layer], axis=1, dtype=np.uint16)
+            for layer in ("distance", *LAYERS)
+        }
+        layers = {
+            layer: (codes[layer] / GREY_STEPS) ** made_with.photometry.gamma
+            for layer in LAYERS
+        }
+        mask = codes["distance"] > 0
+        distance = np.where(mask, codes["distance"] * DISTANCE_STEP, np.nan)
+        rays = made_with.camera.field.rays[mask]
+        here = scene.normals(distance[mask][:, None] * rays)
+        beyond = scene.normals((distance[mask] + DISTANCE_STEP)[:, None] * rays)
+        # Which begins at its place to rounding.
+        far_wall = (beyond == [0.0, 0.0, -1.0]).all(axis=-1)
+        normals = np.full(image.shape, np.nan)
+        normals[mask] = np.where(far_wall[:, None], beyond, here)
+        frame = Frame(image, mask, source.stem)
+        return TracedSample(frame, made_with, distance, normals, scene=scene, **layers)
 
 
 def load_traced(name: str = "diffuse-1") -> TracedSample:
