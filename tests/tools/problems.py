@@ -34,6 +34,7 @@ def problem_of(
     gain=1.0,
     noise=0.0,
     bits=None,
+    mask=True,
     **options,
 ):
     """A rendered scene as a problem of these options, and its truth; nearly black pixels are left out.
@@ -51,7 +52,7 @@ def problem_of(
         seen = el.render(el.SCENES[scene], camera, photometry, **how)
     return Problem(
         seen.image,
-        seen.mask & (seen.image > 0.02),
+        seen.mask & (seen.image > 0.02) & mask,
         camera,
         seen.photometry,
         **options,

@@ -276,9 +276,13 @@ class Engine:
             or not wish.follows(base.settings)
         ):
             answer = self._find_anew(wish, subject)
-            self._found_anew = anew
+            if answer is not None:
+                self._found_anew = anew
         else:
-            answer = self.recall(wish) or self._follow(wish)
+            known = self.recall(wish)
+            if known is not None and self._look is not None:
+                self._look.follow(known.result.problem)  # looks go on from there
+            answer = known or self._follow(wish)
         if answer is None:
             return
         if self.recall(wish) is None:

@@ -136,6 +136,17 @@ def test_the_papers_solver_shows_its_iterates_and_goes_on_from_them(start):
     }
 
 
+def test_who_asks_anew_and_turns_on_is_answered_anew(start):
+    """A wish that came meanwhile made it forget that all was to be found again."""
+    engine, answers, _ = start()
+    engine.ask(FIRST, anew=True)
+    time.sleep(0.02)
+    engine.ask(replace(FIRST, lam=0.5))
+    engine.wait(60)
+    assert answers[-1].stage is Stage.ANEW
+    assert answers[-1].settings.lam == 0.5
+
+
 def test_a_wish_that_cannot_be_answered_is_one_sentence_and_the_next_one_is_answered(
     start,
 ):
