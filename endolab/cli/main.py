@@ -42,6 +42,8 @@ COMMANDS = (
     "lab:lab",
 )
 
+INTERRUPTED = 130  # as shells know it
+
 
 def make_app() -> Any:
     """Make cyclopts' app of the commands: one function each, whose docstring is its help."""
@@ -98,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as error:
         text = str(error) or "interrupted; nothing was written"
         print(f"endolab: {text}", file=sys.stderr)
-        return 130  # as shells know it
+        return INTERRUPTED
     return 0
 
 
@@ -115,4 +117,9 @@ def run() -> NoReturn:
     gc.set_threshold(50_000)
     status = main()
     gc.freeze()
+    if (
+        status == INTERRUPTED
+    ):  # Python ends by the signal itself, where it came while a text was executed
+        sys.stderr.flush()
+        os._exit(status)
     raise SystemExit(status)
