@@ -21,7 +21,7 @@ MOVES = {
 HELD = "document.querySelector('.endolab-tuner')?.endolab"
 FIRST = f"() => {HELD}?.arrays?.picture"
 SURFACE = f"() => {HELD}?.arrays?.distance"
-FINAL = f"() => {HELD}?.moving === false && {HELD}?.curve?.lams?.length > 4"
+FINAL = f"() => {HELD}?.moving === false && {HELD}?.curve?.lams?.length > 2"
 WATCH = """(name) => {
     const root = document.querySelector('.endolab-tuner');
     window.moves = []; window.pictures = [];

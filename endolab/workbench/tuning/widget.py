@@ -37,7 +37,6 @@ from endolab.synthetic.scenes import SCENES
 from endolab.workbench.reports.result import write_files
 from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import (
-    LAM_FACTORS,
     Answer,
     Engine,
     Stage,
@@ -469,7 +468,7 @@ class TunerBox(anywidget.AnyWidget):
         tried = self.engine.curve_of(answer)
         errors = [one.errors for one in tried]
         curve = {
-            "title": _curve_title(best, at_least) if len(tried) > len(LAM_FACTORS) else "",
+            "title": _curve_title(best, at_least) if len(tried) > 2 else "",
             "lams": [one.settings.lam for one in tried],
             "explained": [one.explained for one in tried],
             "errors": [None if one is None else one[0] for one in errors],
