@@ -28,16 +28,19 @@ def test_simple_surfaces_are_found_and_the_run_settles(scene, mm):
     assert errors.mean_mm < mm
     assert errors.mean_degrees < 0.5
     assert result.energy < 0.2 * energies(result)[0]
-    half = len(result.history) // 2 + 1
-    assert energies(result).min() >= 0.95 * energies(result)[:half].min()
+    # Ten times as many steps would hardly move the surface.
+    on = el.run(
+        primal_dual(problem, tolerance=0, max_iterations=10 * result.iterations)
+    )
+    moved = np.log(on.distance / result.distance)[problem.mask]
+    assert np.median(np.abs(moved)) < 0.01
 
 
-def test_it_says_that_it_has_not_settled_while_the_energy_falls():
+def test_it_says_that_it_has_not_settled_while_the_surface_moves():
     problem, _ = problem_of("colon", 80)
     result = el.run(primal_dual(problem, every=10, max_iterations=205))
     assert result.status is el.Status.MAX_ITERATIONS
     assert [row["k"] for row in result.history] == [*range(0, 210, 10), 205]
-    assert energies(result).min() < 0.95 * energies(result)[:11].min()
     # How often one looks does not change what is seen.
     at_once = el.run(primal_dual(problem, every=205, max_iterations=205))
     np.testing.assert_array_equal(
