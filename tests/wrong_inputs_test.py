@@ -231,7 +231,7 @@ TYPED = {
     "evaluate square.npy truth.npz": "48x48",
     "evaluate two.npz truth.npz": "two.npz",
     "evaluate disparity.npz truth.npz": "disparity",
-    "evaluate z.npy truth.npz --scale none": "unit",
+    "evaluate z.npy truth.npz --align none": "unit",
     "evaluate z.npy truth.npz --max-angle 0.001": "no pixel",
     "evaluate z.npy z.npy --max-angle 20": "calibration",
     "evaluate z.npy film": "film",

@@ -1,6 +1,7 @@
 """How far depth maps in files, of any program, are from the truth."""
 
 import json
+import logging
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,9 +15,18 @@ from endolab.io.datasets.folders import depth_layout, true_z
 from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
-from endolab.metrics.depth_errors import Errors, compare, resample_truth
+from endolab.metrics.depth_errors import (
+    Errors,
+    compare,
+    known_in_all,
+    rank_correlation,
+    resample_truth,
+)
 from endolab.model.cameras import Camera
+from endolab.numerics.arrays import BoolArray
 from endolab.numerics.checks import number
+
+log = logging.getLogger("endolab")
 
 
 @dataclass(frozen=True)
@@ -25,13 +35,15 @@ class Evaluation:
 
     name: str  # of the depth map; in a folder, the path from there
     kind: str  # of what is compared, and `errors` are of: "distance", or "z" if no camera is known
-    scale: str  # as of `compare`
+    align: str  # as of `compare`
+    rank_correlation: float  # of depth map and truth; nan if either is constant
     errors: Errors
     coverage: Coverage | None  # of the depth map's σ, if it has one
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it; None for what is not known."""
         facts = asdict(self.errors) | {"depth": self.name, "kind": self.kind}
+        facts["rank_correlation"] = self.rank_correlation
         if self.coverage is not None:
             facts["coverage"] = asdict(self.coverage)
         known: dict[str, Any] = json.loads(json.dumps(facts), parse_constant=lambda _: None)
@@ -39,32 +51,34 @@ class Evaluation:
 
 
 def evaluate(
-    prediction: PathLike,
-    truth: PathLike,
+    prediction: PathLike | np.ndarray,
+    truth: PathLike | np.ndarray,
     *,
     kind: str | None = None,
     unit: float | None = None,
     truth_kind: str | None = None,
     truth_unit: float | None = None,
     camera: Camera | None = None,
-    mask: PathLike | None = None,
-    scale: str | None = None,
+    mask: PathLike | BoolArray | None = None,
+    align: str | None = None,
     max_angle: float = 90.0,
 ) -> Evaluation:
-    """Compare a depth map with the truth, files that `read_depth_map` reads; the truth may be a data set's.
+    """Compare a depth map with the truth, which may be a data set's.
 
     Parameters
     ----------
-    prediction, truth : path
+    prediction, truth : path or (H, W) array
+        What `read_depth_map` reads.
     kind, unit, truth_kind, truth_unit : optional
         As for `read_depth_map`. A truth without a unit is in mm.
     camera : Camera, optional
         Of the picture, of any size of its proportions. Needed if one file holds z and the other distance, and
         neither both; without any, z is compared with z.
-    mask : path, optional
+    mask : path or (H, W) bool array, optional
         A picture of the truth's size, bright where it counts.
-    scale : {"none", "median", "medians"}, optional
-        As for `compare`; median by default for a depth map without a unit, else none.
+    align : {"none", "scale", "affine"}, optional
+        As for `compare`, disparities as disparities; scale by default for a depth map without a unit, else
+        none. A disparity is compared as z, what is affine as the kind that it is.
     max_angle : float
         Only pixels so near to the camera's axis count, degrees.
 
@@ -88,8 +102,10 @@ def evaluate(
     >>> round(made.errors.mean_percent, 6)
     10.0
     """
+    name = "the depth map" if isinstance(prediction, np.ndarray) else str(prediction)
     depth = read_depth_map(prediction, kind, unit)
-    if truth_kind is None and truth_unit is None and depth_layout(truth):
+    is_file = not isinstance(truth, np.ndarray)
+    if is_file and truth_kind is None and truth_unit is None and depth_layout(truth):
         true = DepthMap(true_z(truth), "z", True)
     else:
         true = read_depth_map(truth, truth_kind, truth_unit)
@@ -103,41 +119,52 @@ def evaluate(
         cosine = resample_truth(true.cos_alpha, shape)
     if cosine is None and (depth.kind != true.kind or max_angle < 90):
         raise ValueError(
-            f"{prediction} holds {depth.kind}, {truth} {true.kind}, and no camera: give one (--calibration)"
+            f"{name} holds {depth.kind}, the truth {true.kind}, and no camera: give one (--calibration)"
         )
     if mask is not None:
-        inside = read_mask(mask)
+        inside = mask if isinstance(mask, np.ndarray) else read_mask(mask)
         if inside.shape != true.values.shape:
             rows, columns = true.values.shape
-            raise ValueError(f"{mask} must have the truth's size, {columns}x{rows} px")
+            raise ValueError(f"the mask must have the truth's size, {columns}x{rows} px")
         true.values[~inside] = np.nan
-    compared = depth.kind if cosine is None else "distance"
+    align = align or ("none" if depth.metric else "scale")
+    if align == "none" and not depth.metric:
+        raise ValueError(
+            f"{name} is in relative units: compare it with --align scale, or say its --unit"
+        )
+    is_plain = not depth.is_inverse and align != "affine"
+    compared = "distance" if is_plain and cosine is not None else depth.kind
     if cosine is None:
-        cosine = np.full(shape, 1.0 if compared == "z" else np.nan)
-    estimate = depth.values if depth.kind == compared else depth.values / cosine
+        cosine = np.full(shape, np.nan)
+    factor = cosine if compared == "z" else 1 / cosine
+    estimate = depth.values if depth.kind == compared else depth.values * factor
     actual = resample_truth(true.values, shape)
     if true.kind != compared:
-        actual = actual / cosine
-    scale = scale or ("none" if depth.metric else "median")
-    if scale == "none" and not depth.metric:
-        raise ValueError(
-            f"{prediction} is in relative units: compare it with --scale median, or say its --unit"
-        )
+        actual = actual * factor
     # nan, where nobody asked for the angle, counts.
     near = ~(cosine < np.cos(np.deg2rad(number("--max-angle", max_angle, 0, 180))))
     errors = compare(
         estimate,
         actual,
-        cosine,
+        np.ones(shape) if compared == "z" else cosine,
         mask=near,
-        scale=scale,
+        align=align,
+        as_disparity=depth.is_inverse,
         normals=depth.normals,
         true_normals=None if true.normals is None else resample_truth(true.normals, shape),
     )
+    known = known_in_all(near, prediction=estimate, truth=actual)
+    correlation = rank_correlation(estimate[known], actual[known])
+    if correlation < -0.1:
+        other = "z" if depth.is_inverse else "disparity"
+        message = (
+            "%s falls where the truth rises (rank correlation %.2f): it may be of --kind %s"
+        )
+        log.warning(message, name, correlation, other)
     trusted = None
-    if depth.sigma is not None:
-        trusted = coverage_of(estimate, depth.sigma, actual, near, scale)
-    return Evaluation(str(prediction), compared, scale, errors, trusted)
+    if depth.sigma is not None and align != "affine":
+        trusted = coverage_of(estimate, depth.sigma, actual, near, align)
+    return Evaluation(name, compared, align, correlation, errors, trusted)
 
 
 # Folders --------------------------------------------------------------------------------

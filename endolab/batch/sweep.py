@@ -170,7 +170,7 @@ def _solve_row(
                 result.problem.field.cos_alpha,
                 normals=result.normals,
                 true_normals=None if normals is None else resample_truth(normals, shape),
-                scale="none" if result.metric else "median",
+                align="none" if result.metric else "scale",
             )
             row |= {name: getattr(errors, name) for name in ERRORS}
     except (ValueError, OSError, MemoryError) as error:

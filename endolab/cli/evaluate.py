@@ -24,10 +24,10 @@ def evaluate(
     truth: str,
     /,
     *,
-    scale: Literal["none", "median", "medians"] | None = None,
-    kind: Literal["z", "distance"] | None = None,
+    align: Literal["none", "scale", "affine"] | None = None,
+    kind: Literal["z", "distance", "disparity"] | None = None,
     unit: float | None = None,
-    truth_kind: Literal["z", "distance"] | None = None,
+    truth_kind: Literal["z", "distance", "disparity"] | None = None,
     truth_unit: float | None = None,
     calibration: str | None = None,
     mask: str | None = None,
@@ -38,7 +38,7 @@ def evaluate(
 
     - endolab evaluate result/depth.npz sim/truth.npz
     - endolab evaluate result/depth.npz sim/truth.npz --max-angle 60 --json
-    - endolab evaluate result/depth.npz 0001_depth.png --scale median
+    - endolab evaluate result/depth.npz 0001_depth.png --align scale
     - endolab evaluate predictions truths --unit 1000 --calibration cal.json
 
     Parameters
@@ -47,10 +47,10 @@ def evaluate(
         depth.npz, .npy, .npz, .png, .tif of any program, or a folder of these.
     truth : path
         The same, or a depth map of a published data set.
-    scale : str
-        Median of d*/d, or ratio of medians; by default the median for relative units, else none.
+    align : str
+        scale: by the median of d*/d, the default for relative units; affine: scale and shift of least squares.
     kind : str
-        What the depth map holds, if no name says so (z).
+        What the depth map holds, if no name says so (z); a disparity is aligned as such.
     unit : float
         Millimetres that 1 in it stands for; without it, it is relative.
     truth_kind : str
@@ -81,7 +81,7 @@ def evaluate(
         truth_unit=truth_unit,
         camera=None if calibration is None else el.load_calibration(calibration).camera,
         mask=mask,
-        scale=scale,
+        align=align,
         max_angle=max_angle,
     )
     found, alone = made if is_folder else ([made], [])

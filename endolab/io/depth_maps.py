@@ -13,21 +13,22 @@ from endolab.io.surfaces import read_arrays, read_depth
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import shorten, unknown_name
 
-KINDS = ("z", "distance")
+KINDS = ("z", "distance", "disparity")
 SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr")
 # Names of an array in an .npz, the best first; "depth_map" counts as "depth".
 ARRAYS = ("distance", "z", "depth", "pred", "prediction", "arr_0", "data")
-INVERSE = ("disp", "inv")  # what else its name may begin with, if it holds no depth
+INVERSE = ("disp", "inv")  # how the name of a disparity begins
 WHAT = "a depth map (.npz, .npy, .png of 8 or 16 bits, .tif of 8 or 16 bits or of floats)"
 
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A depth map that a file holds."""
+    """A depth map that a file or an array holds."""
 
     values: FloatArray  # (H, W), nan where unknown
     kind: str  # "z" or "distance", Euclidean, from the optical centre
     metric: bool  # in mm, not in a unit that nobody named
+    is_inverse: bool = False  # whether the values are one over what was held
     # What else the file tells, if it does.
     cos_alpha: FloatArray | None = None  # (H, W), z over distance
     normals: FloatArray | None = None  # (H, W, 3)
@@ -35,17 +36,18 @@ class DepthMap:
 
 
 def read_depth_map(
-    path: PathLike, kind: str | None = None, unit: float | None = None
+    source: PathLike | np.ndarray, kind: str | None = None, unit: float | None = None
 ) -> DepthMap:
     """Read a depth map that any program wrote.
 
     Parameters
     ----------
-    path : path
+    source : path or (H, W) array
         What `save_depth` wrote; or an .npy, an .npz (of an array called depth, z, distance …, or of one
         array), a PNG of 8 or 16 bits, a TIFF of integers or floats. EXR is read where OpenCV is built for it.
-    kind : {"z", "distance"}, optional
-        What it holds, if neither the file nor the name of its array says: z by default.
+    kind : {"z", "distance", "disparity"}, optional
+        What it holds, if neither the file nor the name of its array says: z by default. A disparity is one
+        over z, up to a factor.
     unit : float, optional
         The mm that 1 stands for: 1000 if it is in metres, 1/256 if a PNG holds 256 times the mm.
 
@@ -57,13 +59,15 @@ def read_depth_map(
     Raises
     ------
     OSError, ValueError
-        In one sentence, if it cannot be read, or holds something else, such as disparities.
+        In one sentence, if it cannot be read, or holds something else.
     """
     if kind not in (None, *KINDS):
         raise unknown_name("kind", kind, KINDS)
-    source = Path(path)
     held = "z"
-    if source.suffix.lower() == ".npz":
+    if isinstance(source, np.ndarray):
+        stored = source
+        source = "the array"
+    elif Path(source).suffix.lower() == ".npz":
         content = io.BytesIO(read_bytes(source))
         with name_damage(source, WHAT), np.load(content, allow_pickle=False) as archive:
             names = archive.files
@@ -72,18 +76,25 @@ def read_depth_map(
             distance = maps["distance"].astype(np.float64)
             more = {name: maps.get(name) for name in ("normals", "sigma")}
             metric = bool(maps.get("metric", True))
-            return DepthMap(distance, "distance", metric, maps["z"] / distance, **more)
+            cosine = maps["z"] / distance
+            return DepthMap(distance, "distance", metric, cos_alpha=cosine, **more)
         name, held = _choose_array(source, names)
         stored = read_arrays(source, WHAT, [name])[name]
     else:
-        stored = _read_numbers(source)
+        stored = _read_numbers(Path(source))
     values = np.squeeze(stored)
     if values.ndim != 2 or values.dtype.kind not in "fiu":
         found = f"{stored.dtype} of shape {stored.shape}"
         raise ValueError(f"{source}: expected one number for each pixel, found {found}")
-    values = values.astype(np.float64) * (1.0 if unit is None else unit)
+    values = values.astype(np.float64)
     values[~(np.isfinite(values) & (values > 0))] = np.nan
-    return DepthMap(values, kind or held, unit is not None)
+    is_inverse = (kind or held) == "disparity"
+    if is_inverse:
+        values = 1 / values
+    values *= 1.0 if unit is None else unit
+    return DepthMap(
+        values, "z" if is_inverse else kind or held, unit is not None, is_inverse
+    )
 
 
 def _read_numbers(source: Path) -> np.ndarray:
@@ -98,14 +109,14 @@ def _read_numbers(source: Path) -> np.ndarray:
         return np.array(stored, np.float64)
 
 
-def _choose_array(source: Path, names: list[str]) -> tuple[str, str]:
+def _choose_array(source: PathLike, names: list[str]) -> tuple[str, str]:
     """Choose the array of an .npz that is the depth map; return its name and what it holds."""
     plain = {name.lower().removesuffix("map").rstrip("_"): name for name in names}
     for known in ARRAYS:
         if known in plain:
             return plain[known], "distance" if known == "distance" else "z"
-    if len(names) == 1 and not names[0].lower().startswith(INVERSE):
-        return names[0], "z"
+    if len(names) == 1:
+        return names[0], "disparity" if names[0].lower().startswith(INVERSE) else "z"
     found = shorten(", ".join(names))
     raise ValueError(
         f"{source}: expected an array called depth, z or distance, found {found}"

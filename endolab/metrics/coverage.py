@@ -9,9 +9,9 @@ best there is for this very picture, is what it has to beat.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, spearmanr
+from scipy.stats import norm
 
-from endolab.metrics.depth_errors import known_in_all, scale_to
+from endolab.metrics.depth_errors import align_to, known_in_all, rank_correlation
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
@@ -41,7 +41,7 @@ def coverage_of(
     sigma: FloatArray,
     truth: FloatArray,
     mask: BoolArray | None = None,
-    scale: str = "none",
+    align: str = "none",
 ) -> Coverage:
     """Compare the stated σ of a depth map with its true errors.
 
@@ -52,27 +52,26 @@ def coverage_of(
         unknown.
     mask : (H, W) bool array, optional
         Further restricts the pixels.
-    scale : {"none", "median"}
-        "median" multiplies distance and σ by the median of d*/d: for a σ without what all pixels share, and
+    align : {"none", "scale"}
+        "scale" multiplies distance and σ by the median of d*/d: for a σ without what all pixels share, and
         for results up to scale.
 
     Raises
     ------
     ValueError
-        If the sizes differ, if no pixel is known in all three, or if `scale` is neither.
+        If the sizes differ, if no pixel is known in all three, or if `align` is neither.
     """
     known = known_in_all(mask, distance=distance, sigma=sigma, truth=truth)
-    factor = scale_to(truth[known], distance[known], scale)
+    factor, _ = align_to(truth[known], distance[known], align)
     error = np.abs(1 - truth[known] / (factor * distance[known]))
     relative = sigma[known] / distance[known]
     rms = np.sqrt(np.mean(error**2))
-    constant = np.ptp(relative) == 0 or np.ptp(error) == 0
     found = {
         "scale": factor,
         "sigma_percent": 100 * np.median(relative),
         "within_one": 100 * np.mean(error <= relative),
         "within_two": 100 * np.mean(error <= 2 * relative),
-        "spearman": np.nan if constant else spearmanr(relative, error).statistic,
+        "spearman": rank_correlation(relative, error),
         "log_score": -np.mean(norm.logpdf(error, scale=relative)),
         "constant_percent": 100 * rms,
         "constant_log_score": -np.mean(norm.logpdf(error, scale=rms)),

@@ -4,9 +4,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.stats import spearmanr
 
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import unknown_name
 from endolab.numerics.stencils import forward_gradient, links
+
+
+ALIGNED = ("none", "scale", "affine")
 
 
 @dataclass(frozen=True)
@@ -14,7 +19,10 @@ class Errors:
     """Errors of a depth map over the pixels where estimate and truth are both known."""
 
     pixels: int  # how many those are
-    scale: float  # what the estimate was multiplied by first; 1 for none
+    # What the estimate was multiplied by first, 1 for none, and what was added then, 0 for none; of disparities,
+    # 1/mm, if those were aligned.
+    scale: float
+    shift: float
     mean_mm: float  # of |d - d*|, Euclidean distances, mm
     median_mm: float
     rmse_mm: float
@@ -110,16 +118,24 @@ def known_in_all(mask: BoolArray | None, **maps: FloatArray) -> BoolArray:
     return known
 
 
-def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:
-    """What distances are multiplied by first; see `compare`."""
-    factors = {
-        "none": 1.0,
-        "median": np.median(truth / distance),
-        "medians": np.median(truth) / np.median(distance),
-    }
-    if scale not in factors:
-        raise ValueError(f"unknown scale {scale!r}; there are {', '.join(factors)}")
-    return float(factors[scale])
+def rank_correlation(a: FloatArray, b: FloatArray) -> float:
+    """Spearman's, of two arrays (n,); nan if either is constant."""
+    is_constant = np.ptp(a) == 0 or np.ptp(b) == 0
+    return float(np.nan if is_constant else spearmanr(a, b).statistic)
+
+
+def align_to(truth: FloatArray, estimate: FloatArray, align: str) -> tuple[float, float]:
+    """What estimates, (n,), are multiplied by first, and what is added then; see `compare`."""
+    match align:
+        case "none":
+            return 1.0, 0.0
+        case "scale":
+            return float(np.median(truth / estimate)), 0.0
+        case "affine":
+            columns = np.stack([estimate, np.ones_like(estimate)], axis=-1)
+            scale, shift = np.linalg.lstsq(columns, truth)[0].tolist()
+            return scale, shift
+    raise unknown_name("align", align, ALIGNED)
 
 
 def compare(
@@ -130,7 +146,8 @@ def compare(
     normals: FloatArray | None = None,
     true_normals: FloatArray | None = None,
     mask: BoolArray | None = None,
-    scale: str = "none",
+    align: str = "none",
+    as_disparity: bool = False,
 ) -> Errors:
     """Compare a depth map with the truth.
 
@@ -144,15 +161,17 @@ def compare(
         Unit normals.
     mask : (H, W) bool array, optional
         Further restricts the pixels.
-    scale : {"none", "median", "medians"}
-        "median" multiplies the estimate by the median of d*/d, for results up to scale; "medians" by the
-        median of d* over the median of d, as most papers do since Zhou et al., "Unsupervised learning of
-        depth and ego-motion from video", 2017.
+    align : {"none", "scale", "affine"}
+        "scale" multiplies the estimate by the median of d*/d, for results up to scale; "affine" takes the scale
+        and the shift of least squares, and puts no estimate below all of the truth.
+    as_disparity : bool
+        Align 1/d with 1/d*, as Ranftl et al., "Towards robust monocular depth estimation", 2022, do: for the
+        inverse of a disparity.
 
     Raises
     ------
     ValueError
-        If the sizes differ, if no pixel is known in both, or if `scale` is neither.
+        If the sizes differ, if no pixel is known in both, or if `align` is neither.
 
     Examples
     --------
@@ -166,15 +185,21 @@ def compare(
     """
     known = known_in_all(mask, distance=distance, truth=truth)
     true = truth[known]
-    factor = scale_to(true, distance[known], scale)
-    estimate = factor * distance[known]
+    power = -1 if as_disparity else 1
+    aim = true**power
+    scale, shift = align_to(aim, distance[known] ** power, align)
+    estimate = scale * distance[known] ** power + shift
+    if align == "affine":
+        estimate = np.maximum(estimate, aim.min())
+    estimate = estimate**power
     error = np.abs(estimate - true)
     ratio = np.maximum(estimate / true, true / estimate)
     degrees = np.array([np.nan])
     if normals is not None and true_normals is not None:
         degrees = angle_between(normals[known], true_normals[known])
     found = {
-        "scale": factor,
+        "scale": scale,
+        "shift": shift,
         "mean_mm": error.mean(),
         "median_mm": np.median(error),
         "rmse_mm": np.sqrt(np.mean(error**2)),

@@ -70,7 +70,7 @@ def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name):
     path, unit = write_as(tmp_path, name, guess)
     step = 0.5 / 256 / np.nanmin(truth[0]) if path.suffix == ".png" else 1e-5
     made = evaluate(path, truth[1], unit=unit)
-    assert (made.kind, made.scale) == ("distance", "none")
+    assert (made.kind, made.align) == ("distance", "none")
     expected = papers(guess, truth[0])
     assert figures(made) == pytest.approx(expected, rel=10 * step, abs=2e-3)
     assert made.errors.pixels == np.sum((guess > 0) & np.isfinite(truth[0]))
@@ -83,7 +83,7 @@ def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
     np.save(tmp_path / "z.npy", guess)
     np.save(tmp_path / "true.npy", truth[0])
     z = evaluate(tmp_path / "z.npy", tmp_path / "true.npy", unit=1)
-    how = {"unit": 1, "camera": CAMERA.resize(1440, 1080), "scale": "none"}
+    how = {"unit": 1, "camera": CAMERA.resize(1440, 1080), "align": "none"}
     far = papers(guess / COSINE, truth[0] / COSINE)[1]
     for name in ("a.npz", "z.npy"):
         made = evaluate(tmp_path / name, tmp_path / "true.npy", **how)
@@ -92,15 +92,42 @@ def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
         assert made.errors.rmse_mm == pytest.approx(far, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("change", "how", "percent"),
+    [
+        (lambda z: 7 * z, {}, 0),
+        (lambda z: 7 * z + 30, {"align": "affine"}, 0),
+        (lambda z: 1 / z, {"kind": "disparity"}, 0),
+        (lambda z: 1 / z, {"kind": "disparity", "unit": 1}, 0),
+        (lambda z: 3 / z + 0.2, {"kind": "disparity", "align": "affine"}, 0),
+        (lambda z: 3 / z + 0.2, {"kind": "disparity"}, 20),
+        (lambda z: 1 / z, {}, 20),
+        (lambda z: z, {"kind": "disparity"}, 20),
+        (np.ones_like, {}, 20),
+    ],
+)
+def test_arrays_are_aligned_as_what_they_are(caplog, truth, change, how, percent):
+    """With a camera, too: what is affine in z is not in the distance."""
+    z, path = truth
+    for true in (z, path):
+        made = evaluate(change(z), true, camera=CAMERA, **how)
+        off = made.errors.mean_percent
+        assert off > percent if percent else off == pytest.approx(0, abs=1e-4)
+    falls = made.rank_correlation < -0.1
+    assert falls is ("falls where the truth rises" in caplog.text)
+    assert falls is ((change(9.0) < change(8.0)) is not ("kind" in how))
+
+
 def test_a_mask(tmp_path, truth, guess):
     np.save(tmp_path / "z.npy", guess)
     mask = np.zeros(SHAPE)
     mask[10:30, 20:50] = 1
     write_image(tmp_path / "mask.png", mask)
-    part = evaluate(tmp_path / "z.npy", truth[1], unit=1, mask=tmp_path / "mask.png")
-    assert part.errors.pixels == 600
     expected = papers(guess[10:30, 20:50], truth[0][10:30, 20:50])
-    assert figures(part) == pytest.approx(expected, rel=1e-4)
+    for given in (tmp_path / "mask.png", mask > 0):
+        part = evaluate(tmp_path / "z.npy", truth[1], unit=1, mask=given)
+        assert part.errors.pixels == 600
+        assert figures(part) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def errors_of(case):
     cuts = depth_cuts(case.distance)
     lit = with_true_light(case, cuts)
     v = np.log(case.distance)
-    v = v + np.median((lit.log_d0 - v)[lit.mask]) * (case.scale == "median")
+    v = v + np.median((lit.log_d0 - v)[lit.mask]) * (case.align == "scale")
     v = np.where(lit.mask, v, 0.0)
     image = np.where(lit.mask, model_image(lit, v), 0.0)
     perfect = replace(lit, image=image, evidence=None)

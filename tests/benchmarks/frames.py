@@ -36,7 +36,7 @@ class Case:
     calibration: el.Calibration
     distance: FloatArray
     normals: FloatArray | None = None
-    scale: str = "none"  # "median" where the gain is unknown
+    align: str = "none"  # "scale" where the gain is unknown
     max_angle: float = 90.0  # degrees from the axis that are scored
     # (H, W, 3), what is not direct over direct light, if known
     indirect_ratio: FloatArray | None = None
@@ -54,7 +54,7 @@ class Case:
     def errors_of(self, result):
         """How far a result is from the truth."""
         scored = self.scored & result.problem.mask
-        return errors_of(result, self, mask=scored, scale=self.scale)
+        return errors_of(result, self, mask=scored, align=self.align)
 
     def percent(self, **options):
         """Mean error of the distance, solved with these options, %."""
@@ -141,7 +141,7 @@ def _published(wanted, folder):
             sample.frame,
             replace(sample.calibration, photometry=light),
             sample.distance,
-            scale="median",
+            align="scale",
             max_angle=field,
         ).resize(width)
 

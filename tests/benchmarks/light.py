@@ -23,7 +23,7 @@ HEADS += ("% with k", "with what was found", f"with {USUAL:g}")
 def percent(case, k, gamma):
     """Mean error of the distance with this k, %."""
     lit = replace(case.calibration, photometry=el.Photometry(k, gamma, None))
-    return replace(case, calibration=lit, scale="median").percent(channel="separated")
+    return replace(case, calibration=lit, align="scale").percent(channel="separated")
 
 
 def rows_of(wanted):

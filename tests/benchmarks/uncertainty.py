@@ -32,7 +32,7 @@ def judge(case):
     uncertainty = el.uncertainty_of(result, case.calibration)
     seen = result.mask & np.isfinite(case.distance) & case.scored
     own = (result.distance, uncertainty.sigma_shape, case.distance)
-    factor = coverage_of(*own, seen, scale="median").scale
+    factor = coverage_of(*own, seen, align="scale").scale
     scaled = (factor * result.distance, factor * uncertainty.sigma_shape)
     found = {"shape": coverage_of(*scaled, case.distance, seen)}
     if result.metric:

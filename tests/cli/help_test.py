@@ -50,7 +50,7 @@ def test_the_version(capsys):
     [
         ("endolab rec", "reconstruct"),
         ("endolab reconstruct --highl", "--highlights"),
-        ("endolab evaluate --scale n", "none"),
+        ("endolab evaluate --align n", "none"),
     ],
 )
 def test_a_shell_completes(typed, completed, tmp_path, capsys):

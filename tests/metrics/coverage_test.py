@@ -31,7 +31,7 @@ def test_a_normal_error_is_covered_as_the_tables_say(maps, factor, charge):
 def test_the_scale_is_taken_out_of_both(maps):
     distance, sigma, truth = maps
     there = coverage_of(*maps)
-    scaled = coverage_of(distance / 7, sigma / 7, truth, scale="median")
+    scaled = coverage_of(distance / 7, sigma / 7, truth, align="scale")
     assert scaled.scale == pytest.approx(7, rel=1e-3)
     assert scaled.within_one == pytest.approx(there.within_one, abs=0.1)
     assert coverage_of(distance / 7, sigma / 7, truth).within_two < 1

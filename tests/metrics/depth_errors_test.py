@@ -34,6 +34,7 @@ def test_errors_by_hand():
         {
             "pixels": 4,
             "scale": 1.0,
+            "shift": 0.0,
             "mean_mm": 7 / 4,
             "median_mm": 1.5,
             "rmse_mm": np.sqrt(21 / 4),
@@ -53,21 +54,40 @@ def test_errors_by_hand():
 def test_median_scale_undoes_a_factor_and_tolerates_outliers():
     estimate = TRUTH / 7
     estimate[0, 0] *= 5
-    errors = compare(estimate, TRUTH, COSINE, scale="median")
+    errors = compare(estimate, TRUTH, COSINE, align="scale")
     assert errors.scale == pytest.approx(7)
     assert errors.median_mm == pytest.approx(0, abs=1e-12)
     assert errors.mean_percent == pytest.approx(400 / 5)
 
 
-def test_shares_within_125_and_the_ratio_of_medians():
+def test_shares_within_125():
     """Ratios of 1.2, 1/1.2, 1.5, 1/1.6 and 2."""
     truth = np.full((1, 5), 30.0)
     estimate = truth * [1.2, 1 / 1.2, 1.5, 1 / 1.6, 2.0]
     errors = compare(estimate, truth, np.ones((1, 5)))
     shares = errors.within_125, errors.within_125_squared, errors.within_125_cubed
     assert shares == pytest.approx((40, 60, 80))
-    errors = compare(estimate, truth, np.ones((1, 5)), scale="medians")
-    assert errors.scale == pytest.approx(1 / 1.2)
+
+
+@pytest.mark.parametrize("as_disparity", [False, True])
+def test_an_affine_map_is_undone_where_it_was_made(as_disparity):
+    power = -1 if as_disparity else 1
+    truth = np.array([[10.0, 20.0, 40.0, 50.0]])
+    estimate = (0.2 * truth**power + 0.01) ** power
+    how = {"align": "affine", "as_disparity": as_disparity}
+    errors = compare(estimate, truth, np.ones((1, 4)), **how)
+    assert errors.mean_percent == pytest.approx(0, abs=1e-9)
+    assert (errors.scale, errors.shift) == pytest.approx((5, -0.05))
+
+
+def test_no_affine_estimate_is_nearer_than_all_of_the_truth():
+    """The line through the middle ones leaves the first at -60 mm."""
+    truth = np.array([[5.0, *np.linspace(10, 20, 500)]])
+    estimate = truth.copy()
+    estimate[0, 0] = 1e-3
+    estimate[0, 1:] += 100
+    errors = compare(estimate, truth, np.ones(truth.shape), align="affine")
+    assert errors.within_125_cubed == 100
 
 
 @pytest.mark.parametrize("unknown", [0.0, -3.0, np.inf, -np.inf, np.nan])
@@ -75,7 +95,7 @@ def test_shares_within_125_and_the_ratio_of_medians():
 def test_what_is_no_distance_does_not_count(unknown, which):
     maps = [np.full((3, 4), 10.0), np.full((3, 4), 11.0)]
     maps[which][0, 0] = unknown
-    found = compare(*maps, np.ones((3, 4)), scale="median")
+    found = compare(*maps, np.ones((3, 4)), align="scale")
     assert (found.pixels, found.mean_mm) == (11, pytest.approx(0.0))
 
 

@@ -46,10 +46,10 @@ def separated(dry):
     return solved(dry.frame, dry.calibration, contours=True)
 
 
-def error(result, sample, scale="none"):
+def error(result, sample, align="none"):
     field = result.problem.field
     truth = sample.scene.distance(field.rays)
-    return compare(result.distance, truth, field.cos_alpha, scale=scale).mean_percent
+    return compare(result.distance, truth, field.cos_alpha, align=align).mean_percent
 
 
 def without(calibration, **changes):

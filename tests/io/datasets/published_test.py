@@ -167,6 +167,6 @@ def test_errors_on_published_frames(data, name, index, options, most):
     shape = height, len(sample.distance) // height, width, -1
     truth = sample.distance.reshape(shape).mean(axis=(1, 3))  # nan where part of it is
     mask = cosine > np.cos(np.deg2rad(55))
-    errors = compare(result.distance, truth, cosine, mask=mask, scale="median")
+    errors = compare(result.distance, truth, cosine, mask=mask, align="scale")
     assert errors.pixels > 0.5 * mask.sum()
     assert 0.6 * most < errors.mean_percent < most
