@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from endolab._extras import lacking
+from endolab._extras import lacking, need
 from endolab.cli.solving import Value, show_progress
 
 
@@ -96,38 +96,51 @@ def calibrate(
     record : bool
         Write a recording for the Rerun viewer too.
     """
-    from endolab.batch.calibrate import calibrate_to_files, report_folder
+    import endolab as el
+    from endolab.calibration.session import check_names
     from endolab.calibration.summary import account
-    from endolab.io.atomic import check_new
+    from endolab.io.atomic import check_new, stage_folder
     from endolab.io.cameras.formats import read_camera
-    from endolab.io.descriptions import read_target
-    from endolab.io.video import open_frames
+    from endolab.io.descriptions import make_calibration, read_target
+    from endolab.workbench.reports.calibration_page import write_report
 
+    if not out.endswith(".json"):
+        raise ValueError(f"the calibration's name ends in .json, got {out}")
+    report = f"{out.removesuffix('.json')}_report"
     check_new(out, overwrite, (*source, target, camera))
+    if record:
+        need("rerun")
     sheet = read_target(target)
     greys = [None] * len(set(sheet.ink.greys[:, 3]))  # free
     known = [None if value == "free" else value for value in reflectance or greys]
-    with show_progress("frame") as show:
-        session = calibrate_to_files(
-            open_frames(*source),
-            sheet,
-            out,
-            overwrite=overwrite,
-            camera=None if camera is None else read_camera(camera),
-            lens=lens,
-            every=every,
-            leave_out=leave_out,
-            channel=channel,
-            gamma=gamma,
-            gain=gain,
-            reflectance=known,
-            record=record,
-            progress=lambda stage, done, total: show(done, total, stage),
-        )
-    print("\n".join(account(session)))
+    given: Any = None if camera is None else read_camera(camera)
+    found = el.open_frames(*source)
+    check_names(leave_out, found.names)  # before a long search
+    with stage_folder(report, overwrite=overwrite) as folder:
+        with show_progress("frame") as show:
+            session = el.calibrate(
+                found,
+                sheet,
+                camera=given,
+                lens=lens,
+                every=every,
+                leave_out=leave_out,
+                channel=channel,
+                gamma=gamma,
+                gain=gain,
+                reflectance=known,
+                progress=lambda stage, done, total: show(done, total, stage),
+            )
+        write_report(session, found, folder, channel)
+        if record:
+            from endolab.workbench.recording.calibration import record_calibration
+
+            record_calibration(session, found, folder / "recording.rrd")
+    el.write_calibration(make_calibration(session, str(found.path), channel), out)
+    print(*account(session), sep="\n")
     if session.light is None:
         print("The light is not calibrated: k 2.5 and γ 2.2 of another endoscope stand in.")
-    print(f"written to {out}, and to {report_folder(out)}", lacking("jinja2"))
+    print(f"written to {out}, and to {report}", lacking("jinja2"))
 
 
 def calibrate_light(
