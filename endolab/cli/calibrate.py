@@ -32,13 +32,13 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
         Replace what is there.
     """
     from endolab.calibration.session import describe_target
-    from endolab.io.atomic import stage_file
+    from endolab.io.atomic import check_new
     from endolab.io.descriptions import read_target
     from endolab.workbench.reports.target_sheet import write_sheet
 
     sheet = read_target(name)
-    with stage_file(out, overwrite=overwrite) as temporary:
-        write_sheet(sheet, temporary)
+    check_new(out, overwrite)
+    write_sheet(sheet, out)
     print(f"{describe_target(sheet)}; print at 100 %, and check the ruler")
     print(f"written to {out}")
 
@@ -179,18 +179,18 @@ def calibrate_light(
     import numpy as np
 
     import endolab as el
-    from endolab.io.atomic import stage_file
+    from endolab.io.atomic import check_new
     from endolab.io.cameras.formats import read_camera
     from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.sequence import as_frame
 
+    check_new(out, overwrite, (*source, camera))
     lens = CALIBRATIONS[camera].camera if camera in CALIBRATIONS else read_camera(camera)
     video = el.open_frames(*source)
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
     pictures = video.read([video.names[index] for index in spread])
     read = (as_frame(name, image) for name, image in pictures if image is not None)
-    output = stage_file(out, overwrite=overwrite, read=(*source, camera))
-    with output as temporary, show_progress("frame") as show:
+    with show_progress("frame") as show:
         estimate = el.estimate_light(
             read,
             lens,
@@ -198,10 +198,9 @@ def calibrate_light(
             albedo=albedo,
             progress=lambda done, _: show(done, len(spread)),
         )
-        if estimate.status is el.Status.STOPPED:
-            raise KeyboardInterrupt
-        found = el.Calibration(lens, estimate.photometry, estimate.evidence)
-        el.write_calibration(found, temporary)
+    if estimate.status is el.Status.STOPPED:
+        raise KeyboardInterrupt
+    el.write_calibration(el.Calibration(lens, estimate.photometry, estimate.evidence), out)
     for reason in estimate.refused.values():
         print(f"left out: {reason}")
     print(estimate.verdict)

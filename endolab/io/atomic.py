@@ -65,15 +65,12 @@ def _stage(home: Path, target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def stage_file(
-    path: PathLike, *, overwrite: bool = True, read: Sequence[PathLike] = ()
-) -> Iterator[Path]:
-    """Give a temporary file's name, which becomes `path` only if the block succeeds; see `check_new`.
+def stage_file(path: PathLike) -> Iterator[Path]:
+    """Give a temporary file's name, which becomes `path`, whatever is there, only if the block succeeds.
 
     OSError in one sentence, if it cannot be written; then there is nothing, or what was there before.
     """
     target = Path(path)
-    check_new(target, overwrite, read)
     with _stage(target.parent, target) as temporary:
         yield temporary
         temporary.replace(target)

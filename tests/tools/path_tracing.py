@@ -32,10 +32,9 @@ from endolab.model.lights import SpotLight
 from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.rendering import Rendered, develop, expose, truth_of
 from tests.tools.meshes import mesh_of
-from tests.tools.mucosa import ROUGHNESS, film_radiance, rippled, tissue
+from tests.tools.mucosa import ROUGHNESS, VEIL, film_radiance, rippled, tissue
 
 OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
-VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
 SURE_BOUNCES = 3  # before the roulette
 PIXELS_FOR_A_VERTEX = 32  # paths of a pixel for one of a vertex
 # R2, the golden ratio of the plane: its multiples are even over the square (Roberts, 2018).
