@@ -4,7 +4,6 @@ Numba keeps what it has compiled for the next run: beside the sources, in the us
 or where `NUMBA_CACHE_DIR` says. Where none of them can be written, each run compiles.
 """
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -27,40 +26,33 @@ def _cache_is_kept() -> bool:
 
 
 CACHE = _cache_is_kept()
-kernel: Callable[..., Any] = njit(
+kernel: Callable[..., Any] = njit(  # type: ignore[call-overload]
     cache=CACHE, nogil=True, error_model="numpy", no_cfunc_wrapper=True
 )
 PAD = 2
 
-
 config: Any = numba_config
 # Of 0 to 3; Numba's own is 3, whose loops are no faster and take a third longer to compile.
-OPTIMISATION = 1
+OPTIMISATION = type(config.OPT)(1)
 
 
-class _Compiling(event.Listener):
-    """Adds up, in `CLOCK`, the seconds that loops are being compiled; one may need others.
+class _Compiling(event.TimingListener):
+    """Tells `CLOCK` the seconds that loops are being compiled; endolab's are with less optimisation."""
 
-    Those of endolab are compiled with less optimisation, those of others as they were.
-    """
-
-    depth = 0
-    began = 0.0
-    others = config.OPT
+    def __init__(self) -> None:
+        super().__init__()
+        self.levels: list[int] = []  # as they were before; one loop may need others
 
     def on_start(self, occurrence: Any) -> None:
-        if self.depth == 0:
-            self.began = time.perf_counter()
-            self.others = config.OPT
-            if occurrence.data["dispatcher"].py_func.__module__.startswith("endolab."):
-                config.OPT = type(self.others)(OPTIMISATION)
-        self.depth += 1
+        super().on_start(occurrence)
+        self.levels.append(config.OPT)
+        if occurrence.data["dispatcher"].py_func.__module__.startswith("endolab."):
+            config.OPT = OPTIMISATION
 
-    def on_end(self, _: Any) -> None:
-        self.depth -= 1
-        if self.depth == 0:
-            config.OPT = self.others
-            CLOCK.compiled += time.perf_counter() - self.began
+    def on_end(self, occurrence: Any) -> None:
+        super().on_end(occurrence)
+        config.OPT = self.levels.pop()
+        CLOCK.compiled = self.duration if self.done else 0.0
 
 
 event.register("numba:compile", _Compiling())

@@ -89,11 +89,10 @@ def drive(
 
 def check_observers(observers: Any) -> list[Any]:
     """Return the observers, if all can be called; else ValueError."""
-    given = list(observers) if isinstance(observers, Iterable) else [observers]
-    if not isinstance(observers, Iterable) or not all(map(callable, given)):
-        wrong = next((observer for observer in given if not callable(observer)), observers)
+    given = list(observers) if isinstance(observers, Iterable) else [None]
+    if not all(map(callable, given)):
         raise ValueError(
-            f"observers must be several that can be called, got {excerpt(wrong)}"
+            f"observers must be several that can be called, got {excerpt(observers)}"
         )
     return given
 
