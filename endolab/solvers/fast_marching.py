@@ -40,7 +40,7 @@ _NEIGHBOURS = np.array(
 BitArray = NDArray[np.uint8]
 Offset = tuple[int, int]  # column, row
 # s, t of the difference s y + t of the unknown y at a pixel to a neighbour.
-Step = tuple[float, float]
+Difference = tuple[float, float]
 Terms = tuple[float, float, float]  # a, b, c of a y² + 2 b y + c
 # Log c and log(1 + P), both empty for a Lambertian surface.
 Table = tuple[FloatArray, FloatArray]
@@ -94,8 +94,8 @@ def _root(terms: Terms, low: float, y0: float, table: Table) -> float:
 @kernel
 def _difference(
     value: FloatArray, order: IntArray, ways: BitArray, neighbour: int, k: int, width: int
-) -> tuple[Step, float]:
-    """Step from a pixel to its accepted k-th neighbour, and that one's value.
+) -> tuple[Difference, float]:
+    """Difference of a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
     can be stepped to, is accepted and lower.
@@ -108,9 +108,11 @@ def _difference(
 
 
 @kernel
-def _along_edge(step: Step, low: float, nearness: float, y0: float, table: Table) -> float:
+def _along_edge(
+    along: Difference, low: float, nearness: float, y0: float, table: Table
+) -> float:
     """Value at a pixel if ∇y pointed along one neighbour, 1/`nearness` being its squared length."""
-    s, t = step
+    s, t = along
     return _root((s * s * nearness, s * t * nearness, t * t * nearness), low, y0, table)
 
 
@@ -118,15 +120,15 @@ def _along_edge(step: Step, low: float, nearness: float, y0: float, table: Table
 def _across_triangle(
     a: Offset,
     b: Offset,
-    step_a: Step,
-    step_b: Step,
+    along_a: Difference,
+    along_b: Difference,
     low: float,
     g: tuple[float, float, float],
     y0: float,
     table: Table,
 ) -> float:
     """Value at a pixel from two neighbours at offsets a, b (column, row); nan if not upwind."""
-    (sa, ta), (sb, tb) = step_a, step_b
+    (sa, ta), (sb, tb) = along_a, along_b
     turn = a[0] * b[1] - a[1] * b[0]  # ±1 for neighbouring neighbours, so its own inverse
     # p·a = sa y + ta, p·b = sb y + tb  =>  p = α y + β
     alpha_u = (b[1] * sa - a[1] * sb) * turn
@@ -190,12 +192,12 @@ def _advance(
             gvv = inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
             a = (_NEIGHBOURS[k, 1], _NEIGHBOURS[k, 0])
-            step_a, ya = _difference(value, order, ways, accepted, k, width)
+            along_a, ya = _difference(value, order, ways, accepted, k, width)
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
             least = value[pixel]
-            y = _along_edge(step_a, ya, nearness, limit, table)
+            y = _along_edge(along_a, ya, nearness, limit, table)
             if np.isnan(y):
                 y = _along_edge((-1.0, ya), ya, nearness, limit, table)
             if y < least:
@@ -210,9 +212,9 @@ def _advance(
                 if order[other] < 0:
                     continue
                 b = (_NEIGHBOURS[j, 1], _NEIGHBOURS[j, 0])
-                step_b, yb = _difference(value, order, ways, other, j, width)
+                along_b, yb = _difference(value, order, ways, other, j, width)
                 low = max(ya, yb)
-                y = _across_triangle(a, b, step_a, step_b, low, g, limit, table)
+                y = _across_triangle(a, b, along_a, along_b, low, g, limit, table)
                 if np.isnan(y):
                     y = _across_triangle(a, b, (-1.0, ya), (-1.0, yb), low, g, limit, table)
                 if y < least:
