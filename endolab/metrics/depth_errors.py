@@ -54,7 +54,7 @@ def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     """
     known = np.isfinite(distance) & (distance > 0)
     log_distance = np.log(distance, where=known, out=np.zeros(known.shape))
-    return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
+    return links(known) & (np.abs(forward_gradient(log_distance, known)) > threshold)
 
 
 def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
