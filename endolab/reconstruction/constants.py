@@ -47,7 +47,6 @@ PIECES = 20.0
 LEAST_SPREAD = 0.25
 # Mean difference of the colours' log E beyond which they say no one E.
 MOST_MISFIT = 0.1
-FIT_ROUNDS = 3  # of the robust weights' scale
 # Width of log ι from place to place, as a fraction of ι/(1 + ι) in red: the surface's errors are those of
 # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
 WIDTH_PER_PIXEL = 0.5
