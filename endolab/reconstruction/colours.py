@@ -229,8 +229,8 @@ def residuals(
     """Return how far the colours and the priors are from what light and albedos x make of them.
 
     x holds p, b and the logarithms of the albedos; sigma is of the tint, in units of texture. Returned are
-    two numbers r of each patch and one of each of x, (2 P + 5,), their derivatives, a column for each of x, and
-    weights, by which large r of colours and of p cost like √(1 + r²): their size, not their square.
+    r, two numbers of each patch and one of each of x, (2 P + 5,); its derivatives, a column for each of x;
+    and weights, by which a large r of colours and of p costs like √(1 + r²): its size, not its square.
     """
     ratio, slopes = patches.ratio_and_slopes(x)
     tint = _tint_whitening().T / sigma

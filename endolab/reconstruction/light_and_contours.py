@@ -38,7 +38,7 @@ import numpy as np
 from endolab.frames.frame import ROUNDING, SATURATED
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
-from endolab.numerics.side_by_side import by_rows, run_together
+from endolab.numerics.side_by_side import run_together
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
     AlbedoPrior,
@@ -75,10 +75,6 @@ SAME_COLOUR = 0.01
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
 
-# Where red, green and blue, on however many pixels, are to be cut.
-FindCuts = Callable[[Sequence[Problem]], BoolArray | None]
-
-
 @dataclass(frozen=True)
 class Trial:
     """A surface that is cut, or not, with the light that its colours tell."""
@@ -103,11 +99,24 @@ class Trial:
 
 @dataclass(frozen=True)
 class Found:
-    """What the stage found on few pixels."""
+    """What the stage found on few pixels, and what tells how the picture is cut on all."""
 
     trial: Trial  # the surface that was chosen, with its light
     contours: ContourOutcome
-    find_cuts: FindCuts  # if the trial is cut
+    # Links that are cut, if they are known; else lines are, of the picture without this ι, (h, w, 3), under
+    # these albedos, (3,), that are steeper than that.
+    cuts: BoolArray | None
+    indirect_ratio: FloatArray
+    albedo: FloatArray
+    min_steepness: float | None
+
+    def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
+        """Return the cuts of red, green and blue, on however many pixels."""
+        shape = colours[1].mask.shape
+        if self.cuts is not None:
+            return resample_cuts(self.cuts, shape)
+        picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
+        return cut_at_contours(picture, self.min_steepness).cuts
 
 
 def light_and_contours(
@@ -153,29 +162,29 @@ def _cut_one_channel(
     small: Problem, full: Problem, contours: bool | None, before: Result | None
 ) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
     """Cut the surface of one channel where contours are found in its picture, before it is solved."""
+    steepness = first = None
     if full.cuts is not None:
-        return _with_contours(full, ContourOutcome.GIVEN), None
-    if contours is False:
-        return _with_contours(full, ContourOutcome.NOT_ASKED), None
-    if before is not None:
+        outcome = ContourOutcome.GIVEN
+    elif contours is False:
+        outcome = ContourOutcome.NOT_ASKED
+    elif before is not None:
         steepness = min_steepness_of(before)
-        cut = full if steepness is None else cut_at_contours(full, steepness)
-        outcome = (
-            ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
-        )
-        return _with_contours(cut, outcome, steepness), None
-    uncut = yield from solve_stage(small, SMOOTH)
-    trials = yield from _try_contours(Trial(uncut), (), None)
-    chosen, outcome = choose(trials, always=bool(contours))
-    if chosen.surface.problem.cuts is None:
-        return _with_contours(full, outcome), None
-    cut = cut_at_contours(full, constants.MIN_STEEPNESS[0])
-    first = start_from(chosen.surface, cut)
-    return _with_contours(cut, outcome, chosen.min_steepness), first
+        full = cut_at_contours(full, steepness)
+        is_cut = full.cuts is not None
+        outcome = ContourOutcome.AS_BEFORE if is_cut else ContourOutcome.NONE_CLEAR
+    else:
+        uncut = yield from solve_stage(small, SMOOTH)
+        trials = yield from _try_contours(Trial(uncut), (), None)
+        chosen, outcome = choose(trials, always=bool(contours))
+        steepness = chosen.min_steepness
+        if steepness is not None:
+            full = cut_at_contours(full, steepness)
+            first = start_from(chosen.surface, full)
+    return _with_contours(full, outcome, steepness), first
 
 
 def _with_contours(
-    problem: Problem, outcome: ContourOutcome, min_steepness: float | None = None
+    problem: Problem, outcome: ContourOutcome, min_steepness: float | None
 ) -> Problem:
     cut_links = 0 if problem.cuts is None else int(problem.cuts.sum())
     report = replace(
@@ -219,12 +228,9 @@ def separate(
     # Those very lines are cut on all pixels, or others that are as steep as the colours chose. These are
     # lines of the uncut surface's picture: the ι of a cut one is so large at limbs and behind folds that it
     # would make lines of its own there.
-    cuts = trial.surface.problem.cuts
+    by_energy = outcome is ContourOutcome.BY_ENERGY
+    cuts = trial.surface.problem.cuts if by_energy else None
     steepness = trial.min_steepness
-    if cuts is None or outcome is ContourOutcome.BY_COLOURS:
-        find_cuts = _at_lines(*picture, steepness or 0.0)
-    else:
-        find_cuts = _at_cuts(cuts)
 
     # The best of these, ι refined per pixel.
     if trial.light.outcome is LightOutcome.REMOVED:
@@ -234,7 +240,7 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Found(trial, outcome, find_cuts)
+    return Found(trial, outcome, cuts, *picture, steepness)
 
 
 def separate_from(
@@ -267,23 +273,26 @@ def _separate_as_before(
 ) -> Generator[Iterate, None, Found]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
-    cuts = before.problem.cuts
-    if cuts is not None and np.array_equal(before.problem.shown, full.shown):
-        find_cuts = _at_cuts(cuts)
-    else:  # another frame has other lines
-        known = AlbedoPrior.of(albedo).albedo
-        nothing = np.zeros((1, 1, 3))
-        find_cuts = _at_lines(nothing, known, GUESSED_STEEPNESS * (steepness or 0.0))
-    if steepness is not None:
-        small = replace(small, cuts=find_cuts(small.colours))
+    is_same = np.array_equal(before.problem.shown, full.shown)
+    lines = Found(
+        trial=Trial(before.iterate),
+        contours=ContourOutcome.NONE_CLEAR,
+        cuts=before.problem.cuts if is_same else None,  # another frame has other lines
+        indirect_ratio=np.zeros((1, 1, 3)),
+        albedo=AlbedoPrior.of(albedo).albedo,
+        min_steepness=GUESSED_STEEPNESS * (steepness or 0.0),
+    )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
         outcome = ContourOutcome.NOT_ASKED
-    elif small.cuts is not None:
-        outcome = ContourOutcome.AS_BEFORE
+    elif steepness is not None:
+        small = replace(small, cuts=lines.cuts_of(small.colours))
+        if small.cuts is not None:
+            outcome = ContourOutcome.AS_BEFORE
     surface = resample_surface(before.iterate, small)
     trial = yield from separate_from(small, albedo, surface)
-    return Found(replace(trial, min_steepness=steepness), outcome, find_cuts)
+    trial = replace(trial, min_steepness=steepness)
+    return replace(lines, trial=trial, contours=outcome)
 
 
 def problem_as_before(
@@ -327,7 +336,7 @@ def _on_all_pixels(
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo)
     if trial.surface.problem.cuts is not None:
-        problem = replace(problem, cuts=found.find_cuts(full.colours))
+        problem = replace(problem, cuts=found.cuts_of(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
         outcome = ContourOutcome.GIVEN
@@ -481,27 +490,12 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(problem: Problem, min_steepness: float) -> Problem:
+def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
+    if min_steepness is None:
+        return problem
     cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
-
-
-def _at_lines(
-    indirect_ratio: FloatArray, albedo: FloatArray, min_steepness: float
-) -> FindCuts:
-    """Cut at the contours of the picture without this indirect light, ι (h, w, 3)."""
-
-    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
-        ratio = resample(indirect_ratio, colours[1].mask.shape)
-        return cut_at_contours(merge(colours, ratio, albedo), min_steepness).cuts
-
-    return find_cuts
-
-
-def _at_cuts(cuts: BoolArray) -> FindCuts:
-    """Cut where these are."""
-    return lambda colours: resample_cuts(cuts, colours[1].mask.shape)
 
 
 def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
@@ -551,27 +545,19 @@ def merge(
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
-    image = np.empty(mask.shape)
-
-    def merge_rows(rows: slice) -> None:
-        total = np.zeros(mask[rows].shape)
-        weights = np.zeros(mask[rows].shape)
-        for c, colour in enumerate(colours):
-            ratio = indirect_ratio[rows, :, c]
-            noise = _noise(colour)
-            shade = np.maximum(colour.image[rows], noise)
-            variance = (gamma * noise / shade) ** 2
-            variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
-            variance += constants.TEXTURE[c] ** 2
-            counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
-            log_albedo = np.log(albedo[1] / albedo[c])
-            weight = counts / variance
-            total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
-            weights += weight
-        light = np.exp(total / np.where(mask[rows], weights, 1.0))
-        image[rows] = np.where(mask[rows], light, 0.0) ** (1 / gamma)
-
-    by_rows(merge_rows, mask.shape)
+    total = np.zeros(mask.shape)
+    weights = np.where(mask, 0.0, 1.0)
+    for c, colour in enumerate(colours):
+        ratio = indirect_ratio[..., c]
+        shade = np.maximum(colour.image, _noise(colour))
+        variance = (gamma * _noise(colour) / shade) ** 2
+        variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
+        variance += constants.TEXTURE[c] ** 2
+        weight = (colour.mask & (kinds[c] == evidence)) / variance
+        log_albedo = np.log(albedo[1] / albedo[c])
+        total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
+        weights += weight
+    image = np.where(mask, np.exp(total / weights / gamma), 0.0)
     evidence[~mask] = EXACT
     return replace(
         colours[1], image=image, mask=mask, evidence=evidence if evidence.any() else None
