@@ -47,7 +47,7 @@ ALIKE = 0.1  # albedos that differ by no more, as a fraction, tell nothing
 LARGEST_FACTOR = 2.5
 NONE_BOUNCED = 0.05  # p below which nothing is taken to have bounced
 MOST_STEPS = 40  # of the fit
-SETTLED = 1e-4  # change of what is fitted by a step that is the last
+SETTLED = 1e-3  # change of what is fitted by a step that is the last
 LEAST_PATCHES = 30  # that show all three colours
 
 
@@ -224,27 +224,25 @@ def _tint_whitening() -> FloatArray:
 
 
 def residuals(
-    x: FloatArray, patches: Patches, prior: AlbedoPrior, sigma: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x: FloatArray, patches: Patches, prior: AlbedoPrior
+) -> tuple[FloatArray, FloatArray]:
     """Return how far the colours and the priors are from what light and albedos x make of them.
 
-    x holds p, b and the logarithms of the albedos; sigma is of the tint, in units of texture. Returned are
-    r, two numbers of each patch and one of each of x, (2 P + 5,); its derivatives, a column for each of x;
-    and weights, by which a large r of colours and of p costs like √(1 + r²): its size, not its square.
+    x holds p, b and the logarithms of the albedos. Returned are two numbers of each patch, in units of
+    texture, and one of each of x, (2 P + 5,); and their derivatives, a column for each of x.
     """
     ratio, slopes = patches.ratio_and_slopes(x)
-    tint = _tint_whitening().T / sigma
+    tint = _tint_whitening().T
     by_x = np.zeros((len(x), *ratio.shape))  # of log E
     by_x[:2] = slopes[:2]
     by_x[2:] = np.eye(3)[:, None] * (slopes[2] + 1 + ratio)
     by_x /= -(1 + ratio)
     apart = (patches.light - np.log1p(ratio) - x[2:]) @ tint
-    r = np.append(apart, prior.whitening @ (x - prior.middle))
     by_colours = np.moveaxis(by_x @ tint, 0, -1).reshape(-1, len(x))
-    weight = np.ones(len(r))
-    weight[: apart.size + 1] = 1 / np.sqrt(1 + r[: apart.size + 1] ** 2)
-    weight[: apart.size] *= min(constants.PIECES / len(ratio), 1.0)
-    return r, np.concatenate([by_colours, prior.whitening]), weight
+    return (
+        np.append(apart, prior.whitening @ (x - prior.middle)),
+        np.concatenate([by_colours, prior.whitening]),
+    )
 
 
 def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
@@ -257,21 +255,25 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     low = np.array([0.0, 0.0, *np.log(3 * [LEAST_ALBEDO])])
     high = np.array([LARGEST_FACTOR, 1.0, *np.log(3 * [MOST_ALBEDO])])
     x = prior.middle
-    sigma = 1.0
+    pieces = min(constants.PIECES / len(patches.light), 1.0)
     for _ in range(MOST_STEPS):
-        # Gauss-Newton's; what would leave its bounds stays at them.
-        r, by_x, weight = residuals(x, patches, prior, sigma)
+        r, by_x = residuals(x, patches, prior)
+        # What is large, of the colours in units of their spread, and of p, costs its size, not its square.
+        tints = r[: -len(x)]
+        spread = max(1.48 * float(np.median(np.abs(tints))), constants.LEAST_SPREAD)
+        weight = np.ones(len(r))
+        weight[: -len(x)] = pieces / (spread * np.hypot(spread, tints))
+        weight[-len(x)] = 1 / np.hypot(1, r[-len(x)])
+        # Gauss-Newton's step; what would leave its bounds stays at them.
         slope = (weight * r) @ by_x
-        free = np.where(slope > 0, x > low, x < high)
         bend = (weight * by_x.T) @ by_x
+        free = np.where(slope > 0, x > low, x < high)
         before = x.copy()
         x[free] -= np.linalg.solve(bend[np.ix_(free, free)], slope[free])
         x = np.clip(x, low, high)
-        log_direct = patches.light - np.log1p(patches.ratio_and_slopes(x)[0]) - x[2:]
-        tint = np.median(np.abs(log_direct @ _tint_whitening().T))
-        sigma = max(1.48 * float(tint), constants.LEAST_SPREAD)
         if np.abs(x - before).max() < SETTLED:
             break
+    log_direct = patches.light - np.log1p(patches.ratio_and_slopes(x)[0]) - x[2:]
     misfit = float(np.abs(log_direct - log_direct.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[2:])
     if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():

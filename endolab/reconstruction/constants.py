@@ -19,7 +19,7 @@ PRICE = 0.1
 CLEAN_PRICE = 0.02
 # The least cut surface is taken whose misfit is at most so many times the least, or as many times more as
 # the colours ask for indirect light.
-MISFIT_LIMIT = 1.08
+MISFIT_LIMIT = 1.1
 # Steps of each uncut round, of each trial, and of the last round, whose ι is refined per pixel: earlier that
 # would fit every trial to the colours, so that they could tell the trials apart no more.
 UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)

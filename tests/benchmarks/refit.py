@@ -25,7 +25,7 @@ TRIED = {
     "HIDDEN": (1.0, 0.5, 0.9),
     "NEARER": (1.0, 1.2),
     "WIDTH_PER_PIXEL": (1e-3, 0.25, 1.0),
-    "MISFIT_LIMIT": (1.0, 1.03, 1.15),
+    "MISFIT_LIMIT": (1.0, 1.05, 1.15),
     "LIMB_WIDTH": (0.0, 5.0, 12.0),
     "ACROSS": (0.0, 0.2),
     "BACK": (0.1, 1.0, 4.0),

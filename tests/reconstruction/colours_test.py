@@ -122,7 +122,7 @@ def test_derivatives_are_those_of_differences(known, x, albedo):
     x = np.array([*x, *np.log(albedo)])
 
     def at(x):
-        return residuals(x, patches, AlbedoPrior.of(0.3), 0.4)
+        return residuals(x, patches, AlbedoPrior.of(0.3))
 
     differences = [
         (at(x + step)[0] - at(x - step)[0]) / 2e-6 for step in 1e-6 * np.eye(5)
