@@ -498,22 +498,30 @@ def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 
+def nearest_pixels(old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return the pixels of one grid in which the centres of another's lie, as an index of maps.
+
+    Of two, it is the nearer to the picture's middle.
+    """
+    places = (
+        np.floor(
+            size / 2 + (1 - 1e-9) * size / count * (np.arange(count) + 0.5 - count / 2)
+        )
+        for size, count in zip(old, new, strict=True)
+    )
+    return np.ix_(*(place.astype(int) for place in places))
+
+
 def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
     """Return cuts (2, h, w), as `Problem` has them, on more pixels or fewer, (H, W).
 
-    A pixel becomes the one in which its centre lies, the nearer to the picture's middle of two. A step is
-    cut if one on the way between these is.
+    A step between two of these is cut if one on the way between the nearest pixels is.
     """
-    rows, columns = (
-        np.floor(old / 2 + (1 - 1e-9) * old / new * (np.arange(new) + 0.5 - new / 2))
-        for old, new in zip(cuts.shape[1:], shape, strict=True)
-    )
-    places = np.ix_(rows.astype(int), columns.astype(int))
+    nearest = nearest_pixels(cuts.shape[1:], shape)
     resampled = []
     for cut, axis in zip(cuts, (1, 0), strict=True):
-        passed = (np.cumsum(cut, axis) - cut)[
-            places
-        ]  # on the way from the border to each pixel
+        # On the way from the border to each pixel.
+        passed = (np.cumsum(cut, axis) - cut)[nearest]
         ahead = np.diff(passed, axis=axis, append=passed.take([-1], axis))
         resampled.append(ahead > 0)
     return np.stack(resampled)

@@ -53,15 +53,12 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         camera = camera.resize(width, height)
     highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
     known = frame.pixels_to_use() & camera.field.valid
-    silent = np.zeros_like(known) if frame.silent is None else frame.silent
-    mirrored = silent
+    mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
         mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
     if highlights == "ignore":
         silent = mirrored
-    treated = frame
-    if mirrored.any():
-        treated = replace(frame, image=inpaint(frame.image, mirrored, known))
+    treated = replace(frame, image=inpaint(frame.image, mirrored, known))
     fingerprint = _fingerprint(frame, calibration, settings.smooth, highlights)
 
     def make(wanted: str | None) -> Problem:

@@ -19,7 +19,7 @@ from endolab.reconstruction.uncertainty import (
     PRIOR,
     Linearised,
     correlated_field,
-    take_every_nth_pixel,
+    on_fewer_pixels,
     uncertainty_of,
 )
 from endolab.solvers.gauss_newton import gauss_newton
@@ -278,7 +278,7 @@ def large():
 
 
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
-    small = take_every_nth_pixel(large.iterate)
+    small = on_fewer_pixels(large.iterate)
     whole = uncertainty_of(large)
     fewer = uncertainty_of(small)
     known = [
@@ -304,10 +304,10 @@ def test_cuts_and_evidence_go_along(large, column):
     cuts = np.zeros((2, *shape), bool)
     cuts[0, :, column] = True
     problem = replace(large.problem, evidence=evidence, cuts=cuts)
-    fewer = take_every_nth_pixel(replace(large.iterate, problem=problem)).problem
+    fewer = on_fewer_pixels(replace(large.iterate, problem=problem), 200).problem
     assert (fewer.evidence[67:99, 100:166] == NONE).all()
-    cut = np.flatnonzero(fewer.cuts[0].all(axis=0))
-    assert cut == (column - 1) // 3
+    (cut,) = np.flatnonzero(fewer.cuts[0].all(axis=0))
+    assert abs(cut - (column - 1) / 3) < 1
 
 
 # The linear answer
