@@ -35,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.frame import ROUNDING, SATURATED
+from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import run_together
@@ -133,10 +133,10 @@ def light_and_contours(
     default if that explains the picture much better. `before` is an earlier result, of another frame say: it
     makes one round enough, and what it cut is cut without asking.
 
-    Returns the problem of direct light on all pixels, or that of the clearest colour where colours tell
+    Returns the problem of direct light on all pixels, or that of green where colours tell
     nothing; and a log d (H, W) to begin with, if there is one.
     """
-    reason = ""
+    report: dict[str, Any] = {}
     if small.colours:
         try:
             if before is None:
@@ -147,14 +147,10 @@ def light_and_contours(
                 )
             return _on_all_pixels(found, give_full(), albedo)
         except NoColour as error:
-            reason = str(error)
+            report = {"light": LightOutcome.NO_COLOUR, "reason": str(error)}
+    # Green, or what there is.
     full = give_full()
-    if reason:
-        # Of equals the first: green, blue, then red.
-        clearest = max((1, 2, 0), key=lambda c: _signal(full.colours[c]))
-        small, full = small.colours[clearest], full.colours[clearest]
-        report = replace(full.report, light=LightOutcome.NO_COLOUR, reason=reason)
-        full = replace(full, report=report)
+    full = replace(full, colours=(), report=replace(full.report, **report))
     return (yield from _cut_one_channel(small, full, contours, before))
 
 
@@ -575,12 +571,6 @@ def merge(
 def _noise(problem: Problem) -> float:
     """Return the noise of a channel, that of rounding at least."""
     return max(problem.noise, ROUNDING)
-
-
-def _signal(problem: Problem) -> float:
-    """Return median grey level over noise; less where much is saturated."""
-    image = problem.image[problem.mask]
-    return float(np.median(image) * np.mean(image < SATURATED)) / _noise(problem)
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:
