@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -73,6 +73,10 @@ GUESSED_STEEPNESS = 0.8
 SAME_COLOUR = 0.01
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
+
+
+Answer = TypeVar("Answer")
+Solving = Generator[Iterate, None, Answer]  # yields what is seen on the way
 
 
 @dataclass(frozen=True)
@@ -125,7 +129,7 @@ def light_and_contours(
     albedo: FloatArray | None = None,
     contours: bool | None = None,
     before: Result | None = None,
-) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+) -> Solving[tuple[Problem, FloatArray | None]]:
     """Take indirect light out of a picture, and cut its surface at contours; yield every solve's iterates.
 
     `small` is the frame on few pixels, and `give_full` gives it on all, once that is needed. `albedo` is what
@@ -156,7 +160,7 @@ def light_and_contours(
 
 def _cut_one_channel(
     small: Problem, full: Problem, contours: bool | None, before: Result | None
-) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+) -> Solving[tuple[Problem, FloatArray | None]]:
     """Cut the surface of one channel where contours are found in its picture, before it is solved."""
     steepness = first = None
     if full.cuts is not None:
@@ -194,7 +198,7 @@ def _with_contours(
 
 def separate(
     problem: Problem, albedo: FloatArray | None = None, contours: bool | None = None
-) -> Generator[Iterate, None, Found]:
+) -> Solving[Found]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds.
 
     Raises `NoColour` if the colours are one.
@@ -208,7 +212,7 @@ def separate(
     light = prior.light
     surface = None
     for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
-        picture = (ratio, light.albedo)
+        lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
         if light.outcome is not LightOutcome.NONE_BOUNCED:
             ratio, light = estimate_indirect(colours, surface, prior)
@@ -221,9 +225,9 @@ def separate(
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
-    # Those very lines are cut on all pixels, or others that are as steep as the colours chose. These are
-    # lines of the uncut surface's picture: the ι of a cut one is so large at limbs and behind folds that it
-    # would make lines of its own there.
+    # Lines that the energy chose are cut themselves on all pixels; where colours chose, those are that are
+    # as steep. They are of the uncut surface's picture: the ι of a cut one is so large at limbs and behind
+    # folds that it would make lines of its own there.
     by_energy = outcome is ContourOutcome.BY_ENERGY
     cuts = trial.surface.problem.cuts if by_energy else None
     steepness = trial.min_steepness
@@ -236,14 +240,14 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Found(trial, outcome, cuts, *picture, steepness)
+    return Found(trial, outcome, cuts, *lines_of, steepness)
 
 
 def separate_from(
     problem: Problem,
     albedo: FloatArray | None,
     log_distance: FloatArray,
-) -> Generator[Iterate, None, Trial]:
+) -> Solving[Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
@@ -266,7 +270,7 @@ def _separate_as_before(
     albedo: FloatArray | None,
     contours: bool | None,
     before: Result,
-) -> Generator[Iterate, None, Found]:
+) -> Solving[Found]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
@@ -381,7 +385,7 @@ def _solve_direct(
     number: int,
     count: int,
     **options: Any,
-) -> Generator[Iterate, None, Iterate]:
+) -> Solving[Iterate]:
     """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
     problem = merge(colours, indirect_ratio, light.albedo)
     if surface is not None:
@@ -394,7 +398,7 @@ def _solve_direct(
 
 def solve_stage(
     problem: Problem, stage: str, number: int = 0, **options: Any
-) -> Generator[Iterate, None, Iterate]:
+) -> Solving[Iterate]:
     """Solve a problem as a round of a stage, from the surface of the one before; return the answer.
 
     A cut one is near: what moves far hangs by few pixels, and coarser grids do not see these.
@@ -409,7 +413,7 @@ def solve_stage(
 
 def _try_contours(
     uncut: Trial, colours: Sequence[Problem], prior: AlbedoPrior | None, number: int = 0
-) -> Generator[Iterate, None, list[Trial]]:
+) -> Solving[list[Trial]]:
     """Cut a surface at ever less steep lines; return what is found each time, the uncut surface first.
 
     Where colours tell which is right, the first two start from the uncut surface, side by side. All others
@@ -428,7 +432,7 @@ def _try_contours(
         count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
         options["max_iterations"] = count
 
-    def solve(index: int, start: Iterate) -> Generator[Iterate, None, Iterate]:
+    def solve(index: int, start: Iterate) -> Solving[Iterate]:
         start_map = start.log_distance
         problem = cut[index][1]
         return solve_stage(problem, CONTOURS, number + index, start=start_map, **options)

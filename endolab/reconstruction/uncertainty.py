@@ -169,8 +169,9 @@ def uncertainty_of(
         rng = np.random.default_rng(0)
         shares, unseen = shares_of(surface, rng)
         answers["bumps"] = [prior_sigma.bumps * rest for rest in unseen]
-        noise = noise_left(whole)
-        steps = solve_for_causes(surface, iterate, noise, prior_sigma, draws, rng, answers)
+        steps = solve_for_causes(
+            surface, iterate, *noise_left(whole), prior_sigma, draws, rng, answers
+        )
         status = drive(
             steps, watching, lambda *step: None, lambda step: step.done >= LEAST_DRAWS
         )
@@ -181,17 +182,17 @@ def uncertainty_of(
         )
     mask = iterate.mask
     fixed = pixels_of_scale(iterate)
-    of_all = np.zeros(mask.shape)  # mean squares
-    of_shape: dict[str, FloatArray] = {}
-    scales: dict[str, float] = {}
+    of_shape = []  # mean squares
+    of_all = np.zeros(mask.shape)
+    scales = {}
     for cause, maps in answers.items():
         changes = np.stack(maps)
         common = changes[:, mask].mean(axis=1)[:, None, None]
         known = changes[:, fixed].sum(axis=1)[:, None, None] / max(fixed.sum(), 1)
         of_all += np.mean((changes - known) ** 2, axis=0)
-        of_shape[cause] = np.mean((changes - common) ** 2, axis=0)
+        of_shape.append(np.mean((changes - common) ** 2, axis=0))
         scales[cause] = float(np.sqrt(np.mean((common - known) ** 2)))
-    squares = np.stack([of_all, sum(of_shape.values(), 0 * of_all), *of_shape.values()])
+    squares = [of_all, np.sum(of_shape, axis=0), *of_shape]
     sigmas = np.minimum(np.sqrt(squares), LARGEST_SIGMA)
     sigmas = np.where(islands_without_evidence(surface), LARGEST_SIGMA, sigmas)
     sigma, sigma_shape, *causes = enlarge(sigmas, mask, whole.mask)
@@ -203,7 +204,7 @@ def uncertainty_of(
         sigma_scale=float(np.linalg.norm([*scales.values()])),
         shares=parts,
         dominant_source=source.astype(np.uint8),
-        causes=dict(zip(of_shape, causes, strict=True)),
+        causes=dict(zip(scales, causes, strict=True)),
         scales=scales,
         draws=done,
         status=status,
@@ -340,7 +341,8 @@ def _blur(a: FloatArray, sigma: float) -> FloatArray:
 def solve_for_causes(
     surface: Linearised,
     iterate: Iterate,
-    noise_and_blur: tuple[float, float],
+    noise: float,
+    blur: float,
     prior_sigma: PriorSigma,
     draws: int,
     rng: np.random.Generator,
@@ -367,7 +369,6 @@ def solve_for_causes(
     follow = follow_inflow(Linearised(cut, surface.v))
     inside = binary_erosion(mask)  # what enters there, enters behind a contour
     doubt = np.where(inside, prior_sigma.behind, prior_sigma.border)
-    noise, blur = noise_and_blur
     strength = texture_strength(surface, rng, noise, prior_sigma.texture)
     unit = px_per_reference(mask.shape)
     for draw in range(draws):
@@ -474,8 +475,7 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
 def islands_without_evidence(surface: Linearised) -> BoolArray:
     """Pixels, (H, W), of islands of which the picture says nothing."""
     mask = surface.problem.mask
-    joined = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
-    joined[::2, ::2] = mask
+    joined = np.kron(mask, [[1, 0], [0, 0]])
     joined[::2, 1::2], joined[1::2, ::2] = links(mask, surface.problem.cuts)
     island = label(joined)[0][::2, ::2]
     return mask & ~np.isin(island, island[surface.weight > 0])
