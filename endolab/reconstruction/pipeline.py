@@ -197,6 +197,7 @@ def _solve_in_stages(
     """Take indirect light out, cut the surface where contours are, and solve what is left."""
     contours = settings.contours if settings.searches_contours else False
     known = None  # the problem, if the start's light and contours are this picture's
+    first: FloatArray | None = None  # log d to begin with
     converged_at = None
     if start is not None:
         full = give_full()
