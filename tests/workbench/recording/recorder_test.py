@@ -13,8 +13,7 @@ from endolab.model.cameras import Pinhole
 from endolab.solvers.energy import model_image
 from endolab.solvers.provenance import Report
 from endolab.workbench.recording.pictures import RESIDUAL_COLOURS
-from endolab.workbench.recording.recorder import Comparison
-from endolab.workbench.recording.sequence import SequenceRecorder
+from endolab.workbench.recording.sequence import record_sequence
 from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
 
@@ -119,7 +118,7 @@ def in_stages():
 def test_stages_runs_and_uncertainty_are_read_back(in_stages, tmp_path):
     uncertainty = el.uncertainty_of(in_stages[-1], draws=4)
     path = tmp_path / "both.rrd"
-    with Comparison(path) as both:
+    with el.record(path) as both:
         with both.run("one") as recorder:
             el.run(iter_of(in_stages), observers=[recorder])
             recorder.add_uncertainty(uncertainty, in_stages[-1])
@@ -164,7 +163,7 @@ def fails(folder, steps):
 
 
 def fails_beside(folder, steps):
-    with Comparison(folder / "run.rrd") as both, both.run("one") as recorder:
+    with el.record(folder / "run.rrd") as both, both.run("one") as recorder:
         recorder(steps[0])
         raise KeyboardInterrupt
 
@@ -211,21 +210,21 @@ def test_what_is_no_recording_or_is_cut_off_is_named(content, tmp_path, solved):
         el.read_recording(tmp_path / "run.rrd")
 
 
-def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path, solved):
-    first, second, *_ = solved[0]
-    problem = first.problem
-    recorder = SequenceRecorder(tmp_path / "frames.rrd", "mm", max_width=40)
+def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path):
+    first, second = towards(PAPER.resize(640, 480), 2)[0]
+    camera = first.problem.camera
+    frames = []
     for number, step in ((3, second), (0, first)):
-        maps = {"distance": step.distance, "normals": step.normals}
         row = {"index": number, "energy": step.energy, "gain": np.nan}
         row |= dict.fromkeys(("median_distance", "iterations", "seconds"), 1.0)
-        recorder.log(row, problem.shown, maps, problem.camera)
-    recorder.close()
+        maps = {"distance": step.distance, "normals": step.normals}
+        frames.append((row, step.problem.shown, maps))
+    record_sequence(tmp_path / "frames.rrd", "mm", camera, frames)
     file = Recorded(tmp_path / "frames.rrd")
     assert "/plots/gain" not in file.rows
     for number, step in ((0, first), (3, second)):
         assert file.at("/plots/energy", "scalars", number) == step.energy
-        stored = file.at("/depth", "buffer", number).view(np.float32).reshape(30, 40)
-        thin = step.distance[::2, ::2]
+        stored = file.at("/depth", "buffer", number).view(np.float32)
+        thin = step.distance[::2, ::2].ravel()
         assert np.allclose(stored, thin, rtol=1e-6, equal_nan=True)
     assert el.read_recording(tmp_path / "frames.rrd").runs == {}
