@@ -57,14 +57,6 @@ def test_the_picture_has_the_end_of_each_run_in_the_same_colours(path):
     figure.canvas.draw()
 
 
-def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, capsys):
-    recorder = el.record(tmp_path / "run.rrd")
-    recorder.close()
-    (tmp_path / "run.rrd").write_bytes(path.read_bytes())
-    embed.show(recorder)
-    assert "`rerun run.rrd`" in capsys.readouterr().out
-
-
 def test_the_viewer_comes_from_this_machine(path, monkeypatch):
     """With a front end, a widget with the recording is displayed whose program is served locally."""
     shown = []
