@@ -5,7 +5,6 @@ their padding, j, of arrays of their own with it, j + 2, so that they take many 
 differences of `numerics.stencils`.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
-from endolab.numerics.elementary import exp, log
+from endolab.numerics.elementary import exp
 from endolab.numerics.stencils import CENTRAL, DOWN, adjoint_row, apply_row, stencil_row
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.normal_equations import BY_V, SMOOTHNESS, WEIGHT
@@ -62,7 +61,7 @@ def shade_row(
 ) -> None:
     """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ), on a row."""
     for j in range(slant.size):
-        shading[j] = log(1 + slant[j])
+        shading[j] = np.log(1 + slant[j])
     if table.shape[1] == 0:  # Lambertian
         for j in range(slant.size):
             shading[j] *= -0.5
@@ -329,10 +328,9 @@ def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray,
     if photometry.slant_table(2) is None:
         return np.empty((2, 0)), 1.0
     w = np.linspace(0.0, 4.0, size)  # to cos θ = e⁻⁸
+    step = float(w[1])
     w[0] = 1e-6
-    unit = replace(photometry, k=0.0, gain=1.0, gamma=1.0)
-    intensity, _, by_slant = unit.shade(np.zeros(size), np.expm1(w**2), np.ones(size))
-    shading = np.log(intensity / unit.shade(0.0, 0.0, 1.0)[0])
-    return np.stack([shading, 2 * w * by_slant * np.exp(w**2) / intensity]), float(
-        w[2] - w[1]
-    )
+    cosine = np.exp(-(w**2) / 2)
+    f = photometry.brdf.value(cosine, cosine)
+    shading = np.log(cosine * f / photometry.brdf.value(1.0, 1.0))
+    return np.stack([shading, -w * (1 + cosine * photometry.brdf.slope(cosine) / f)]), step
