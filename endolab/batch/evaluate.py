@@ -42,8 +42,8 @@ class Evaluation:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it; None for what is not known."""
-        facts = asdict(self.errors) | {"depth": self.name, "kind": self.kind}
-        facts["rank_correlation"] = self.rank_correlation
+        own = {"depth": self.name, "kind": self.kind, "align": self.align}
+        facts = asdict(self.errors) | own | {"rank_correlation": self.rank_correlation}
         if self.coverage is not None:
             facts["coverage"] = asdict(self.coverage)
         known: dict[str, Any] = json.loads(json.dumps(facts), parse_constant=lambda _: None)

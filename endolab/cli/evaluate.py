@@ -48,7 +48,7 @@ def evaluate(
     truth : path
         The same, or a depth map of a published data set.
     align : str
-        scale: by the median of d*/d, the default for relative units; affine: scale and shift of least squares.
+        By the median of d*/d (default for relative units), or also a shift.
     kind : str
         What the depth map holds, if no name says so (z); a disparity is aligned as such.
     unit : float

@@ -10,7 +10,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.stencils import forward_gradient, links
 
-
 ALIGNED = ("none", "scale", "affine")
 
 
@@ -19,8 +18,8 @@ class Errors:
     """Errors of a depth map over the pixels where estimate and truth are both known."""
 
     pixels: int  # how many those are
-    # What the estimate was multiplied by first, 1 for none, and what was added then, 0 for none; of disparities,
-    # 1/mm, if those were aligned.
+    # What the estimate was multiplied by first, 1 for none, and what was added then, 0 for none; of the
+    # disparity, 1/mm, if that was aligned.
     scale: float
     shift: float
     mean_mm: float  # of |d - d*|, Euclidean distances, mm
@@ -160,8 +159,8 @@ def compare(
     mask : (H, W) bool array, optional
         Further restricts the pixels.
     align : {"none", "scale", "affine"}
-        "scale" multiplies the estimate by the median of d*/d, for results up to scale; "affine" takes the scale
-        and the shift of least squares, and puts no estimate below all of the truth.
+        "scale" multiplies the estimate by the median of d*/d, for results up to scale; "affine" takes scale
+        and shift of least squares, and puts no estimate below all of the truth.
     as_disparity : bool
         Align 1/d with 1/d*, as Ranftl et al., "Towards robust monocular depth estimation", 2022, do: for the
         inverse of a disparity.
