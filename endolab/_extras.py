@@ -14,11 +14,10 @@ class MissingPackage(ImportError):
 def lacking(*packages: str) -> str:
     """Say which of these packages is missing and what brings it; empty if none is. Nothing is loaded."""
     missing = next((package for package in packages if find_spec(package) is None), None)
-    return (
-        ""
-        if missing is None
-        else f'{missing} is not installed; pip install "endolab[lab]" brings it'
-    )
+    if missing is None:
+        return ""
+    extra = "dicom" if missing == "pydicom" else "lab"
+    return f'{missing} is not installed; pip install "endolab[{extra}]" brings it'
 
 
 def need(*packages: str) -> None:

@@ -104,11 +104,11 @@ def evaluate(
     """
     name = "the depth map" if isinstance(prediction, np.ndarray) else str(prediction)
     depth = read_depth_map(prediction, kind, unit)
-    is_file = not isinstance(truth, np.ndarray)
-    if is_file and truth_kind is None and truth_unit is None and depth_layout(truth):
-        true = DepthMap(true_z(truth), "z", True)
-    else:
+    is_told = truth_kind is not None or truth_unit is not None
+    if is_told or isinstance(truth, np.ndarray) or not depth_layout(truth):
         true = read_depth_map(truth, truth_kind, truth_unit)
+    else:
+        true = DepthMap(true_z(truth), "z", True)
     rows, columns = shape = depth.values.shape
     cosine = depth.cos_alpha  # z over distance
     if camera is not None:

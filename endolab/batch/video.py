@@ -41,6 +41,7 @@ from endolab.reconstruction.sequence import (
 FRAME_COLUMNS = (
     "index",
     "frame",
+    "time",
     "status",
     "warm",
     "min_steepness",
@@ -123,7 +124,7 @@ def reconstruct_video(
         "mask": None if mask is None else str(mask),
         "calibration": replace(calibration, evidence={}).to_dict(),
     }
-    folder = _Folder(Path(out), frames.names, json.loads(json.dumps(made_with)))
+    folder = _Folder(Path(out), frames, json.loads(json.dumps(made_with)))
     if not overwrite:
         folder.read_done()
     before = list(itertools.takewhile(folder.is_done, wanted))
@@ -184,7 +185,7 @@ class _Folder:
     """Holds ``frames/NAME/depth.npz``, ``frames.csv`` and ``report.json``."""
 
     path: Path
-    names: tuple[str, ...]
+    frames: Frames
     settings: dict[str, Any]  # of frames made with others nothing is taken
     rows: dict[str, Row] = field(default_factory=dict)  # of the table, by the frame's name
 
@@ -226,8 +227,9 @@ class _Folder:
         row = dict.fromkeys(FRAME_COLUMNS, math.nan) | {
             "status": "",
             "unit": "",
-            "index": self.names.index(step.name),
+            "index": self.frames.names.index(step.name),
             "frame": step.name,
+            "time": self.frames.times.get(step.name, math.nan),
             "warm": int(step.warm),
             "seconds": step.seconds,
             "error": " ".join(step.error.split()),
@@ -255,7 +257,7 @@ class _Folder:
         units = [row["unit"] for row in rows if not row["error"]]
         report = {
             "endolab": 1,
-            "frames": len(self.names),
+            "frames": len(self.frames),
             "done": len(units),
             "unit": units[0],
             "settings": self.settings,

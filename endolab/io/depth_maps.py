@@ -77,7 +77,7 @@ def read_depth_map(
             more = {name: maps.get(name) for name in ("normals", "sigma")}
             metric = bool(maps.get("metric", True))
             cosine = maps["z"] / distance
-            return DepthMap(distance, "distance", metric, cos_alpha=cosine, **more)
+            return DepthMap(distance, "distance", metric, False, cosine, **more)
         name, held = _choose_array(source, names)
         stored = read_arrays(source, WHAT, [name])[name]
     else:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
+from endolab.io.dicom import dicom_times, is_dicom, read_dicom
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import PATH, check_kinds
@@ -22,14 +23,17 @@ from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from PIL.ImageFile import ImageFile
 
     from endolab.frames.frame import Frame
 
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
-FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
-PICTURE = (
-    "a whole picture (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
-)
+# Those that are known by how they begin, and TGA.
+BEGUN = ("PNG", "JPEG", "JPEG2000", "TIFF", "BMP", "WEBP", "GIF", "PPM")
+FORMATS = (*BEGUN, "TGA")
+PAGED = ("TIFF", "WEBP", "GIF")  # in which there may be several pictures
+KINDS = "PNG, JPEG, JPEG 2000, TIFF, BMP, WebP, GIF, PNM, TGA or DICOM"
+PICTURE = f"a whole picture ({KINDS} of 8 or 16 bits, no floats or HDR, at most 178 million pixels)"
 ORIENTATION = 274  # tag of Exif and TIFF: how a picture is to be turned
 OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
@@ -76,15 +80,19 @@ def write_figure(path: PathLike, figure: Figure) -> None:
 
 
 # Read -----------------------------------------------------------------------------------
-def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
+def read_stored(path: PathLike, page: int = 0) -> tuple[np.ndarray, FloatArray]:
     """Read a picture as the numbers that the file holds, R, G, B, 0 where transparent; and alpha, (H, W).
 
-    It is not turned, however it is marked. OSError or ValueError in one sentence, if there is no such file,
-    or it is no picture or a damaged one; MemoryError, before it is decoded, if it is too large.
+    Numbers of between 8 and 16 bits are stretched to 16; `page` counts those of a file that has several. It
+    is not turned, however it is marked. OSError or ValueError in one sentence, if there is no such file, or
+    it is no picture or a damaged one; MemoryError, before it is decoded, if it is too large.
     """
     from PIL import Image
 
     content = read_bytes(path)
+    if is_dicom(path):
+        stored = read_dicom(path, page, DECODED)
+        return stored, np.ones(stored.shape[:2])
     # Pillow refuses what is cut off, or has a wrong checksum, where OpenCV does not.
     with name_damage(path, PICTURE), warnings.catch_warnings(action="ignore"):
         Image.open(io.BytesIO(content), formats=FORMATS).verify()
@@ -92,22 +100,29 @@ def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{path}: a picture of {columns}x{rows} px")
     with name_damage(path, PICTURE), quiet(), warnings.catch_warnings(action="ignore"):
-        is_deep = ";16" in str(picture.tile[0].args)  # of which Pillow makes 8 bits
+        picture.seek(page)
+        most = _largest(picture, content)
+        is_deep = most > 255  # of which Pillow makes 8 bits
         is_tiff = picture.format == "TIFF"
         # Of a PNG, Pillow would decode all of it to look for what is not at hand.
         exif = picture.getexif() if is_tiff or "exif" in picture.info else {}
         is_turned = exif.get(ORIENTATION, 1) != 1
         exif[ORIENTATION] = 1  # else Pillow turns a TIFF
         if is_deep:
-            if is_tiff:
+            if picture.format != "PNG":
                 picture.load()
-            stored = np.asarray(
-                cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+            # A line's end closes a PNM's last number.
+            given = np.frombuffer(content + b"\n", np.uint8)
+            _, pages = cv2.imdecodemulti(
+                given, cv2.IMREAD_UNCHANGED, range=(page, page + 1)
             )
+            stored = np.round(np.asarray(pages[0]) * (65535 / most)).astype(np.uint16)
             if stored.ndim == 3:
                 stored = stored[..., [2, 1, 0, 3][: stored.shape[2]]]
         else:
             mode = picture.mode if picture.mode in ("L", "LA", "I", "F") else "RGB"
+            if picture.format == "GIF":  # whose first frame may be grey, and no other
+                mode = "RGB"
             if picture.has_transparency_data and picture.format != "BMP":
                 mode = "LA" if mode in ("L", "LA") else "RGBA"
             stored = np.array(picture.convert(mode))
@@ -128,39 +143,62 @@ def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
     return stored[..., 0] if stored.shape[2] == 2 else stored[..., :3], alpha
 
 
+def _largest(picture: ImageFile, content: bytes) -> int:
+    """The largest number that a picture of more than 8 bits can hold; 255 or less if it has no more."""
+    if picture.format == "JPEG2000":
+        place = content.index(b"\xff\x4f\xff\x51") + 42  # of the first component's bits
+        return 2 ** ((content[place] & 127) + 1) - 1
+    told = picture.tile[0].args if picture.tile else ""
+    if picture.format == "PPM" and isinstance(told, tuple) and len(told) == 2:
+        return int(told[1])
+    return 65535 if ";16" in str(told) else 255
+
+
 def say_turned(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
     log.warning(message, name)
 
 
-def _read(path: PathLike) -> tuple[FloatArray, FloatArray]:
+def _read(path: PathLike, page: int = 0) -> tuple[FloatArray, FloatArray]:
     """Read a picture of 8 or 16 bits in [0, 1], and its alpha."""
-    stored, alpha = read_stored(path)
+    stored, alpha = read_stored(path, page)
     if stored.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: expected 8 or 16 bits a channel, found {stored.dtype}")
     return stored / float(np.iinfo(stored.dtype).max), alpha
 
 
-def read_image(path: PathLike) -> FloatArray:
-    """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
+def read_image(path: PathLike, page: int = 0) -> FloatArray:
+    """Read a grey or colour picture of 8 or 16 bits, or a page of one, as (H, W) or (H, W, 3).
 
     Stored values over their maximum (255 or 65535); R, G, B. Errors as of `read_stored`.
     """
-    return _read(path)[0]
+    return _read(path, page)[0]
 
 
-def is_picture(path: PathLike) -> bool:
-    """Whether a file is a picture of one of the `FORMATS` by how it begins, whatever it is called."""
+def page_times(path: PathLike) -> list[float]:
+    """When each page of a picture is shown first, s; nan where it does not say.
+
+    Empty if the file is no picture by how it begins, whatever it is called.
+    """
     from PIL import Image
 
+    if is_dicom(path):
+        return dicom_times(path)
     with (
         suppress(Exception),  # packages promise nothing about which, if it is none
         warnings.catch_warnings(action="ignore"),
-        Image.open(path, formats=FORMATS),
+        Image.open(path, formats=BEGUN) as picture,
     ):
-        return True
-    return False
+        count = getattr(picture, "n_frames", 1) if picture.format in PAGED else 1
+        times = [0.0]
+        for page in range(count - 1):
+            picture.seek(page)
+            if picture.format == "WEBP":  # which tells it last
+                picture.load()
+            times.append(times[-1] + picture.info.get("duration", np.nan) / 1000)
+        return times
+    return []
 
 
 def read_mask(path: PathLike) -> BoolArray:
@@ -184,7 +222,8 @@ def read_frame(
     Parameters
     ----------
     path : path
-        PNG, JPEG, TIFF or BMP of 8 or 16 bits, grey or colour.
+        PNG, JPEG, JPEG 2000, TIFF, BMP, WebP, GIF, PNM, TGA or DICOM, of up to 16 bits, grey or colour; the
+        first of several pages.
     calibration : Calibration, optional
         If given, the frame must have its size.
     mask : path, optional

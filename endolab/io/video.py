@@ -4,7 +4,7 @@ import os
 import re
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, one_sentence, stage_file
-from endolab.io.images import DECODED, is_picture, quiet, read_image, say_turned
+from endolab.io.images import DECODED, page_times, quiet, read_image, say_turned
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+PICTURES = (
+    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga", ".dcm"),
+    *(".jp2", ".j2k", ".pnm", ".ppm", ".pgm", ".pbm"),
+    *(".hdr", ".exr", ".pfm"),  # which are refused as pictures
+)
 
 
 def _by_number(path: Path) -> list[str | int]:
@@ -27,15 +31,17 @@ def _by_number(path: Path) -> list[str | int]:
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames of a folder of pictures or of a video; iterate over it as often as you like.
+    """The frames of a folder of pictures, of a video or of one file's pages; iterate as often as you like.
 
-    Iterating gives ``(name, image)``: the file's name, or the frame's number in the video, and
+    Iterating gives ``(name, image)``: the file's name, or the frame's number in the file, and
     the stored values in [0, 1], (H, W) or (H, W, 3); None for a picture, or a frame before a video's
     last, that cannot be read.
     """
 
     path: Path
     names: tuple[str, ...]
+    # When they are shown, s; nan, or not there, where nothing says so.
+    times: dict[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -52,12 +58,14 @@ class Frames:
         """Give only the frames of these names, in order."""
         given = set(names)
         wanted = (name for name in self.names if name in given)
-        if not self.is_video:
+        is_folder = self.path.is_dir()
+        if is_folder or len(page_times(self.path)) > 1:
             for name in wanted:
+                file, page = (self.path / name, 0) if is_folder else (self.path, int(name))
                 image = None
                 # Of what is damaged, the head may say any size.
                 with suppress(OSError, ValueError, MemoryError):
-                    image = read_image(self.path / name)
+                    image = read_image(file, page)
                 yield name, image
             return
         capture = _open(self.path)
@@ -96,12 +104,14 @@ def _open_video(path: Path) -> Frames:
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
     count = tried = 0
+    times = {}
     with quiet():
         while tried - count < 1000:  # frames, one after the other, that cannot be decoded
             tried += 1
             if capture.grab():
                 count = tried
                 end = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000  # s
+                times[_number(count - 1)] = end
     if count == 0:
         raise ValueError(f"{path}: a video without a frame that can be decoded")
     stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
@@ -109,18 +119,22 @@ def _open_video(path: Path) -> Frames:
     if reached < min(0.98 * stated, stated - 2):
         text = f"ends after {count} frames, and its header tells of {stated:.0f}"
         raise ValueError(f"{path}: {text}: it is cut off or damaged")
-    return Frames(path, tuple(f"{number:06d}" for number in range(count)))
+    return Frames(path, tuple(_number(at) for at in range(count)), times)
+
+
+def _number(at: int) -> str:
+    return f"{at:06d}"
 
 
 def is_sequence(path: PathLike) -> bool:
-    """Whether this names a folder or a video rather than one picture, by how it ends or by what it is."""
+    """Whether a path is a folder, a video or several pages, not one picture, by its end or what it is."""
     source = Path(path)
     suffix = source.suffix.lower()
-    if suffix in PICTURES:
-        return False
     # Raw videos begin as pictures do.
-    is_raw = suffix in (".mjpeg", ".mjpg")
-    return is_raw or source.is_dir() or (source.is_file() and not is_picture(source))
+    if source.is_dir() or suffix in (".mjpeg", ".mjpg"):
+        return True
+    pages = len(page_times(source)) if source.is_file() else 1
+    return pages > 1 or (pages == 0 and suffix not in PICTURES)
 
 
 def open_frames(*paths: PathLike) -> Frames:
@@ -129,9 +143,9 @@ def open_frames(*paths: PathLike) -> Frames:
     Parameters
     ----------
     *paths : path
-        A folder with PNG, JPEG, TIFF or BMP files; or a video that OpenCV can read, whose frames are
-        counted by decoding them; or such files, wherever they are. Files are taken in the order of the
-        numbers in their names.
+        A folder with pictures, as of `read_frame`; or a video that OpenCV can read, whose frames are counted
+        by decoding them; or a GIF, WebP, TIFF or DICOM file with several; or pictures, wherever they are.
+        Files are taken in the order of the numbers in their names.
 
     Returns
     -------
@@ -158,6 +172,10 @@ def open_frames(*paths: PathLike) -> Frames:
             raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
         return Frames(source, names)
     if len(paths) == 1 and is_sequence(source):
+        times = page_times(source)
+        names = tuple(_number(at) for at in range(len(times)))
+        if len(times) > 1:
+            return Frames(source, names, dict(zip(names, times, strict=True)))
         return _open_video(source)
     files = {Path(os.path.abspath(path)) for path in paths}
     for file in files:
