@@ -1,6 +1,7 @@
 """Pictures and frames of DICOM files, by pydicom."""
 
 import logging
+import warnings
 from contextlib import suppress
 from typing import Any
 
@@ -62,7 +63,8 @@ def read_dicom(path: PathLike, page: int, pixel_bytes: int) -> np.ndarray:
             f"{path}: its compression, {syntax.name}, is not read; export it with JPEG, or without any"
         )
     check_memory(rows * columns * pixel_bytes, f"{path}: a picture of {columns}x{rows} px")
-    with name_damage(path, WHAT):
+    # Of a JPEG that is mislabelled pydicom tells, and reads it right.
+    with name_damage(path, WHAT), warnings.catch_warnings(action="ignore"):
         stored = pixel_array(path, index=page)
         most = 2**head.BitsStored - 1
         colours = head.PhotometricInterpretation

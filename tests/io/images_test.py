@@ -10,6 +10,7 @@ from PIL import Image
 
 import endolab as el
 from endolab.io.images import read_image, read_mask, write_image
+from endolab.io.video import is_sequence
 
 WALL = np.add.outer(np.arange(40), np.arange(50)) + 60  # to 148
 SHAPE = np.hypot(*np.indices((40, 50)) - np.array([[[20]], [[25]]])) < 18
@@ -35,6 +36,39 @@ def test_a_picture_is_read_as_it_is_stored(tmp_path, rng, kind, channels):
         by_opencv(path, stored)
     expected = stored[..., :3] if channels else stored
     np.testing.assert_array_equal(read_image(path), expected / most)
+
+
+@pytest.mark.parametrize(
+    "kind", ["webp", "jp2", "16 jp2", "tga", "ppm", "12 ppm", "16 ppm"]
+)
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_other_pictures_keep_all_their_bits(tmp_path, rng, kind, channels):
+    *bits, suffix = kind.split()
+    most = 2 ** int(*bits or [8]) - 1
+    stored = rng.integers(0, most + 1, (48, 64, *channels))
+    stored = stored.astype(np.uint16 if bits else np.uint8)
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "ppm":
+        head = f"P{stored.ndim + 3} 64 48 {most}\n".encode()
+        path.write_bytes(head + stored.astype(stored.dtype.newbyteorder(">")).tobytes())
+    elif bits:
+        lossless = [cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000]
+        cv2.imwrite(str(path), stored[..., ::-1] if channels else stored, lossless)
+    else:
+        how = {"lossless": True} if suffix == "webp" else {}
+        Image.fromarray(stored).save(path, **how)
+    assert not is_sequence(path)
+    found = read_image(path)
+    found = found[..., 0] if found.ndim > stored.ndim else found
+    np.testing.assert_allclose(found, stored / most, atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".hdr", ".tif"])
+def test_floats_are_refused(tmp_path, suffix):
+    cv2.imwrite(str(tmp_path / f"a{suffix}"), np.ones((9, 9, 3), np.float32))
+    assert not is_sequence(tmp_path / f"a{suffix}")
+    with pytest.raises(ValueError, match=r"^[^\n]*no floats or HDR"):
+        read_image(tmp_path / f"a{suffix}")
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "CMYK"])
@@ -78,6 +112,10 @@ HOW_SAVED = {
     "tif": {},
     "lzw.tif": {"compression": "tiff_lzw"},
     "bmp": {},
+    "webp": {},
+    "gif": {},
+    "jp2": {},
+    "ppm": {},
 }
 REFUSED = pytest.raises(ValueError, match=r"^[^\n]*: not a whole picture")
 

@@ -5,6 +5,8 @@ import struct
 import cv2
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 
 from endolab.io.images import write_image
 from endolab.io.video import is_sequence, open_frames, write_video
@@ -41,6 +43,26 @@ def test_a_folder_is_read_in_the_order_of_its_numbers_and_a_broken_picture_is_no
     images = [image for _, image in frames]
     assert [image is None for image in images] == [False, True, True, False, False]
     np.testing.assert_allclose(images[0], pictures[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["a.gif", "a.webp", "a.tif", "16.tif"])
+def test_the_pages_of_a_file_are_frames(tmp_path, rng, kind):
+    deep = rng.integers(0, 9, (3, 24, 32, 3)) * 8000
+    path = tmp_path / kind
+    if kind == "16.tif":
+        tifffile.imwrite(path, deep.astype(np.uint16), photometric="rgb")
+    else:
+        first, *more = (Image.fromarray((one // 256).astype(np.uint8)) for one in deep)
+        how = {"append_images": more, "duration": [40, 80, 40], "lossless": True}
+        first.save(path, save_all=True, **how)
+    assert is_sequence(path)
+    frames = open_frames(path)
+    images = [image for _, image in frames]
+    off = 0.3 if "gif" in kind else 0.01
+    np.testing.assert_allclose(images, deep / 65535, atol=off)
+    np.testing.assert_array_equal(dict(frames.read(["000001"]))["000001"], images[1])
+    times = [0, np.nan, np.nan] if "tif" in kind else [0, 0.04, 0.12]
+    np.testing.assert_allclose([*frames.times.values()], times)
 
 
 def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pictures):
@@ -108,6 +130,12 @@ def test_the_frames_of_a_video_are_those_that_can_be_decoded(
     content = write_numbered(tmp_path / name, code, rate=rate)
     (tmp_path / name).write_bytes(change(content))
     assert numbers_in(tmp_path / name) == [*range(30)] * (count // 30)
+
+
+def test_the_frames_of_a_video_have_their_times(tmp_path):
+    write_numbered(tmp_path / "v.mp4", "mp4v")
+    times = [*open_frames(tmp_path / "v.mp4").times.values()]
+    np.testing.assert_allclose(times, np.arange(30) / 25, atol=1e-6)
 
 
 @pytest.mark.parametrize("matrix", [(0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0)])
