@@ -56,7 +56,7 @@ def reconstruct(
     Parameters
     ----------
     frame : path
-        PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video.
+        A picture (PNG, JPEG, TIFF, WebP, DICOM ...), a folder of these, or a video.
     calibration : path
         endoscope.json, a known endoscope's name, or another program's file.
     out : path
@@ -188,7 +188,7 @@ def sweep(
     Parameters
     ----------
     frames : paths
-        PNG, JPEG or TIFF, 8 or 16 bits.
+        Pictures: PNG, JPEG, TIFF, WebP, DICOM ...
     calibration : path
         endoscope.json, a known endoscope's name, or another program's file.
     out : path

@@ -39,7 +39,7 @@ def tune(
     Parameters
     ----------
     frame : path
-        PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these.
+        A picture (PNG, JPEG, TIFF, WebP, DICOM ...), or a folder of these.
     calibration : path
         endoscope.json, a known endoscope's name, or another program's file.
     truth : path

@@ -148,10 +148,10 @@ def _largest(picture: ImageFile, content: bytes) -> int:
     if picture.format == "JPEG2000":
         place = content.index(b"\xff\x4f\xff\x51") + 42  # of the first component's bits
         return 2 ** ((content[place] & 127) + 1) - 1
-    told = picture.tile[0].args if picture.tile else ""
-    if picture.format == "PPM" and isinstance(told, tuple) and len(told) == 2:
-        return int(told[1])
-    return 65535 if ";16" in str(told) else 255
+    layout = picture.tile[0].args if picture.tile else ""
+    if picture.format == "PPM" and isinstance(layout, tuple) and len(layout) == 2:
+        return int(layout[1])
+    return 65535 if ";16" in str(layout) else 255
 
 
 def say_turned(name: PathLike) -> None:
