@@ -230,7 +230,6 @@ TYPED = {
     "evaluate frame.png truth.npz": "frame.png",
     "evaluate square.npy truth.npz": "48x48",
     "evaluate two.npz truth.npz": "two.npz",
-    "evaluate disparity.npz truth.npz": "disparity",
     "evaluate z.npy truth.npz --align none": "unit",
     "evaluate z.npy truth.npz --max-angle 0.001": "no pixel",
     "evaluate z.npy z.npy --max-angle 20": "calibration",
@@ -240,6 +239,7 @@ TYPED = {
 CALLED = [
     Row("evaluate", lambda: el.evaluate("half.npz", "truth.npz"), "half.npz"),
     Row("compare", lambda: el.metrics.compare(ONES, ONES[1:], ONES), "truth"),
+    Row("align", lambda: el.metrics.compare(*[ONES] * 3, align="median"), "scale"),
     Row("coverage", lambda: el.metrics.coverage_of(ONES, ONES[1:], ONES), "sigma"),
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
@@ -260,7 +260,6 @@ FILES |= {
     "square.npy": ONES[:, :48],
     "z.npy": ONES,
     "two.npz": {"a": ONES, "b": ONES},
-    "disparity.npz": {"disparity": ONES},
     "0001_depth.png": np.zeros((48, 64), np.uint16),
     "run.rrd": b"hello" * 99,
     "broken/1.png": b"no picture",

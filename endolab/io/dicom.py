@@ -41,7 +41,7 @@ def dicom_times(path: PathLike) -> list[float]:
         step = head.get("FrameTime") or (1000 / float(rate) if rate else np.nan)  # ms
         # Of a vector the first is 0.
         steps = head.get("FrameTimeVector") or [0, *[step] * (count - 1)]
-        return (np.cumsum(steps, dtype=float) / 1000).tolist()
+        return np.round(np.cumsum(steps, dtype=float) / 1000, 6).tolist()
 
 
 def read_dicom(path: PathLike, page: int, pixel_bytes: int) -> np.ndarray:
