@@ -201,8 +201,8 @@ class Camera:
         fits = min(column, row) >= 0 < min(width, height)
         if not fits or column + width > self.width or row + height > self.height:
             raise ValueError(
-                f"crop must be COLUMN, ROW, WIDTH, HEIGHT within the calibration's {self.width}x{self.height} "
-                f"px, got {column},{row},{width},{height}"
+                f"crop must be COLUMN, ROW, WIDTH, HEIGHT within the calibration's "
+                f"{self.width}x{self.height} px, got {column},{row},{width},{height}"
             )
         moved: Any = self  # every model has a centre
         return replace(

@@ -60,8 +60,8 @@ class Calibration:
         camera = self.camera
         if abs(height - camera.height * width / camera.width) > 1:
             raise ValueError(
-                f"{name} is {width}x{height} px, but the calibration is for {camera.width}x{camera.height} px: "
-                "expected that size, the same shape, or --crop (Calibration.crop), which says what part of "
-                "the calibration's picture it shows"
+                f"{name} is {width}x{height} px, but the calibration is for {camera.width}x{camera.height} "
+                "px: expected that size, the same shape, or --crop (Calibration.crop), which says what part "
+                "of the calibration's picture it shows"
             )
         return self.resize(width, height)
