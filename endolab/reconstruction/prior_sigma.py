@@ -1,8 +1,8 @@
 """What is uncertain, in numbers: stated here, or the standard errors of a calibration.
 
 A light that nobody measured is some endoscope's, with k from 0.5 to 3 and γ from 1.5 to 2.3: the nominal 1
-and 1.8 are off by 1 and by 0.3, root mean square. A description whose numbers are another endoscope's says so by
-`"evidence": {"photometry": {"nominal": true}}`; if k was asked of frames, γ is still nobody's.
+and 1.8 are off by 1 and by 0.3, root mean square. A description whose numbers are another endoscope's says
+so by `"evidence": {"photometry": {"nominal": true}}`; if k was asked of frames, γ is still nobody's.
 """
 
 from __future__ import annotations
