@@ -191,6 +191,8 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
+        if (width, height) == (self.width, self.height):
+            return self
         return _with_size(self, width, height)
 
     def crop(self, column: int, row: int, width: int, height: int) -> Self:

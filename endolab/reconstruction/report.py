@@ -34,7 +34,17 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
     """Say what was done about indirect light and contours, and why, in a sentence each."""
-    return (*_of_light(result.report), *_of_contours(result.report))
+    report = result.report
+    return (*_of_size(report), *_of_light(report), *_of_contours(report))
+
+
+def _of_size(report: Report) -> Iterator[str]:
+    """Say that a calibration was scaled, or that there is none."""
+    own, known = report.picture_size, report.calibrated_size
+    if own and known and own != known:
+        yield (
+            f"The calibration, for {known[0]}x{known[1]} px, was scaled to the picture's {own[0]}x{own[1]}."
+        )
 
 
 def _of_light(report: Report) -> Iterator[str]:

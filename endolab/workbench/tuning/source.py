@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.frame import Frame, check_size
+from endolab.frames.frame import Frame
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -104,8 +104,8 @@ class Source:
         self.calibration = calibration
         self._given: Subject | None = None
         if frame is not None:
-            check_size(frame.name, (frame.width, frame.height), calibration.camera)
-            self._given = Subject(frame, calibration, truth)
+            known = calibration.fit(frame.name, frame.width, frame.height)
+            self._given = Subject(frame, known, truth)
         if truth is not None:
             shape = None if frame is None else frame.mask.shape
             if truth.shape != shape:
