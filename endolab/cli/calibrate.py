@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from endolab._extras import lacking
+from endolab._extras import lacking, need
 from endolab.cli.solving import Value, show_progress
 
 
@@ -32,13 +32,13 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
         Replace what is there.
     """
     from endolab.calibration.session import describe_target
-    from endolab.io.atomic import stage_file
+    from endolab.io.atomic import check_new
     from endolab.io.descriptions import read_target
     from endolab.workbench.reports.target_sheet import write_sheet
 
     sheet = read_target(name)
-    with stage_file(out, overwrite=overwrite) as temporary:
-        write_sheet(sheet, temporary)
+    check_new(out, overwrite)
+    write_sheet(sheet, out)
     print(f"{describe_target(sheet)}; print at 100 %, and check the ruler")
     print(f"written to {out}")
 
@@ -96,38 +96,51 @@ def calibrate(
     record : bool
         Write a recording for the Rerun viewer too.
     """
-    from endolab.batch.calibrate import calibrate_to_files, report_folder
+    import endolab as el
+    from endolab.calibration.session import check_names
     from endolab.calibration.summary import account
-    from endolab.io.atomic import check_new
+    from endolab.io.atomic import check_new, stage_folder
     from endolab.io.cameras.formats import read_camera
-    from endolab.io.descriptions import read_target
-    from endolab.io.video import open_frames
+    from endolab.io.descriptions import make_calibration, read_target
+    from endolab.workbench.reports.calibration_page import write_report
 
+    if not out.endswith(".json"):
+        raise ValueError(f"the calibration's name ends in .json, got {out}")
+    report = f"{out.removesuffix('.json')}_report"
     check_new(out, overwrite, (*source, target, camera))
+    if record:
+        need("rerun")
     sheet = read_target(target)
     greys = [None] * len(set(sheet.ink.greys[:, 3]))  # free
     known = [None if value == "free" else value for value in reflectance or greys]
-    with show_progress("frame") as show:
-        session = calibrate_to_files(
-            open_frames(*source),
-            sheet,
-            out,
-            overwrite=overwrite,
-            camera=None if camera is None else read_camera(camera),
-            lens=lens,
-            every=every,
-            leave_out=leave_out,
-            channel=channel,
-            gamma=gamma,
-            gain=gain,
-            reflectance=known,
-            record=record,
-            progress=lambda stage, done, total: show(done, total, stage),
-        )
-    print("\n".join(account(session)))
+    given: Any = None if camera is None else read_camera(camera)
+    found = el.open_frames(*source)
+    check_names(leave_out, found.names)  # before a long search
+    with stage_folder(report, overwrite=overwrite) as folder:
+        with show_progress("frame") as show:
+            session = el.calibrate(
+                found,
+                sheet,
+                camera=given,
+                lens=lens,
+                every=every,
+                leave_out=leave_out,
+                channel=channel,
+                gamma=gamma,
+                gain=gain,
+                reflectance=known,
+                progress=lambda stage, done, total: show(done, total, stage),
+            )
+        write_report(session, found, folder, channel)
+        if record:
+            from endolab.workbench.recording.calibration import record_calibration
+
+            record_calibration(session, found, folder / "recording.rrd")
+    el.write_calibration(make_calibration(session, str(found.path), channel), out)
+    print(*account(session), sep="\n")
     if session.light is None:
         print("The light is not calibrated: k 2.5 and γ 2.2 of another endoscope stand in.")
-    print(f"written to {out}, and to {report_folder(out)}", lacking("jinja2"))
+    print(f"written to {out}, and to {report}", lacking("jinja2"))
 
 
 def calibrate_light(
@@ -166,18 +179,18 @@ def calibrate_light(
     import numpy as np
 
     import endolab as el
-    from endolab.io.atomic import stage_file
+    from endolab.io.atomic import check_new
     from endolab.io.cameras.formats import read_camera
     from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.sequence import as_frame
 
+    check_new(out, overwrite, (*source, camera))
     lens = CALIBRATIONS[camera].camera if camera in CALIBRATIONS else read_camera(camera)
     video = el.open_frames(*source)
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
     pictures = video.read([video.names[index] for index in spread])
     read = (as_frame(name, image) for name, image in pictures if image is not None)
-    output = stage_file(out, overwrite=overwrite, read=(*source, camera))
-    with output as temporary, show_progress("frame") as show:
+    with show_progress("frame") as show:
         estimate = el.estimate_light(
             read,
             lens,
@@ -185,10 +198,9 @@ def calibrate_light(
             albedo=albedo,
             progress=lambda done, _: show(done, len(spread)),
         )
-        if estimate.status is el.Status.STOPPED:
-            raise KeyboardInterrupt
-        found = el.Calibration(lens, estimate.photometry, estimate.evidence)
-        el.write_calibration(found, temporary)
+    if estimate.status is el.Status.STOPPED:
+        raise KeyboardInterrupt
+    el.write_calibration(el.Calibration(lens, estimate.photometry, estimate.evidence), out)
     for reason in estimate.refused.values():
         print(f"left out: {reason}")
     print(estimate.verdict)

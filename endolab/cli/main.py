@@ -69,16 +69,6 @@ def make_app() -> Any:
     return app
 
 
-def to_one_line(error: Exception) -> str:
-    """Return what an error says in one printable line, without the middle of what is too long."""
-    from endolab.numerics.checks import shorten
-
-    text = str(error) or "out of memory"
-    if isinstance(error, OSError) and error.strerror:  # the system's own words
-        text = f"{error.filename}: {error.strerror}"
-    return shorten(text.replace("overwrite=True", "--overwrite"), 600)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
     words = list(sys.argv[1:] if argv is None else argv)
@@ -95,7 +85,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141  # as shells know it
     except (CycloptsError, ValueError, OSError, MemoryError, MissingPackage) as error:
-        print(f"endolab: {to_one_line(error)}", file=sys.stderr)
+        from endolab.numerics.checks import shorten
+
+        text = str(error) or "out of memory"
+        if isinstance(error, OSError) and error.strerror:  # the system's own words
+            text = f"{error.filename}: {error.strerror}"
+        text = shorten(text.replace("overwrite=True", "--overwrite"), 600)
+        print(f"endolab: {text}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:
         text = str(error) or "interrupted; nothing was written"

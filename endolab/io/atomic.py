@@ -65,15 +65,12 @@ def _stage(home: Path, target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def stage_file(
-    path: PathLike, *, overwrite: bool = True, read: Sequence[PathLike] = ()
-) -> Iterator[Path]:
-    """Give a temporary file's name, which becomes `path` only if the block succeeds; see `check_new`.
+def stage_file(path: PathLike) -> Iterator[Path]:
+    """Give a temporary file's name, which becomes `path`, whatever is there, only if the block succeeds.
 
     OSError in one sentence, if it cannot be written; then there is nothing, or what was there before.
     """
     target = Path(path)
-    check_new(target, overwrite, read)
     with _stage(target.parent, target) as temporary:
         yield temporary
         temporary.replace(target)
@@ -84,13 +81,12 @@ def stage_folder(
     folder: PathLike,
     *,
     overwrite: bool = False,
-    last: str = "report.json",
     read: Sequence[PathLike | None] = (),
 ) -> Iterator[Path]:
     """Give a temporary folder, which becomes `folder` only if the block succeeds.
 
-    Into one that is there, its files move by their names, `last` after all others; unless that is empty,
-    only with `overwrite`, and none that is `read`. OSError in one sentence, if it cannot be written.
+    Into one that is there, its files move by their names, `report.json` last; unless that is empty, only with
+    `overwrite`, and none that is `read`. OSError in one sentence, if it cannot be written.
     """
     target = Path(folder)
     check_new(target, overwrite)
@@ -100,7 +96,7 @@ def stage_folder(
         staging.mkdir(exist_ok=True)
         yield staging
         if target.exists():
-            made = sorted(staging.iterdir(), key=lambda path: path.name == last)
+            made = sorted(staging.iterdir(), key=lambda path: path.name == "report.json")
             for path in made:
                 check_new(target / path.name, True, read)
             for path in made:

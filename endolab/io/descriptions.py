@@ -60,13 +60,6 @@ def read_target(name_or_path: PathLike) -> Target:
     name = str(name_or_path)
     if name in TARGETS:
         return TARGETS[name]
-    if name == "circles":  # of 0.2.0
-        return target_from_dict({"kind": name}, "target")
     if not os.path.exists(name) and Path(name).suffix.lower() != ".json":
         raise unknown_name("target", name, TARGETS, "a JSON file")
     return target_from_dict(read_json(name, "target file"), name)
-
-
-def write_target(target: Target, path: PathLike) -> None:
-    """Write the description of a target as JSON, whole or not at all; `read_target` reads it."""
-    write_atomically(path, as_json(to_content(target)))

@@ -106,12 +106,11 @@ def read_stored(path: PathLike) -> tuple[np.ndarray, FloatArray]:
             )
             if stored.ndim == 3:
                 stored = stored[..., [2, 1, 0, 3][: stored.shape[2]]]
-        elif picture.has_transparency_data and picture.format != "BMP":
-            is_grey = picture.mode in ("L", "LA")
-            stored = np.array(picture.convert("LA" if is_grey else "RGBA"))
         else:
-            is_plain = picture.mode in ("L", "I", "F")
-            stored = np.array(picture.convert(picture.mode if is_plain else "RGB"))
+            mode = picture.mode if picture.mode in ("L", "LA", "I", "F") else "RGB"
+            if picture.has_transparency_data and picture.format != "BMP":
+                mode = "LA" if mode in ("L", "LA") else "RGBA"
+            stored = np.array(picture.convert(mode))
         if sorted(stored.shape[:2]) != sorted(picture.size):
             raise ValueError
     if is_turned:

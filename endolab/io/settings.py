@@ -75,8 +75,6 @@ def write_settings(settings: SolvingSettings, path: PathLike) -> None:
 def read_settings(path: PathLike) -> SolvingSettings:
     """Read settings; OSError or ValueError in one sentence, which names what in the file is wrong."""
     content = read_json(path, "settings file")
-    if isinstance(content, dict) and content.get("regulariser") == "curvature":
-        raise ValueError(f'{path}: regulariser "curvature" is gone; write "second"')
     known = from_content(_File, content, str(path))
     light = content.pop("photometry", {})
     held = content.pop("held", "")

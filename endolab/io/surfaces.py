@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,7 +110,18 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
     comments = [f"unit: {mesh.unit}", "camera frame: x right, y down, z forward"]
     comments += [f"colours: {mesh.legend}"] if mesh.legend else []
     if suffix == ".ply":
-        content = _as_ply(mesh, comments)
+        vertices = np.empty(len(mesh.vertices), [("place", "<f4", 6), ("colour", "u1", 3)])
+        vertices["place"] = np.hstack([mesh.vertices, mesh.normals])
+        vertices["colour"] = np.round(np.clip(mesh.colours, 0, 1) * 255)
+        faces = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<i4", 3)])
+        faces["count"] = 3
+        faces["corners"] = mesh.triangles
+        header = PLY_HEADER.format(
+            comments="".join(f"comment {text}\n" for text in comments),
+            vertices=len(vertices),
+            faces=FACES.format(len(faces)) if len(faces) else "",
+        )
+        content = header.encode() + vertices.tobytes() + faces.tobytes()
     elif suffix == ".obj":
         text = io.BytesIO()
         text.write("".join(f"# {line}\n" for line in comments).encode())
@@ -124,18 +135,3 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
         found = suffix or "no suffix"
         raise ValueError(f"{path}: meshes are written as .ply or .obj, found {found}")
     write_atomically(path, content)
-
-
-def _as_ply(mesh: Mesh, comments: Sequence[str]) -> bytes:
-    vertices = np.empty(len(mesh.vertices), [("place", "<f4", 6), ("colour", "u1", 3)])
-    vertices["place"] = np.hstack([mesh.vertices, mesh.normals])
-    vertices["colour"] = np.round(np.clip(mesh.colours, 0, 1) * 255)
-    faces = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"] = 3
-    faces["corners"] = mesh.triangles
-    header = PLY_HEADER.format(
-        comments="".join(f"comment {text}\n" for text in comments),
-        vertices=len(vertices),
-        faces=FACES.format(len(faces)) if len(faces) else "",
-    )
-    return header.encode() + vertices.tobytes() + faces.tobytes()

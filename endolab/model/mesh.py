@@ -29,14 +29,9 @@ def triangle_normals(corners: FloatArray) -> FloatArray:
 def vertex_normals(vertices: FloatArray, triangles: IndexArray) -> FloatArray:
     """Unit normals of the vertices: those of the triangles around, weighted by area."""
     towards = triangle_normals(vertices[triangles])
-    total = np.stack(
-        [
-            sum(np.bincount(corner, part, len(vertices)) for corner in triangles.T)
-            for part in towards.T
-        ],
-        -1,
-    )
+    total = np.zeros_like(vertices)
+    for corner in triangles.T:
+        np.add.at(total, corner, towards)
     # No sum is 0: seen from the camera, every triangle at a vertex has it in its plane.
-    return total / np.maximum(
-        np.linalg.norm(total, axis=-1, keepdims=True), np.finfo(float).tiny
-    )
+    length = np.linalg.norm(total, axis=-1, keepdims=True)
+    return total / np.maximum(length, np.finfo(float).tiny)

@@ -149,25 +149,13 @@ class Photometry:
 
     # Simplified model ------------------------------------------------------------------
 
-    def shade(
-        self, log_distance: ArrayLike, slant: ArrayLike, cos_alpha: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Stored value I under the light at the optical centre (eq. 9), with ∂I/∂v = -2I/γ and ∂I/∂P.
-
-        v = log d, d in mm; the slant is P = tan²θ = ∇vᵀ G⁻¹ ∇v; α is the angle between ray and axis.
-        """
-        cosine = 1 / np.sqrt(1 + np.asarray(slant, float))
-        f = self.brdf.value(cosine, cosine)
-        slope = self.brdf.slope(cosine)
-        intensity = self.brightness(log_distance, slant, self.attenuation(cos_alpha))
-        # d cos θ / dP = -cos³θ / 2
-        by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
-        return intensity, -2 * intensity / self.gamma, by_slant
-
     def brightness(
         self, log_distance: ArrayLike, slant: ArrayLike, attenuation: FloatArray
     ) -> FloatArray:
-        """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
+        """Stored value I under the light at the optical centre (eq. 9), where it attenuates so.
+
+        v = log d, d in mm; the slant is P = tan²θ = ∇vᵀ G⁻¹ ∇v.
+        """
         cosine = 1 / np.sqrt(1 + np.asarray(slant, float))
         f = self.brdf.value(cosine, cosine)
         falloff = np.exp(-2 * np.asarray(log_distance, float))

@@ -5,7 +5,6 @@ their padding, j, of arrays of their own with it, j + 2, so that they take many 
 differences of `numerics.stencils`.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -329,10 +328,9 @@ def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray,
     if photometry.slant_table(2) is None:
         return np.empty((2, 0)), 1.0
     w = np.linspace(0.0, 4.0, size)  # to cos θ = e⁻⁸
+    step = float(w[1])
     w[0] = 1e-6
-    unit = replace(photometry, k=0.0, gain=1.0, gamma=1.0)
-    intensity, _, by_slant = unit.shade(np.zeros(size), np.expm1(w**2), np.ones(size))
-    shading = np.log(intensity / unit.shade(0.0, 0.0, 1.0)[0])
-    return np.stack([shading, 2 * w * by_slant * np.exp(w**2) / intensity]), float(
-        w[2] - w[1]
-    )
+    cosine = np.exp(-(w**2) / 2)
+    f = photometry.brdf.value(cosine, cosine)
+    shading = np.log(cosine * f / photometry.brdf.value(1.0, 1.0))
+    return np.stack([shading, -w * (1 + cosine * photometry.brdf.slope(cosine) / f)]), step

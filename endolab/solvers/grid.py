@@ -98,6 +98,8 @@ class Grid(Structure):
         mask = problem.mask
         field = problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
+        light = problem.photometry
+        facing = light.brightness(0.0, 0.0, light.attenuation(cos_alpha))
         uncut_links = pad_maps(links(mask).astype(np.int8))
         is_cut = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
@@ -107,7 +109,7 @@ class Grid(Structure):
             REGULARISERS.index(problem.regulariser),
             problem,
             pad_maps(np.where(mask, problem.image, 0.0)),
-            pad_maps(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
+            pad_maps(np.log(facing)),
             pad_maps(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
             pad_maps(
                 (1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape))
@@ -121,7 +123,7 @@ class Grid(Structure):
             if inflow is None
             else np.where(mask, inflow, np.nan),
             problem.derivative_scale,
-            *shading_table(problem.photometry),
+            *shading_table(light),
         )
 
     def coarser_maps(self) -> dict[str, Any]:

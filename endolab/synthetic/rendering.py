@@ -16,9 +16,8 @@ from endolab.synthetic.scenes import Scene
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
 RIPPLE_SCALE = 1.5  # mm, of the wet film whose slopes break up the highlights
 RIPPLE_SLOPE = 0.12
-# Of noise (grey levels), texture, fog and highlights; beyond, numbers overflow.
+# Of noise (grey levels), texture and highlights; beyond, numbers overflow.
 LARGEST_EFFECT = 100.0
-VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,6 @@ def render(
     noise: float = 0.0,
     bits: int | None = None,
     texture: float = 0.0,
-    fog: float = 0.0,
     highlights: float = 0.0,
     seed: int = 0,
 ) -> Rendered:
@@ -124,8 +122,6 @@ def render(
         Round to this many bits; none by default.
     texture : float
         Standard deviation of the logarithm of the albedo.
-    fog : float
-        Attenuation, 1/mm: light is lost on its way, and a veil takes its place.
     highlights : float
         Share of the light that a wet, rippled film reflects like a mirror; 0.02 is water.
     seed : int
@@ -149,7 +145,7 @@ def render(
     >>> seen.image.shape, seen.distance.shape
     ((60, 80, 3), (60, 80))
     """
-    effects = {"noise": noise, "texture": texture, "fog": fog, "highlights": highlights}
+    effects = {"noise": noise, "texture": texture, "highlights": highlights}
     for name, amount in effects.items():
         number(name, amount, 0, LARGEST_EFFECT)
     if bits is not None:
@@ -184,9 +180,6 @@ def render(
 
     gain = expose(photometry, linear)
     linear = linear * gain
-    if fog:
-        clear = np.exp(-fog * distance)[:, None]
-        linear = linear * clear**2 + VEIL * (1 - clear)
     image = np.zeros((*mask.shape, linear.shape[-1]))
     image[mask] = develop(linear, lit.gamma, noise, bits, seed)
     image = image if len(models) == 3 else image[..., 0]

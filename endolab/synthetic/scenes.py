@@ -8,13 +8,16 @@ Each is a surface in the camera frame (mm), whatever the camera. 1 to 3 are met 
 closed form, 4 by marching to the first root and polishing it with Newton's method.
 """
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
+from pydantic import Field
 
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checked_types import checked
 from endolab.numerics.side_by_side import side_by_side
+
+Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
 
 RAYS_AT_ONCE = 16_000  # what is computed of so many stays in a core's cache
 SIDEWAYS = 0.3  # of its swing in x, that a colon makes in y
@@ -40,7 +43,7 @@ def _tilt_matrix(degrees: float) -> FloatArray:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-@dataclass(frozen=True)
+@checked
 class Plane:
     """Scene 01: a plane, turned about the vertical.
 
@@ -52,14 +55,8 @@ class Plane:
         Angle between its normal and the axis, degrees.
     """
 
-    depth: float = 85.0
-    tilt: float = 20.0
-
-    def __post_init__(self) -> None:
-        if not (self.depth > 0 and abs(self.tilt) < 90):
-            raise ValueError(
-                f"depth must be positive and tilt within ±90°, got {self.depth} and {self.tilt}"
-            )
+    depth: Length = 85.0
+    tilt: Annotated[float, Field(ge=-89.9, le=89.9)] = 20.0
 
     @property
     def _normal(self) -> FloatArray:
@@ -75,7 +72,7 @@ class Plane:
         return np.broadcast_to(self._normal, points.shape).copy()
 
 
-@dataclass(frozen=True)
+@checked
 class Bowl:
     """Scene 02: a curved surface, the inside of a ball that the camera looks at off centre.
 
@@ -87,7 +84,7 @@ class Bowl:
         Of the ball, in the camera frame, mm; the camera must lie inside.
     """
 
-    radius: float = 115.0
+    radius: Length = 115.0
     centre: tuple[float, float, float] = (40.0, -23.0, -52.0)
 
     def __post_init__(self) -> None:
@@ -107,7 +104,7 @@ class Bowl:
         return (np.asarray(self.centre) - points) / self.radius
 
 
-@dataclass(frozen=True)
+@checked
 class Tube:
     """Scene 03: a straight tube that a wall closes at its far end.
 
@@ -123,8 +120,8 @@ class Tube:
         Where the camera sits in the tube's cross-section, mm from its middle.
     """
 
-    radius: float = 18.5
-    length: float = 130.0
+    radius: Length = 18.5
+    length: Length = 130.0
     tilt: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
 
@@ -159,7 +156,7 @@ class Tube:
         return normal @ turn.T
 
 
-@dataclass(frozen=True)
+@checked
 class Colon:
     """Scene 04: a haustral colon, a winding tube with folds that hide what lies behind them.
 
@@ -171,7 +168,7 @@ class Colon:
     radius : float
         R₀ between the folds, mm.
     fold_height : float
-        h, as a share of the radius, below 0.8.
+        h, as a share of the radius, at most 0.8.
     fold_spacing : float
         L, mm.
     sharpness : float
@@ -182,22 +179,15 @@ class Colon:
         To the wall that closes the far end, mm.
     """
 
-    radius: float = 22.0
-    fold_height: float = 0.38
-    fold_spacing: float = 27.0
+    radius: Length = 22.0
+    fold_height: Annotated[float, Field(ge=0, le=0.8)] = 0.38
+    fold_spacing: Length = 27.0
     sharpness: float = 7.0
     winding: float = 13.0
-    length: float = 170.0
+    length: Length = 170.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.fold_height < 0.8:
-            raise ValueError(
-                f"fold_height must be at least 0 and below 0.8, got {self.fold_height}"
-            )
-        if not (
-            min(self.radius, self.fold_spacing, self.length) > 0
-            and self._inside(*self._camera)[0] > 0
-        ):
+        if not self._inside(*self._camera)[0] > 0:
             raise ValueError(
                 f"the camera must lie inside the colon, of radius {self.radius} mm"
             )
@@ -305,7 +295,7 @@ class Colon:
         return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
 
 
-@dataclass(frozen=True)
+@checked
 class Bump:
     """A plane across the optical axis with a bump on it or, where its height is negative, a dent.
 
@@ -321,16 +311,9 @@ class Bump:
         From its middle to where it is steepest, mm.
     """
 
-    depth: float = 60.0
+    depth: Length = 60.0
     height: float = 8.0
-    width: float = 10.0
-
-    def __post_init__(self) -> None:
-        if not (self.depth > 0 and self.width > 0 and self.height <= self.depth / 2):
-            raise ValueError(
-                "depth and width must be positive and height at most half the depth, "
-                f"got {self.depth}, {self.width} and {self.height}"
-            )
+    width: Length = 10.0
 
     def _bump_height(self, squared: FloatArray) -> FloatArray:
         """How far the wall stands out at squared distances from the axis."""

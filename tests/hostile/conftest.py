@@ -15,9 +15,9 @@ import endolab as el
 from endolab.calibration.targets import TARGETS
 from endolab.cli.main import main
 from endolab.io.datasets import traced
-from endolab.io.descriptions import write_target
 from endolab.io.settings import SolvingSettings, write_settings
 from endolab.io.video import open_frames
+from endolab.numerics.checked_types import to_content
 
 # Of every damage; `make attack` asks for more.
 EXAMPLES = int(os.environ.get("ENDOLAB_EXAMPLES", "20"))
@@ -103,7 +103,7 @@ def given(tmp_path_factory):
         np.save("other.npy", z)
         cv2.imwrite("other.tiff", z)
         shutil.copy(traced.FOLDER / "matt.npz", "traced.npz")
-        write_target(TARGETS["vicalib_grey"], "target.json")
+        Path("target.json").write_text(json.dumps(to_content(TARGETS["vicalib_grey"])))
         wishes = SolvingSettings({"lam": 1.0, "xi": "d"}, {"k": 2.0})
         write_settings(wishes, "settings.json")
         for name, text in CALIBRATIONS.items():

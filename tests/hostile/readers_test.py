@@ -60,7 +60,6 @@ def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_pa
     path = tmp_path / name
     READERS[name](Path(shutil.copy(given / name, path)))  # undamaged
 
-    @settings(max_examples=EXAMPLES)
     @tried(damages(given / name))
     def attack(content):
         path.write_bytes(content)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from endolab.io.atomic import (
+    check_new,
     read_bytes,
     read_json,
     stage_file,
@@ -99,7 +100,7 @@ def test_a_file_is_replaced_whole_and_only_if_asked(tmp_path):
     with pytest.raises(ZeroDivisionError), stage_file(path) as temporary:
         temporary.write_text(str(1 / 0))
     with pytest.raises(FileExistsError, match="overwrite"):
-        stage_file(path, overwrite=False).__enter__()
+        check_new(path)
     assert texts(tmp_path) == {"a.pdf": "2"}
 
 

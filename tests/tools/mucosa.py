@@ -4,6 +4,7 @@ import numpy as np
 
 from endolab.synthetic.rendering import RIPPLE_SCALE, RIPPLE_SLOPE, TEXTURE_SCALE, waves
 
+VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
 ROUGHNESS = 0.15  # of the film; its GGX width is the square
 MOTTLE = np.array([0.6, 1.0, 1.0])  # share of the texture in red, green and blue
 BLOOD = np.array([0.25, 1.0, 0.9])  # what vessels take, as logarithms

@@ -30,9 +30,9 @@ import numpy as np
 
 from endolab.model.lights import SpotLight
 from endolab.numerics.arrays import FloatArray
-from endolab.synthetic.rendering import VEIL, Rendered, develop, expose, truth_of
+from endolab.synthetic.rendering import Rendered, develop, expose, truth_of
 from tests.tools.meshes import mesh_of
-from tests.tools.mucosa import ROUGHNESS, film_radiance, rippled, tissue
+from tests.tools.mucosa import ROUGHNESS, VEIL, film_radiance, rippled, tissue
 
 OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
 SURE_BOUNCES = 3  # before the roulette

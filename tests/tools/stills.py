@@ -45,13 +45,13 @@ def as_html(shown):
 
 
 def interact(**sliders):
-    """In place of ipywidgets' own: pictures for some positions of the first slider, or choice."""
+    """In place of ipywidgets' own: pictures for some positions of the first slider."""
 
     def shown(function):
         box = ipywidgets.interactive(function, {"manual": True}, **sliders)
         controls = box.kwargs_widgets
         is_slider = ["Slider" in type(one).__name__ for one in controls]
-        moved = controls.pop(is_slider.index(True) if any(is_slider) else 0)
+        moved = controls.pop(is_slider.index(True))
         usual = {one._kwarg: one.get_interact_value() for one in controls}
         places, own = positions(moved)
         group = f"endolab-{next(_serial)}"

@@ -1,7 +1,6 @@
 from .c3vd import read_c3vd as read_c3vd
 from .c3vd import read_c3vd_depth as read_c3vd_depth
 from .folders import Folder as Folder
-from .folders import find_dataset as find_dataset
 from .folders import open_dataset as open_dataset
 from .folders import true_z as true_z
 from .known_endoscopes import CALIBRATIONS as CALIBRATIONS
@@ -9,7 +8,6 @@ from .known_endoscopes import load_calibration as load_calibration
 from .sample import Sample as Sample
 from .sample import data_folder as data_folder
 from .simcol3d import read_simcol3d as read_simcol3d
-from .simcol3d import read_simcol3d_depth as read_simcol3d_depth
 from .traced import TRACED as TRACED
 from .traced import TracedSample as TracedSample
 from .traced import load_traced as load_traced

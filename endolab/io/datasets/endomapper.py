@@ -72,10 +72,7 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
 
 def find_calibrations(folder: PathLike) -> list[Path]:
     """Find `*_geometrical.xml` and `*_photometrical.xml` in a folder `Endoscope_XX`."""
-    found = [
-        *Path(folder).glob("*_geometrical.xml"),
-        *Path(folder).glob("*_photometrical.xml"),
-    ]
+    found = sorted(Path(folder).glob("*_*metrical.xml"))
     if len(found) != 2:
         text = (
             "expected one *_geometrical.xml and one *_photometrical.xml, as of EndoMapper"

@@ -1,6 +1,5 @@
 """Folders of published frames: any known layout opens in one call, told by the names of its files."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,11 +7,9 @@ import numpy as np
 
 from endolab.io.atomic import PathLike, one_sentence
 from endolab.io.datasets.c3vd import list_c3vd, read_c3vd, read_c3vd_depth
-from endolab.io.datasets.sample import Sample, data_folder, files_by_number
+from endolab.io.datasets.sample import Sample, files_by_number
 from endolab.io.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
 from endolab.numerics.arrays import FloatArray
-
-LAYOUTS = ("c3vd", "simcol3d")
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class Folder:
     """
 
     path: Path
-    layout: str  # one of `LAYOUTS`
+    layout: str  # "c3vd" or "simcol3d"
     _places: dict[
         str, tuple[Path, int]
     ]  # of each frame: the folder of its sequence, and its number
@@ -92,35 +89,8 @@ def open_dataset(path: PathLike) -> Folder:
     return Folder(place, fitting[0], found[fitting[0]])
 
 
-def find_dataset(layout: str, prefer: str = "") -> Folder | None:
-    """Find published frames on this machine: in `data_folder`, or in a folder that lies in it.
-
-    Parameters
-    ----------
-    layout : {"c3vd", "simcol3d"}
-        Of which data set.
-    prefer : str
-        What the folder's name should hold, if there are several.
-
-    Returns
-    -------
-    Folder or None
-        The first by name, whatever it is called; None if there is none, or no `data_folder`.
-    """
-    place = data_folder()
-    if place is None:
-        return None
-    inside = [*sorted(entry for entry in place.iterdir() if entry.is_dir()), place]
-    for folder in sorted(inside, key=lambda folder: prefer not in folder.name):
-        with suppress(OSError, ValueError):  # other files, or other data
-            dataset = open_dataset(folder)
-            if dataset.layout == layout:
-                return dataset
-    return None
-
-
 def depth_layout(path: PathLike) -> str | None:
-    """Tell from its name alone of which data set a file is a depth map: one of `LAYOUTS`, or None."""
+    """Tell from its name alone of which data set a file is a depth map: "c3vd", "simcol3d", or None."""
     name = Path(path).name.lower()
     if name.endswith(("_depth.png", "_depth.tiff")):
         return "c3vd"

@@ -118,15 +118,6 @@ def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind)
         dataset[1]
 
 
-def test_published_frames_are_found(tmp_path, monkeypatch):
-    monkeypatch.setenv("ENDOLAB_DATA", str(tmp_path))
-    assert datasets.find_dataset("c3vd") is None
-    for place in ("a", "z"):
-        write_simcol3d(tmp_path / place)
-    assert datasets.find_dataset("simcol3d").path == tmp_path / "a"
-    assert datasets.find_dataset("simcol3d", "z").path == tmp_path / "z"
-
-
 def sample_of(data, name, index):
     if name == "c3vd":
         return datasets.read_c3vd(data / "c3vd_trans_t1_a", index)

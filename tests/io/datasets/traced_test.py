@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab.io.datasets.traced import load_traced
-from endolab.synthetic.rendering import VEIL
 from tests.tools.make_traced_frames import CASES
+from tests.tools.mucosa import VEIL
 
 
 @pytest.mark.parametrize("name", CASES)
