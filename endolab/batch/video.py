@@ -158,13 +158,13 @@ def reconstruct_video(
     folder.write()
     *_, recording = paths = [folder.path / name for name in VIDEO_FILES]
     if not lacking("rerun") and (len(before) < len(wanted) or not recording.exists()):
-        from endolab.workbench.recording.sequence import SequenceRecorder
+        from endolab.workbench.recording.sequence import record_sequence
 
-        recorder = SequenceRecorder(recording, made[0]["unit"])
-        for name, image in frames.read([row["frame"] for row in made]):
-            picture = as_frame(name, image).image
-            recorder.log(folder.rows[name], picture, folder.maps(name), calibration.camera)
-        recorder.close()
+        shown = (
+            (folder.rows[name], as_frame(name, image).image, folder.maps(name))
+            for name, image in frames.read([row["frame"] for row in made])
+        )
+        record_sequence(recording, made[0]["unit"], calibration.camera, shown)
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 
 

@@ -127,7 +127,6 @@ def reconstruct(
     import endolab as el
     from endolab.io.atomic import stage_folder
     from endolab.reconstruction.report import summary
-    from endolab.workbench.reports.result import write_files
 
     picture = el.read_frame(frame, known, mask)
     if keywords.get("solver") == "fast_marching":
@@ -152,7 +151,14 @@ def reconstruct(
                 trusted = el.uncertainty_of(result, known, observers=draws)
                 if recorder is not None:
                     recorder.add_uncertainty(trusted, result)
-        write_files(result, folder, mesh=mesh, prepared=prepared, uncertainty=trusted)
+        el.save_result(
+            result,
+            folder,
+            mesh=mesh,
+            prepared=prepared,
+            uncertainty=trusted,
+            overwrite=True,
+        )
         written = sorted(path.name for path in folder.iterdir())
     lines = [*summary(result, None if trusted is None else trusted.sigma)]
     if not result.metric:

@@ -153,13 +153,8 @@ class Frame:
         A frame remembers the last few, for who solves it again and again.
         """
         key = width, height, gamma
-        if key not in self._resized:
-            if len(self._resized) > 2:
-                self._resized.clear()
-            self._resized[key] = self._shrink(*key)
-        return self._resized[key]
-
-    def _shrink(self, width: int, height: int, gamma: float) -> Frame:
+        if key in self._resized:
+            return self._resized[key]
         if not (1 <= width <= self.width and 1 <= height <= self.height):
             raise ValueError(
                 f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
@@ -188,7 +183,10 @@ class Frame:
         image = np.stack([average_light(plane) for plane in planes], axis=-1)
         silent = None if self.silent is None else shrink(self.silent) > 0
         shape = (height, width, *self.image.shape[2:])
-        return Frame(image.reshape(shape), kept, self.name, silent)
+        if len(self._resized) > 2:
+            self._resized.clear()
+        self._resized[key] = Frame(image.reshape(shape), kept, self.name, silent)
+        return self._resized[key]
 
 
 def check_size(

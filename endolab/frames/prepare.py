@@ -40,8 +40,6 @@ class Prepared:
     highlights: (
         BoolArray  # mirrored light, and white letters on the screen, which look the same
     )
-    undistorted: bool
-    inpainted: bool
     notes: tuple[str, ...]  # what was found, in sentences
 
 
@@ -180,8 +178,7 @@ def prepare(
         share = _share(mirrored, field)
         notes.append(f"Highlights, or white letters: {share}, {TREATED[highlights]}.")
     canonical = canonical_picture(Frame(image, field, frame.name), calibration)
-    inpainted = highlights == "inpaint" and bool(mirrored.any())
-    if inpainted:
+    if highlights == "inpaint" and mirrored.any():
         # Colour fringes around highlights must not be spread.
         fringe = 2 / 320 * max(frame.width, frame.height)
         image = inpaint(image, dilate(mirrored, fringe), field)
@@ -202,7 +199,5 @@ def prepare(
         field_of_view=field,
         lumen=lumen,
         highlights=mirrored,
-        undistorted=undistort,
-        inpainted=inpainted,
         notes=tuple(notes),
     )

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import unknown_name
 from endolab.numerics.stencils import forward_gradient, links
 
 
@@ -54,7 +55,7 @@ def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     """
     known = np.isfinite(distance) & (distance > 0)
     log_distance = np.log(distance, where=known, out=np.zeros(known.shape))
-    return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
+    return links(known) & (np.abs(forward_gradient(log_distance, known)) > threshold)
 
 
 def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
@@ -79,8 +80,6 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """
     height, width = truth.shape[:2]
     rows, columns = shape
-    if (height, width) == shape:
-        return truth.astype(np.float64)
     if abs(rows * width - columns * height) > max(width, height):
         raise ValueError(
             f"the depth map is {columns}x{rows} px, the truth {width}x{height} px, of other proportions"
@@ -88,10 +87,10 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     maps = np.atleast_3d(truth).astype(np.float64)
     known = np.isfinite(maps).all(axis=-1, keepdims=True)
     parts = np.dstack([np.where(known, maps, 0.0), known])
-    interpolation = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
-    parts = np.asarray(cv2.resize(parts, (columns, rows), interpolation=interpolation))
-    share = parts[..., -1:]
-    mean = parts[..., :-1] / np.where(share < 0.5, np.nan, share)
+    *means, share = cv2.split(
+        cv2.resize(parts, (columns, rows), interpolation=cv2.INTER_AREA)
+    )
+    mean = np.stack(means, axis=-1) / np.where(share < 0.5, np.nan, share)[..., None]
     if truth.ndim == 2:
         return mean[..., 0]
     return mean / np.linalg.norm(mean, axis=-1, keepdims=True)
@@ -118,7 +117,7 @@ def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:
         "medians": np.median(truth) / np.median(distance),
     }
     if scale not in factors:
-        raise ValueError(f"unknown scale {scale!r}; there are {', '.join(factors)}")
+        raise unknown_name("scale", scale, factors)
     return float(factors[scale])
 
 
@@ -170,7 +169,7 @@ def compare(
     estimate = factor * distance[known]
     error = np.abs(estimate - true)
     ratio = np.maximum(estimate / true, true / estimate)
-    degrees = np.array([np.nan])
+    degrees = np.array(np.nan)
     if normals is not None and true_normals is not None:
         degrees = angle_between(normals[known], true_normals[known])
     found = {

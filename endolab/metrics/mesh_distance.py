@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from endolab._extras import need
 from endolab.model.mesh import Mesh
@@ -48,16 +47,14 @@ def to_open3d(mesh: Mesh) -> Any:
 
 
 def distance_to(
-    mesh: Mesh,
-    truth: Mesh | tuple[FloatArray, NDArray] | FloatArray,
-    scale: float | None = None,
+    mesh: Mesh, truth: Mesh | FloatArray, scale: float | None = None
 ) -> SurfaceDistance:
     """Measure how far a mesh is from the true surface, from its vertices to what is nearest there.
 
     Parameters
     ----------
     mesh : Mesh
-    truth : Mesh, pair of (V, 3) float and (T, 3) int arrays, or (..., 3) float array
+    truth : Mesh or (..., 3) float array
         The true surface in mm and in the same frame. An array holds
         mere points, of which the nearest counts; those that are nan are left out.
     scale : float, optional
@@ -74,11 +71,9 @@ def distance_to(
         raise ValueError(f"the mesh is in {mesh.unit}: give scale, the mm of one unit")
     own = mesh.vertices * (scale or 1.0)
     if isinstance(truth, Mesh):
-        truth = (truth.vertices, truth.triangles)
-    if isinstance(truth, tuple):
-        open3d = load_open3d()
-        scene = open3d.t.geometry.RaycastingScene()
-        scene.add_triangles(truth[0].astype(np.float32), truth[1].astype(np.uint32))
+        scene = load_open3d().t.geometry.RaycastingScene()
+        triangles = truth.triangles.astype(np.uint32)
+        scene.add_triangles(truth.vertices.astype(np.float32), triangles)
         distance = scene.compute_distance(own.astype(np.float32)).numpy()
     else:
         points = np.reshape(truth, (-1, 3))

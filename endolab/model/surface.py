@@ -52,12 +52,11 @@ def normals(
 ) -> FloatArray:
     """Unit normals (H, W, 3) in the camera frame, towards the camera, from v = log d; nan outside the mask.
 
-    The mask is by default where v is finite; `step` is as of `gradient`.
+    The mask is by default where v is finite. Of every `step`-th row and column alone, if it is given.
     """
     inside = field.valid & (np.isfinite(log_distance) if mask is None else mask)
-    return normals_from_gradient(
-        *gradient(log_distance, inside, step=step), field.every(step)
-    )
+    f_u, f_v = (f[::step, ::step] for f in gradient(log_distance, inside))
+    return normals_from_gradient(f_u, f_v, field.every(step))
 
 
 def normals_from_gradient(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:

@@ -129,28 +129,15 @@ def _sentence(
     return max(complaints, key=lambda one: one[0])[1].lstrip(" .:")
 
 
-def _types_in(hint: Any) -> list[Any]:
-    """List the checked types that an annotation names."""
-    if hasattr(hint, "__pydantic_fields__"):
-        return [hint]
-    if isinstance(hint, OneOf):
-        return list(hint.kinds)
-    parts = (*getattr(hint, "__args__", ()), *getattr(hint, "__metadata__", ()))
-    return [kind for part in parts for kind in _types_in(part)]
-
-
-def _keys_at(kind: Any, path: Sequence[Any]) -> list[str]:
-    """List the keys that the content of a type may have at a path."""
-    kinds = _types_in(kind)
-    for step in path:
-        fields = [one.__pydantic_fields__.get(step) for one in kinds]
-        hints = [(part.annotation, *part.metadata) for part in fields if part]
-        below = [one for hint in hints for part in hint for one in _types_in(part)]
-        tags = [(getattr(one, "model", 0), getattr(one, "kind", 0)) for one in kinds]
-        tagged = [one for one, tag in zip(kinds, tags, strict=True) if step in tag]
-        kinds = below or tagged or kinds
-    parts = (one for kind in kinds for one in kind.__pydantic_fields__.items())
-    return [part.alias or name for name, part in parts]
+def _keys_in(hint: Any) -> list[str]:
+    """List the keys of all checked types that an annotation names."""
+    inside = hint.kinds if isinstance(hint, OneOf) else getattr(hint, "__args__", ())
+    inside = [*inside, *getattr(hint, "__metadata__", ())]
+    keys = []
+    for name, part in getattr(hint, "__pydantic_fields__", {}).items():
+        keys.append(part.alias or name)
+        inside += [part.annotation, *part.metadata]
+    return [*keys, *(key for one in inside for key in _keys_in(one))]
 
 
 def _complaint(fault: Any, kind: Any) -> str:
@@ -162,9 +149,10 @@ def _complaint(fault: Any, kind: Any) -> str:
     if fault["type"] == "missing":
         return " is missing"
     if fault["type"] == "unexpected_keyword_argument":
-        *path, key = fault["loc"]
-        meant = nearest(key, _keys_at(kind, path))
-        return " is unknown" + (f"; did you mean {meant}?" if meant else "")
+        key = fault["loc"][-1]
+        meant = nearest(key, _keys_in(kind))
+        is_misspelt = meant not in ("", key)
+        return " is unknown" + (f"; did you mean {meant}?" if is_misspelt else "")
     if words:
         what = (facts.get("discriminator") or str(fault["loc"][-1])).strip("'")
         return f": {unknown_name(what, facts.get('tag', fault['input']), words)}"

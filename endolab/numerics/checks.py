@@ -121,9 +121,5 @@ def mask_array(name: str, value: Any) -> BoolArray:
 
 def readonly_copy(array: np.ndarray) -> np.ndarray:
     """Return an array that nobody can write into: the same one if it is so already, else a copy."""
-    base: Any = array
-    while isinstance(base, np.ndarray):
-        if base.flags.writeable:
-            return freeze(array.copy())
-        base = base.base
-    return array
+    is_owned = array.base is None and not array.flags.writeable
+    return array if is_owned else freeze(array.copy())

@@ -4,7 +4,6 @@ Numba keeps what it has compiled for the next run: beside the sources, in the us
 or where `NUMBA_CACHE_DIR` says. Where none of them can be written, each run compiles.
 """
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +12,7 @@ from numba import config as numba_config
 from numba import njit
 from numba.core import event
 
-from endolab.numerics.arrays import ByteArray, FloatArray
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import CLOCK
 
 
@@ -26,44 +25,34 @@ def _cache_is_kept() -> bool:
     return True
 
 
-COMPILED: dict[str, Any] = {
-    "cache": _cache_is_kept(),
-    "nogil": True,
-    "error_model": "numpy",
-    "no_cfunc_wrapper": True,
-}
-kernel: Callable[..., Any] = njit(**COMPILED)
+CACHE = _cache_is_kept()
+kernel: Callable[..., Any] = njit(  # type: ignore[call-overload]
+    cache=CACHE, nogil=True, error_model="numpy", no_cfunc_wrapper=True
+)
 PAD = 2
-
 
 config: Any = numba_config
 # Of 0 to 3; Numba's own is 3, whose loops are no faster and take a third longer to compile.
-OPTIMISATION = 1
+OPTIMISATION = type(config.OPT)(1)
 
 
-class _Compiling(event.Listener):
-    """Adds up, in `CLOCK`, the seconds that loops are being compiled; one may need others.
+class _Compiling(event.TimingListener):
+    """Tells `CLOCK` the seconds that loops are being compiled; endolab's are with less optimisation."""
 
-    Those of endolab are compiled with less optimisation, those of others as they were.
-    """
-
-    depth = 0
-    began = 0.0
-    others = config.OPT
+    def __init__(self) -> None:
+        super().__init__()
+        self.levels: list[int] = []  # as they were before; one loop may need others
 
     def on_start(self, occurrence: Any) -> None:
-        if self.depth == 0:
-            self.began = time.perf_counter()
-            self.others = config.OPT
-            if occurrence.data["dispatcher"].py_func.__module__.startswith("endolab."):
-                config.OPT = type(self.others)(OPTIMISATION)
-        self.depth += 1
+        super().on_start(occurrence)
+        self.levels.append(config.OPT)
+        if occurrence.data["dispatcher"].py_func.__module__.startswith("endolab."):
+            config.OPT = OPTIMISATION
 
-    def on_end(self, _: Any) -> None:
-        self.depth -= 1
-        if self.depth == 0:
-            config.OPT = self.others
-            CLOCK.compiled += time.perf_counter() - self.began
+    def on_end(self, occurrence: Any) -> None:
+        super().on_end(occurrence)
+        config.OPT = self.levels.pop()
+        CLOCK.compiled = self.duration if self.done else 0.0
 
 
 event.register("numba:compile", _Compiling())
@@ -97,22 +86,12 @@ def inner(a: Any) -> Any:
     return a[..., PAD:-PAD, PAD:-PAD]
 
 
-@kernel
-def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
-    for i in range(PAD, out.shape[0] - PAD):
-        for j in range(PAD, out.shape[1] - PAD):
-            row = 2 * i - PAD
-            column = 2 * j - PAD
-            upper = a[row, column] + a[row, column + 1]
-            out[i, j] = upper + (a[row + 1, column] + a[row + 1, column + 1])
-
-
-def block_sums(a: Any) -> FloatArray:
+def block_sums(a: Any) -> Any:
     """Sum of a padded map over every 2×2 block, padded; of an odd number of rows, the last block has one."""
-    height, width = ((size - 2 * PAD + 1) // 2 + 2 * PAD for size in a.shape)
-    out = np.zeros((height, width))
-    _block_sums(a, out)
-    return out
+    height, width = ((size - 2 * PAD + 1) // 2 for size in a.shape)
+    even = a[PAD : PAD + 2 * height, PAD : PAD + 2 * width]
+    rows = even[::2] + even[1::2]
+    return pad_maps(rows[:, ::2] + rows[:, 1::2])
 
 
 def active_blocks(active: Any) -> Any:

@@ -12,7 +12,7 @@ from contextvars import copy_context
 from functools import partial
 from typing import TypeVar
 
-from endolab.numerics.threads import background_core, threads
+from endolab.numerics.threads import limit_threads, threads
 
 WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
 
@@ -58,12 +58,9 @@ def in_background(function: Callable[[], Found]) -> Callable[[], Found]:
     if threads() == 1:
         return function
 
-    def alone() -> Found:
-        with background_core():
-            return function()
-
     pool = ThreadPoolExecutor(1)
-    doing = pool.submit(copy_context().run, alone)
+    with limit_threads(1):  # the other cores are those of who goes on meanwhile
+        doing = pool.submit(copy_context().run, function)
     pool.shutdown(wait=False)
     return doing.result
 

@@ -1,7 +1,7 @@
 """Derivatives of maps on a pixel grid with a mask and cuts: apply, adjoint, and rows of normal equations.
 
 A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
-it holds, does not reach its neighbours; the mask is everywhere by default. A cut is a step between
+it holds, does not reach its neighbours. A cut is a step between
 neighbouring pixels that no derivative takes, as at an occluding contour: `cuts`, (2, H, W),
 holds those from each pixel to its right (first) and lower (second) neighbour. Both come down to
 `links`: which steps there are.
@@ -18,7 +18,6 @@ is the same for whole maps. With K x the differences, ⟨K x, y⟩ = ⟨x, Kᵀ 
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,47 +193,25 @@ def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
     return joined if cuts is None else joined & ~cuts
 
 
-def _links_of(
-    f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None
-) -> tuple[BoolArray, BoolArray]:
-    inside = (
-        np.ones(np.shape(f), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
-    )
-    return inside, links(inside, cuts)
-
-
 def gradient(
-    f: FloatArray,
-    mask: BoolArray | None = None,
-    cuts: BoolArray | None = None,
-    step: int = 1,
+    f: FloatArray, mask: BoolArray, cuts: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient of a map (H, W): central differences; beside a missing step the three-point formula.
 
     That is as accurate; two pixels have one difference. Returns the derivatives along columns (u, to the
     right) and rows (v, downwards), per pixel: nan outside the mask; 0 along an axis on which a pixel has no
-    neighbour. Of every `step`-th row and column alone, if it is given.
+    neighbour.
     """
-    inside, link = _links_of(f, mask, cuts)
-    f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
-    f_u, f_v = (_derivative(f, link[i], axis, step) for i, axis in ((0, 1), (1, 0)))
-    outside = ~inside[::step, ::step]
-    return np.where(outside, np.nan, f_u), np.where(outside, np.nan, f_v)
+    link = links(mask, cuts)
+    inside = np.where(mask, f, 0.0)
+    f_u, f_v = (_derivative(inside, link[i], axis) for i, axis in ((0, 1), (1, 0)))
+    return np.where(mask, f_u, np.nan), np.where(mask, f_v, np.nan)
 
 
-def _derivative(f: FloatArray, link: BoolArray, axis: int, step: int) -> FloatArray:
-    pad = [(2, 2) if i == axis else (0, 0) for i in (0, 1)]
-
-    def around(a: NDArray) -> list[NDArray]:
-        """Values two pixels before, one before, here, one on and two on; views, thinned."""
-        length = a.shape[axis]
-        padded = np.moveaxis(np.pad(a, pad), axis, 0)
-        return [
-            np.moveaxis(padded[i : i + length : step, ::step], 0, axis) for i in range(5)
-        ]
-
-    far_behind, behind, ahead, far_ahead = (b - a for a, b in pairwise(around(f)))
-    far_before, before, after, far_after, _ = around(link)
+def _derivative(f: FloatArray, after: BoolArray, axis: int) -> FloatArray:
+    before, far_before, far_after = (shift(after, i, axis, False) for i in (-1, -2, 1))
+    ahead = shift(f, 1, axis, 0.0) - f
+    behind, far_behind, far_ahead = (shift(ahead, i, axis, 0.0) for i in (-1, -2, 1))
     return np.select(
         [after & before, after & far_after, before & far_before, after, before],
         [
@@ -248,29 +225,28 @@ def _derivative(f: FloatArray, link: BoolArray, axis: int, step: int) -> FloatAr
     )
 
 
+def _apply_over(
+    f: FloatArray, mask: BoolArray, cuts: BoolArray | None, kind: int
+) -> FloatArray:
+    return Differences(links(mask, cuts), kind).apply(np.where(mask, f, 0.0))
+
+
 def central_gradient(
-    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+    f: FloatArray, mask: BoolArray, cuts: BoolArray | None = None
 ) -> FloatArray:
     """The gradient as the energy has it, (2, H, W): from two pixels beside a missing step."""
     return _apply_over(f, mask, cuts, CENTRAL)[::2]
 
 
-def _apply_over(
-    f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None, kind: int
-) -> FloatArray:
-    inside, link = _links_of(f, mask, cuts)
-    return Differences(link, kind).apply(np.where(inside, f, 0.0))
-
-
 def forward_gradient(
-    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+    f: FloatArray, mask: BoolArray, cuts: BoolArray | None = None
 ) -> FloatArray:
     """Differences to the right and lower neighbour, (2, H, W), per pixel; 0 where there is no such step."""
     return _apply_over(f, mask, cuts, FIRST)[::2]
 
 
 def differences(
-    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+    f: FloatArray, mask: BoolArray, cuts: BoolArray | None = None
 ) -> FloatArray:
     """Differences to the right, the lower, the left and the upper neighbour, (4, H, W), over √2.
 
@@ -279,17 +255,3 @@ def differences(
     right, down = forward_gradient(f, mask, cuts)
     left, up = shift(right, -1, 1, 0.0), shift(down, -1, 0, 0.0)
     return np.stack([right, down, left, up]) / ROOT_2
-
-
-def hessian(
-    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
-) -> FloatArray:
-    """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
-
-    f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per
-    pixel squared; 0 where the stencil (three in a row, or a square of four) is not valid.
-    """
-    f_uu, square, f_vv = _apply_over(f, mask, cuts, SECOND)
-    lower = [0.5 * square, 0.5 * shift(square, -1, 1, 0.0)]
-    upper = [shift(mixed, -1, 0, 0.0) for mixed in lower]
-    return np.stack([f_uu, f_vv, *lower, *upper])

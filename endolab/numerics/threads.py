@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache, update_wrapper
+from functools import cache, wraps
 from typing import Any
 
 import numba
@@ -35,7 +35,7 @@ WORTH_A_CORE = 300_000  # ns that a turn must take, or waking a second core, 50 
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
-_in_background: list[int] = []  # threads that keep a core busy each
+_blas_is_held = threading.Lock()
 
 
 @cache
@@ -61,33 +61,22 @@ def threads() -> int:
     return count if limit is None else min(count, limit)
 
 
-class _OneBlasThread:
-    """Holds BLAS to one thread while anybody is inside. Its number of threads is the whole process's."""
-
-    def __init__(self) -> None:
-        self._inside = 0
-        self._lock = threading.Lock()
-        self._limit: Any = None
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if not self._inside:
-                self._limit = _blas().limit(limits=1)
-            self._inside += 1
-
-    def __exit__(self, *error: object) -> None:
-        with self._lock:
-            self._inside -= 1
-            if not self._inside:
-                self._limit.restore_original_limits()
-
-
 @cache
 def _blas() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
-_one_blas_thread = _OneBlasThread()
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread, if nobody does so: its number of threads is the whole process's."""
+    if not _blas_is_held.acquire(blocking=False):
+        yield
+        return
+    try:
+        with _blas().limit(limits=1):
+            yield
+    finally:
+        _blas_is_held.release()
 
 
 @contextmanager
@@ -98,26 +87,10 @@ def limit_threads(count: int | None) -> Iterator[None]:
     """
     token = _limit.set(_limit.get() if count is None else check_int("threads", count, 1))
     try:
-        with _one_blas_thread:
+        with _one_blas_thread():
             yield
     finally:
         _limit.reset(token)
-
-
-@contextmanager
-def background_core() -> Iterator[None]:
-    """Take one core inside, which the loops of other threads leave to this one."""
-    _in_background.append(threading.get_ident())
-    try:
-        with limit_threads(1):
-            yield
-    finally:
-        _in_background.remove(threading.get_ident())
-
-
-def free_cores() -> int:
-    """How many cores a loop may take: all that may be taken but for those that work in the background."""
-    return max(threads() - len(_in_background), 1)
 
 
 @cache
@@ -126,43 +99,41 @@ def _pool(_process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max(cores() - 1, 1))
 
 
-class _OnCores:
-    """A compiled loop over rows of maps, of which the first that it is given says how many there are."""
-
-    def __init__(self, function: Callable[..., None], cost: float) -> None:
-        update_wrapper(self, function)
-        self.loop = kernel(function)
-        self.cost = cost
-
-    def __call__(self, first: Any, *others: Any) -> None:
-        rows = first.shape[-2]
-        is_worth_it = rows * first.shape[-1] * self.cost >= WORTH_A_CORE
-        count = free_cores() if is_worth_it else 1
-        if count == 1 or not _cores.acquire(blocking=False):
-            self.loop((0, rows), first, *others)
-            return
-        step = -(-rows // (BAND_ROWS * count)) * BAND_ROWS
-        parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
-        try:
-            submit = _pool(os.getpid()).submit
-            helped = [submit(self.loop, part, first, *others) for part in parts[1:]]
-            try:
-                self.loop(parts[0], first, *others)
-            finally:
-                wait(helped)
-            for done in helped:
-                done.result()  # or what it raised, such as that memory ran out
-        finally:
-            _cores.release()
-
-
-def on_cores(cost: float) -> Callable[[Callable[..., None]], _OnCores]:
+def on_cores(cost: float) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Compile loop(rows, map, ...), such that all cores take part where that is worth it.
 
-    `rows` are the first and the one after the last that it is to do. `cost` is what it takes for a pixel,
-    about, in nanoseconds.
+    `rows` are the first and the one after the last that it is to do, of as many as the map has. `cost` is
+    what it takes for a pixel, about, in nanoseconds.
     """
-    return lambda function: _OnCores(function, cost)
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        loop = kernel(function)
+
+        @wraps(function)
+        def on_all_rows(first: Any, *others: Any) -> None:
+            rows = first.shape[-2]
+            is_worth_it = rows * first.shape[-1] * cost >= WORTH_A_CORE
+            count = threads() if is_worth_it else 1
+            if count == 1 or not _cores.acquire(blocking=False):
+                loop((0, rows), first, *others)
+                return
+            step = -(-rows // (BAND_ROWS * count)) * BAND_ROWS
+            parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
+            try:
+                submit = _pool(os.getpid()).submit
+                helped = [submit(loop, part, first, *others) for part in parts[1:]]
+                try:
+                    loop(parts[0], first, *others)
+                finally:
+                    wait(helped)
+                for done in helped:
+                    done.result()  # or what it raised, such as that memory ran out
+            finally:
+                _cores.release()
+
+        return on_all_rows
+
+    return decorate
 
 
 @kernel

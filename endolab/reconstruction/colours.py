@@ -20,12 +20,12 @@ bounces is heard. The sheen of a wet film was once fitted, too; without it, no s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from endolab.frames.frame import ROUNDING
 from endolab.model.endoscope import Calibration
@@ -46,6 +46,8 @@ MOST_ALBEDO = 0.95
 ALIKE = 0.1  # albedos that differ by no more, as a fraction, tell nothing
 LARGEST_FACTOR = 2.5
 NONE_BOUNCED = 0.05  # p below which nothing is taken to have bounced
+MOST_STEPS = 40  # of the fit
+SETTLED = 1e-3  # change of what is fitted by a step that is the last
 LEAST_PATCHES = 30  # that show all three colours
 
 
@@ -77,24 +79,22 @@ class AlbedoPrior:
     @property
     def light(self) -> Light:
         """What follows if the colours are not heard."""
-        return Light(
-            LightOutcome.COMPUTED,
-            self.albedo,
-            constants.FACTOR_PRIOR[0],
-            constants.LAMP_PRIOR[0],
-        )
+        factor, lamp = self.middle[:2].tolist()
+        return Light(LightOutcome.COMPUTED, self.albedo, factor, lamp)
+
+    @property
+    def middle(self) -> FloatArray:
+        """Likeliest p, b and logarithms of the albedos, (5,)."""
+        middles = [constants.FACTOR_PRIOR[0], constants.LAMP_PRIOR[0]]
+        return np.array([*middles, *np.log(self.albedo)])
 
     @property
     def whitening(self) -> FloatArray:
-        """What makes the albedos' logarithms independent and of unit variance, (3, 3)."""
+        """What makes p, b and the albedos' logarithms independent and of unit variance, (5, 5)."""
         level, ratio = self.widths
-        return np.array(
-            [
-                [1 / ratio, -1 / ratio, 0.0],
-                [0.0, 1 / level, 0.0],
-                [0.0, -1 / ratio, 1 / ratio],
-            ]
-        )
+        red_green_blue = np.array([[1, -1, 0], [0, ratio / level, 0], [0, -1, 1]]) / ratio
+        widths = constants.FACTOR_PRIOR[1], constants.LAMP_PRIOR[1]
+        return block_diag(*np.reciprocal(widths), red_green_blue)
 
 
 def known_albedo(endoscope: Calibration) -> FloatArray | None:
@@ -223,48 +223,25 @@ def _tint_whitening() -> FloatArray:
     )
 
 
-def _charbonnier(r: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what half the square of is Charbonnier's penalty, √(1 + r²) - 1, and its derivative.
-
-    The penalty is a square, but for large r a line.
-    """
-    root = np.sqrt(1 + r**2)
-    size = np.sqrt(2 * (root - 1))
-    small = np.abs(r) < 1e-4  # where the root says nothing
-    slope = np.where(small, 1.0, np.abs(r) / (root * np.where(small, 1.0, size)))
-    return np.sign(r) * size, slope
-
-
 def residuals(
-    x: FloatArray, patches: Patches, prior: AlbedoPrior, sigma: float
+    x: FloatArray, patches: Patches, prior: AlbedoPrior
 ) -> tuple[FloatArray, FloatArray]:
     """Return how far the colours and the priors are from what light and albedos x make of them.
 
-    x holds p, b and the logarithms of the albedos; sigma is of the tint, in units of texture. Returned is
-    what least squares are of, (2 P + 5,), and its derivatives, a column for each of x.
+    x holds p, b and the logarithms of the albedos. Returned are two numbers of each patch, in units of
+    texture, and one of each of x, (2 P + 5,); and their derivatives, a column for each of x.
     """
     ratio, slopes = patches.ratio_and_slopes(x)
-    slopes = -slopes / (1 + ratio)
-    tint = _tint_whitening().T / sigma
-    weight = float(np.sqrt(min(constants.PIECES / len(ratio), 1.0)))
-    apart, bend = _charbonnier((patches.light - np.log1p(ratio) - x[2:]) @ tint)
-    by_colours = np.empty((*apart.shape, len(x)))
-    by_colours[..., :2] = np.moveaxis(slopes[:2] @ tint, 0, -1)
-    by_colours[..., 2:] = (slopes[2] - 1)[:, None] * tint.T
-    by_colours *= weight * bend[..., None]
-
-    # Priors: a line far from the middle for p.
-    middle, width = np.transpose([constants.FACTOR_PRIOR, constants.LAMP_PRIOR])
-    factor, bend = _charbonnier((x[:1] - middle[:1]) / width[:1])
-    lamp = (x[1:2] - middle[1:]) / width[1:]
-    albedo = prior.whitening @ (x[2:] - np.log(prior.albedo))
-    by_prior = np.zeros((len(x), len(x)))
-    by_prior[0, 0] = bend[0] / width[0]
-    by_prior[1, 1] = 1 / width[1]
-    by_prior[2:, 2:] = prior.whitening
+    tint = _tint_whitening().T
+    by_x = np.zeros((len(x), *ratio.shape))  # of log E
+    by_x[:2] = slopes[:2]
+    by_x[2:] = np.eye(3)[:, None] * (slopes[2] + 1 + ratio)
+    by_x /= -(1 + ratio)
+    apart = (patches.light - np.log1p(ratio) - x[2:]) @ tint
+    by_colours = np.moveaxis(by_x @ tint, 0, -1).reshape(-1, len(x))
     return (
-        np.concatenate([weight * apart.ravel(), factor, lamp, albedo]),
-        np.concatenate([by_colours.reshape(-1, len(x)), by_prior]),
+        np.append(apart, prior.whitening @ (x - prior.middle)),
+        np.concatenate([by_colours, prior.whitening]),
     )
 
 
@@ -277,15 +254,26 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         return replace(prior.light, reason="too little of the picture shows all three")
     low = np.array([0.0, 0.0, *np.log(3 * [LEAST_ALBEDO])])
     high = np.array([LARGEST_FACTOR, 1.0, *np.log(3 * [MOST_ALBEDO])])
-    x = np.array([prior.light.factor, prior.light.lamp, *np.log(prior.albedo)])
-    sigma = 1.0
-    for _ in range(constants.FIT_ROUNDS):
-        x = _fit_within(
-            partial(residuals, patches=patches, prior=prior, sigma=sigma), x, low, high
-        )
-        log_direct = patches.light - np.log1p(patches.ratio_and_slopes(x)[0]) - x[2:]
-        tint = np.median(np.abs(log_direct @ _tint_whitening().T))
-        sigma = max(1.48 * float(tint), constants.LEAST_SPREAD)
+    x = prior.middle
+    pieces = min(constants.PIECES / len(patches.light), 1.0)
+    for _ in range(MOST_STEPS):
+        r, by_x = residuals(x, patches, prior)
+        # What is large, of the colours in units of their spread, and of p, costs its size, not its square.
+        tints = r[: -len(x)]
+        spread = max(1.48 * float(np.median(np.abs(tints))), constants.LEAST_SPREAD)
+        weight = np.ones(len(r))
+        weight[: -len(x)] = pieces / (spread * np.hypot(spread, tints))
+        weight[-len(x)] = 1 / np.hypot(1, r[-len(x)])
+        # Gauss-Newton's step; what would leave its bounds stays at them.
+        slope = (weight * r) @ by_x
+        bend = (weight * by_x.T) @ by_x
+        free = np.where(slope > 0, x > low, x < high)
+        before = x.copy()
+        x[free] -= np.linalg.solve(bend[np.ix_(free, free)], slope[free])
+        x = np.clip(x, low, high)
+        if np.abs(x - before).max() < SETTLED:
+            break
+    log_direct = patches.light - np.log1p(patches.ratio_and_slopes(x)[0]) - x[2:]
     misfit = float(np.abs(log_direct - log_direct.mean(axis=1, keepdims=True)).mean())
     albedo = np.exp(x[2:])
     if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():
@@ -305,40 +293,3 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         none = LightOutcome.NONE_BOUNCED
         return replace(known, outcome=none, factor=0.0, misfit=misfit)
     return light
-
-
-def _fit_within(
-    residuals: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-    x: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-) -> FloatArray:
-    """Fit x by the steps of Levenberg and Marquardt; what would leave its bounds stays at them.
-
-    (JᵀJ + damping · its diagonal) step = -Jᵀr. SciPy's trust region finds the same in ten times the time.
-    """
-    precision = 1e-5
-    residual, jacobian = residuals(x)
-    misfit = residual @ residual
-    damping = 1e-4
-    for _ in range(25):
-        slope = jacobian.T @ residual
-        free = np.where(slope > 0, x > low, x < high)
-        bend = (jacobian.T @ jacobian)[np.ix_(free, free)]
-        bend += damping * np.diag(np.diag(bend))
-        step = np.zeros_like(x)
-        step[free] = np.linalg.solve(bend, -slope[free])
-        tried = np.clip(x + step, low, high)
-        there = residuals(tried)
-        fall = misfit - there[0] @ there[0]
-        if fall <= 0:
-            damping *= 10
-            continue
-        change = np.abs(tried - x).max()
-        x = tried
-        residual, jacobian = there
-        if fall < precision * misfit or change < precision:
-            break
-        misfit -= fall
-        damping /= 10
-    return x

@@ -19,7 +19,7 @@ PRICE = 0.1
 CLEAN_PRICE = 0.02
 # The least cut surface is taken whose misfit is at most so many times the least, or as many times more as
 # the colours ask for indirect light.
-MISFIT_LIMIT = 1.08
+MISFIT_LIMIT = 1.1
 # Steps of each uncut round, of each trial, and of the last round, whose ι is refined per pixel: earlier that
 # would fit every trial to the colours, so that they could tell the trials apart no more.
 UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)
@@ -47,7 +47,6 @@ PIECES = 20.0
 LEAST_SPREAD = 0.25
 # Mean difference of the colours' log E beyond which they say no one E.
 MOST_MISFIT = 0.1
-FIT_ROUNDS = 3  # of the robust weights' scale
 # Width of log ι from place to place, as a fraction of ι/(1 + ι) in red: the surface's errors are those of
 # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
 WIDTH_PER_PIXEL = 0.5

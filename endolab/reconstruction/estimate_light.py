@@ -23,7 +23,7 @@ are the answer. It is one for cavities: a single flat wall before a pinhole look
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -38,7 +38,7 @@ from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
-from endolab.numerics.checks import excerpt, number, real_array
+from endolab.numerics.checks import check_kinds, excerpt
 from endolab.numerics.iteration import Status, check_observers, close_observers, drive
 from endolab.reconstruction.colours import NoColour, known_albedo
 from endolab.reconstruction.light_and_contours import separate, separate_from
@@ -96,22 +96,16 @@ class LightEstimate:
     @property
     def evidence(self) -> dict[str, Any]:
         """All of it in plain numbers, for `endoscope.json`."""
-        names = [
-            "k",
-            "standard_error",
-            "interval",
-            "outcome",
-            "verdict",
-            "places",
-            "refused",
-        ]
-        record = {name: getattr(self, name) for name in names}
+        record = asdict(self) | {"verdict": self.verdict}
+        for other in ("photometry", "names", "status"):
+            del record[other]
         record["exponents"] = self.exponents.tolist()
         costs = np.round(self.costs, 4).tolist()
         record["costs"] = dict(zip(self.names, costs, strict=True))
         return {"unknown_light": record}
 
 
+@check_kinds(frames=Iterable, camera=Camera)
 def estimate_light(
     frames: Iterable[Frame],
     camera: Camera,
@@ -156,17 +150,8 @@ def estimate_light(
     ValueError
         In one sentence, if an argument cannot be used, or none of the frames.
     """
-    if not isinstance(camera, Camera):
-        raise ValueError(f"camera must be a Camera, got {excerpt(camera)}")
-    if not isinstance(frames, Iterable):
-        raise ValueError(f"frames must be several of Frame, got {excerpt(frames)}")
-    wall = Lambertian()
-    if albedo is not None:
-        known = tuple(np.ravel(real_array("albedo", albedo)).tolist())
-        wall = Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
-    usual = Photometry(
-        number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall
-    )
+    wall = Lambertian() if albedo is None else Lambertian(albedo)  # type: ignore[arg-type]
+    usual = Photometry(otherwise, gamma, None, wall)
     endoscope = Calibration(camera, usual)
     watching = check_observers(observers)
     scans: list[_Scan] = []
@@ -234,12 +219,12 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
         trial = yield from separate_from(under(EXPONENTS[index]), albedo, start)
         surfaces[index] = trial.surface
 
-    costs = []
-    for _, surface in sorted(surfaces.items()):
+    costs = np.zeros(len(EXPONENTS))
+    for index, surface in surfaces.items():
         nearness = 1 / surface.distance[surface.mask]
         with np.errstate(divide="ignore"):
             contrast = np.log(nearness.std() / nearness.mean())
-        costs.append(np.log(surface.energy) - 0.5 * contrast)
+        costs[index] = np.log(surface.energy) - 0.5 * contrast
     mask = surfaces[FIRST].mask
     v = surfaces[FIRST].log_distance[mask]
     fall = fall[mask]
@@ -247,7 +232,7 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
         raise ValueError(f"{frame.name}: its surface has no contrast")
     shape = np.full(mask.shape, np.nan)
     shape[mask] = v - np.polyval(np.polyfit(fall, v, 1), fall)
-    return _Scan(frame.name, np.array(costs) - min(costs), float(fall.std()), shape)
+    return _Scan(frame.name, costs - costs.min(), float(fall.std()), shape)
 
 
 # All of them ----------------------------------------------------------------------------
@@ -258,13 +243,13 @@ def _estimate(
 ) -> LightEstimate:
     """What the frames tell together."""
     # Of several frames that show one place each counts less: of two, half.
-    correlation = np.eye(len(scans))
+    alike = np.eye(len(scans))
     for i, j in combinations(range(len(scans)), 2):
-        both = np.isfinite(scans[i].shape + scans[j].shape)
-        alike = np.corrcoef(scans[i].shape[both], scans[j].shape[both])[0, 1]
-        alike = max(0.0, alike) ** SAME_PLACE
-        correlation[i, j] = correlation[j, i] = alike
-    weights = 1 / correlation.sum(axis=1)
+        one, other = scans[i].shape, scans[j].shape
+        both = np.isfinite(one + other)
+        correlation = np.corrcoef(one[both], other[both])[0, 1]
+        alike[i, j] = alike[j, i] = max(0.0, correlation) ** SAME_PLACE
+    weights = 1 / alike.sum(axis=1)
 
     def blur(density: FloatArray, width: float) -> FloatArray:
         smooth = np.asarray(gaussian_filter1d(density, width / STEP, mode="constant"))
@@ -279,21 +264,17 @@ def _estimate(
         total += weight * np.log((1 - WRONG) * alone + WRONG / k[-1])
     likelihood = blur(np.exp(total - total.max()), ALIKE)
     below = np.cumsum(likelihood) * STEP
-    quantiles = np.interp([0.025, 0.16, 0.5, 0.84, 0.975], below, k).tolist()
-    low, less, middle, more, high = quantiles
+    levels = [0.025, 0.16, 0.5, 0.84, 0.975]
+    low, less, middle, more, high = np.interp(levels, below, k).tolist()
     error = (more - less) / 2
 
-    taken = middle
-    outcome = "found"
-    if (
-        error > ROUGHLY or k[np.argmax(likelihood)] > EXPONENTS[-2]
-    ):  # at its bound, as good as
-        outcome = "not found"
-        taken = usual.k
+    taken, outcome = middle, "found"
+    # At its bound, as good as.
+    if error > ROUGHLY or k[np.argmax(likelihood)] > EXPONENTS[-2]:
+        taken, outcome = usual.k, "not found"
     elif error > FOUND:
-        outcome = "roughly"
         precision = [error**-2, USUAL_ERROR**-2]
-        taken = float(np.average([middle, usual.k], weights=precision))
+        taken, outcome = float(np.average([middle, usual.k], weights=precision)), "roughly"
     return LightEstimate(
         k=middle,
         standard_error=error,

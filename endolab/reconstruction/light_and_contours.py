@@ -31,14 +31,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from endolab.frames.frame import ROUNDING, SATURATED
+from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
-from endolab.numerics.side_by_side import by_rows, run_together
+from endolab.numerics.side_by_side import run_together
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
     AlbedoPrior,
@@ -75,8 +75,8 @@ SAME_COLOUR = 0.01
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
 
-# Where red, green and blue, on however many pixels, are to be cut.
-FindCuts = Callable[[Sequence[Problem]], BoolArray | None]
+Answer = TypeVar("Answer")
+Solving = Generator[Iterate, None, Answer]  # yields what is seen on the way
 
 
 @dataclass(frozen=True)
@@ -103,11 +103,24 @@ class Trial:
 
 @dataclass(frozen=True)
 class Found:
-    """What the stage found on few pixels."""
+    """What the stage found on few pixels, and what tells how the picture is cut on all."""
 
     trial: Trial  # the surface that was chosen, with its light
     contours: ContourOutcome
-    find_cuts: FindCuts  # if the trial is cut
+    # Links that are cut, if they are known; else lines are, of the picture without this ι, (h, w, 3), under
+    # these albedos, (3,), that are steeper than that.
+    cuts: BoolArray | None
+    indirect_ratio: FloatArray
+    albedo: FloatArray
+    min_steepness: float | None
+
+    def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
+        """Return the cuts of red, green and blue, on however many pixels."""
+        shape = colours[1].mask.shape
+        if self.cuts is not None:
+            return resample_cuts(self.cuts, shape)
+        picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
+        return cut_at_contours(picture, self.min_steepness).cuts
 
 
 def light_and_contours(
@@ -116,7 +129,7 @@ def light_and_contours(
     albedo: FloatArray | None = None,
     contours: bool | None = None,
     before: Result | None = None,
-) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+) -> Solving[tuple[Problem, FloatArray | None]]:
     """Take indirect light out of a picture, and cut its surface at contours; yield every solve's iterates.
 
     `small` is the frame on few pixels, and `give_full` gives it on all, once that is needed. `albedo` is what
@@ -124,10 +137,10 @@ def light_and_contours(
     default if that explains the picture much better. `before` is an earlier result, of another frame say: it
     makes one round enough, and what it cut is cut without asking.
 
-    Returns the problem of direct light on all pixels, or that of the clearest colour where colours tell
+    Returns the problem of direct light on all pixels, or that of green where colours tell
     nothing; and a log d (H, W) to begin with, if there is one.
     """
-    reason = ""
+    report: dict[str, Any] = {}
     if small.colours:
         try:
             if before is None:
@@ -138,44 +151,40 @@ def light_and_contours(
                 )
             return _on_all_pixels(found, give_full(), albedo)
         except NoColour as error:
-            reason = str(error)
+            report = {"light": LightOutcome.NO_COLOUR, "reason": str(error)}
+    # Green, or what there is.
     full = give_full()
-    if reason:
-        # Of equals the first: green, blue, then red.
-        clearest = max((1, 2, 0), key=lambda c: _signal(full.colours[c]))
-        small, full = small.colours[clearest], full.colours[clearest]
-        report = replace(full.report, light=LightOutcome.NO_COLOUR, reason=reason)
-        full = replace(full, report=report)
+    full = replace(full, colours=(), report=replace(full.report, **report))
     return (yield from _cut_one_channel(small, full, contours, before))
 
 
 def _cut_one_channel(
     small: Problem, full: Problem, contours: bool | None, before: Result | None
-) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+) -> Solving[tuple[Problem, FloatArray | None]]:
     """Cut the surface of one channel where contours are found in its picture, before it is solved."""
+    steepness = first = None
     if full.cuts is not None:
-        return _with_contours(full, ContourOutcome.GIVEN), None
-    if contours is False:
-        return _with_contours(full, ContourOutcome.NOT_ASKED), None
-    if before is not None:
+        outcome = ContourOutcome.GIVEN
+    elif contours is False:
+        outcome = ContourOutcome.NOT_ASKED
+    elif before is not None:
         steepness = min_steepness_of(before)
-        cut = full if steepness is None else cut_at_contours(full, steepness)
-        outcome = (
-            ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
-        )
-        return _with_contours(cut, outcome, steepness), None
-    uncut = yield from solve_stage(small, SMOOTH)
-    trials = yield from _try_contours(Trial(uncut), (), None)
-    chosen, outcome = choose(trials, always=bool(contours))
-    if chosen.surface.problem.cuts is None:
-        return _with_contours(full, outcome), None
-    cut = cut_at_contours(full, constants.MIN_STEEPNESS[0])
-    first = start_from(chosen.surface, cut)
-    return _with_contours(cut, outcome, chosen.min_steepness), first
+        full = cut_at_contours(full, steepness)
+        is_cut = full.cuts is not None
+        outcome = ContourOutcome.AS_BEFORE if is_cut else ContourOutcome.NONE_CLEAR
+    else:
+        uncut = yield from solve_stage(small, SMOOTH)
+        trials = yield from _try_contours(Trial(uncut), (), None)
+        chosen, outcome = choose(trials, always=bool(contours))
+        steepness = chosen.min_steepness
+        if steepness is not None:
+            full = cut_at_contours(full, steepness)
+            first = start_from(chosen.surface, full)
+    return _with_contours(full, outcome, steepness), first
 
 
 def _with_contours(
-    problem: Problem, outcome: ContourOutcome, min_steepness: float | None = None
+    problem: Problem, outcome: ContourOutcome, min_steepness: float | None
 ) -> Problem:
     cut_links = 0 if problem.cuts is None else int(problem.cuts.sum())
     report = replace(
@@ -189,7 +198,7 @@ def _with_contours(
 
 def separate(
     problem: Problem, albedo: FloatArray | None = None, contours: bool | None = None
-) -> Generator[Iterate, None, Found]:
+) -> Solving[Found]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds.
 
     Raises `NoColour` if the colours are one.
@@ -203,7 +212,7 @@ def separate(
     light = prior.light
     surface = None
     for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
-        picture = (ratio, light.albedo)
+        lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
         if light.outcome is not LightOutcome.NONE_BOUNCED:
             ratio, light = estimate_indirect(colours, surface, prior)
@@ -216,15 +225,12 @@ def separate(
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
-    # Those very lines are cut on all pixels, or others that are as steep as the colours chose. These are
-    # lines of the uncut surface's picture: the ι of a cut one is so large at limbs and behind folds that it
-    # would make lines of its own there.
-    cuts = trial.surface.problem.cuts
+    # Lines that the energy chose are cut themselves on all pixels; where colours chose, those are that are
+    # as steep. They are of the uncut surface's picture: the ι of a cut one is so large at limbs and behind
+    # folds that it would make lines of its own there.
+    by_energy = outcome is ContourOutcome.BY_ENERGY
+    cuts = trial.surface.problem.cuts if by_energy else None
     steepness = trial.min_steepness
-    if cuts is None or outcome is ContourOutcome.BY_COLOURS:
-        find_cuts = _at_lines(*picture, steepness or 0.0)
-    else:
-        find_cuts = _at_cuts(cuts)
 
     # The best of these, ι refined per pixel.
     if trial.light.outcome is LightOutcome.REMOVED:
@@ -234,14 +240,14 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Found(trial, outcome, find_cuts)
+    return Found(trial, outcome, cuts, *lines_of, steepness)
 
 
 def separate_from(
     problem: Problem,
     albedo: FloatArray | None,
     log_distance: FloatArray,
-) -> Generator[Iterate, None, Trial]:
+) -> Solving[Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
@@ -264,26 +270,29 @@ def _separate_as_before(
     albedo: FloatArray | None,
     contours: bool | None,
     before: Result,
-) -> Generator[Iterate, None, Found]:
+) -> Solving[Found]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
-    cuts = before.problem.cuts
-    if cuts is not None and np.array_equal(before.problem.shown, full.shown):
-        find_cuts = _at_cuts(cuts)
-    else:  # another frame has other lines
-        known = AlbedoPrior.of(albedo).albedo
-        nothing = np.zeros((1, 1, 3))
-        find_cuts = _at_lines(nothing, known, GUESSED_STEEPNESS * (steepness or 0.0))
-    if steepness is not None:
-        small = replace(small, cuts=find_cuts(small.colours))
+    is_same = np.array_equal(before.problem.shown, full.shown)
+    lines = Found(
+        trial=Trial(before.iterate),
+        contours=ContourOutcome.NONE_CLEAR,
+        cuts=before.problem.cuts if is_same else None,  # another frame has other lines
+        indirect_ratio=np.zeros((1, 1, 3)),
+        albedo=AlbedoPrior.of(albedo).albedo,
+        min_steepness=GUESSED_STEEPNESS * (steepness or 0.0),
+    )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
         outcome = ContourOutcome.NOT_ASKED
-    elif small.cuts is not None:
-        outcome = ContourOutcome.AS_BEFORE
+    elif steepness is not None:
+        small = replace(small, cuts=lines.cuts_of(small.colours))
+        if small.cuts is not None:
+            outcome = ContourOutcome.AS_BEFORE
     surface = resample_surface(before.iterate, small)
     trial = yield from separate_from(small, albedo, surface)
-    return Found(replace(trial, min_steepness=steepness), outcome, find_cuts)
+    trial = replace(trial, min_steepness=steepness)
+    return replace(lines, trial=trial, contours=outcome)
 
 
 def problem_as_before(
@@ -327,7 +336,7 @@ def _on_all_pixels(
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo)
     if trial.surface.problem.cuts is not None:
-        problem = replace(problem, cuts=found.find_cuts(full.colours))
+        problem = replace(problem, cuts=found.cuts_of(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
         outcome = ContourOutcome.GIVEN
@@ -376,7 +385,7 @@ def _solve_direct(
     number: int,
     count: int,
     **options: Any,
-) -> Generator[Iterate, None, Iterate]:
+) -> Solving[Iterate]:
     """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
     problem = merge(colours, indirect_ratio, light.albedo)
     if surface is not None:
@@ -389,7 +398,7 @@ def _solve_direct(
 
 def solve_stage(
     problem: Problem, stage: str, number: int = 0, **options: Any
-) -> Generator[Iterate, None, Iterate]:
+) -> Solving[Iterate]:
     """Solve a problem as a round of a stage, from the surface of the one before; return the answer.
 
     A cut one is near: what moves far hangs by few pixels, and coarser grids do not see these.
@@ -404,7 +413,7 @@ def solve_stage(
 
 def _try_contours(
     uncut: Trial, colours: Sequence[Problem], prior: AlbedoPrior | None, number: int = 0
-) -> Generator[Iterate, None, list[Trial]]:
+) -> Solving[list[Trial]]:
     """Cut a surface at ever less steep lines; return what is found each time, the uncut surface first.
 
     Where colours tell which is right, the first two start from the uncut surface, side by side. All others
@@ -423,7 +432,7 @@ def _try_contours(
         count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
         options["max_iterations"] = count
 
-    def solve(index: int, start: Iterate) -> Generator[Iterate, None, Iterate]:
+    def solve(index: int, start: Iterate) -> Solving[Iterate]:
         start_map = start.log_distance
         problem = cut[index][1]
         return solve_stage(problem, CONTOURS, number + index, start=start_map, **options)
@@ -481,45 +490,38 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(problem: Problem, min_steepness: float) -> Problem:
+def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
+    if min_steepness is None:
+        return problem
     cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 
-def _at_lines(
-    indirect_ratio: FloatArray, albedo: FloatArray, min_steepness: float
-) -> FindCuts:
-    """Cut at the contours of the picture without this indirect light, ι (h, w, 3)."""
+def nearest_pixels(old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return the pixels of one grid in which the centres of another's lie, as an index of maps.
 
-    def find_cuts(colours: Sequence[Problem]) -> BoolArray | None:
-        ratio = resample(indirect_ratio, colours[1].mask.shape)
-        return cut_at_contours(merge(colours, ratio, albedo), min_steepness).cuts
-
-    return find_cuts
-
-
-def _at_cuts(cuts: BoolArray) -> FindCuts:
-    """Cut where these are."""
-    return lambda colours: resample_cuts(cuts, colours[1].mask.shape)
+    Of two, it is the nearer to the picture's middle.
+    """
+    places = (
+        np.floor(
+            size / 2 + (1 - 1e-9) * size / count * (np.arange(count) + 0.5 - count / 2)
+        )
+        for size, count in zip(old, new, strict=True)
+    )
+    return np.ix_(*(place.astype(int) for place in places))
 
 
 def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
     """Return cuts (2, h, w), as `Problem` has them, on more pixels or fewer, (H, W).
 
-    A pixel becomes the one in which its centre lies, the nearer to the picture's middle of two. A step is
-    cut if one on the way between these is.
+    A step between two of these is cut if one on the way between the nearest pixels is.
     """
-    rows, columns = (
-        np.floor(old / 2 + (1 - 1e-9) * old / new * (np.arange(new) + 0.5 - new / 2))
-        for old, new in zip(cuts.shape[1:], shape, strict=True)
-    )
-    places = np.ix_(rows.astype(int), columns.astype(int))
+    nearest = nearest_pixels(cuts.shape[1:], shape)
     resampled = []
     for cut, axis in zip(cuts, (1, 0), strict=True):
-        passed = (np.cumsum(cut, axis) - cut)[
-            places
-        ]  # on the way from the border to each pixel
+        # On the way from the border to each pixel.
+        passed = (np.cumsum(cut, axis) - cut)[nearest]
         ahead = np.diff(passed, axis=axis, append=passed.take([-1], axis))
         resampled.append(ahead > 0)
     return np.stack(resampled)
@@ -551,27 +553,19 @@ def merge(
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
-    image = np.empty(mask.shape)
-
-    def merge_rows(rows: slice) -> None:
-        total = np.zeros(mask[rows].shape)
-        weights = np.zeros(mask[rows].shape)
-        for c, colour in enumerate(colours):
-            ratio = indirect_ratio[rows, :, c]
-            noise = _noise(colour)
-            shade = np.maximum(colour.image[rows], noise)
-            variance = (gamma * noise / shade) ** 2
-            variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
-            variance += constants.TEXTURE[c] ** 2
-            counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
-            log_albedo = np.log(albedo[1] / albedo[c])
-            weight = counts / variance
-            total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
-            weights += weight
-        light = np.exp(total / np.where(mask[rows], weights, 1.0))
-        image[rows] = np.where(mask[rows], light, 0.0) ** (1 / gamma)
-
-    by_rows(merge_rows, mask.shape)
+    total = np.zeros(mask.shape)
+    weights = np.where(mask, 0.0, 1.0)
+    for c, colour in enumerate(colours):
+        ratio = indirect_ratio[..., c]
+        shade = np.maximum(colour.image, _noise(colour))
+        variance = (gamma * _noise(colour) / shade) ** 2
+        variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
+        variance += constants.TEXTURE[c] ** 2
+        weight = (colour.mask & (kinds[c] == evidence)) / variance
+        log_albedo = np.log(albedo[1] / albedo[c])
+        total += weight * (gamma * np.log(shade) - np.log1p(ratio) + log_albedo)
+        weights += weight
+    image = np.where(mask, np.exp(total / weights / gamma), 0.0)
     evidence[~mask] = EXACT
     return replace(
         colours[1], image=image, mask=mask, evidence=evidence if evidence.any() else None
@@ -581,12 +575,6 @@ def merge(
 def _noise(problem: Problem) -> float:
     """Return the noise of a channel, that of rounding at least."""
     return max(problem.noise, ROUNDING)
-
-
-def _signal(problem: Problem) -> float:
-    """Return median grey level over noise; less where much is saturated."""
-    image = problem.image[problem.mask]
-    return float(np.median(image) * np.mean(image < SATURATED)) / _noise(problem)
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:

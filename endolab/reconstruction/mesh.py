@@ -43,8 +43,7 @@ def make_mesh(
     -------
     Mesh
         Only of the pixels that are a triangle's corner; empty if there is none. A square with
-        one corner missing, or cut off, is one triangle; else it is split along the diagonal over
-        which the distance changes less. Normals are those of the triangles, weighted by area.
+        one corner missing, or cut off, is one triangle. Normals are those of the triangles, weighted by area.
 
     Raises
     ------
@@ -82,7 +81,7 @@ def make_mesh(
             f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
         )
     joined = links(np.isfinite(distance) & (distance > 0), cuts)
-    triangles = join_triangles(distance, joined)
+    triangles = join_triangles(*joined)
     points = points.reshape(-1, 3)
     corners = points[triangles]
     far = distance.ravel()[triangles]
@@ -101,30 +100,23 @@ def make_mesh(
     return Mesh(points[used], triangles, rgb[used], normals, unit, legend)
 
 
-def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
+def join_triangles(across: BoolArray, down: BoolArray) -> IndexArray:
     """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all links.
 
-    `joined`, (2, H, W), are the links that there are (see `stencils.links`). A square that has all four is
-    split along the diagonal over which the distance, (H, W), changes by the smaller factor.
+    The links that there are, (H, W) each, are those of `stencils.links`.
     """
-    across, down = joined
     top, bottom = across[:-1, :-1], across[1:, :-1]
     left, right = down[:-1, :-1], down[:-1, 1:]
-    number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)
-    a, b, c, d = _corners(number)
-    log = np.log(np.maximum(distance, 1e-300))
-    here, ahead, below, beyond = _corners(log)
-    flatter = np.abs(here - beyond) < np.abs(ahead - below)
-    # At a and d they share the diagonal b-c, at c and b the other.
-    kinds = (a, c, b), (b, c, d), (a, c, d), (a, d, b)
-    there = np.stack([top & left, bottom & right, left & bottom, top & right])
-    rises = there[:2].sum(axis=0) >= there[2:].sum(axis=0) + 0.5 * flatter
-    there &= [rises, rises, ~rises, ~rises]
-    return np.concatenate(
-        [np.stack(kind, -1)[wanted] for kind, wanted in zip(kinds, there, strict=True)]
+    number = np.arange(across.size, dtype=np.int32).reshape(across.shape)
+    a, b = number[:-1, :-1], number[:-1, 1:]
+    c, d = number[1:, :-1], number[1:, 1:]
+    # At a and d they share the diagonal b-c; at c and b the other, where it alone leaves a triangle.
+    at_a, at_d, at_c, at_b = top & left, bottom & right, left & bottom, top & right
+    neither = ~(at_a | at_d)
+    kinds = (
+        (a, c, b, at_a),
+        (b, c, d, at_d),
+        (a, c, d, at_c & neither),
+        (a, d, b, at_b & neither),
     )
-
-
-def _corners(a: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The upper left, upper right, lower left and lower right values of each square of a grid."""
-    return a[:-1, :-1], a[:-1, 1:], a[1:, :-1], a[1:, 1:]
+    return np.concatenate([np.stack(kind, -1)[there] for *kind, there in kinds])

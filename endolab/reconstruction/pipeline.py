@@ -19,7 +19,8 @@
 The second is endolab's own. With ``channel="green", contours=False`` it does nothing, and what is left is
 the method of the paper: one channel, all light taken for the lamp's, a surface without a cut.
 
-All that is solved on the way is yielded, so that observers see it.
+All that is solved on the way is yielded, so that observers see it. Who turns λ or the light's law holds what
+was found of light and contours (`held`), and only the third is done again.
 """
 
 from collections.abc import Callable, Iterable
@@ -195,32 +196,32 @@ def _solve_in_stages(
 ) -> Solver:
     """Take indirect light out, cut the surface where contours are, and solve what is left."""
     contours = settings.contours if settings.searches_contours else False
-    problem = first = None
+    known = None  # the problem, if the start's light and contours are this picture's
+    first: FloatArray | None = None  # log d to begin with
+    converged_at = None
     if start is not None:
         full = give_full()
         if start.mask.shape != full.mask.shape:
             raise ValueError(
                 f"start has shape {start.mask.shape}, the frame {full.mask.shape}"
             )
-        problem = problem_as_before(full, start, contours)
-    if problem is None:
+        known = problem_as_before(full, start, contours)
+        converged_at = start.energy if start.status.is_done else None
+    if start is not None and known is not None:
+        problem, first = known, start_from(start.iterate, known)
+    else:
         few = on_few_pixels(frame, settings)
         small = give_full() if few is None else problem_of_frame(frame, calibration, few)
         albedo = known_albedo(calibration)
         problem, first = yield from light_and_contours(
             small, give_full, albedo, contours, start
         )
-    elif start is not None:
-        first = start_from(start.iterate, problem)
 
-    halvings = DESCENT.like_halvings  # as it was found on fewer pixels
-    converged_at = None
-    if start is not None:
-        if start.status.is_done:
-            converged_at = start.energy
-        if first is None:
-            first = start_from(start.iterate, problem)
-            halvings = DESCENT.start_halvings
+    # So many times are rows and columns halved, for a grid on which a start becomes this problem's own.
+    halvings = DESCENT.like_halvings
+    if start is not None and first is None:  # of another picture, of one channel
+        first = start_from(start.iterate, problem)
+        halvings = DESCENT.start_halvings
     return (yield from _solve(problem, settings, first, halvings, converged_at))
 
 

@@ -42,24 +42,20 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
 
     With an unknown gain, one is chosen that makes the median of d₀ one unit.
     """
-    width, _ = _size_of_problem(frame, settings)
+    width, height = _size_of_problem(frame, settings)
     picture_size = (frame.width, frame.height)
     photometry = calibration.photometry
     if width != frame.width:
-        height = max(1, round(frame.height * width / frame.width))
         frame = frame.resize(width, height, photometry.gamma)
     camera = calibration.camera.resize(frame.width, frame.height)
     highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
     known = frame.pixels_to_use() & camera.field.valid
-    silent = np.zeros_like(known) if frame.silent is None else frame.silent
-    mirrored = silent
+    mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
         mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
     if highlights == "ignore":
         silent = mirrored
-    treated = frame
-    if mirrored.any():
-        treated = replace(frame, image=inpaint(frame.image, mirrored, known))
+    treated = replace(frame, image=inpaint(frame.image, mirrored, known))
     fingerprint = _fingerprint(frame, calibration, settings.smooth, highlights)
 
     def make(wanted: str | None) -> Problem:
@@ -153,22 +149,22 @@ def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> N
             f"{frame.name} is grey, and channel='separated' needs its three colours"
         )
     width, height = _size_of_problem(frame, settings)
-    size = f"a frame of {width}x{round(height)} px"
-    if min(width, round(height)) < LEAST_SIDE:
+    size = f"a frame of {width}x{height} px"
+    if min(width, height) < LEAST_SIDE:
         raise ValueError(
             f"{size} is too small to be solved: expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
         )
     channels = 3 if _asks_colours(frame, settings) else 1
-    needed = RUN_BYTES + width * round(height) * BYTES_PER_PIXEL[channels]
+    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
     check_memory(needed, size, "; make it smaller with width=")
-    if settings.smooth is not None and settings.smooth > width:
+    if (settings.smooth or 0.0) > width:
         most = f"the frame's width of {width} px"
         raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
 
 
-def _size_of_problem(frame: Frame, settings: Settings) -> tuple[int, float]:
+def _size_of_problem(frame: Frame, settings: Settings) -> tuple[int, int]:
     width = settings.width or frame.width
-    return width, frame.height * width / frame.width
+    return width, max(1, round(frame.height * width / frame.width))
 
 
 def _asks_colours(frame: Frame, settings: Settings) -> bool:

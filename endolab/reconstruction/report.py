@@ -25,7 +25,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
     return (
         *_of_scale(result),
         *_of_albedo(result),
-        _of_bounces(result),
+        *_of_bounces(result),
         _of_gamma(result),
         *_of_evidence(result),
         *notes(result),
@@ -125,15 +125,12 @@ def _of_albedo(result: Result | Iterate) -> Iterator[str]:
         )
 
 
-def _of_bounces(result: Result | Iterate) -> str:
-    albedo = result.report.albedo
-    if albedo is None:
-        return (
+def _of_bounces(result: Result | Iterate) -> Iterator[str]:
+    if result.report.albedo is None:
+        yield (
             "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "
             "about 120 % to red, 30 % to green and 20 % to blue."
         )
-    values = ", ".join(f"{value:.2g}" for value in albedo)
-    return f"Indirect light was computed with albedos {values} (R, G, B) and removed."
 
 
 def _of_gamma(result: Result | Iterate) -> str:
@@ -141,7 +138,7 @@ def _of_gamma(result: Result | Iterate) -> str:
     problem = result.problem
     informative = problem.mask & (problem.image > 0)
     if problem.evidence is not None:
-        informative = informative & (problem.evidence != NONE)
+        informative &= problem.evidence != NONE
     image = problem.image[informative]
     low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
     dark, bright = (abs(GAMMA_STEP / 2 * np.log(limit / middle)) for limit in (low, high))
@@ -267,9 +264,7 @@ def _warnings(result: Result) -> Iterator[str]:
             "This may not be an endoscope's frame, or λ is too large."
         )
     if picture.ndim == 3:
-        red, _, blue = (
-            float(np.median(picture[..., channel][mask])) for channel in range(3)
-        )
+        red, _, blue = np.median(picture[mask], axis=0)
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
     brightest = float(picture[mask].max())
@@ -303,11 +298,11 @@ SOLVER_NAMES = {
 
 
 def describe(
-    result: Result, explained: float, stage: str, errors: tuple[float, float] | None
+    result: Result, explained: float, reached: str, errors: tuple[float, float] | None
 ) -> str:
     """Say in the tuner's line what solved a result, what it explains, and how it ended.
 
-    `stage` is "look" or "iterate" of what is still moving; `errors` are the mean and the median, %.
+    `reached` is "look" or "iterate" of what is still moving; `errors` are the mean and the median, %.
     """
     asked = result.report.asked
     solver = str(asked.get("solver", "gauss_newton"))
@@ -319,9 +314,9 @@ def describe(
     if errors is not None:
         parts.append(f"error: mean {errors[0]:.1f} %, median {errors[1]:.1f} %")
     ended = f"{result.status.name.lower()} in {result.seconds:.1f} s"
-    if stage == "look":
+    if reached == "look":
         ended = "follows the hand"
-    elif stage == "iterate":
+    elif reached == "iterate":
         ended = f"iterate {result.iterate.k}, still falls"
     return " · ".join([*parts, ended.replace("_", " ")])
 

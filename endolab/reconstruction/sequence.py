@@ -16,7 +16,6 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.model.surface import normals
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
@@ -35,7 +34,7 @@ GAIN_STEP = 0.1
 MOTION_STEP = 0.05
 SAMPLES = 8000  # pixels that are compared; their link is that of all within 1e-4
 INDEPENDENT = 100.0  # as many of them tell their own story
-ROUNDS = 20  # of reweighting, at most
+ROUNDS = 20  # of reweighting
 GRAZING = (
     0.25  # cosine between ray and normal below which a surface says little of its place
 )
@@ -141,24 +140,28 @@ def reconstruct_sequence(
     carried = before
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
+        step = Step(index, name, None)
         try:
             frame = as_frame(name, picture)
             start = carried if can_start else None
             found, warm = _solve_next(frame, calibration, start, options)
-            iterate = found.result.iterate
+            result = found.result
+            iterate = result.iterate
             if carried is None:
                 iterate = scale_by_length(iterate, **lengths)
             else:
-                iterate = _link(carried.result, found.result)
+                factor = scale_between(carried.result, result)
+                if not (result.metric and np.isclose(factor, 1)):
+                    metric = carried.result.metric
+                    iterate = in_unit(iterate, factor, metric, scale="frame before")
         except (ValueError, OSError) as error:
             message = str(error) if name in str(error) else f"{name}: {error}"
             if carried is None and is_of_the_first_alone:
                 raise ValueError(message) from error  # another frame shows other places
-            step = Step(index, name, None, message)
+            step = replace(step, error=message)
         else:
-            result = replace(found.result, iterate=iterate)
-            carried = replace(found, result=result)
-            step = Step(index, name, result, warm=warm, carried=carried)
+            carried = replace(found, result=replace(result, iterate=iterate))
+            step = replace(step, result=carried.result, warm=warm, carried=carried)
         yield replace(step, seconds=time.perf_counter() - started)
         if step.result is not None and step.result.status is Status.STOPPED:
             return
@@ -195,23 +198,6 @@ def _solve_next(
     return Carried(cold, light, cold.energy, 1), False
 
 
-def _link(before: Result, result: Result) -> Iterate:
-    """Give a result's surface the scale of the frame before."""
-    scale = "frame before"
-    if result.metric:
-        factor = _by_gain(before, result)
-        scale = result.report.scale if np.isclose(factor, 1) else scale
-    else:
-        factor = scale_between(before, result)
-    return in_unit(result.iterate, factor, before.metric, scale=scale)
-
-
-def _by_gain(before: Result, result: Result) -> float:
-    """What a frame's distances must be multiplied by if the light did not change since the frame before."""
-    gains = [seen.problem.photometry.gain or 1.0 for seen in (before, result)]
-    return float(np.sqrt(gains[0] / gains[1]))
-
-
 def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
     """Make a frame of a picture that has no mask; ValueError in one sentence, if there is none."""
     if picture is None:
@@ -222,9 +208,8 @@ def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
 
 
 def _light(frame: Frame, gamma: float) -> float:
-    """Brightness of a picture: the median of its lit pixels, or of some if they are many, as light."""
-    step = max(1, frame.width // 320)
-    image = frame.image[::step, ::step][frame.mask[::step, ::step]]
+    """Brightness of a picture: the median of its lit pixels, as light."""
+    image = frame.image[frame.mask]
     lit = image[image > 0]
     return float(np.median(lit)) ** gamma if lit.size else 1.0
 
@@ -243,17 +228,21 @@ def scale_between(before: Result, result: Result) -> float:
     median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
     pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
-    and turning up the gain look the same: then the priors divide the change between them.
+    and turning up the gain look the same: then the priors divide the change between them. Where the gain is
+    known, it alone tells.
     """
-    by_gain = _by_gain(before, result)
-    if before.mask.shape != result.mask.shape:
+    gains = [seen.problem.photometry.gain or 1.0 for seen in (before, result)]
+    by_gain = float(np.sqrt(gains[0] / gains[1]))
+    if result.metric or before.mask.shape != result.mask.shape:
         return by_gain
     step = max(1, int(np.sqrt(result.mask.size / SAMPLES)))
-    thin = (slice(None, None, step),) * 2
-    old = before.distance[thin]
-    new = result.distance[thin]
-    n = normals(before.iterate.log_distance, result.problem.field, before.mask, step)
-    u = result.problem.field.rays[thin]
+    maps = (
+        before.distance,
+        result.distance,
+        before.iterate.normals,
+        result.problem.field.rays,
+    )
+    old, new, n, u = (one[::step, ::step] for one in maps)
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
         good = (old > 0) & (new > 0) & (facing < -GRAZING)
@@ -271,12 +260,9 @@ def scale_between(before: Result, result: Result) -> float:
     x = np.array([np.median(y), *[0.0] * 6])
     for _ in range(ROUNDS):
         residual = y - a @ x
-        last = x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
         weight *= min(1.0, INDEPENDENT / len(y))
-        information = (a * weight[:, None]).T @ a + np.diag(prior_weight)
+        information = (weight * a.T) @ a + np.diag(prior_weight)
         x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * prior)
-        if np.abs(x - last).max() < 1e-5:
-            break
     return float(np.exp(x[0]))

@@ -31,13 +31,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_erosion, distance_transform_edt, label
+from scipy.ndimage import binary_erosion, label
 
 from endolab.frames.frame import ROUNDING
+from endolab.frames.highlights import extend
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -54,7 +54,7 @@ from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import CENTRAL, Differences, links, px_per_reference
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.light_and_contours import resample_cuts
+from endolab.reconstruction.light_and_contours import nearest_pixels, resample_cuts
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.scale import own_pixel
@@ -164,13 +164,14 @@ def uncertainty_of(
     watching = check_observers(observers)
     answers: dict[str, list[FloatArray]] = defaultdict(list)
     with limit_threads(threads), close_observers(watching):
-        iterate = take_every_nth_pixel(whole)
+        iterate = on_fewer_pixels(whole)
         surface = Linearised(iterate.problem, iterate.log_distance)
         rng = np.random.default_rng(0)
         shares, unseen = shares_of(surface, rng)
         answers["bumps"] = [prior_sigma.bumps * rest for rest in unseen]
-        noise = noise_left(whole)
-        steps = solve_for_causes(surface, iterate, noise, prior_sigma, draws, rng, answers)
+        steps = solve_for_causes(
+            surface, iterate, *noise_left(whole), prior_sigma, draws, rng, answers
+        )
         status = drive(
             steps, watching, lambda *step: None, lambda step: step.done >= LEAST_DRAWS
         )
@@ -181,17 +182,17 @@ def uncertainty_of(
         )
     mask = iterate.mask
     fixed = pixels_of_scale(iterate)
-    of_all = np.zeros(mask.shape)  # mean squares
-    of_shape: dict[str, FloatArray] = {}
-    scales: dict[str, float] = {}
+    of_shape = []  # mean squares
+    of_all = np.zeros(mask.shape)
+    scales = {}
     for cause, maps in answers.items():
         changes = np.stack(maps)
         common = changes[:, mask].mean(axis=1)[:, None, None]
-        known = changes[:, fixed].mean(axis=1)[:, None, None] if fixed.any() else 0.0
+        known = changes[:, fixed].sum(axis=1)[:, None, None] / max(fixed.sum(), 1)
         of_all += np.mean((changes - known) ** 2, axis=0)
-        of_shape[cause] = np.mean((changes - common) ** 2, axis=0)
+        of_shape.append(np.mean((changes - common) ** 2, axis=0))
         scales[cause] = float(np.sqrt(np.mean((common - known) ** 2)))
-    squares = np.stack([of_all, sum(of_shape.values(), 0 * of_all), *of_shape.values()])
+    squares = [of_all, np.sum(of_shape, axis=0), *of_shape]
     sigmas = np.minimum(np.sqrt(squares), LARGEST_SIGMA)
     sigmas = np.where(islands_without_evidence(surface), LARGEST_SIGMA, sigmas)
     sigma, sigma_shape, *causes = enlarge(sigmas, mask, whole.mask)
@@ -203,7 +204,7 @@ def uncertainty_of(
         sigma_scale=float(np.linalg.norm([*scales.values()])),
         shares=parts,
         dominant_source=source.astype(np.uint8),
-        causes=dict(zip(of_shape, causes, strict=True)),
+        causes=dict(zip(scales, causes, strict=True)),
         scales=scales,
         draws=done,
         status=status,
@@ -340,7 +341,8 @@ def _blur(a: FloatArray, sigma: float) -> FloatArray:
 def solve_for_causes(
     surface: Linearised,
     iterate: Iterate,
-    noise_and_blur: tuple[float, float],
+    noise: float,
+    blur: float,
     prior_sigma: PriorSigma,
     draws: int,
     rng: np.random.Generator,
@@ -367,7 +369,6 @@ def solve_for_causes(
     follow = follow_inflow(Linearised(cut, surface.v))
     inside = binary_erosion(mask)  # what enters there, enters behind a contour
     doubt = np.where(inside, prior_sigma.behind, prior_sigma.border)
-    noise, blur = noise_and_blur
     strength = texture_strength(surface, rng, noise, prior_sigma.texture)
     unit = px_per_reference(mask.shape)
     for draw in range(draws):
@@ -474,8 +475,7 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
 def islands_without_evidence(surface: Linearised) -> BoolArray:
     """Pixels, (H, W), of islands of which the picture says nothing."""
     mask = surface.problem.mask
-    joined = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)
-    joined[::2, ::2] = mask
+    joined = np.kron(mask, [[1, 0], [0, 0]])
     joined[::2, 1::2], joined[1::2, ::2] = links(mask, surface.problem.cuts)
     island = label(joined)[0][::2, ::2]
     return mask & ~np.isin(island, island[surface.weight > 0])
@@ -498,39 +498,28 @@ def pixels_of_scale(iterate: Iterate) -> BoolArray:
 # Fewer pixels ------------------------------------------------------------------------------
 
 
-def take_every_nth_pixel(iterate: Iterate, most: int = 400) -> Iterate:
-    """The same at every third, fifth, ... pixel, so that there are at most so many rows and columns.
+def on_fewer_pixels(iterate: Iterate, most: int = 400) -> Iterate:
+    """The same at the nearest of fewer pixels, so many rows and columns at most.
 
-    σ is as smooth as textures, which go with the width. The number is odd, so that the camera's pixels are
-    those of its `resize`.
+    σ is as smooth as textures, which go with the width.
     """
     problem = iterate.problem
-    shape = problem.mask.shape
-    n = int(np.ceil(max(shape) / most)) // 2 * 2 + 1
-    height, width = (size // n for size in shape)
-    every = np.s_[n // 2 : n * height : n, n // 2 : n * width : n]
-    camera: Any = replace(problem.camera, width=n * width, height=n * height)
-    cuts = problem.cuts
-    if cuts is not None:
-        cuts = resample_cuts(cuts[:, : n * height, : n * width], (height, width))
+    old = problem.mask.shape
+    height, width = (round(size * min(1.0, most / max(old))) for size in old)
+    nearest = nearest_pixels(old, (height, width))
     smaller = replace(
         problem,
-        image=problem.image[every],
-        mask=problem.mask[every],
-        evidence=None if problem.evidence is None else problem.evidence[every],
-        cuts=cuts,
-        camera=camera.resize(width, height),
+        image=problem.image[nearest],
+        mask=problem.mask[nearest],
+        evidence=None if problem.evidence is None else problem.evidence[nearest],
+        cuts=None if problem.cuts is None else resample_cuts(problem.cuts, (height, width)),
+        camera=problem.camera.resize(width, height),
         picture=None,
     )
-    return Iterate.of(smaller, iterate.log_distance[every])
+    return Iterate.of(smaller, iterate.log_distance[nearest])
 
 
-def enlarge(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
+def enlarge(maps: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
     """Maps (..., h, w), known in a mask, on all pixels of another, (..., H, W); nan outside it."""
-    if known.shape != mask.shape:
-        nearest = distance_transform_edt(
-            ~known, return_distances=False, return_indices=True
-        )
-        filled = np.moveaxis(a[(..., *nearest)], (-2, -1), (0, 1))
-        a = np.moveaxis(resample(filled, mask.shape), (0, 1), (-2, -1))
-    return np.where(mask, a, np.nan)
+    filled = extend(np.moveaxis(maps, 0, -1), known)
+    return np.where(mask, np.moveaxis(resample(filled, mask.shape), -1, 0), np.nan)

@@ -201,12 +201,10 @@ class Walls:
     def under(self, k: float) -> Walls:
         """Return the same walls under a lamp of another spread."""
         more = k - self.k
-        centres = self.points[: self.count]
-        cos_alpha = centres[:, 2] / np.linalg.norm(centres, axis=-1)
-        fall = np.maximum(cos_alpha, GRAZING) ** more
-        beside = _lamp(self.points[self.count :], self.normals[self.count :], k)
-        lit = np.concatenate([self.lit[: self.count] * fall, beside])
-        return replace(self, lit=lit, direct=self.direct * self.cos_alpha**more, k=k)
+        nearness = 1 / np.linalg.norm(self.points, axis=-1)
+        fall = np.maximum(self.points[:, 2] * nearness, GRAZING) ** more
+        direct = self.direct * self.cos_alpha**more
+        return replace(self, lit=self.lit * fall, direct=direct, k=k)
 
     @property
     def count(self) -> int:
@@ -252,18 +250,13 @@ class Walls:
         light, _ = bounced_light_and_slope(self.orders, np.ravel(albedo).astype(float))
         coarse = np.zeros((*self.seen.shape, light.shape[1]))
         coarse[self.seen] = light[: self.count]
-        known = self.seen.astype(np.float64)
         # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
         # to the cells that are no patches.
-        for _ in range(2):
-            spread, weight = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse, known))
-            reached = weight > 1e-6
-            spread = spread.reshape(coarse.shape) / np.maximum(weight, 1e-6)[..., None]
-            coarse = np.where(reached[..., None], spread, 0.0)
-            known = reached.astype(np.float64)
+        known = self.seen.astype(np.float64)
+        spread, weight = (cv2.GaussianBlur(a, (0, 0), 1.0) for a in (coarse, known))
+        coarse = spread.reshape(coarse.shape) / np.maximum(weight, 1e-6)[..., None]
         lit = self.direct[..., None]
-        ratio = resample(coarse, lit.shape[:2]) / np.where(lit > 0, lit, 1.0)
-        ratio = np.where(lit > 0, ratio, 0.0)
+        ratio = resample(coarse, lit.shape[:2]) / np.where(lit > 0, lit, np.inf)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 

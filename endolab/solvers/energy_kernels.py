@@ -12,7 +12,7 @@ import numpy as np
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
-from endolab.numerics.elementary import exp, log
+from endolab.numerics.elementary import exp
 from endolab.numerics.stencils import CENTRAL, DOWN, adjoint_row, apply_row, stencil_row
 from endolab.numerics.threads import BAND_ROWS, on_cores, rows_within
 from endolab.solvers.normal_equations import BY_V, SMOOTHNESS, WEIGHT
@@ -61,7 +61,7 @@ def shade_row(
 ) -> None:
     """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ), on a row."""
     for j in range(slant.size):
-        shading[j] = log(1 + slant[j])
+        shading[j] = np.log(1 + slant[j])
     if table.shape[1] == 0:  # Lambertian
         for j in range(slant.size):
             shading[j] *= -0.5

@@ -23,13 +23,12 @@ far side starts from its own local minima of y₀.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.stencils import links, shift
 
@@ -37,66 +36,14 @@ from endolab.numerics.stencils import links, shift
 _NEIGHBOURS = np.array(
     [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]
 )
-# else a pixel's entry in `place` is its index in the heap
-_FAR = -1
-_ACCEPTED = -2
-_OUTSIDE = -3
-
 
 BitArray = NDArray[np.uint8]
 Offset = tuple[int, int]  # column, row
 # s, t of the difference s y + t of the unknown y at a pixel to a neighbour.
-Step = tuple[float, float]
+Difference = tuple[float, float]
 Terms = tuple[float, float, float]  # a, b, c of a y² + 2 b y + c
 # Log c and log(1 + P), both empty for a Lambertian surface.
 Table = tuple[FloatArray, FloatArray]
-
-
-class Front(NamedTuple):
-    """Values, the heap of trial pixels and each one's place in it, which are given, and `_ways`; all flat."""
-
-    value: FloatArray
-    heap: IndexArray
-    place: IndexArray
-    fixed: BoolArray
-    ways: BitArray
-
-
-@kernel
-def _rise(value: FloatArray, heap: IndexArray, place: IndexArray, child: int) -> None:
-    """Move an entry of the heap up to where its parent is not larger."""
-    pixel = heap[child]
-    while child > 0:
-        parent = (child - 1) // 2
-        if value[heap[parent]] <= value[pixel]:
-            break
-        heap[child] = heap[parent]
-        place[heap[child]] = child
-        child = parent
-    heap[child] = pixel
-    place[pixel] = child
-
-
-@kernel
-def _pop(value: FloatArray, heap: IndexArray, place: IndexArray, size: int) -> int:
-    """Take the pixel of least value off a heap of `size` entries, and accept it."""
-    top = heap[0]
-    pixel = heap[size - 1]
-    place[top] = _ACCEPTED
-    parent = 0
-    while 2 * parent + 1 < size - 1:
-        child = 2 * parent + 1
-        if child + 1 < size - 1 and value[heap[child + 1]] < value[heap[child]]:
-            child += 1
-        if value[heap[child]] >= value[pixel]:
-            break
-        heap[parent] = heap[child]
-        place[heap[parent]] = parent
-        parent = child
-    if size > 1:
-        heap[parent] = pixel
-        place[pixel] = parent
-    return top
 
 
 @kernel
@@ -146,24 +93,26 @@ def _root(terms: Terms, low: float, y0: float, table: Table) -> float:
 
 @kernel
 def _difference(
-    value: FloatArray, place: IndexArray, ways: BitArray, neighbour: int, k: int, width: int
-) -> tuple[Step, float]:
-    """Step from a pixel to its accepted k-th neighbour, and that one's value.
+    value: FloatArray, order: IntArray, ways: BitArray, neighbour: int, k: int, width: int
+) -> tuple[Difference, float]:
+    """Difference of a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
     can be stepped to, is accepted and lower.
     """
     if ways[neighbour] >> k & 1:
         far = neighbour + _NEIGHBOURS[k, 0] * width + _NEIGHBOURS[k, 1]
-        if place[far] == _ACCEPTED and value[far] <= value[neighbour]:
+        if order[far] >= 0 and value[far] <= value[neighbour]:
             return (-1.5, 2 * value[neighbour] - 0.5 * value[far]), value[neighbour]
     return (-1.0, value[neighbour]), value[neighbour]
 
 
 @kernel
-def _along_edge(step: Step, low: float, nearness: float, y0: float, table: Table) -> float:
+def _along_edge(
+    along: Difference, low: float, nearness: float, y0: float, table: Table
+) -> float:
     """Value at a pixel if ∇y pointed along one neighbour, 1/`nearness` being its squared length."""
-    s, t = step
+    s, t = along
     return _root((s * s * nearness, s * t * nearness, t * t * nearness), low, y0, table)
 
 
@@ -171,15 +120,15 @@ def _along_edge(step: Step, low: float, nearness: float, y0: float, table: Table
 def _across_triangle(
     a: Offset,
     b: Offset,
-    step_a: Step,
-    step_b: Step,
+    along_a: Difference,
+    along_b: Difference,
     low: float,
     g: tuple[float, float, float],
     y0: float,
     table: Table,
 ) -> float:
     """Value at a pixel from two neighbours at offsets a, b (column, row); nan if not upwind."""
-    (sa, ta), (sb, tb) = step_a, step_b
+    (sa, ta), (sb, tb) = along_a, along_b
     turn = a[0] * b[1] - a[1] * b[0]  # ±1 for neighbouring neighbours, so its own inverse
     # p·a = sa y + ta, p·b = sb y + tb  =>  p = α y + β
     alpha_u = (b[1] * sa - a[1] * sb) * turn
@@ -207,41 +156,48 @@ def _across_triangle(
 
 @kernel
 def _advance(
-    count: int, size: int, front: Front, y0: FloatArray, metric: FloatArray, table: Table
-) -> int:
-    """Accept `count` more pixels; return the number left in the heap, of `size` before."""
-    value, heap, place, fixed, ways = front
+    value: FloatArray,
+    order: IntArray,
+    fixed: BoolArray,
+    ways: BitArray,
+    y0: FloatArray,
+    metric: FloatArray,
+    table: Table,
+) -> None:
+    """March on from the pixels whose value is finite; write the others', and the order in which all came."""
     width = y0.shape[1]
     upper = y0.ravel()
     inverse_metric = metric.reshape(-1, 3)
-    for _ in range(count):
-        if size == 0:
-            break
-        accepted = _pop(value, heap, place, size)
-        size -= 1
+    heap = [(value[seed], seed) for seed in np.flatnonzero(np.isfinite(value))]
+    heapify(heap)
+    count = 0
+    while heap:
+        accepted = heappop(heap)[1]
+        if order[accepted] >= 0:  # since then it came by a shorter way
+            continue
+        order[accepted] = count
+        count += 1
         seen = ways[accepted]
         for k in range(8):
             if not seen >> (k + 4 & 7) & 1:
                 continue
-            pixel = np.int64(accepted) - _NEIGHBOURS[k, 0] * width - _NEIGHBOURS[k, 1]
-            if (
-                pixel < 0
-            ):  # never; but numba, told so, compiles indices without their wrap from the end
+            pixel = accepted - _NEIGHBOURS[k, 0] * width - _NEIGHBOURS[k, 1]
+            if pixel < 0:  # never; but, told so, the loop needs no indices from the end
                 continue
             limit = upper[pixel]
-            if place[pixel] <= _ACCEPTED or fixed[pixel] or value[accepted] >= limit:
+            if order[pixel] >= 0 or fixed[pixel] or value[accepted] >= limit:
                 continue
             guu = inverse_metric[pixel, 0]
             guv = inverse_metric[pixel, 1]
             gvv = inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
             a = (_NEIGHBOURS[k, 1], _NEIGHBOURS[k, 0])
-            step_a, ya = _difference(value, place, ways, accepted, k, width)
+            along_a, ya = _difference(value, order, ways, accepted, k, width)
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
             least = value[pixel]
-            y = _along_edge(step_a, ya, nearness, limit, table)
+            y = _along_edge(along_a, ya, nearness, limit, table)
             if np.isnan(y):
                 y = _along_edge((-1.0, ya), ya, nearness, limit, table)
             if y < least:
@@ -253,24 +209,19 @@ def _advance(
                 if not ways[pixel] >> j & seen >> third & 1:
                     continue
                 other = pixel + _NEIGHBOURS[j, 0] * width + _NEIGHBOURS[j, 1]
-                if place[other] != _ACCEPTED:
+                if order[other] < 0:
                     continue
                 b = (_NEIGHBOURS[j, 1], _NEIGHBOURS[j, 0])
-                step_b, yb = _difference(value, place, ways, other, j, width)
+                along_b, yb = _difference(value, order, ways, other, j, width)
                 low = max(ya, yb)
-                y = _across_triangle(a, b, step_a, step_b, low, g, limit, table)
+                y = _across_triangle(a, b, along_a, along_b, low, g, limit, table)
                 if np.isnan(y):
                     y = _across_triangle(a, b, (-1.0, ya), (-1.0, yb), low, g, limit, table)
                 if y < least:
                     least = y
             if least < value[pixel]:
                 value[pixel] = least
-                if place[pixel] == _FAR:
-                    heap[size] = pixel
-                    place[pixel] = size
-                    size += 1
-                _rise(value, heap, place, place[pixel])
-    return size
+                heappush(heap, (least, pixel))
 
 
 def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
@@ -315,61 +266,28 @@ def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: BitArray) -> BoolAr
     return lowest
 
 
-@dataclass
-class March:
-    """The state of a march."""
+def march(
+    log_d0: FloatArray,
+    mask: BoolArray,
+    metric: FloatArray,
+    table: Table | None,
+    inflow: FloatArray | None = None,
+    cuts: BoolArray | None = None,
+) -> tuple[FloatArray, IntArray]:
+    """March from the local minima of d₀ and from the pixels whose value is given.
 
-    y0: FloatArray
-    front: Front
-    metric: FloatArray
-    table: Table
-    size: int  # of the heap
-
-    @classmethod
-    def start(
-        cls,
-        log_d0: FloatArray,
-        mask: BoolArray,
-        metric: FloatArray,
-        table: Table | None,
-        inflow: FloatArray | None = None,
-        cuts: BoolArray | None = None,
-    ) -> March:
-        """Start from the local minima of d₀ and from the pixels whose value is given.
-
-        `metric` is that of `RayField.inverse_metric`, `table` that of `Photometry.slant_table`.
-        """
-        y0 = np.where(mask, np.exp(2 * log_d0), 1.0)
-        ways = _ways(mask, cuts)
-        value = np.where(_is_lowest_around(y0, mask, ways), y0, np.inf).ravel()
-        fixed = np.zeros(value.shape, dtype=bool)
-        if inflow is not None:
-            fixed = (mask & ~np.isnan(inflow)).ravel()
-            value[fixed] = np.exp(2 * inflow.ravel()[fixed])
-        seeds = np.flatnonzero(np.isfinite(value))
-        # In order, which makes it a heap.
-        seeds = seeds[np.argsort(value[seeds], kind="stable")]
-        heap = np.empty(value.size, dtype=np.int32)
-        heap[: seeds.size] = seeds
-        place = np.where(mask.ravel(), _FAR, _OUTSIDE).astype(np.int32)
-        place[seeds] = np.arange(seeds.size)
-        table = table or (np.empty(0), np.empty(0))
-        metric = np.ascontiguousarray(metric)
-        front = Front(value, heap, place, fixed, ways.ravel())
-        return cls(y0, front, metric, table, seeds.size)
-
-    def advance(self, count: int) -> None:
-        """Let the front accept `count` more pixels, or as many as there are."""
-        self.size = _advance(count, self.size, self.front, self.y0, self.metric, self.table)
-
-    @property
-    def arrived(self) -> BoolArray:
-        """Pixels whose value is final, (H, W)."""
-        return (self.front.place == _ACCEPTED).reshape(self.y0.shape)
-
-    @property
-    def log_distance(self) -> FloatArray:
-        """v = log d, (H, W): the march where it has arrived, the upper bound d₀ elsewhere."""
-        return 0.5 * np.log(
-            np.where(self.arrived, self.front.value.reshape(self.y0.shape), self.y0)
-        )
+    `metric` is that of `RayField.inverse_metric`, `table` that of `Photometry.slant_table`. Returns
+    v = log d, (H, W), and when each pixel was reached: 0, 1, 2, ...; d₀, an upper bound, and -1 elsewhere.
+    """
+    y0 = np.where(mask, np.exp(2 * log_d0), 1.0)
+    ways = _ways(mask, cuts)
+    value = np.where(_is_lowest_around(y0, mask, ways), y0, np.inf).ravel()
+    fixed = np.zeros(value.shape, dtype=bool)
+    if inflow is not None:
+        fixed = (mask & ~np.isnan(inflow)).ravel()
+        value[fixed] = np.exp(2 * inflow.ravel()[fixed])
+    order = np.full(y0.shape, -1)
+    table = table or (np.empty(0), np.empty(0))
+    metric = np.ascontiguousarray(metric)
+    _advance(value, order.ravel(), fixed, ways.ravel(), y0, metric, table)
+    return 0.5 * np.log(np.where(order >= 0, value.reshape(y0.shape), y0)), order

@@ -142,7 +142,11 @@ def descend(
     memory: Memory | None = None,
     inner_steps: int = DESCENT.inner_steps,
 ) -> Iterator[Step]:
-    """Gauss-Newton steps from a map on, none of which raises the energy, without end."""
+    """Gauss-Newton steps from a map on, none of which raises the energy, without end.
+
+    Of each, the equations of `normal_equations` are solved for δ, v goes to v + s δ, and what is still to be
+    gained is told: the quadratic's promise ½ bᵀδ, or what falls at the rate of the last ones sum to.
+    """
     memory = memory or Memory()
     fall = np.nan
     rate = DESCENT.first_rate
@@ -151,6 +155,7 @@ def descend(
         coefficients, b = grid.equations_at(
             before.v, lam, memory.slants, memory.coefficients
         )
+        # A step of which no length lowers the energy is solved once more, held back by more damping.
         for damping in (memory.damping, max(10 * memory.damping, DESCENT.raised_damping)):
             multigrid = Multigrid(coefficients, damping, memory.multigrid)
             delta, inner, unsolved = multigrid.solve(

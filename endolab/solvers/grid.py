@@ -48,7 +48,7 @@ from endolab.solvers.energy_kernels import (
     shading_table,
     sums,
 )
-from endolab.solvers.fast_marching import March
+from endolab.solvers.fast_marching import march
 from endolab.solvers.interpolation import Structure
 from endolab.solvers.normal_equations import (
     BY_V,
@@ -241,9 +241,8 @@ class Grid(Structure):
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
         metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
-        march = March.start(log_d0, mask, metric, table, inflow, self.cuts)
-        march.advance(mask.size)
-        return pad_maps(np.where(mask, march.log_distance, 0.0))
+        v, _ = march(log_d0, mask, metric, table, inflow, self.cuts)
+        return pad_maps(np.where(mask, v, 0.0))
 
     @cached_property
     def _room(self) -> FloatArray:

@@ -20,7 +20,6 @@ precision. Vectors are padded (see `numerics.compiled`) and zero outside the mas
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -48,18 +47,10 @@ from endolab.solvers.normal_equations import (
     S,
 )
 
-
-@dataclass(frozen=True)
-class Cycle:
-    """How a V-cycle is made; chosen by hand."""
-
-    coarsest: int = 96  # pixels; so many or fewer are solved by an inverse matrix
-    # Fraction of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
-    ridge: float = 1e-4
-    degree: int = 2  # smoothing steps before and after a coarser grid
-
-
-CYCLE = Cycle()
+# How a V-cycle is made; chosen by hand.
+COARSEST = 96  # pixels; so many or fewer are solved by an inverse matrix
+# Fraction of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
+RIDGE = 1e-4
 
 
 @kernel
@@ -201,9 +192,7 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
         column = other[known]
         dense[row, column] = dense[column, row] = m[entry, i, j][known]
     diagonal = np.diag(dense)
-    dense[np.diag_indices(i.size)] = np.where(
-        diagonal > 0, (1 + CYCLE.ridge) * diagonal, 1.0
-    )
+    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
     return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
@@ -249,7 +238,7 @@ class Multigrid:
         if old is None or old.levels[0].structure is not structure:
             self.room = np.empty((3, *structure.active.shape))
             self.levels: list[_Level] = [_Level(structure, SEE)]
-            while structure.pixels > CYCLE.coarsest:
+            while structure.pixels > COARSEST:
                 structure = structure.coarser
                 self.levels.append(_Level(structure, len(OFFSETS)))
         else:

@@ -40,7 +40,7 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray, SingleArray, Span
 from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.elementary import exp, log
+from endolab.numerics.elementary import exp
 from endolab.numerics.iteration import Status
 from endolab.numerics.stencils import (
     CENTRAL,
@@ -151,7 +151,7 @@ def descend(
             x_ahead[i, j] = 2 * new - old
             x[i, j] = new
         for j in range(x.shape[1]):
-            v[i, j] = sign * (log(x[i, j]) - log_factor[i, j])
+            v[i, j] = sign * (np.log(x[i, j]) - log_factor[i, j])
 
 
 def primal_dual(

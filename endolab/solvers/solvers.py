@@ -10,7 +10,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, unknown_name
 from endolab.numerics.compiled import pad_maps
 from endolab.numerics.iteration import Status
-from endolab.solvers.fast_marching import March
+from endolab.solvers.fast_marching import march
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.grid import Grid
 from endolab.solvers.primal_dual import primal_dual
@@ -33,7 +33,7 @@ def facing(problem: Problem) -> Solver:
 def fast_marching(
     problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1
 ) -> Solver:
-    """Viscosity solution of the simplified model in one pass; see `March`.
+    """Viscosity solution of the simplified model in one pass; see `march`.
 
     `inflow` (H, W) is log d where it is known, at the picture's border say, nan elsewhere; `snapshots`
     is how many times to yield as the front advances. First comes the start d₀, then the march where it
@@ -47,19 +47,14 @@ def fast_marching(
     metric = problem.field.inverse_metric
     grid = Grid.of(problem)
     table = problem.photometry.slant_table()
-    march = March.start(problem.log_d0, mask, metric, table, inflow, problem.cuts)
-
-    def make_iterate(previous: Iterate | None) -> Iterate:
-        v = march.log_distance
-        terms = grid.terms(pad_maps(np.where(mask, v, 0.0)), problem.lam)
-        return Iterate.of(problem, v, previous, terms, maps={"arrived": march.arrived})
-
-    iterate = make_iterate(None)
-    yield iterate
+    v, order = march(problem.log_d0, mask, metric, table, inflow, problem.cuts)
     count = -(-int(mask.sum()) // snapshots)
-    while march.size:
-        march.advance(count)
-        iterate = make_iterate(iterate)
+    iterate = None
+    for last in range(0, order.max() + 1 + count, count):
+        arrived = (order >= 0) & (order < last)
+        shown = np.where(arrived, v, problem.log_d0)
+        terms = grid.terms(pad_maps(np.where(mask, shown, 0.0)), problem.lam)
+        iterate = Iterate.of(problem, shown, iterate, terms, maps={"arrived": arrived})
         yield iterate
     return Status.CONVERGED
 

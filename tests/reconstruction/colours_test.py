@@ -118,14 +118,16 @@ def test_tint_tells_where_more_or_less_bounced(known, wrong):
 @pytest.mark.parametrize("x", [(0.9, 0.7), (2.2, 0.1), (0.3, 0.9)])
 @pytest.mark.parametrize("albedo", [ALBEDO, np.array([0.94, 0.5, 0.05])])
 def test_derivatives_are_those_of_differences(known, x, albedo):
-    """Of a disagreement that has small and large parts."""
     patches = shown(known, light_of(ALBEDO, 1.1, 0.6), texture=0.3)
     x = np.array([*x, *np.log(albedo)])
 
     def at(x):
-        return residuals(x, patches, AlbedoPrior.of(0.3), 0.4)
+        return residuals(x, patches, AlbedoPrior.of(0.3))
 
-    for column, step in zip(at(x)[1].T, 1e-6 * np.eye(5), strict=True):
-        difference = (at(x + step)[0] - at(x - step)[0]) / 2e-6
-        most = np.abs(difference).max()
-        np.testing.assert_allclose(column, difference, atol=2e-5 * most)
+    differences = [
+        (at(x + step)[0] - at(x - step)[0]) / 2e-6 for step in 1e-6 * np.eye(5)
+    ]
+    most = np.abs(differences).max(axis=1)
+    np.testing.assert_array_less(
+        np.abs(at(x)[1].T - differences).max(axis=1), 2e-5 * most
+    )

@@ -37,10 +37,6 @@ from endolab.workbench.plots.style import (
     show_values,
 )
 
-LONGEST = (
-    4.0  # standard deviations, of arrows: those of outliers would run across the picture
-)
-
 
 # What a session knows ---------------------------------------------------------------------
 def points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -59,9 +55,9 @@ def best_frame(session: Session) -> str:
     return max(session.poses or session.detections, key=reach)
 
 
-def worst_frames(session: Session, count: int = 4) -> list[str]:
-    """Name the frames whose features lie farthest from where they are expected, the worst first."""
-    return sorted(session.errors, key=lambda name: -session.errors[name])[:count]
+def worst_frames(session: Session) -> list[str]:
+    """Name the four frames whose features lie farthest from where they are expected, the worst first."""
+    return sorted(session.errors, key=lambda name: -session.errors[name])[:4]
 
 
 def samples_of(session: Session, name: str) -> BoolArray:
@@ -77,16 +73,10 @@ def video_frames(session: Session) -> IntArray:
 
 
 # Figures ----------------------------------------------------------------------------------
-def _extent(camera: Camera) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a picture on its axes."""
-    return -0.5, camera.width - 0.5, camera.height - 0.5, -0.5
-
-
-def _picture_axes(ax: AxesOrNew, title: str, camera: Camera) -> Axes:
-    """Axes of a picture that is not shown, pixels as in an array."""
-    ax = decorate(ax, title, "column u [px]", "row v [px]", grid=False)
-    ax.set_aspect("equal")
-    ax.axis(_extent(camera))
+def _show_empty(ax: AxesOrNew, title: str, camera: Camera) -> Axes:
+    """Show a white picture."""
+    ax = show_picture(np.ones((camera.height, camera.width)), ax, title)
+    ax.autoscale(enable=False)
     return ax
 
 
@@ -135,9 +125,9 @@ def show_detection(
         of_row = np.flatnonzero(row == number)
         of_row = of_row[np.argsort(column[of_row])]
         ax.plot(*pixels[of_row].T, "o-", lw=1.3, ms=2.6)
-    look: Any = {"mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
-    for first in ids[:1]:
-        ax.plot(*pixels[0], "o", ms=13, label=f"id {first}", **look)
+    if len(ids):
+        look: Any = {"ms": 13, "mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
+        ax.plot(*pixels[0], "o", label=f"id {ids[0]}", **look)
         legend_below(ax)
     return ax
 
@@ -151,9 +141,9 @@ def show_reprojection(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     """
     pixels, residuals, inliers = points_of(geometry)
     magnify = round_length(0.02 * geometry.camera.width / max(geometry.sigma, 1e-6))
-    ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", geometry.camera)
-    label = count_of(int((~inliers).sum()), "outlier")
-    ax.plot(*pixels[~inliers].T, "x", ms=4, color=HOUSE.vermilion, label=label)
+    ax = _show_empty(ax, f"Reprojection, arrows × {magnify:g}", geometry.camera)
+    bad = pixels[~inliers]
+    ax.plot(*bad.T, "x", ms=4, color=HOUSE.vermilion, label=count_of(len(bad), "outlier"))
     label = count_of(int(inliers.sum()), "inlier")
     some = np.random.default_rng(0).permutation(np.flatnonzero(inliers))[:800]
     look = {"color": HOUSE.blue, "label": label}
@@ -168,7 +158,7 @@ def show_reprojection_histogram(geometry: GeometricFit, ax: AxesOrNew = None) ->
     _, residuals, inliers = points_of(geometry)
     values = residuals[inliers].ravel()
     title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
-    label = f"{count_of(int(inliers.sum()), 'point')}, u and v"
+    label = f"{count_of(len(values) // 2, 'point')}, u and v"
     return of_light.histogram(ax, title, "px", values, 0.0, float(np.std(values)), label)
 
 
@@ -178,7 +168,7 @@ def show_coverage(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     pixels, _, inliers = points_of(geometry)
     camera = geometry.camera
     seen = np.rad2deg(geometry.max_angle_seen)
-    ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
+    ax = _show_empty(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
     ax.plot(*pixels[inliers].T, ".", color=HOUSE.blue, ms=3, alpha=0.5, mew=0)
     words: Any = {"ha": "center", "va": "center", "size": "small"}
     for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
@@ -203,9 +193,9 @@ def show_frame_errors(
     ax = decorate(ax, title, "", f"root mean square [{unit}]")
     values = np.nan_to_num(list(errors.values()))
     colours = [HOUSE.vermilion if name in marked else HOUSE.sky for name in errors]
-    ax.bar(range(len(values)), values, color=colours)
-    if len(values) <= 40:  # their names have room
-        ax.set_xticks(range(len(values)), list(errors), rotation=90)
+    ax.bar(list(errors), values, color=colours)
+    # Where their names have room.
+    ax.tick_params(axis="x", rotation=90, labelbottom=len(values) <= 40)
     # One frame that is far off must not make the others small: its bar ends at the top, with its number.
     top = 4 * float(np.median(values))
     if 0 < top < values.max(initial=0):
@@ -257,10 +247,10 @@ def _show_sigma(
     """Show a map with the ring of the largest angle seen."""
     # Colours end at the 90th percentile of what lies within the angles seen: the rim is far worse.
     limit = limit or common_limit([values_within(values, camera, seen)], 90)
-    extent = _extent(camera)
-    ax = show_values(name, values, ax, title, limits=(0.0, limit), extent=extent)
+    picture = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
+    ax = show_values(name, values, ax, title, limits=(0.0, limit), extent=picture)
     _show_ring(ax, camera, seen, label=f"farthest seen, {np.rad2deg(seen):.0f}°")
-    ax.axis(extent)
+    ax.axis(picture)
     legend_below(ax)
     return ax
 

@@ -25,6 +25,9 @@ from endolab.workbench.plots.style import (
     legend_below,
 )
 
+# With their standard errors.
+POINTS: Any = {"color": HOUSE.vermilion, "marker": "o", "capsize": 3}
+
 
 def histogram(
     ax: AxesOrNew,
@@ -45,6 +48,13 @@ def histogram(
     ax.locator_params(axis="x", nbins=5)
     ax.legend(loc="upper right", ncols=2)
     return ax
+
+
+def _show_band(
+    ax: Axes, x: FloatArray | IntArray, low: FloatArray, high: FloatArray
+) -> None:
+    """Fill what lies within a standard error of a curve."""
+    ax.fill_between(x, low, high, color=HOUSE.vermilion, alpha=0.35, lw=0)
 
 
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
@@ -116,21 +126,24 @@ def show_fall_off(light: PhotometricFit, ax: AxesOrNew = None) -> Axes:
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
     label = f"cosᵏ α, k = {k:.3f} ± {error:.3f}"
     ax.plot(alpha, cosine**k, color=HOUSE.vermilion, label=label)
-    band = (cosine ** (k + error), cosine ** (k - error))
-    ax.fill_between(alpha, *band, color=HOUSE.vermilion, alpha=0.35, lw=0)
+    _show_band(ax, alpha, cosine ** (k + error), cosine ** (k - error))
     ax.set_ylim(0, 1.05)
     ax.legend(loc="upper right")
     return ax
 
 
-def _second_scale(ax: Axes, label: str) -> Axes:
-    """Give axes a scale on the right; what belongs to the left one is red, to the right one blue."""
+def _show_second(
+    ax: Axes, x: Any, values: Any, label: str, name: str, loc: Any = "upper right"
+) -> None:
+    """Draw a curve with a scale of its own on the right, in blue, beside one in red, from 0 on."""
     twin = ax.twinx()
     twin.set_ylabel(label)
+    twin.plot(x, values, "--", color=HOUSE.blue, label=name)
+    twin.set_ylim(0, 1.25 * float(np.nanmax(values, initial=1e-9)))
     for axes, colour in ((ax, HOUSE.vermilion), (twin, HOUSE.blue)):
         axes.yaxis.label.set_color(colour)
         axes.tick_params(axis="y", colors=colour)
-    return twin
+    ax.legend(handles=[*ax.lines, *twin.lines], loc=loc, ncols=2)
 
 
 @house()
@@ -156,15 +169,12 @@ def show_gains(
     known = np.isfinite(light.gain_errors)
     gains = np.where(known, light.gains, np.nan)
     errors = np.where(known, light.gain_errors, np.nan)
-    band: Any = {"color": HOUSE.vermilion, "alpha": 0.35, "lw": 0}
-    ax.fill_between(frames, gains - errors, gains + errors, **band)
-    handles = ax.plot(frames, gains, ".-", color=HOUSE.vermilion, label="gain ± 1 s.e.")
+    _show_band(ax, frames, gains - errors, gains + errors)
+    ax.plot(frames, gains, ".-", color=HOUSE.vermilion, label="gain ± 1 s.e.")
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains, initial=1e-9)))
+    ax.legend(loc="upper right")
     if distance is not None:
-        twin = _second_scale(ax, "mean distance of the sheet [mm]")
-        handles += twin.plot(frames, distance, "--", color=HOUSE.blue, label="distance")
-        twin.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
-    ax.legend(handles=handles, loc="upper right", ncols=2)
+        _show_second(ax, frames, distance, "mean distance of the sheet [mm]", "distance")
     return ax
 
 
@@ -189,8 +199,7 @@ def show_brdf(
     degrees = np.rad2deg(theta)
     _shade_unseen(ax, degrees[0], degrees[-1])
     ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
-    look: Any = {"color": HOUSE.vermilion, "marker": "o", "capsize": 3}
-    ax.errorbar(degrees, relative, errors, label="fitted ± 1 s.e.", **look)
+    ax.errorbar(degrees, relative, errors, label="fitted ± 1 s.e.", **POINTS)
     ax.margins(y=0.3)
     if samples is not None:
         incidence = np.arccos(np.minimum(samples.cos_theta[light.used], 1))
@@ -214,8 +223,7 @@ def show_scores(scores: HeldOut, ax: AxesOrNew = None) -> Axes:
     # Of a few samples too little is known to be drawn.
     error = 100 * np.where(scores.count >= LEAST_SCORED, scores.error, np.nan)
     ax.axhline(0, color="black", lw=1.2)
-    look: Any = {"color": HOUSE.vermilion, "ls": "none", "marker": "o", "capsize": 3}
-    ax.errorbar(middle, error, 100 * scores.standard_error, half, **look)
+    ax.errorbar(middle, error, 100 * scores.standard_error, half, ls="none", **POINTS)
     ax.margins(y=0.15)
     ax.set(xlim=(0, edges[-1]), xticks=range(0, int(edges[-1]) + 1, 15))
     below: Any = {"transform": ax.get_xaxis_transform(), "color": "0.3", "size": "small"}
@@ -232,13 +240,10 @@ def show_ridge(
 ) -> Axes:
     """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
     ax = decorate(ax, title, "γ", "σ of residuals [grey levels]")
-    twin = _second_scale(ax, "k that goes with it [1]")
     gammas = [fit.photometry.gamma for fit in fits]
     sigmas = [fit.sigma for fit in fits]
     ks = [fit.photometry.k for fit in fits]
-    handles = ax.plot(gammas, sigmas, "o-", color=HOUSE.vermilion, label="residuals")
-    handles += twin.plot(gammas, ks, "--", color=HOUSE.blue, label="k")
-    ax.set_ylim(0, 1.2 * max(sigmas))
-    twin.set_ylim(0, 1.2 * max(ks))
-    ax.legend(handles=handles, loc="lower right")
+    ax.plot(gammas, sigmas, "o-", color=HOUSE.vermilion, label="residuals")
+    ax.set_ylim(0, 1.25 * max(sigmas))
+    _show_second(ax, gammas, ks, "k that goes with it [1]", "k", "lower right")
     return ax

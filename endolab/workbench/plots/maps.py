@@ -28,7 +28,6 @@ from endolab.workbench.plots.scales import (
     MAPS,
     OKABE_ITO,
     SOURCE_COLOURS,
-    break_line,
     in_colour,
     isoline_levels,
 )
@@ -239,7 +238,8 @@ def show_section(
         distance, cuts = _distance_and_cuts(surface)
         points = distance[:, column, None] * field.rays[:, column, [2, 1]]
         if cuts is not None:
-            points = break_line(points, cuts[1, :, column])
+            after = np.flatnonzero(cuts[1, :-1, column]) + 1
+            points = np.insert(points, after, np.nan, axis=0)
         ax.plot(*points.T, color=colours.get(name), label=name)
         # The start may have spikes many times as far as all else.
         if name != "start" or len(distances) == 1:
@@ -268,14 +268,12 @@ def show_history(
     """
     ax = decorate(ax, title, "iteration", "energy [1]")
     k = [entry["k"] for entry in history]
-    colours = {"energy": "black", "data": HOUSE.blue, "regulariser": HOUSE.vermilion}
-    for (name, colour), dashes in zip(colours.items(), ("-", "--", ":"), strict=True):
+    ax.set_prop_cycle(color=["black", HOUSE.blue, HOUSE.vermilion], ls=["-", "--", ":"])
+    for name in ("energy", "data", "regulariser"):
         values = np.array([entry.get(name, np.nan) for entry in history])
         # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
         if np.any(values > 0):
-            ax.plot(
-                k, np.where(values > 0, values, np.nan), dashes, color=colour, label=name
-            )
+            ax.plot(k, np.where(values > 0, values, np.nan), label=name)
     ax.set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()

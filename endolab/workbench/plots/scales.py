@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import FloatArray
 
 Colour = tuple[int, int, int]  # R, G, B of 255
 
@@ -41,7 +41,7 @@ class Scale:
     """How a map of numbers is shown, whoever draws it.
 
     `unit` is None if it is that of distances; `palette` is Matplotlib's name; `kind` says how colours follow
-    values and where they end, see `limits`; `form` is how one value is written.
+    values and where they end, see `limits`.
     """
 
     title: str
@@ -49,32 +49,27 @@ class Scale:
     unit: str | None
     palette: str
     kind: Literal["log", "linear", "from 0", "signed"]
-    form: str
 
     def label(self, unit: str = "mm") -> str:
         """Of a colour bar: quantity [unit]; `unit` is that of distances."""
         return f"{self.quantity} [{self.unit or unit}]"
 
-    def say(self, value: float, unit: str = "mm") -> str:
-        """Say the value of a pixel, as beside a cursor."""
-        return f"{value:{self.form}} {self.unit or unit}"
-
 
 MAPS = {
-    "distance": Scale("Distance", "distance", None, "viridis", "log", ".4g"),
+    "distance": Scale("Distance", "distance", None, "viridis", "log"),
     "model - frame": Scale(
-        "Model - frame", "difference", "grey levels of 255", "RdBu_r", "signed", "+.1f"
+        "Model - frame", "difference", "grey levels of 255", "RdBu_r", "signed"
     ),
-    "error": Scale("Error", "error", "%", "RdBu_r", "signed", "+.1f"),
-    "change": Scale("B / A - 1", "change", "%", "RdBu_r", "signed", "+.1f"),
-    "spread over λ": Scale("Spread over λ", "spread", "%", "magma", "from 0", ".1f"),
-    "bounced light": Scale("Bounced light", "share", "%", "magma", "from 0", ".1f"),
-    "σ": Scale("Uncertainty: σ", "σ of the distance", "%", "magma", "from 0", ".1f"),
+    "error": Scale("Error", "error", "%", "RdBu_r", "signed"),
+    "change": Scale("B / A - 1", "change", "%", "RdBu_r", "signed"),
+    "spread over λ": Scale("Spread over λ", "spread", "%", "magma", "from 0"),
+    "bounced light": Scale("Bounced light", "share", "%", "magma", "from 0"),
+    "σ": Scale("Uncertainty: σ", "σ of the distance", "%", "magma", "from 0"),
     "σ of rays": Scale(
-        "Rays, a common turn apart", "σ of the ray", "mrad", "viridis", "from 0", ".2f"
+        "Rays, a common turn apart", "σ of the ray", "mrad", "viridis", "from 0"
     ),
-    "σ of μ′": Scale("Light's fall-off μ′", "σ of μ′", "%", "viridis", "from 0", ".2f"),
-    "any": Scale("", "value", "1", "viridis", "linear", ".4g"),
+    "σ of μ′": Scale("Light's fall-off μ′", "σ of μ′", "%", "viridis", "from 0"),
+    "any": Scale("", "value", "1", "viridis", "linear"),
 }
 # Of 255: grey levels of model - frame at which a recording's colours end.
 LARGEST_RESIDUAL = 10.0
@@ -92,9 +87,7 @@ def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
     maps : iterable of arrays of one unit; nan where unknown
     """
     seen = _known_values(maps)
-    if not seen.size:
-        return 0.0, 1.0
-    low, high = np.percentile(seen, [1, 99])
+    low, high = np.percentile(seen, [1, 99]) if seen.size else (0.0, 1.0)
     return float(low), float(high)
 
 
@@ -142,12 +135,6 @@ def round_length(length: float) -> float:
     power = 10 ** np.floor(np.log10(length))
     round_ones = power * np.array([1, 2, 5])
     return float(round_ones[round_ones <= length * (1 + 1e-9)].max())
-
-
-def break_line(points: FloatArray, cuts: BoolArray) -> FloatArray:
-    """Return points of a line, (n, k), with nan where the step from one to the next, (n,), is cut."""
-    after = np.flatnonzero(cuts[:-1]) + 1
-    return np.insert(points, after, np.nan, axis=0)
 
 
 def isoline_levels(low: float, high: float) -> FloatArray:

@@ -36,21 +36,12 @@ STYLE: Any = {
     "text.color": "black",
     "xtick.color": "black",
     "ytick.color": "black",
-    "xtick.labelcolor": "inherit",
-    "ytick.labelcolor": "inherit",
     "font.size": 12,  # at 100 dots per inch 17 px, and 8 at half size
-    "axes.labelsize": "medium",
-    "xtick.labelsize": "medium",
-    "ytick.labelsize": "medium",
-    "legend.fontsize": "medium",
-    "axes.titlesize": "large",
     "axes.titleweight": "bold",
     "axes.prop_cycle": cycler(
         color=[HOUSE.blue, HOUSE.vermilion, *HOUSE.curve_colours[:3], HOUSE.sky]
     ),
     "legend.frameon": False,
-    "savefig.facecolor": "auto",
-    "savefig.transparent": False,
     "grid.alpha": 0.3,
     "grid.color": "0.5",
     "lines.linewidth": 1.8,
@@ -97,7 +88,7 @@ def decorate(ax: AxesOrNew, title: str, x: str, y: str, grid: bool = True) -> Ax
     ax.set_ylabel(y, size="medium")
     ax.tick_params(which="both", labelsize="medium")
     if grid:
-        ax.grid(True, alpha=0.3, color="0.5")
+        ax.grid(True)
     return ax
 
 

@@ -1,7 +1,5 @@
 """Recordings of a calibration for the Rerun viewer: what was found in its frames, and how well it fits."""
 
-from typing import Any
-
 import numpy as np
 import rerun as rr
 
@@ -23,12 +21,10 @@ from endolab.workbench.recording.stream import (
 )
 
 
-def record_calibration(
-    session: Session, frames: Named, path: PathLike, *, max_width: int = 480
-) -> None:
+def record_calibration(session: Session, frames: Named, path: PathLike) -> None:
     """Record a calibration to a file for the Rerun viewer, whole or not at all.
 
-    `frames` is what was calibrated from; pictures wider than `max_width`, px, are thinned.
+    `frames` is what was calibrated from; pictures wider than 480 px are thinned.
 
     Static: ``account``, ``world/camera``. On the timeline "frame": ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted of inliers, magnified), ``picture/outliers``,
@@ -38,7 +34,7 @@ def record_calibration(
     names = list(session.detections)
     # 300 frames of a long video, evenly; curves have all.
     shown = set(names[:: -(-len(names) // 300)])
-    thin = every(session.camera.width, max_width)
+    thin = every(session.camera.width, 480)
     geometry = session.geometry
     sigma = 1.0 if geometry is None else max(geometry.sigma, 1e-6)
     # A reprojection residual of one standard deviation is 1.5 % of the picture's width.
@@ -66,11 +62,8 @@ def _log_static(sink: Sink, session: Session, magnify: float) -> None:
     )
     sink.log("account", markdown(text), static=True)
     sink.log("world", rr.ViewCoordinates.RDF, static=True)
-    sheets = [
-        np.array([[0.0, 0.0, 50.0]]),
-        *(_sheet(session, name) for name in session.poses),
-    ]
-    centre = np.concatenate(sheets).mean(axis=0)
+    sheets = [_sheet(session, name) for name in session.poses]
+    centre = np.concatenate([np.array([[0.0, 0.0, 50.0]]), *sheets]).mean(axis=0)
     shape = camera_shape(session.camera, 0.2 * float(np.linalg.norm(centre)))
     sink.log("world/camera", shape, static=True)
     curves = {"Distance [mm]": ["distance"]}
@@ -80,18 +73,19 @@ def _log_static(sink: Sink, session: Session, magnify: float) -> None:
 
 
 def _log_curves(sink: Sink, session: Session) -> None:
-    frames = np.arange(len(session.poses))
-    curves = {"distance": mean_distances(session.samples, frames)}
+    distances = mean_distances(session.samples, np.arange(len(session.poses)))
+    residuals = light_errors(session)
+    gains = {}
     light = session.light
     if light is not None:
-        curves["gain"] = np.full(len(frames), np.nan)
         known = np.isfinite(light.gain_errors)
-        curves["gain"][light.frames[known]] = light.gains[known]
-        curves["residual"] = np.array(list(light_errors(session).values()))
-    for name, values in curves.items():
-        for number, value in zip(video_frames(session), values, strict=True):
-            sink.at(FRAMES, number)
-            sink.log_scalar(f"plots/{name}", value)
+        gains = dict(zip(light.frames[known], light.gains[known], strict=True))
+    for frame, (name, number) in enumerate(
+        zip(session.poses, video_frames(session), strict=True)
+    ):
+        sink.at(FRAMES, number)
+        values = {"distance": distances[frame], "residual": residuals.get(name, np.nan)}
+        sink.log_scalars("plots", {**values, "gain": gains.get(frame, np.nan)})
 
 
 def _sheet(session: Session, name: str) -> FloatArray:
@@ -107,22 +101,13 @@ def _sheet(session: Session, name: str) -> FloatArray:
 
 def _log_frame(sink: Sink, session: Session, name: str, step: int, magnify: float) -> None:
     """Log what was found in a frame, over its picture, which is thinned by a step."""
-
-    def log_points(entity: str, pixels: FloatArray, colours: Any, radius: float) -> None:
-        # Rerun counts from a pixel's corner.
-        radii = rr.Radius.ui_points(radius)
-        dots = rr.Points2D(pixels / step + 0.5, colors=colours, radii=radii)
-        sink.log(f"picture/{entity}", dots)
-
-    log_points("detected", session.detections[name].pixels, OKABE_ITO.sky, 2.5)
-    radii = rr.Radius.ui_points(3.0)
-    dots = rr.Points3D(_sheet(session, name), colors=TRUTH_COLOUR, radii=radii)
-    sink.log("world/sheet", dots)
+    dots = {"detected": (session.detections[name].pixels, OKABE_ITO.sky, 2.5)}
     geometry = session.geometry
     if geometry is not None:
         counts = [len(view.pixels) for view in geometry.views]
         here = np.repeat([view.name == name for view in geometry.views], counts)
         pixels, residuals, inliers = points_of(geometry)
+        dots["outliers"] = (pixels[here & ~inliers], OKABE_ITO.vermilion, 4.0)
         arrows = rr.Arrows2D(
             vectors=magnify / step * residuals[here & inliers],
             origins=pixels[here & inliers] / step + 0.5,
@@ -130,7 +115,6 @@ def _log_frame(sink: Sink, session: Session, name: str, step: int, magnify: floa
             radii=rr.Radius.ui_points(1.0),
         )
         sink.log("picture/reprojection", arrows)
-        log_points("outliers", pixels[here & ~inliers], OKABE_ITO.vermilion, 4.0)
     of_frame = samples_of(session, name)
     colours = np.full((int(of_frame.sum()), 3), TRUTH_COLOUR, np.uint8)
     light = session.light
@@ -140,4 +124,12 @@ def _log_frame(sink: Sink, session: Session, name: str, step: int, magnify: floa
         place = np.clip(128 + 128 * share, 0, 255).astype(int)
         colours[used] = palette("model - frame")[place, :3]
     places = session.camera.project(session.samples.points[of_frame])
-    log_points("samples", places, colours, 4.0)
+    dots["samples"] = (places, colours, 4.0)
+    for entity, (pixels, colour, size) in dots.items():
+        radii = rr.Radius.ui_points(size)
+        # Rerun counts from a pixel's corner.
+        found = rr.Points2D(pixels / step + 0.5, colors=colour, radii=radii)
+        sink.log(f"picture/{entity}", found)
+    radii = rr.Radius.ui_points(3.0)
+    sheet = rr.Points3D(_sheet(session, name), colors=TRUTH_COLOUR, radii=radii)
+    sink.log("world/sheet", sheet)

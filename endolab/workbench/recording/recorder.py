@@ -5,9 +5,8 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import rerun as rr
@@ -23,13 +22,14 @@ from endolab.workbench.plots.scales import (
     common_limits,
     in_colour,
 )
-from endolab.workbench.recording.layouts import (
-    ITERATIONS,
-    Shown,
-    comparison,
-    reconstruction,
+from endolab.workbench.recording import layouts
+from endolab.workbench.recording.layouts import ITERATIONS, Shown
+from endolab.workbench.recording.pictures import (
+    OPAQUE_BLACK,
+    RESIDUAL_COLOURS,
+    paint,
+    paint_preparation,
 )
-from endolab.workbench.recording.pictures import OPAQUE_BLACK, RESIDUAL_COLOURS, Painter
 from endolab.workbench.recording.stream import (
     THIN,
     TRUTH_COLOUR,
@@ -70,11 +70,16 @@ def record(
     -------
     Recorder
         Give it to ``run`` or call it with each iterate, then `Recorder.close` it. As a context manager it
-        stays open until the block ends, for `Recorder.add_uncertainty`; if the block fails there is no file::
+        stays open until the block ends, for `Recorder.add_uncertainty` or for several runs, which are
+        shown side by side; if the block fails there is no file::
 
             with el.record("run.rrd") as recorder:
                 result = el.reconstruct(frame, calibration, observers=[recorder])
                 recorder.add_uncertainty(el.uncertainty_of(result, calibration), result)
+
+            with el.record("both.rrd") as both:
+                for solver in ("gauss_newton", "primal_dual"):
+                    el.reconstruct(frame, calibration, solver=solver, observers=[both.run(solver)])
 
     Raises
     ------
@@ -89,60 +94,6 @@ def record(
     return Recorder(Sink(path), truth, max_width)
 
 
-class Comparison:
-    """Several runs in one recording, on the same timeline, side by side.
-
-    ::
-
-        with Comparison("both.rrd") as both:
-            el.reconstruct(frame, calibration, observers=[both.run("gauss_newton")])
-            el.reconstruct(frame, calibration, solver="primal_dual", observers=[both.run("primal_dual")])
-
-    Parameters
-    ----------
-    path, truth, max_width
-        See `record`, of errors too; the file is written when the comparison is closed.
-    """
-
-    def __init__(
-        self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480
-    ) -> None:
-        self._sink = Sink(path)
-        self._given = (self._sink, truth, max_width)
-        self.path = self._sink.path
-        self._runs: dict[str, Recorder] = {}
-
-    def run(self, name: str) -> Recorder:
-        """Make the observer of one run; its entities begin with the run's name."""
-        if not name.isidentifier() or name in self._runs:
-            raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
-        self._runs[name] = Recorder(*self._given, run=name)
-        return self._runs[name]
-
-    def close(self) -> None:
-        """Write the file; a second call does nothing. Without an iterate there is none."""
-        if not self._sink.open:
-            return
-        with self._sink:
-            for recorder in self._runs.values():
-                recorder.close()
-            begun = [one for one in self._runs.values() if one.shown.unit]
-            for recorder in begun:
-                unit = recorder.shown.unit
-                limits = [one.shown.limits for one in begun if one.shown.unit == unit]
-                recorder.reach((np.min(limits), np.max(limits)))
-            if begun:
-                self._sink.arrange(comparison([recorder.shown for recorder in begun]))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, failure: object, *_: object) -> None:
-        if failure is not None:
-            self._sink.drop()
-        self.close()
-
-
 class Recorder:
     """An observer that logs iterates to a recording, as they come; see `record`.
 
@@ -154,46 +105,48 @@ class Recorder:
     time k has grown by half; of the stages before it only for the first and the last, as there may be a
     dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what was done about
     indirect light and contours), and of how far it can be trusted, if that is added: ``uncertainty/sigma``
-    (% of the distance) and ``uncertainty/dominant_source``. In a `Comparison` all names begin with the run's.
+    (% of the distance) and ``uncertainty/dominant_source``. Of several runs all names begin with the run's.
     """
 
     def __init__(
         self, sink: Sink, truth: FloatArray | None, max_width: int, run: str = ""
     ) -> None:
         self.path = sink.path  # None if it goes to a viewer
-        self.truth = truth
-        self.max_width = max_width
-        # What the layout needs to know; without a unit before the first iterate.
-        self.shown = Shown(run, "")
+        self.shown = Shown(run, "")  # what the layout needs to know
         self._sink = sink
+        self._truth = truth
+        self._max_width = max_width
         self._run = run
-        self._open = True
+        self._runs: dict[str, Recorder] = {}  # beside each other in this recording
         self._within = False  # a block at whose end it is closed
         self._last: Iterate | None = None
-        self._pictured = -1  # the last k of this stage with pictures
-        self._before = 0  # places on the timeline before this stage's k = 0
-        self._begun = 0  # place of this stage's first iterate
+        self._place = 0  # of that on the timeline
+        self._begun = 0  # that of its stage's first
+        self._pictured = 0  # the last k of this stage with pictures
+
+    def run(self, name: str) -> Recorder:
+        """Make the observer of one of several runs; its entities begin with its name."""
+        if not name.isidentifier() or name in self._runs:
+            raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
+        self._runs[name] = Recorder(self._sink, self._truth, self._max_width, name)
+        return self._runs[name]
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
-        if self._sink.is_viewer_closed:
-            return  # the run goes on
         last = self._last
         begins = last is None or (last.stage, last.round) != (iterate.stage, iterate.round)
+        if last is not None and begins:
+            self._end_stage(last)
+        self._place = iterate.k if last is None else self._place + 1
         if begins:
-            if last is not None:
-                self._end_stage(last)
-                self._before += last.k + 1 - iterate.k
             self._begin_stage(iterate)
         self._last = iterate
-        self._at(iterate)
+        self._sink.at(ITERATIONS, self._place)
         falling = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
-        for name, value in {**falling, **iterate.scalars}.items():
-            self._sink.log_scalar(f"{self._run}/plots/{name}", value)
+        self._sink.log_scalars(f"{self._run}/plots", {**falling, **iterate.scalars})
         # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
-        for name, value in falling.items():
-            if value > 0:
-                self._sink.log_scalar(f"{self._run}/log10/{name}", np.log10(value))
+        logarithms = {name: np.log10(value) for name, value in falling.items() if value > 0}
+        self._sink.log_scalars(f"{self._run}/log10", logarithms)
         # Ever fewer, that a recording stays small.
         often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
         if begins or (often and iterate.stage == SOLUTION):
@@ -218,18 +171,14 @@ class Recorder:
         recorded = None if self._last is None else self._last.mask.shape
         if shape != recorded:
             raise ValueError(f"uncertainty has shape {shape}, what was recorded {recorded}")
-        thin = every(shape[1], self.max_width)
-        percent = (100 * uncertainty.sigma / result.distance)[thin]
+        percent = (100 * uncertainty.sigma / result.distance)[self._thin]
         most = float(f"{common_limit([percent]):.2g}")
         sigma = depth_map(percent, False, (0.0, most), "magma")
+        colours = {"left out": OPAQUE_BLACK, **SOURCE_COLOURS}
+        source = classes(uncertainty.dominant_source[self._thin], colours)
         self._log("uncertainty/sigma", sigma, static=True)
-        colours = {"left out": OPAQUE_BLACK}
-        for name, colour in SOURCE_COLOURS.items():
-            colours[name] = (*colour, 255)
-        source = classes(uncertainty.dominant_source[thin], colours)
         self._log("uncertainty/dominant_source", *source, static=True)
-        self.shown = replace(self.shown, sigma=most)
-        self._follow()
+        self._show(sigma=most)
 
     def __enter__(self) -> Self:
         self._within = True
@@ -237,7 +186,7 @@ class Recorder:
 
     def __exit__(self, failure: object, *_: object) -> None:
         self._within = False
-        if failure is not None and not self._run:
+        if failure is not None:
             self._sink.drop()
         self.close()
 
@@ -246,58 +195,64 @@ class Recorder:
 
         In a block of its own (``with record(...) as recorder:``) this is done at the block's end.
         """
-        if not (self._open and self._sink.open) or self._within:
+        if self._within or self._run or not self._sink.open:
             return
-        self._open = False
-        # A comparison goes on.
-        with nullcontext() if self._run else self._sink:
-            if self._last is None or self._sink.is_viewer_closed:
-                return
-            self._end_stage(self._last)
-            remarks = "\n".join(f"- {note}" for note in notes(self._last))
-            self._log("end", markdown(f"## End\n\n{remarks}"), static=True)
-            if not self._run:
-                self._sink.arrange(reconstruction(self.shown))
+        runs = [self, *self._runs.values()]
+        begun = [(one, one._last) for one in runs if one._last is not None]
+        with self._sink:
+            for one, last in begun:
+                one._end_stage(last)
+                remarks = "\n".join(f"- {note}" for note in notes(last))
+                one._log("end", markdown(f"## End\n\n{remarks}"), static=True)
+            shown = [one.shown for one, _ in begun]
+            for one, last in begun:
+                alike = [of.limits for of in shown if of.unit == last.problem.unit]
+                one._reach((np.min(alike), np.max(alike)))
+            if self._runs:
+                self._sink.arrange(layouts.comparison([one.shown for one, _ in begun]))
+            elif begun:
+                self._sink.arrange(layouts.reconstruction(self.shown))
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
         """Log what stays for a stage."""
         problem = iterate.problem
         last = self._last
-        self._painter = painter = Painter(problem, self.max_width)
-        self._begun = self._before + iterate.k
-        self.shown = Shown(self._run, problem.unit)
+        width = problem.camera.width
+        self._thin = every(width, self._max_width)
+        # Coordinates would be most of a recording.
+        self._sparse = every(width, min(self._max_width, 160))
+        self._begun = self._place
+        self._sink.at(ITERATIONS, self._place)
         if last is None:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
             shades = classes(np.zeros((1, 1)), RESIDUAL_COLOURS)[0]
             self._log("residual", shades, static=True)
-        self._at(iterate)
-        stage = (
-            f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
-        )
-        self._log("stage", rr.TextLog(stage))
+        round = f", round {iterate.round}" if iterate.round else ""
+        self._log("stage", rr.TextLog(iterate.stage + round))
         # A mark on the curve of the energy.
-        mark = f"log10/begins/{iterate.stage.replace(' ', '_')}"
+        mark = iterate.stage.replace(" ", "_")
         name = f"{self._run} {iterate.stage} begins".strip()
         look = rr.SeriesPoints(names=name, markers="diamond", marker_sizes=6)
-        self._log(mark, look, static=True)
+        self._log(f"log10/begins/{mark}", look, static=True)
         if iterate.energy > 0:
-            self._sink.log_scalar(f"{self._run}/{mark}", np.log10(iterate.energy))
+            height = {mark: np.log10(iterate.energy)}
+            self._sink.log_scalars(f"{self._run}/log10/begins", height)
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
-            self._log("input", rr.Image(picture[painter.thin]))
-        for entity, what in painter.paint_preparation().items():
+            self._log("input", rr.Image(picture[self._thin]))
+        for entity, what in paint_preparation(problem, self._thin).items():
             self._log(entity, *what)
         self._log("settings", markdown(_settings(iterate)))
-        colours = picture[painter.sparse][painter.inside]
+        colours = picture[self._sparse][problem.mask[self._sparse]]
         radii = rr.Radius.ui_points(2.5)
         self._log("world/cloud", rr.Points3D.from_fields(colors=colours, radii=radii))
         size = 0.35 * float(np.nanmedian(iterate.distance))
         self._log("world/camera", camera_shape(problem.camera, size))
-        if self.truth is not None:
-            self._log_truth(iterate, self.truth)
-        self.reach(common_limits([iterate.distance]))
-        self._follow()
+        if self._truth is not None:
+            self._log_truth(iterate, self._truth)
+        self.shown = replace(self.shown, unit=problem.unit)
+        self._reach(common_limits([iterate.distance]))
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
         """Log the true surface, in the unit of an iterate; not on the smaller grid of a stage before."""
@@ -309,53 +264,50 @@ class Recorder:
         known = iterate.mask & (truth > 0)
         if not iterate.problem.metric:
             truth = truth * np.nanmedian((iterate.distance / truth)[known])
-        thin = self._painter.thin
-        rays = iterate.problem.field.rays[thin][known[thin]]
-        points = (truth[thin][known[thin], None] * rays).astype(np.float32)
+        points = truth[..., None] * iterate.problem.field.rays
+        points = points[self._thin][known[self._thin]].astype(np.float32)
         self._log("world/truth", rr.Points3D(points, colors=TRUTH_COLOUR, radii=THIN))
+
+    def _log_pictures(self, iterate: Iterate) -> None:
+        """Log the pictures of the last iterate, there."""
+        self._sink.at(ITERATIONS, self._place)
+        for entity, what in paint(iterate, self._thin, self._sparse).items():
+            self._log(entity, what)
+        self._pictured = iterate.k
 
     def _end_stage(self, last: Iterate) -> None:
         """Log the pictures of a stage's last iterate, and let the colours reach what it needs."""
         if self._pictured != last.k:
             self._log_pictures(last)
-        self.reach(common_limits([last.distance]))
+        self._reach(common_limits([last.distance]))
 
-    def reach(self, limits: tuple[float, float]) -> None:
+    def _reach(self, limits: tuple[float, float]) -> None:
         """Let the colours of this stage's distances reach from one limit to the other."""
         self._sink.at(ITERATIONS, self._begun)
         self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
-        self.shown = replace(self.shown, limits=limits)
+        self._show(limits=limits)
 
-    def _follow(self) -> None:
+    def _show(self, **known: Any) -> None:
         """Tell a viewer how to show the run so far."""
+        self.shown = replace(self.shown, **known)
         if self.path is None:
-            self._sink.arrange(reconstruction(self.shown))
-
-    def _at(self, iterate: Iterate) -> None:
-        self._sink.at(ITERATIONS, self._before + iterate.k)
+            self._sink.arrange(layouts.reconstruction(self.shown))
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self._sink.log(f"{self._run}/{entity}", *what, static=static)
-
-    def _log_pictures(self, iterate: Iterate) -> None:
-        self._at(iterate)
-        for entity, what in self._painter.paint(iterate).items():
-            self._log(entity, what)
-        self._pictured = iterate.k
 
 
 def _settings(iterate: Iterate) -> str:
     """What is solved and how, as Markdown."""
     problem = iterate.problem
     camera = problem.camera
-    photometry = problem.photometry
     rows = {
-        "distances": "mm" if problem.metric else "**relative units**",
+        "distances": problem.unit,
         "picture": f"{camera.width} x {camera.height} px",
-        "camera": camera.model.replace("_", "-"),
-        "k": photometry.k,
-        "γ": photometry.gamma,
-        "gain": photometry.gain,
+        "camera": camera.model,
+        "k": problem.photometry.k,
+        "γ": problem.photometry.gamma,
+        "gain": problem.photometry.gain,
         **iterate.report.settings,
         "regulariser": problem.regulariser,
         "lam": problem.lam,
@@ -364,7 +316,6 @@ def _settings(iterate: Iterate) -> str:
     }
     table = "## Settings\n\n| | |\n|---|---|\n"
     for name, value in rows.items():
-        words = f"{value:.4g}" if isinstance(value, float) else str(value)
-        cell = words.replace("|", "\\|")
-        table += f"| {name} | {cell} |\n"
+        words = f"{value:.4g}" if isinstance(value, float) else value
+        table += f"| {name} | {words} |\n"
     return table

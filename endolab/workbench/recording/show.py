@@ -6,13 +6,13 @@ so it needs no network.
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from endolab.io.atomic import PathLike
+from endolab.io.images import as_png
 from endolab.numerics.checks import check_int
 from endolab.workbench.recording.reader import Recording, read_recording
 from endolab.workbench.recording.viewer import front_end, notebook_viewer, start_viewer
@@ -20,11 +20,11 @@ from endolab.workbench.recording.viewer import front_end, notebook_viewer, start
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from endolab.workbench.recording.recorder import Comparison, Recorder
+    from endolab.workbench.recording.recorder import Recorder
 
 
 def show(
-    recording: PathLike | Recorder | Comparison,
+    recording: PathLike | Recorder,
     *,
     native: bool = False,
     height: int = 640,
@@ -35,7 +35,7 @@ def show(
 
     Parameters
     ----------
-    recording : path, or closed Recorder or Comparison
+    recording : path, or closed Recorder
         The ``.rrd`` file.
     native : bool
         Open the native viewer, beside the notebook.
@@ -64,17 +64,10 @@ def show(
         _embed(kept.path, height)
         return
     print(f"{why}. Elsewhere, `rerun {name}` opens the recording; it ended like this.")
-    if kept.runs:
-        _display(picture_of(kept))
+    if "ipykernel" in sys.modules and kept.runs:
+        from IPython.display import Image, display
 
-
-def _display(figure: Figure) -> None:
-    from IPython.display import Image, display
-
-    content = io.BytesIO()
-    figure.savefig(content, format="png")
-    if "ipykernel" in sys.modules:
-        display(Image(content.getvalue()))
+        display(Image(as_png(picture_of(kept))))
 
 
 def _embed(path: Path, height: int) -> None:

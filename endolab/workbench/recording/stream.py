@@ -21,6 +21,7 @@ from endolab.workbench.plots.scales import OKABE_ITO
 from endolab.workbench.recording.viewer import VIEWER_PORT, end, start_viewer
 
 TRUTH_COLOUR = (160, 160, 160)
+Thinned = tuple[slice, slice]  # rows and columns
 THIN = rr.Radius.ui_points(1.5)
 
 
@@ -48,27 +49,24 @@ class Sink:
             tempfile.TemporaryFile(dir=self.path.parent).close()
         self._content = rr.binary_stream(self._stream)
 
-    @property
-    def is_viewer_closed(self) -> bool:
-        """Whether the user has closed the viewer's window."""
-        return self._viewer is not None and self._viewer.poll() is not None
-
     def at(self, timeline: str, number: int) -> None:
         """Log at this place of a timeline from now on."""
         self._stream.reset_time()
         self._stream.set_time(timeline, sequence=number)
 
     def log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
-        """Log something, now or for all times."""
+        """Log something, now or for all times; nothing once the user has closed the viewer's window."""
         if not self.open:
             raise ValueError("the recording is closed")
-        self._stream.log(entity, *what, static=static, strict=True)
-        self._used = True
+        if self._viewer is None or self._viewer.poll() is None:
+            self._stream.log(entity, *what, static=static, strict=True)
+            self._used = True
 
-    def log_scalar(self, entity: str, value: float) -> None:
-        """Log a number, now; nothing if it is not finite."""
-        if np.isfinite(value):
-            self.log(entity, rr.Scalars(float(value)))
+    def log_scalars(self, entity: str, values: Mapping[str, float]) -> None:
+        """Log numbers by their names below an entity, now; those that are finite."""
+        for name, value in values.items():
+            if np.isfinite(value):
+                self.log(f"{entity}/{name}", rr.Scalars(float(value)))
 
     def arrange(self, layout: rrb.Blueprint) -> None:
         """Tell the viewer how to open the recording."""
@@ -82,10 +80,8 @@ class Sink:
         if self.path is None:
             try:
                 self._stream.flush(timeout_sec=5.0)  # to take the last of what was logged
-            except RuntimeError:
-                if (
-                    self._viewer is not None
-                ):  # it hangs, and Rerun would wait for it for good
+            except RuntimeError:  # it hangs, and Rerun would wait for it for good
+                if self._viewer is not None:
                     end(self._viewer)
         elif self._used:
             content = self._content.read()
@@ -124,9 +120,9 @@ def camera_shape(camera: Camera, size: float) -> rr.LineStrips3D:
     return rr.LineStrips3D([rim, *spokes], colors=OKABE_ITO.sky, radii=THIN)
 
 
-def every(width: int, most: int) -> tuple[slice, slice]:
+def every(width: int, most: int) -> Thinned:
     """Rows and columns of a map that is that wide, thinned by a whole number to `most` columns."""
-    return (slice(None, None, max(1, -(-width // most))),) * 2
+    return (slice(None, None, -(-width // most)),) * 2
 
 
 def depth_map(

@@ -22,21 +22,16 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
     One that follows a run forgets what is oldest beyond 2 GB. Not by ``rr.spawn``, which listens to the
     network. An OSError says that it does not start.
     """
-    is_running = is_listening(VIEWER_PORT)
+    is_running = _is_listening()
     if is_running and path is None:
         return None
-    screens = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # Linux has one of them then
-    if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
-        raise OSError(NO_SCREEN)
     # Run as a module, rerun_cli exits with 0 whatever has happened.
     program = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
-    words = f"--bind 127.0.0.1 --port {VIEWER_PORT}".split()
-    if path is None:
-        words += ["--memory-limit", "2GB", "--expect-data-soon"]
-    else:
-        words.append(str(path.resolve()))
+    words = f"--bind 127.0.0.1 --port {VIEWER_PORT}"
+    following = "--memory-limit 2GB --expect-data-soon"
+    opened = following.split() if path is None else [str(path.resolve())]
     viewer = subprocess.Popen(
-        [sys.executable, "-c", program, *words],
+        [sys.executable, "-c", program, *words.split(), *opened],
         # The one variable by which the viewer sends no usage data.
         env=os.environ | {"CI": "1"},
         stdin=subprocess.DEVNULL,
@@ -45,9 +40,9 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
         start_new_session=True,  # an interrupt ends the run and leaves the window
     )
     started = time.monotonic()
-    # With a screen that it cannot use it listens for a moment before it gives up.
+    # Without a screen that it can use it listens for a moment before it gives up.
     while time.monotonic() < started + 1.5 or (
-        not is_listening(VIEWER_PORT) and time.monotonic() < started + 20
+        not _is_listening() and time.monotonic() < started + 20
     ):
         if viewer.poll() is not None:
             if is_running and viewer.returncode == 0:  # it has passed the recording on
@@ -60,18 +55,16 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
 def end(program: subprocess.Popen[bytes]) -> None:
     """End a viewer, with all that it has started, at once."""
     with contextlib.suppress(psutil.Error):
-        children = psutil.Process(program.pid).children(recursive=True)
-        for child in children:
+        for child in psutil.Process(program.pid).children(recursive=True):
             child.kill()
-        psutil.wait_procs(children, 5)
     program.kill()
     program.communicate()
 
 
-def is_listening(port: int) -> bool:
-    """Whether a program on this machine listens to a port."""
+def _is_listening() -> bool:
+    """Whether a viewer listens on this machine."""
     with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
+        return probe.connect_ex(("127.0.0.1", VIEWER_PORT)) == 0
 
 
 def front_end() -> bool:

@@ -7,30 +7,13 @@ from matplotlib.figure import Figure
 
 from endolab._extras import lacking
 from endolab.calibration import summary
-from endolab.calibration.session import Named, Session, describe_target
+from endolab.calibration.session import Named, Session
 from endolab.io.atomic import as_json, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
 from endolab.io.video import Frames
 from endolab.workbench.plots import calibration as figures
 from endolab.workbench.plots.style import page
-
-
-def _page(session: Session, source: str, shown: str) -> str:
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    environment.trim_blocks = environment.lstrip_blocks = True
-    template = Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8")
-    return environment.from_string(template).render(
-        session=session,
-        light=session.light,
-        summary=summary,
-        account=summary.account(session),
-        source=source,
-        shown=shown,
-        target=describe_target(session.target),
-    )
 
 
 def write_report(
@@ -58,17 +41,26 @@ def write_report(
     else:
         drawn["camera"] = figures.geometry_figure(session, image)
     if worst:
-        shown = {name: pictures[name] for name in worst}
-        drawn["frames"] = figures.frames_figure(session, shown)
+        of_worst = {name: pictures[name] for name in worst}
+        drawn["frames"] = figures.frames_figure(session, of_worst)
     if session.light is not None:
         drawn["light"] = figures.light_figure(session, image)
     if session.geometry is not None or session.light is not None:
         drawn["uncertainty"] = figures.uncertainty_figure(session)
     for title, figure in drawn.items():
         write_figure(folder / f"{title}.png", figure)
+    account = summary.account(session)
     if not lacking("jinja2"):
-        write_atomically(folder / "report.html", _page(session, source, name).encode())
-    facts = {"endolab": 1, **summary.evidence(session, source, channel)}
-    facts["account"] = summary.account(session)
-    write_atomically(folder / "report.json", as_json(facts))
+        from jinja2 import Environment, StrictUndefined
+
+        environment = Environment(autoescape=True, undefined=StrictUndefined)
+        environment.trim_blocks = environment.lstrip_blocks = True
+        template = Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8")
+        text = environment.from_string(template).render(
+            session=session, summary=summary, account=account, source=source, shown=name
+        )
+        write_atomically(folder / "report.html", text.encode())
+    facts = summary.evidence(session, source, channel)
+    content = as_json({"endolab": 1, **facts, "account": account})
+    write_atomically(folder / "report.json", content)
     write_camera(session.camera, folder / "camera.json")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -120,41 +118,24 @@ def save_result(
     >>> import endolab as el
     >>> sample = el.load_traced("matt")  # a frame that comes with endolab
     >>> el.save_result(el.reconstruct(sample.frame, sample.calibration, width=96, channel="green"), "out")
-    >>> from pathlib import Path
-    >>> sorted(path.name for path in Path("out").iterdir())
+    >>>     >>> sorted(path.name for path in Path("out").iterdir())
     ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
     """
-    with stage_folder(folder, overwrite=overwrite) as staging:
-        write_files(result, staging, mesh=mesh, prepared=prepared, uncertainty=uncertainty)
-
-
-def write_files(
-    result: Result,
-    folder: Path,
-    *,
-    mesh: bool = False,
-    prepared: Prepared | None = None,
-    uncertainty: Uncertainty | None = None,
-) -> None:
-    """Write the files of a result into a folder that is there; parameters as of `save_result`."""
     inside = result.mask
     points = result.points[inside]
     colours = in_colour(result.problem.shown)[inside]
     none = np.empty((0, 3), int)
     unit = result.problem.unit
     cloud = Mesh(points, none, colours, result.normals[inside], unit)
-    # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
-    with ThreadPoolExecutor(1) as pool:
-        path = folder / "depth.npz"
-        depth = pool.submit(save_depth, path, result, result.metric, uncertainty)
-        write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
+    with stage_folder(folder, overwrite=overwrite) as staging:
+        save_depth(staging / "depth.npz", result, result.metric, uncertainty)
+        write_figure(staging / "overview.png", overview(result, uncertainty=uncertainty))
         if prepared is not None:
-            write_figure(folder / "preparation.png", prepare_figure(prepared))
-        write_mesh(folder / "cloud.ply", cloud)
+            write_figure(staging / "preparation.png", prepare_figure(prepared))
+        write_mesh(staging / "cloud.ply", cloud)
         if mesh:
-            write_mesh(folder / "mesh.ply", make_mesh(result))
+            write_mesh(staging / "mesh.ply", make_mesh(result))
         if mesh and uncertainty is not None:
             coloured = make_mesh(result, sigma=uncertainty.sigma)
-            write_mesh(folder / "mesh_uncertainty.ply", coloured)
-        depth.result()
-    write_atomically(folder / "report.json", as_json(report(result, uncertainty)))
+            write_mesh(staging / "mesh_uncertainty.ply", coloured)
+        write_atomically(staging / "report.json", as_json(report(result, uncertainty)))

@@ -31,21 +31,6 @@ def _fill(axes: Axes, unit: Outline, frames: FloatArray, colour: str) -> None:
         axes.add_patch(PathPatch(outline, facecolor=colour, linewidth=0))
 
 
-def _grey(reflectance: float) -> str:
-    """Colour that a printer turns into a reflectance: sRGB, which pages are in."""
-    dark = reflectance <= 0.0031308
-    stored = 12.92 * reflectance if dark else 1.055 * reflectance ** (1 / 2.4) - 0.055
-    return str(round(stored, 4))
-
-
-def _caption(target: Target) -> str:
-    names = [name for name, known in TARGETS.items() if known == target]
-    size = f"{target.kind} {target.spacing:g} mm apart"
-    if isinstance(target, Board):
-        size = f"squares of {target.spacing:g} mm"
-    return f"{[*names, target.kind][0]}: {target.columns} × {target.rows} {size}"
-
-
 def draw_sheet(target: Target) -> Figure:
     """Draw a sheet on its page, under its name in `TARGETS`, or its kind.
 
@@ -67,7 +52,9 @@ def draw_sheet(target: Target) -> Figure:
     ink = target.ink
     for x, y, diameter, reflectance in ink.greys:
         disc = np.array([[x, y, diameter, diameter]])
-        _fill(axes, Outline.unit_circle(), disc, _grey(reflectance))
+        # SRGB, which pages are in; its straight part is darker than any ink.
+        grey = 1.055 * reflectance ** (1 / 2.4) - 0.055
+        _fill(axes, Outline.unit_circle(), disc, f"{grey:.4f}")
     _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], "black")
     _fill(axes, Outline.unit_rectangle(), ink.rectangles, "black")
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
@@ -77,7 +64,12 @@ def draw_sheet(target: Target) -> Figure:
         axes.plot([target.fold_x] * 2, [top, bottom], "|", ms=12, **lines)
         axes.text(target.fold_x, top - 5, "fold here, away from you", ha="center", **words)
     start = min(left, axes.get_xlim()[1] - EDGE - WORDS)
-    caption = f"{_caption(target)}. Print at 100 %, not fitted to the page."
+    names = [name for name, known in TARGETS.items() if known == target]
+    step = f"{target.kind} {target.spacing:g} mm apart"
+    if isinstance(target, Board):
+        step = f"squares of {target.spacing:g} mm"
+    what = f"{[*names, target.kind][0]}: {target.columns} × {target.rows} {step}"
+    caption = f"{what}. Print at 100 %, not fitted to the page."
     axes.text(start, bottom + 5, caption, **words)
     check = f"Check: this line must be {RULER} mm long."
     axes.text(start, bottom + 10, check, **words)

@@ -34,7 +34,7 @@ from endolab.reconstruction.report import advice, describe, warnings, what_chang
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
-from endolab.workbench.reports.result import write_files
+from endolab.workbench.reports.result import save_result
 from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import (
     Answer,
@@ -569,7 +569,8 @@ class TunerBox(anywidget.AnyWidget):
                 )
                 if answer.uncertainty is not None:
                     recorder.add_uncertainty(answer.uncertainty, answer.result)
-            write_files(answer.result, staging, uncertainty=answer.uncertainty)
+            found = answer.uncertainty
+            save_result(answer.result, staging, uncertainty=found, overwrite=True)
             if board is not None:
                 write_atomically(staging / "board.png", board)
             if answer.held is not None:

@@ -11,7 +11,6 @@ import endolab as el
 from endolab import plots
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.workbench.plots import calibration
-from tests.tools.problems import coloured_colon
 from tests.tools.simulated_session import refused, simulated
 
 PAGES = {"overview": 6, "prepare_figure": 4, "geometry_figure": 4, "light_figure": 6}
@@ -22,17 +21,11 @@ WITHOUT_UNIT = {"", "iteration", "frame", "$f_r$ relative to the pinned node", "
 WITHOUT_UNIT |= {"share of the light on the axis"}
 
 
-@pytest.fixture(autouse=True)
-def _no_figure_stays():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
-def drawn():
+def drawn(colon):
     """What each figure is drawn of."""
-    problem, seen = coloured_colon(el.load_calibration("paper", width=80).camera)
-    start = el.Iterate.of(problem, problem.log_d0)
+    start, seen = colon
+    problem = start.problem
     history = [{"k": k, "energy": 0.5**k, "regulariser": 0.0} for k in range(5)]
     session, frames, _ = simulated()
     geometry = session.geometry

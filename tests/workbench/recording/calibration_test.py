@@ -25,30 +25,27 @@ def test_what_is_read_back_is_the_calibration(name, tmp_path):
     def points(entity, component, number, size=2):
         return file.at(entity, component, number).reshape(-1, size)
 
-    panel = session.target.panel_of(session.target.points)
+    target = session.target
+    panel = target.panel_of(target.points)
+    geometry = session.geometry
     for number, name in enumerate(names):
         pixels = points("/picture/detected", "positions", number)
         assert np.allclose(pixels, session.detections[name].pixels + 0.5, atol=1e-3)
-        found = points("/world/sheet", "positions", number, 3)
-        assert (len(found) == 0) == (name in LOST)
-        poses = [
-            (n, pose) for n, pose in enumerate(session.poses.get(name, ())) if pose
-        ]
+        sheet = points("/world/sheet", "positions", number, 3)
         places = [
-            pose.transform(session.target.points[panel == n]) for n, pose in poses
+            pose.transform(target.points[panel == n])
+            for n, pose in enumerate(session.poses.get(name, ()))
+            if pose is not None
         ]
-        assert np.allclose(found, np.concatenate(places or [found]), atol=1e-3)
-
-    geometry = session.geometry
-    views = [n for n, view in enumerate(geometry.views) if view.name == names[6]]
-    good = np.concatenate([geometry.inliers[n] for n in views])
-    pixels = np.concatenate([geometry.views[n].pixels for n in views])[good]
-    residuals = np.concatenate([geometry.residuals[n] for n in views])[good]
-    origins = points("/picture/reprojection", "origins", 6)
-    assert np.allclose(origins, pixels + 0.5, atol=1e-3)
-    magnify = 0.015 * 160 / geometry.sigma
-    vectors = points("/picture/reprojection", "vectors", 6)
-    assert np.allclose(vectors, magnify * residuals, rtol=1e-5)
+        assert (places == []) == (name in LOST)
+        assert np.allclose(sheet, np.concatenate([sheet[:0], *places]), atol=1e-3)
+        views = [n for n, view in enumerate(geometry.views) if view.name == name]
+        residuals = [geometry.residuals[n][geometry.inliers[n]] for n in views]
+        vectors = points("/picture/reprojection", "vectors", number)
+        expected = (
+            0.015 * 160 / geometry.sigma * np.concatenate([*residuals, vectors[:0]])
+        )
+        assert np.allclose(vectors, expected, rtol=1e-5)
 
     located = [names.index(name) for name in session.poses]
     gains = dict(zip(located, session.light.gains, strict=True))

@@ -1,10 +1,11 @@
 """Showing recordings where there is no front end, no screen, or no recording."""
 
+import sys
+
 import pytest
 
 import endolab as el
 from endolab.workbench.recording import show as embed
-from endolab.workbench.recording.recorder import Comparison
 from tests.tools.problems import coloured_colon
 
 
@@ -14,7 +15,7 @@ def path(tmp_path_factory):
     calibration = el.load_calibration("paper", width=64)
     problem, _ = coloured_colon(calibration.camera)
     start = el.Iterate.of(problem, problem.log_d0)
-    with Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
+    with el.record(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
         both.run("facing")(start)
         newton = both.run("gauss_newton")
         newton(start)
@@ -36,27 +37,24 @@ def test_without_a_front_end_there_is_a_sentence_and_a_picture(
     path, nobody, capsys, monkeypatch
 ):
     shown = []
-    monkeypatch.setattr(embed, "_display", shown.append)
+    monkeypatch.setitem(sys.modules, "ipykernel", sys)
+    monkeypatch.setattr("IPython.display.display", shown.append)
     embed.show(path)
     output = capsys.readouterr().out
     assert output.startswith("Nobody is there to show the viewer to")
     assert "`rerun both.rrd`" in output
     assert output.count("\n") == 1
-    (figure,) = shown
+    assert shown[0].data.startswith(b"\x89PNG")
+
+
+def test_the_picture_has_the_end_of_each_run_in_the_same_colours(path):
+    figure = embed.picture_of(el.read_recording(path))
     titles = [axes.get_title() for axes in figure.axes]
     assert "facing, iteration 0" in titles
     assert "gauss newton, iteration 1" in titles
     left, right = (axes.images[0] for axes in figure.axes[::3][:2])
     assert left.get_clim() == right.get_clim()
     figure.canvas.draw()
-
-
-def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
-    monkeypatch.setattr(embed, "_display", lambda figure: None)
-    recorder = el.record(tmp_path / "run.rrd")
-    recorder.close()
-    (tmp_path / "run.rrd").write_bytes(path.read_bytes())
-    embed.show(recorder)
 
 
 def test_the_viewer_comes_from_this_machine(path, monkeypatch):

@@ -1,6 +1,7 @@
 """The report of a calibration: its page, its numbers, and what becomes of its files."""
 
 import json
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -20,15 +21,13 @@ class Page(HTMLParser):
     def __init__(self, content):
         super().__init__()
         self.text = ""
-        self.pictures = []
         self.open = []
+        self.pictures = re.findall(r'<img src="([^"]+)"', content)
         self.feed(content)
         assert not self.open
 
     def handle_starttag(self, tag, attributes):
-        if tag == "img":
-            self.pictures.append(dict(attributes)["src"])
-        elif tag not in ("meta", "link", "br"):
+        if tag not in ("meta", "img"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
