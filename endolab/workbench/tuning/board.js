@@ -53,9 +53,15 @@ function rounds(low, high, count, log) {
 
 // Lines where a map crosses levels, as pairs of points, in pixels of the map.
 function isolines(map, width, height, some) {
-  const lines = [];
+  const lines = [], below = map.map((value) => { // how many levels lie below
+    let count = 0;
+    while (value >= some[count]) count++;
+    return count;
+  });
   for (let i = 0; i < height - 1; i++) for (let j = 0; j < width - 1; j++) {
-    const at = i * width + j, [a, b, c, d] = [map[at], map[at + 1], map[at + width], map[at + width + 1]];
+    const at = i * width + j, first = below[at];
+    if (first === below[at + 1] && first === below[at + width] && first === below[at + width + 1]) continue;
+    const [a, b, c, d] = [map[at], map[at + 1], map[at + width], map[at + width + 1]];
     const low = Math.min(a, b, c, d), high = Math.max(a, b, c, d);
     if (!(high < 1.15 * low)) continue; // nan, or a fold
     for (const level of some) {
@@ -93,23 +99,24 @@ function percentile(values, share) {
   return known.length ? known[Math.floor(share * (known.length - 1))] : NaN;
 }
 
-// Numbers to the colours of a palette, on a canvas of the map's own size.
+// One canvas for all maps: each is drawn from it at once.
+const SCRATCH = new OffscreenCanvas(1, 1);
+function as_picture(rgba, width, height) {
+  if (SCRATCH.width !== width || SCRATCH.height !== height) Object.assign(SCRATCH, { width, height });
+  const bytes = new Uint8ClampedArray(rgba.buffer, rgba.byteOffset, rgba.byteLength);
+  SCRATCH.getContext("2d", { willReadFrequently: true }).putImageData(new ImageData(bytes, width, height), 0, 0);
+  return SCRATCH;
+}
+
+// Numbers to the colours of a palette.
 function coloured(values, { palette, low, high, log }, width, height) {
-  const canvas = new OffscreenCanvas(width, height), picture = new ImageData(width, height);
-  const to = new Uint32Array(picture.data.buffer), from = log ? Math.log(low) : low;
+  const to = new Uint32Array(values.length), from = log ? Math.log(low) : low, last = palette.length - 1;
   const scale = palette.length / ((log ? Math.log(high) : high) - from);
   for (let p = 0; p < values.length; p++) {
     const value = values[p], place = ((log ? Math.log(value) : value) - from) * scale | 0;
-    to[p] = value === value ? palette[Math.max(0, Math.min(palette.length - 1, place))] : 0;
+    if (value === value) to[p] = palette[Math.max(0, Math.min(last, place))];
   }
-  canvas.getContext("2d").putImageData(picture, 0, 0);
-  return canvas;
-}
-
-function as_picture(rgba, width, height) {
-  const canvas = new OffscreenCanvas(width, height);
-  canvas.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(rgba.buffer, rgba.byteOffset, rgba.length), width, height), 0, 0);
-  return canvas;
+  return as_picture(to, width, height);
 }
 
 function path(pen, xs, ys, at) {
@@ -126,10 +133,12 @@ function path(pen, xs, ys, at) {
 // The colours of a scale, with round numbers beside them.
 function draw_bar(pen, box, { palette, low, high, log }, ink) {
   const [left, top, wide, tall] = box, place = (value) => (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
-  const strip = new OffscreenCanvas(1, palette.length), picture = new ImageData(1, palette.length);
-  new Uint32Array(picture.data.buffer).set(palette.slice().reverse());
-  strip.getContext("2d").putImageData(picture, 0, 0);
-  pen.drawImage(strip, left, top, wide, tall);
+  if (!palette.strip) {
+    palette.strip = new OffscreenCanvas(1, palette.length);
+    const colours = new Uint8ClampedArray(palette.slice().reverse().buffer);
+    palette.strip.getContext("2d").putImageData(new ImageData(colours, 1, palette.length), 0, 0);
+  }
+  pen.drawImage(palette.strip, left, top, wide, tall);
   Object.assign(pen, { fillStyle: ink, strokeStyle: ink, textAlign: "left", textBaseline: "middle", lineWidth: 1 });
   pen.strokeRect(left, top, wide, tall);
   for (const value of rounds(low, high, Math.max(2, Math.floor(tall / 30)), log)) {
@@ -330,6 +339,7 @@ class Surface {
     gl.vertexAttrib1f(1, 1);
     gl.uniform4f(this.at.ink, 0.5, 0.5, 0.5, 1);
     if (!this.inside) gl.drawArrays(gl.LINES, 0, EDGES.length);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until all is drawn: who draws can tell how long it takes
   }
 
   // Where a point is in the panel, shares to the right and down.

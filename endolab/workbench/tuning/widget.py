@@ -309,11 +309,8 @@ class TunerBox(anywidget.AnyWidget):
 
     def _show(self, answer: Answer) -> None:
         """Show an answer, once the page has painted the one before; in the engine's thread."""
-        is_new = self.answer is None or answer.stage == Stage.ANEW
         if not answer.is_final:
             self._free.wait(PAINTING)
-            if self.engine.is_stale():
-                return
         before = self.answer
         self.answer = answer
         more: dict[str, Any] = {}
@@ -322,12 +319,11 @@ class TunerBox(anywidget.AnyWidget):
             more["energy"] = _energy(answer)
             if self._visited[-1:] != [answer.settings]:
                 self._visited.append(answer.settings)
-        if is_new and answer.is_final and before is not answer:
+        is_new = before is None or answer.still is not before.still
+        if is_new:
             self._limits = {}
             self._compare(before, answer)
-            self._send_answer(answer, more, still=True)
-        else:
-            self._send_answer(answer, more)
+        self._send_answer(answer, more, still=is_new)
 
     def _compare(self, before: Answer | None, answer: Answer) -> None:
         """Note what asking anew has changed."""
