@@ -196,7 +196,7 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
     assert page.complaints == []
     process.send_signal(signal.SIGINT)
     assert ended(process) == (0, "ended")
-    page.locator("#lost").wait_for(state="visible")
+    page.locator(".endolab-lost").wait_for(state="visible")
 
 
 def test_a_page_that_is_loaded_again_and_a_second_one_show_the_same(start, visit):

@@ -148,7 +148,7 @@ function draw_bar(pen, box, { palette, low, high, log }, ink) {
 
 // Lines and dots on axes. An axis is {label, low, high, log, ticks: [[place, text]]}; the axis at the right is likewise.
 function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = [], equal, down }, { ink, faint }) {
-  const pad = [46, 6, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
+  const pad = [52, 6, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
   if (equal) { // one length for a unit along both
     const scale = Math.max((x.high - x.low) / w, (y.high - y.low) / h);
     for (const [axis, size] of [[x, w], [y, h]]) {

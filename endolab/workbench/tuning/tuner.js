@@ -60,7 +60,7 @@ function render({ model, el }) {
   const send = (action, ...given) => model.send({ do: action, given });
 
   // Above the panels
-  const lost = add("div", "endolab-lost", root, { hidden: true, textContent: "The kernel that drew this is gone: run the cell again." });
+  const lost = add("div", "endolab-lost", root, { hidden: true, textContent: "The tuner has ended: run its cell again, or endolab tune." });
   const [sight, advanced, actions, status] = ["knobs", "advanced endolab-knobs", "actions", "status"].map((name) => add("div", `endolab-${name}`, root));
   const keys = add("div", "endolab-keys", root, { hidden: true });
   for (const [key, does] of Object.entries(HELP)) {
@@ -380,7 +380,6 @@ function render({ model, el }) {
   // What is said
   const show_knobs = () => { for (const [name, show] of shown) if (name in now.knobs) show(now.knobs[name]); };
   const hear = (message, buffers) => {
-    if (message.gone) { lost.hidden = false; return; }
     (message.names ?? []).forEach(([name, kind], i) => {
       const { buffer, byteOffset, byteLength } = buffers[i], bytes = buffer.slice(byteOffset, byteOffset + byteLength);
       now.arrays = { ...now.arrays, [name]: kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes) };
@@ -469,7 +468,7 @@ function render({ model, el }) {
   night.addEventListener("change", resize);
   window.addEventListener("resize", resize);
   model.on("msg:custom", hear);
-  model.on("comm_live_update", () => hear({ gone: true }));
+  model.on("comm_live_update", () => { lost.hidden = false; });
   // Arrows turn knobs, and fold no heading of the notebook.
   for (const one of root.querySelectorAll("input, select, button")) one.dataset.lmSuppressShortcuts = "true";
   resize();

@@ -7,6 +7,7 @@ page says that it has painted the last. `TunerBox.answer` is what is shown, writ
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
@@ -231,6 +232,7 @@ class TunerBox(anywidget.AnyWidget):
 
     def ask_anew(self) -> None:
         """Have light and contours found again, with the knobs as they are."""
+        self.send({"line": "asking anew ..."})
         self.turn({}, anew=True)
 
     def undo(self) -> None:
@@ -435,7 +437,7 @@ class TunerBox(anywidget.AnyWidget):
         if advised:
             chips.append({"chip": advised, "text": text, "lam": float(f"{best:.2g}")})
         chips += [
-            {"chip": one.split(":")[0].split(",")[0].rstrip("."), "text": one}
+            {"chip": re.split("[:;,]", one)[0].rstrip("."), "text": one}
             for one in warnings(answer.result)
         ]
         if answer.stage == Stage.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
