@@ -13,11 +13,16 @@ import pytest
 
 from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
-from tests.browser.conftest import OWN, ROOT, a_free_port, photograph
+from tests.browser.conftest import (
+    FINAL,
+    KNOWN,
+    OWN,
+    ROOT,
+    SAID,
+    a_free_port,
+    photograph,
+)
 
-KNOWN = "document.querySelector('.endolab-tuner')?.endolab"
-FINAL = f"() => {KNOWN}?.arrays?.distance && !{KNOWN}.moving && {KNOWN}.curve?.lams"
-SAID = "document.querySelector('.endolab-line').innerText"
 TURN = """([name, value]) => {
     const handle = document.querySelector(`.endolab-${name} input[type=range]`);
     handle.value = value;

@@ -267,19 +267,21 @@ class Surface {
   lay({ rays, cuts, width, height }, step) {
     const gl = this.gl, columns = Math.ceil(width / step), rows = Math.ceil(height / step);
     this.some = { step, width, columns, rows };
-    const few = new Float32Array(3 * columns * rows), joined = [], across = []; // where it is cut, for who looks from the camera
+    const few = new Float32Array(3 * columns * rows), corners = new Uint32Array(6 * (columns - 1) * (rows - 1));
+    let joined = 0, torn = corners.length; // where it is cut, at the end: for who looks from the camera
     for (let i = 0, p = 0; i < rows; i++) for (let j = 0; j < columns; j++, p++) {
       for (let axis = 0; axis < 3; axis++) few[3 * p + axis] = rays[3 * (i * step * width + j * step) + axis];
       if (i + 1 === rows || j + 1 === columns) continue;
-      let torn = false;
-      for (let a = 0; a <= step && !torn; a++) for (let b = 0; b <= step; b++) torn ||= cuts[(i * step + a) * width + j * step + b] > 0;
-      (torn ? across : joined).push(p, p + columns, p + 1, p + 1, p + columns, p + columns + 1);
+      let is_cut = false;
+      for (let a = 0; a <= step; a++) for (let b = 0; b <= step; b++) is_cut ||= cuts[(i * step + a) * width + j * step + b] > 0;
+      const at = is_cut ? torn -= 6 : (joined += 6) - 6;
+      [p, p + columns, p + 1, p + 1, p + columns, p + columns + 1].forEach((corner, k) => { corners[at + k] = corner; });
     }
-    this.counts = [joined.length, joined.length + across.length];
+    this.counts = [joined, corners.length];
     gl.bindBuffer(gl.ARRAY_BUFFER, this.rays);
     gl.bufferData(gl.ARRAY_BUFFER, few, gl.STATIC_DRAW);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.joined);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint32Array.from([...joined, ...across]), gl.STATIC_DRAW);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
   }
 
   dress(canvas) {

@@ -42,7 +42,7 @@ from endolab.solvers.result import Iterate, Observer, Result, run
 from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
-REST = 0.1  # s without a wish, after which the hand rests
+REST = 0.15  # s without a wish, after which the hand rests
 # Times the present λ, for the λ curve: from a tenth to ten times, the near ones first.
 LAM_FACTORS = (0.32, 3.2, 0.1, 10.0)
 FIRST_SIGHTS = (
