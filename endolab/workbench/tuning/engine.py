@@ -42,9 +42,12 @@ from endolab.solvers.result import Iterate, Observer, Result, run
 from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
-REST = 0.1  # s without a wish, after which the hand rests
+REST = 0.15  # s without a wish, after which the hand rests
 # Times the present λ, for the λ curve: from a tenth to ten times, the near ones first.
 LAM_FACTORS = (0.32, 3.2, 0.1, 10.0)
+FIRST_SIGHTS = (
+    0.4  # s between the iterates that are shown of a frame's first run, coarse ones too
+)
 LARGEST_LAM = 100.0  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
@@ -298,14 +301,18 @@ class Engine:
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
         base = self.base
-        tell = None
-        shape = None
-        if base is not None and subject is base.still.subject:
-            shape = base.result.mask.shape
-            tell = self._show_long(wish, base.still, None)
+        is_known = base is not None and subject is base.still.subject
+        shape = base.result.mask.shape if base is not None and is_known else None
+        tell = self._show_long(wish, base.still, None) if base is not None else None
+        last_shown = 0.0
 
         def watch(iterate: Iterate) -> bool:
-            if tell is not None and iterate.mask.shape == shape:
+            nonlocal last_shown
+            if not is_known and time.perf_counter() - last_shown > FIRST_SIGHTS:
+                sofar = shown_as(iterate)
+                self.show(Answer(wish, Stage.ITERATE, Still.of(subject, sofar), sofar))
+                last_shown = time.perf_counter()
+            elif tell is not None and iterate.mask.shape == shape:
                 tell(iterate)
             return self.is_stale() and base is not None
 
