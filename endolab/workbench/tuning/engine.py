@@ -24,6 +24,7 @@ import numpy as np
 from skimage.measure import label
 
 from endolab.metrics.depth_errors import resample_truth
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limit_threads
@@ -145,7 +146,7 @@ def shown_as(iterate: Iterate, seconds: float = 0.0) -> Result:
 def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()) -> Answer:
     """Find all anew, here and now: what `reconstruct` makes of the frame."""
     saved = wish.solving_settings(subject)
-    known = saved.apply(subject.calibration)
+    known = wish.calibration_of(subject)
     steps = Path()
     watch = [steps.add, *observers]
     result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
@@ -320,7 +321,7 @@ class Engine:
         if self.is_stale() and base is not None:
             return None
         result = answer.result
-        light = wish.solving_settings(subject).apply(subject.calibration).photometry
+        light = wish.calibration_of(subject).photometry
         self._held = Held(result.problem, light, result.iterate.log_distance)
         self.base = answer
         self.tried = []
@@ -333,9 +334,8 @@ class Engine:
         assert base is not None
         assert self._held is not None
         if wish.solver == FOLLOWS and self._look is not None:
-            saved = wish.solving_settings(base.still.subject)
-            light = saved.apply(base.still.subject.calibration).photometry
-            problem = self._held.problem_with(wish, light)
+            known = wish.calibration_of(base.still.subject)
+            problem = self._held.problem_with(wish, known)
             started = time.perf_counter()
             with limit_threads(1):
                 iterate = self._look.follow(problem)
@@ -380,7 +380,7 @@ class Engine:
         steps = Path()
         result = reconstruct(
             base.still.subject.frame,
-            saved.apply(base.still.subject.calibration),
+            wish.calibration_of(base.still.subject),
             held=held,
             observers=[*observers, steps.add],
             **saved.keywords,
@@ -421,7 +421,7 @@ class Engine:
     def find_uncertainty(self, answer: Answer) -> None:
         """Find how far an answer can be trusted, in this thread, and show it once more."""
         subject = answer.still.subject
-        known = answer.settings.solving_settings(subject).apply(subject.calibration)
+        known = answer.settings.calibration_of(subject)
         answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
         self.show(answer)
 
@@ -450,14 +450,15 @@ def variants(
 ) -> list[Answer]:
     """Solve for each regulariser and λ with an answer's light and contours."""
     problem = answer.result.problem
-    held = Held(problem, problem.photometry, answer.result.iterate.log_distance)
+    known = Calibration(problem.camera, problem.photometry)
+    held = Held(problem, known.photometry, answer.result.iterate.log_distance)
     found = []
     for regulariser in regularisers:
         start = held.start
         for lam in lams:
             changes: dict[str, Any] = {"lam": lam, "regulariser": regulariser}
             wish = replace(answer.settings, **changes)
-            steps = solve(held.problem_with(wish, held.light), start=start)
+            steps = solve(held.problem_with(wish, known), start=start)
             result = run(steps)
             start = result.iterate.log_distance  # neighbours are near
             found.append(Answer(wish, Stage.KEPT, answer.still, result, held))

@@ -165,7 +165,14 @@ class TunerBox(anywidget.AnyWidget):
             "k": {"first": calibration.photometry.k},
             "gamma": {"first": calibration.photometry.gamma},
         }
-        self._specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
+        camera = calibration.evidence.get("camera", {})
+        if camera.get("nominal"):
+            known["fov"] = {"first": camera["fov"]}
+        self._specs = [
+            spec | known.get(spec["name"], {})
+            for spec in knob_specs()
+            if spec["name"] != "fov" or "fov" in known
+        ]
         source = Source(calibration, frame, truth)
         super().__init__(facts=self._facts())
         self.on_msg(self._hear)
@@ -408,6 +415,8 @@ class TunerBox(anywidget.AnyWidget):
             name: getattr(known, name) if value is None else value
             for name, value in light.items()
         }
+        if asked.fov is not None:
+            found["fov"] = asked.fov
         return {"lam": asked.lam, "gain": asked.gain, **found}
 
     def _words(self, answer: Answer) -> dict[str, Any]:
@@ -550,7 +559,7 @@ class TunerBox(anywidget.AnyWidget):
         answer = self._final()
         subject = answer.still.subject
         saved = answer.settings.solving_settings(subject)
-        known = saved.apply(subject.calibration)
+        known = answer.settings.calibration_of(subject)
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 reconstruct(
@@ -571,7 +580,8 @@ class TunerBox(anywidget.AnyWidget):
                 saved = replace(saved, held="held.npz")
             if answer.settings.scene is None:
                 self._write_frame(subject.frame, staging)
-            write_calibration(subject.calibration, staging / "endoscope.json")
+            known = answer.settings.endoscope(subject.calibration)
+            write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
             write_atomically(staging / "result.py", self.python().encode())
         return Path(folder)
