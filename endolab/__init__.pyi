@@ -8,6 +8,7 @@ from .batch.video import reconstruct_video as reconstruct_video
 from .calibration.session import calibrate as calibrate
 from .calibration.targets import TARGETS as TARGETS
 from .frames.frame import Frame as Frame
+from .frames.nominal import nominal_calibration as nominal_calibration
 from .frames.prepare import prepare as prepare
 from .io import datasets as datasets
 from .io.datasets.folders import open_dataset as open_dataset

@@ -102,6 +102,7 @@ def calibrate(
     from endolab.io.atomic import check_new, stage_folder
     from endolab.io.cameras.formats import read_camera
     from endolab.io.descriptions import make_calibration, read_target
+    from endolab.model.photometry import NOMINAL
     from endolab.workbench.reports.calibration_page import write_report
 
     if not out.endswith(".json"):
@@ -139,7 +140,9 @@ def calibrate(
     el.write_calibration(make_calibration(session, str(found.path), channel), out)
     print(*account(session), sep="\n")
     if session.light is None:
-        print("The light is not calibrated: k 2.5 and γ 2.2 of another endoscope stand in.")
+        print(
+            f"The light is not calibrated: k {NOMINAL.k:g} and γ {NOMINAL.gamma:g} stand in."
+        )
     print(f"written to {out}, and to {report}", lacking("jinja2"))
 
 
@@ -231,7 +234,7 @@ def convert(
     out : path
         The calibration.
     size : COLUMNSxROWS
-        Of the pictures, px, if the file does not say.
+        Of the pictures, px, if the file does not say, or other pictures of its shape.
     overwrite : bool
         Replace what is there.
     """

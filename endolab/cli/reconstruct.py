@@ -9,10 +9,12 @@ from cyclopts import Parameter
 from endolab._extras import lacking
 from endolab.cli.solving import (
     Diameter,
+    Rectangle,
     Several,
     Value,
     announce_compiling,
     load,
+    load_endoscope,
     show_progress,
 )
 from endolab.reconstruction.settings import option_types, takes_settings
@@ -31,7 +33,9 @@ def reconstruct(
     frame: str,
     /,
     *,
-    calibration: str,
+    calibration: str | None = None,
+    fov: float | None = None,
+    crop: Rectangle = None,
     out: str,
     mask: str | None = None,
     settings: str | None = None,
@@ -47,6 +51,7 @@ def reconstruct(
 ) -> None:
     """Make a surface of a frame, or of each frame of a video.
 
+    - endolab reconstruct picture.jpg --out result
     - endolab reconstruct frame.png --calibration endoscope.json --out result
     - endolab reconstruct frame.png --calibration paper --width 480 --out quick
     - endolab reconstruct frame.png --calibration c3vd --channel green --out r
@@ -58,7 +63,11 @@ def reconstruct(
     frame : path
         A picture (PNG, JPEG, TIFF, WebP, DICOM ...), a folder of these, or a video.
     calibration : path
-        endoscope.json, a known endoscope's name, or another program's file.
+        endoscope.json, a known endoscope's name, or another program's file; a nominal fisheye without.
+    fov : float
+        Across what the picture shows, degrees, without a calibration (140).
+    crop : COLUMN,ROW,WIDTH,HEIGHT
+        The part of the calibration's picture that this one shows, as of a zoom, px.
     out : path
         Folder for the results.
     mask : path
@@ -89,7 +98,8 @@ def reconstruct(
     if (uncertainty or mesh or prepare) if is_video else every or limit:
         kinds = "--every and --limit are of a video, --uncertainty, --mesh and --prepare"
         raise ValueError(f"{kinds} of one picture")
-    known, keywords = load(calibration, [frame], options, albedo, threads, settings)
+    endoscope = load_endoscope(calibration, [frame], fov, crop)
+    known, keywords = load(endoscope, options, albedo, threads, settings)
     if is_video:
         from endolab.batch.video import reconstruct_video
 
@@ -168,7 +178,9 @@ def sweep(
     frames: tuple[str, ...],
     /,
     *,
-    calibration: str,
+    calibration: str | None = None,
+    fov: float | None = None,
+    crop: Rectangle = None,
     out: str = "sweep.csv",
     truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     jobs: int | None = None,
@@ -190,7 +202,11 @@ def sweep(
     frames : paths
         Pictures: PNG, JPEG, TIFF, WebP, DICOM ...
     calibration : path
-        endoscope.json, a known endoscope's name, or another program's file.
+        endoscope.json, a known endoscope's name, or another program's file; a nominal fisheye without.
+    fov : float
+        Across what the picture shows, degrees, without a calibration (140).
+    crop : COLUMN,ROW,WIDTH,HEIGHT
+        The part of the calibration's picture that this one shows, as of a zoom, px.
     out : path
         The table.
     truth : paths
@@ -207,7 +223,8 @@ def sweep(
     """
     import endolab as el
 
-    known, keywords = load(calibration, frames, options, albedo, threads)
+    endoscope = load_endoscope(calibration, frames, fov, crop)
+    known, keywords = load(endoscope, options, albedo, threads)
     with announce_compiling(), show_progress("row") as show:
         rows = el.sweep(
             frames,

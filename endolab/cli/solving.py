@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -39,20 +40,26 @@ def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
 
 
+def _rectangle(_: Any, tokens: Sequence[Any]) -> tuple[int, int, int, int]:
+    """Read ``COLUMN,ROW,WIDTH,HEIGHT``."""
+    column, row, width, height = map(int, tokens[0].value.split(","))
+    return column, row, width, height
+
+
 Several = Annotated[Any, Parameter(converter=_several, n_tokens=1)]
 Value = Annotated[Any, Parameter(converter=_value, n_tokens=1)]
 Diameter = Annotated[Any, Parameter(converter=_diameter, n_tokens=1)]
+Rectangle = Annotated[Any, Parameter(converter=_rectangle, n_tokens=1)]
 
 
 def load(
-    calibration: str,
-    sources: Sequence[str],
+    calibration: Calibration,
     options: dict[str, Any],
     albedo: Any,
     threads: int | None,
     settings: str | None = None,
 ) -> tuple[Calibration, dict[str, Any]]:
-    """Return the calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""
+    """Return a calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""
     from endolab.io.settings import SolvingSettings, read_settings
     from endolab.reconstruction.settings import LENGTHS
 
@@ -70,22 +77,43 @@ def load(
         keywords["held"] = load_held(kept.held)
     for name in LENGTHS if options.keys() & LENGTHS else ():  # one alone may fix the scale
         keywords.pop(name, None)
-    return kept.apply(load_endoscope(calibration, sources)), keywords | options
+    return kept.apply(calibration), keywords | options
 
 
-def load_endoscope(calibration: str, sources: Sequence[str]) -> Calibration:
-    """Load a calibration; pictures are as large as the first source's, if it does not say."""
+def load_endoscope(
+    calibration: str | None,
+    sources: Sequence[str],
+    fov: float | None = None,
+    crop: tuple[int, int, int, int] | None = None,
+) -> Calibration:
+    """Load a calibration, or that of a part of its pictures; a nominal one of the first source without."""
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.video import open_frames
 
+    if calibration is None:
+        from endolab.frames.nominal import nominal_calibration
+        from endolab.reconstruction.sequence import as_frame
+
+        if crop is not None:
+            raise ValueError("--crop is of a calibration's pictures: give it --calibration")
+        first = as_frame(*next(iter(open_frames(*sources))))
+        known = nominal_calibration(first, 140.0 if fov is None else fov)
+        light = known.photometry
+        angle = f"a fisheye, {known.evidence['camera']['fov']:g}° across what it shows"
+        text = f"no calibration: {angle}, k {light.k:g}, γ {light.gamma:g}: shape only"
+        logging.getLogger("endolab").warning("%s", text)
+        return known
+    if fov is not None:
+        raise ValueError("--fov is of a picture without --calibration, which tells it")
     try:
-        return load_calibration(calibration)
+        known = load_calibration(calibration)
     except MissingSize:
         image = next(iter(open_frames(*sources)))[1]
         if image is None:
             raise
-        return load_calibration(calibration, size=image.shape[1::-1])
+        known = load_calibration(calibration, size=image.shape[1::-1])
+    return known if crop is None else known.crop(*crop)
 
 
 @contextmanager

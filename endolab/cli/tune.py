@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Port, load_endoscope
+from endolab.cli.solving import Port, Rectangle, load_endoscope
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -22,7 +22,9 @@ def tune(
     frame: str,
     /,
     *,
-    calibration: str,
+    calibration: str | None = None,
+    fov: float | None = None,
+    crop: Rectangle = None,
     truth: str | None = None,
     width: int = 320,
     port: Port = 8877,
@@ -32,6 +34,7 @@ def tune(
 ) -> None:
     """Open the tuner in the browser.
 
+    - endolab tune picture.jpg
     - endolab tune frame.png --calibration endoscope.json
     - endolab tune frames --calibration c3vd --width 480
     - endolab tune a.png --calibration endoscope.json --truth truth.npz
@@ -41,7 +44,11 @@ def tune(
     frame : path
         A picture (PNG, JPEG, TIFF, WebP, DICOM ...), or a folder of these.
     calibration : path
-        endoscope.json, a known endoscope's name, or another program's file.
+        endoscope.json, a known endoscope's name, or another program's file; a nominal fisheye without.
+    fov : float
+        Across what the picture shows, degrees, without a calibration (140).
+    crop : COLUMN,ROW,WIDTH,HEIGHT
+        The part of the calibration's picture that this one shows, as of a zoom, px.
     truth : path
         truth.npz of the frame, or its depth map of a published data set.
     width : int
@@ -60,7 +67,7 @@ def tune(
     from endolab.workbench.tuning.server import Page
 
     pictures = find_pictures(frame)
-    known = load_endoscope(calibration, [frame])
+    known = load_endoscope(calibration, [frame], fov, crop)
     first = read_frame(pictures[0], known)
     true = None if truth is None else read_truth(truth, known)
     if true is not None and len(pictures) > 1:
@@ -110,14 +117,13 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
     """Read the true distance, (H, W), mm, of a frame of this size: truth.npz, or a data set's depth map."""
     import numpy as np
 
-    from endolab.frames.frame import check_size
     from endolab.io.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
 
     is_z = not str(path).endswith(".npz")
     truth = true_z(path) if is_z else read_depth(path, ("distance",))["distance"]
-    check_size(str(path), truth.shape[::-1], calibration.camera)
-    cosine = calibration.camera.field.cos_alpha
+    height, width = truth.shape
+    cosine = calibration.fit(str(path), width, height).camera.field.cos_alpha
     return truth / np.where(cosine > 0, cosine, np.nan) if is_z else truth
 
 

@@ -158,9 +158,8 @@ def prepare(
     """
     if highlights not in tuple(TREATED):
         raise unknown_name("way with highlights", highlights, TREATED)
-    camera = calibration.camera
+    camera = calibration.fit(frame.name, frame.width, frame.height).camera
     gamma = calibration.photometry.gamma
-    check_size(frame.name, (frame.width, frame.height), camera)
     image = np.nan_to_num(frame.image)
     field = frame.pixels_to_use()
     notes = [f"The endoscope shows {100 * field.mean():.0f} % of the picture."]

@@ -10,15 +10,12 @@ from endolab.calibration.targets import TARGETS, Target, target_from_dict
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
-from endolab.model.photometry import Photometry
+from endolab.model.photometry import NOMINAL
 from endolab.numerics.checked_types import to_content
 from endolab.numerics.checks import PATH, check_kinds, unknown_name
 
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
-
-# The paper's, of an endoscope whose light was not measured.
-NOMINAL = Photometry(k=2.5, gamma=2.2)
 
 
 def write_camera(camera: Camera, path: PathLike) -> None:

@@ -26,6 +26,7 @@ FACTS = (
     "albedo_given",
     "indirect_percent",
     "cut_links",
+    "nominal",
 )
 
 
@@ -73,7 +74,7 @@ def load_held(path: PathLike) -> Held:
         start = arrays.pop("start")
         facts = texts["facts"]
         metric = facts.pop("metric")
-        for name in ("wall_albedo", "indirect_percent"):
+        for name in ("wall_albedo", "indirect_percent", "nominal"):
             facts[name] = tuple(facts[name])
         for name, outcome in (("light", LightOutcome), ("contours", ContourOutcome)):
             facts[name] = facts[name] and outcome[facts[name]]

@@ -225,7 +225,7 @@ def read_frame(
         PNG, JPEG, JPEG 2000, TIFF, BMP, WebP, GIF, PNM, TGA or DICOM, of up to 16 bits, grey or colour; the
         first of several pages.
     calibration : Calibration, optional
-        If given, the frame must have its size.
+        If given, the frame must have its shape.
     mask : path, optional
         A picture of the frame's size, bright where the frame is to be used, or transparent elsewhere.
 
@@ -252,12 +252,12 @@ def read_frame(
     ((240, 320, 3), dtype('bool'))
     """
     # Here, for who only writes pictures needs no compiled loops.
-    from endolab.frames.frame import Frame, check_size
+    from endolab.frames.frame import Frame
 
     image, alpha = _read(path)
     rows, columns = image.shape[:2]
     if calibration is not None:
-        check_size(str(path), (columns, rows), calibration.camera)
+        calibration.fit(str(path), columns, rows)
     inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
     if inside.shape != (rows, columns):
         shape = f"{inside.shape[1]}x{inside.shape[0]} px"

@@ -193,3 +193,10 @@ class Photometry:
                 "the surface cannot be found from it"
             )
         return brightness[::-1].copy(), (-2 * np.log(cosine))[::-1].copy()
+
+
+# What is assumed of a light that nobody measured. k: a matt emitter at the tip sends out cos¹ α, and a
+# fisheye of equal angles hardly darkens its rim. γ: over the middle of the grey levels, .2 to .8, the video
+# standard BT.709, V = 1.099 L^.45 - .099, is a power of 1/1.6 to 1/2. Distances of 570 points in a nose,
+# whose scope nobody knows, are off by 6.9 % so, by 8.1 % with the 2.5 and 2.2 of the paper's endoscope.
+NOMINAL = Photometry(k=1.0, gamma=1.8)

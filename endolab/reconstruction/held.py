@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.problem_of_frame import in_units
@@ -23,17 +24,21 @@ class Held:
     light: Photometry
     start: FloatArray
 
-    def problem_with(self, settings: Settings, light: Photometry) -> Problem:
-        """Return the problem with the energy that is asked for, under the light that is believed in now."""
+    def problem_with(self, settings: Settings, calibration: Calibration) -> Problem:
+        """Return the problem with the energy that is asked for, by the endoscope that is believed in."""
         known = self.problem.photometry
         before = self.light.simplify()
-        now = light.simplify()
+        now = calibration.photometry.simplify()
+        rows, columns = self.problem.mask.shape
+        camera = calibration.camera.resize(columns, rows)
+        is_same = now == before and camera == self.problem.camera
         gain = known.gain
         if gain and before.gain and now.gain:
             gain *= now.gain / before.gain
         k = max(known.k + now.k - before.k, 0.0)
         problem = replace(
             self.problem,
+            camera=self.problem.camera if is_same else camera,
             photometry=replace(known, k=k, gamma=now.gamma, gain=gain),
             xi=settings.xi,
             regulariser=settings.used_regulariser,
@@ -41,4 +46,4 @@ class Held:
             epsilon=settings.epsilon,
             threshold=settings.threshold,
         )
-        return problem if now == before else in_units(problem)
+        return problem if is_same else in_units(problem)

@@ -127,7 +127,7 @@ def reconstruct(
     with limit_threads(threads):
         settings = Settings.of(options)
         if held is not None:
-            problem = held.problem_with(settings, calibration.photometry)
+            problem = held.problem_with(settings, calibration)
             return run(_solve(problem, settings, held.start), observers)
         give_full = _begin(frame, calibration, settings, start)
         stages = _solve_in_stages(frame, calibration, settings, start, give_full)

@@ -14,7 +14,6 @@ import numpy as np
 from endolab.frames.frame import (
     SATURATED,
     Frame,
-    check_size,
     smooth_light,
     usable_pixels,
 )
@@ -45,11 +44,10 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     """
     width, height = _size_of_problem(frame, settings)
     picture_size = (frame.width, frame.height)
-    camera = calibration.camera
     photometry = calibration.photometry
     if width != frame.width:
         frame = frame.resize(width, height, photometry.gamma)
-        camera = camera.resize(width, height)
+    camera = calibration.camera.resize(frame.width, frame.height)
     highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
     known = frame.pixels_to_use() & camera.field.valid
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
@@ -75,6 +73,12 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         report = Report(
             frame=frame.name,
             picture_size=picture_size,
+            calibrated_size=(calibration.camera.width, calibration.camera.height),
+            nominal=tuple(
+                part
+                for part in ("camera", "photometry")
+                if calibration.evidence.get(part, {}).get("nominal") is True
+            ),
             width=camera.width,
             height=camera.height,
             channel=name,
@@ -139,7 +143,7 @@ def on_few_pixels(frame: Frame, settings: Settings) -> Settings | None:
 
 def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> None:
     """Raise a ValueError or a MemoryError if a frame cannot be solved by these settings."""
-    check_size(frame.name, (frame.width, frame.height), calibration.camera)
+    calibration.fit(frame.name, frame.width, frame.height)
     if settings.used_channel == SEPARATED and frame.image.ndim == 2:
         raise ValueError(
             f"{frame.name} is grey, and channel='separated' needs its three colours"

@@ -8,12 +8,14 @@ import numpy as np
 from endolab.frames.surround import unclear_surround
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
+from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
+USUAL_GAMMA = 2.2  # a display's
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
@@ -34,7 +36,17 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
     """Say what was done about indirect light and contours, and why, in a sentence each."""
-    return (*_of_light(result.report), *_of_contours(result.report))
+    report = result.report
+    return (*_of_size(report), *_of_light(report), *_of_contours(report))
+
+
+def _of_size(report: Report) -> Iterator[str]:
+    """Say that a calibration was scaled, or that there is none."""
+    own, known = report.picture_size, report.calibrated_size
+    if own and known and own != known:
+        yield (
+            f"The calibration, for {known[0]}x{known[1]} px, was scaled to the picture's {own[0]}x{own[1]}."
+        )
 
 
 def _of_light(report: Report) -> Iterator[str]:
@@ -124,19 +136,21 @@ def _of_bounces(result: Result | Iterate) -> Iterator[str]:
 
 
 def _of_gamma(result: Result | Iterate) -> str:
-    """Tell what an error of γ does: d goes with I^(-γ/2), and the scale keeps the median."""
-    problem = result.problem
-    informative = problem.mask & (problem.image > 0)
-    if problem.evidence is not None:
-        informative &= problem.evidence != NONE
-    image = problem.image[informative]
-    low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
-    dark, bright = (abs(GAMMA_STEP / 2 * np.log(limit / middle)) for limit in (low, high))
-    gamma = problem.photometry.gamma
+    """Tell what another γ does to the far end; a nominal one is held against a display's."""
+    gamma = result.problem.photometry.gamma
+    is_nominal = "photometry" in result.report.nominal
+    other = USUAL_GAMMA if is_nominal else gamma + GAMMA_STEP
+    iterate = result.iterate if isinstance(result, Result) else result
+    moves = 100 * far_end_by_gamma(iterate, other - gamma)
+    what = ""
+    if is_nominal:
+        what = "No calibration of the light: k and γ are nominal. "
+        if "camera" in result.report.nominal:
+            what = "No calibration: camera, k and γ are nominal; shape only. "
+    way = "farther" if moves > 0 else "nearer"
     return (
-        f"If γ were {gamma + GAMMA_STEP:.4g} instead of {gamma:.4g}, the brightest twentieth of the pixels "
-        f"would come out at least {-100 * np.expm1(-bright):.2g} % nearer and the darkest at least "
-        f"{100 * np.expm1(dark):.2g} % farther, with the same median."
+        f"{what}With γ {other:.3g} in place of {gamma:.3g} the far end, a twentieth of the pixels, comes "
+        f"{abs(moves):.2g} % {way}, with the same median."
     )
 
 

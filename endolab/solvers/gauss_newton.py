@@ -427,7 +427,7 @@ class Look:
 
     def follow(self, problem: Problem) -> Iterate:
         """Step towards the surface of the same picture with another energy, and return it at full size."""
-        names = ("xi", "regulariser", "epsilon", "threshold", "photometry")
+        names = ("xi", "regulariser", "epsilon", "threshold", "photometry", "camera")
         if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
             self._set_grids(problem)
             self._v = self._coarse.below_ceiling(self._v)

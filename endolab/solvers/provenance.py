@@ -45,6 +45,8 @@ class Report:
     picture_size: tuple[int, int] | None = (
         None  # columns, rows of the frame that was given, px
     )
+    calibrated_size: tuple[int, int] | None = None  # of the pictures of the calibration
+    nominal: tuple[str, ...] = ()  # "camera", "photometry": what nobody measured
     width: int = 0  # of the problem, px
     height: int = 0
     # "separated" if it is made of all three colours.

@@ -13,11 +13,16 @@ import pytest
 
 from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
-from tests.browser.conftest import OWN, ROOT, a_free_port, photograph
+from tests.browser.conftest import (
+    FINAL,
+    KNOWN,
+    OWN,
+    ROOT,
+    SAID,
+    a_free_port,
+    photograph,
+)
 
-KNOWN = "document.querySelector('.endolab-tuner')?.endolab"
-FINAL = f"() => {KNOWN}?.arrays?.distance && !{KNOWN}.moving && {KNOWN}.curve?.lams"
-SAID = "document.querySelector('.endolab-line').innerText"
 TURN = """([name, value]) => {
     const handle = document.querySelector(`.endolab-${name} input[type=range]`);
     handle.value = value;
@@ -196,7 +201,7 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
     assert page.complaints == []
     process.send_signal(signal.SIGINT)
     assert ended(process) == (0, "ended")
-    page.locator("#lost").wait_for(state="visible")
+    page.locator(".endolab-lost").wait_for(state="visible")
 
 
 def test_a_page_that_is_loaded_again_and_a_second_one_show_the_same(start, visit):

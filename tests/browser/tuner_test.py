@@ -2,11 +2,8 @@
 
 import pytest
 
-from tests.browser.conftest import READY
+from tests.browser.conftest import FINAL, READY, SAID
 
-KNOWN = "document.querySelector('.endolab-tuner')?.endolab"
-FINAL = f"() => {KNOWN}?.arrays?.distance && !{KNOWN}.moving && {KNOWN}.curve?.lams"
-SAID = "document.querySelector('.endolab-line').innerText"
 MAKE = (
     "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox.engine.wait(60)"
 )

@@ -10,9 +10,9 @@ from typing import Any
 from endolab.io.atomic import PathLike
 from endolab.io.cameras.documents import read_document
 from endolab.io.cameras.readers import MissingSize, Size, list_cameras, make_camera
-from endolab.io.descriptions import NOMINAL
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Calibration, camera_from_dict
+from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
+from endolab.model.photometry import NOMINAL
 from endolab.numerics.checks import shorten, unknown_name
 
 
@@ -61,7 +61,11 @@ def _choose(path: PathLike, size: Size | None) -> tuple[Any, Camera | None, dict
 def read_camera(path: PathLike, size: Size | None = None) -> Camera:
     """Read the camera of a calibration file of any kind; parameters as of `read_calibration`."""
     document, camera, _ = _choose(path, size)
-    return camera_from_dict(document, str(Path(path))) if camera is None else camera
+    return (
+        Calibration.from_dict(document, str(Path(path))).camera
+        if camera is None
+        else camera
+    )
 
 
 def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:
@@ -86,12 +90,14 @@ def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:
         In one sentence that names the file and what in it is wrong; `MissingSize` if that is all.
     """
     document, camera, source = _choose(path, size)
+    nominal = f"its light is nominal: k {NOMINAL.k:g}, γ {NOMINAL.gamma:g}, gain unknown"
+    log = logging.getLogger("endolab")
     if camera is None:
+        if "photometry" not in document:
+            log.warning("%s: %s", path, nominal)
         return Calibration.from_dict(document, str(Path(path)))
-    text = f"{source['file']}: {source['format']}; its light is nominal: k 2.5, γ 2.2, gain unknown"
+    text = f"{source['file']}: {source['format']}; {nominal}"
     if "others" in source:
         text += f"; {source['camera']} is taken, {source['file']}#NAME takes one of {source['others']}"
-    logging.getLogger("endolab").warning("%s", text)
-    return Calibration(
-        camera, NOMINAL, {"photometry": {"nominal": True}, "converted": source}
-    )
+    log.warning("%s", text)
+    return Calibration(camera, NOMINAL, NOMINAL_LIGHT | {"converted": source})

@@ -38,7 +38,7 @@ def load_calibration(
     width : int, optional
         For pictures of this many columns and the same shape, px.
     size : (columns, rows), optional
-        Of the pictures, px, if the file does not say.
+        Of the pictures, px, if the file does not say, or of others of the same shape.
 
     Returns
     -------
@@ -64,6 +64,8 @@ def load_calibration(
         raise unknown_name("calibration", name, CALIBRATIONS, "a file")
     else:
         calibration = read_calibration(name, size)
+    if size is not None:
+        calibration = calibration.fit("size", *size)
     if width is None:
         return calibration
     camera = calibration.camera

@@ -53,9 +53,15 @@ function rounds(low, high, count, log) {
 
 // Lines where a map crosses levels, as pairs of points, in pixels of the map.
 function isolines(map, width, height, some) {
-  const lines = [];
+  const lines = [], below = map.map((value) => { // how many levels lie below
+    let count = 0;
+    while (value >= some[count]) count++;
+    return count;
+  });
   for (let i = 0; i < height - 1; i++) for (let j = 0; j < width - 1; j++) {
-    const at = i * width + j, [a, b, c, d] = [map[at], map[at + 1], map[at + width], map[at + width + 1]];
+    const at = i * width + j, first = below[at];
+    if (first === below[at + 1] && first === below[at + width] && first === below[at + width + 1]) continue;
+    const [a, b, c, d] = [map[at], map[at + 1], map[at + width], map[at + width + 1]];
     const low = Math.min(a, b, c, d), high = Math.max(a, b, c, d);
     if (!(high < 1.15 * low)) continue; // nan, or a fold
     for (const level of some) {
@@ -93,23 +99,24 @@ function percentile(values, share) {
   return known.length ? known[Math.floor(share * (known.length - 1))] : NaN;
 }
 
-// Numbers to the colours of a palette, on a canvas of the map's own size.
+// One canvas for all maps: each is drawn from it at once.
+const SCRATCH = new OffscreenCanvas(1, 1);
+function as_picture(rgba, width, height) {
+  if (SCRATCH.width !== width || SCRATCH.height !== height) Object.assign(SCRATCH, { width, height });
+  const bytes = new Uint8ClampedArray(rgba.buffer, rgba.byteOffset, rgba.byteLength);
+  SCRATCH.getContext("2d", { willReadFrequently: true }).putImageData(new ImageData(bytes, width, height), 0, 0);
+  return SCRATCH;
+}
+
+// Numbers to the colours of a palette.
 function coloured(values, { palette, low, high, log }, width, height) {
-  const canvas = new OffscreenCanvas(width, height), picture = new ImageData(width, height);
-  const to = new Uint32Array(picture.data.buffer), from = log ? Math.log(low) : low;
+  const to = new Uint32Array(values.length), from = log ? Math.log(low) : low, last = palette.length - 1;
   const scale = palette.length / ((log ? Math.log(high) : high) - from);
   for (let p = 0; p < values.length; p++) {
     const value = values[p], place = ((log ? Math.log(value) : value) - from) * scale | 0;
-    to[p] = value === value ? palette[Math.max(0, Math.min(palette.length - 1, place))] : 0;
+    if (value === value) to[p] = palette[Math.max(0, Math.min(last, place))];
   }
-  canvas.getContext("2d").putImageData(picture, 0, 0);
-  return canvas;
-}
-
-function as_picture(rgba, width, height) {
-  const canvas = new OffscreenCanvas(width, height);
-  canvas.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(rgba.buffer, rgba.byteOffset, rgba.length), width, height), 0, 0);
-  return canvas;
+  return as_picture(to, width, height);
 }
 
 function path(pen, xs, ys, at) {
@@ -126,10 +133,12 @@ function path(pen, xs, ys, at) {
 // The colours of a scale, with round numbers beside them.
 function draw_bar(pen, box, { palette, low, high, log }, ink) {
   const [left, top, wide, tall] = box, place = (value) => (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
-  const strip = new OffscreenCanvas(1, palette.length), picture = new ImageData(1, palette.length);
-  new Uint32Array(picture.data.buffer).set(palette.slice().reverse());
-  strip.getContext("2d").putImageData(picture, 0, 0);
-  pen.drawImage(strip, left, top, wide, tall);
+  if (!palette.strip) {
+    palette.strip = new OffscreenCanvas(1, palette.length);
+    const colours = new Uint8ClampedArray(palette.slice().reverse().buffer);
+    palette.strip.getContext("2d").putImageData(new ImageData(colours, 1, palette.length), 0, 0);
+  }
+  pen.drawImage(palette.strip, left, top, wide, tall);
   Object.assign(pen, { fillStyle: ink, strokeStyle: ink, textAlign: "left", textBaseline: "middle", lineWidth: 1 });
   pen.strokeRect(left, top, wide, tall);
   for (const value of rounds(low, high, Math.max(2, Math.floor(tall / 30)), log)) {
@@ -139,7 +148,7 @@ function draw_bar(pen, box, { palette, low, high, log }, ink) {
 
 // Lines and dots on axes. An axis is {label, low, high, log, ticks: [[place, text]]}; the axis at the right is likewise.
 function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = [], equal, down }, { ink, faint }) {
-  const pad = [46, 6, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
+  const pad = [52, 6, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
   if (equal) { // one length for a unit along both
     const scale = Math.max((x.high - x.low) / w, (y.high - y.low) / h);
     for (const [axis, size] of [[x, w], [y, h]]) {
@@ -258,19 +267,21 @@ class Surface {
   lay({ rays, cuts, width, height }, step) {
     const gl = this.gl, columns = Math.ceil(width / step), rows = Math.ceil(height / step);
     this.some = { step, width, columns, rows };
-    const few = new Float32Array(3 * columns * rows), joined = [], across = []; // where it is cut, for who looks from the camera
+    const few = new Float32Array(3 * columns * rows), corners = new Uint32Array(6 * (columns - 1) * (rows - 1));
+    let joined = 0, torn = corners.length; // where it is cut, at the end: for who looks from the camera
     for (let i = 0, p = 0; i < rows; i++) for (let j = 0; j < columns; j++, p++) {
       for (let axis = 0; axis < 3; axis++) few[3 * p + axis] = rays[3 * (i * step * width + j * step) + axis];
       if (i + 1 === rows || j + 1 === columns) continue;
-      let torn = false;
-      for (let a = 0; a <= step && !torn; a++) for (let b = 0; b <= step; b++) torn ||= cuts[(i * step + a) * width + j * step + b] > 0;
-      (torn ? across : joined).push(p, p + columns, p + 1, p + 1, p + columns, p + columns + 1);
+      let is_cut = false;
+      for (let a = 0; a <= step; a++) for (let b = 0; b <= step; b++) is_cut ||= cuts[(i * step + a) * width + j * step + b] > 0;
+      const at = is_cut ? torn -= 6 : (joined += 6) - 6;
+      [p, p + columns, p + 1, p + 1, p + columns, p + columns + 1].forEach((corner, k) => { corners[at + k] = corner; });
     }
-    this.counts = [joined.length, joined.length + across.length];
+    this.counts = [joined, corners.length];
     gl.bindBuffer(gl.ARRAY_BUFFER, this.rays);
     gl.bufferData(gl.ARRAY_BUFFER, few, gl.STATIC_DRAW);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.joined);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint32Array.from([...joined, ...across]), gl.STATIC_DRAW);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
   }
 
   dress(canvas) {
@@ -330,6 +341,7 @@ class Surface {
     gl.vertexAttrib1f(1, 1);
     gl.uniform4f(this.at.ink, 0.5, 0.5, 0.5, 1);
     if (!this.inside) gl.drawArrays(gl.LINES, 0, EDGES.length);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until all is drawn: who draws can tell how long it takes
   }
 
   // Where a point is in the panel, shares to the right and down.

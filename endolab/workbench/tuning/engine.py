@@ -24,6 +24,7 @@ import numpy as np
 from skimage.measure import label
 
 from endolab.metrics.depth_errors import resample_truth
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limit_threads
@@ -42,9 +43,12 @@ from endolab.solvers.result import Iterate, Observer, Result, run
 from endolab.solvers.solvers import solve
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
-REST = 0.1  # s without a wish, after which the hand rests
+REST = 0.15  # s without a wish, after which the hand rests
 # Times the present λ, for the λ curve: from a tenth to ten times, the near ones first.
 LAM_FACTORS = (0.32, 3.2, 0.1, 10.0)
+FIRST_SIGHTS = (
+    0.4  # s between the iterates that are shown of a frame's first run, coarse ones too
+)
 LARGEST_LAM = 100.0  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
@@ -142,7 +146,7 @@ def shown_as(iterate: Iterate, seconds: float = 0.0) -> Result:
 def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()) -> Answer:
     """Find all anew, here and now: what `reconstruct` makes of the frame."""
     saved = wish.solving_settings(subject)
-    known = saved.apply(subject.calibration)
+    known = wish.calibration_of(subject)
     steps = Path()
     watch = [steps.add, *observers]
     result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
@@ -298,14 +302,18 @@ class Engine:
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
         base = self.base
-        tell = None
-        shape = None
-        if base is not None and subject is base.still.subject:
-            shape = base.result.mask.shape
-            tell = self._show_long(wish, base.still, None)
+        is_known = base is not None and subject is base.still.subject
+        shape = base.result.mask.shape if base is not None and is_known else None
+        tell = self._show_long(wish, base.still, None) if base is not None else None
+        last_shown = 0.0
 
         def watch(iterate: Iterate) -> bool:
-            if tell is not None and iterate.mask.shape == shape:
+            nonlocal last_shown
+            if not is_known and time.perf_counter() - last_shown > FIRST_SIGHTS:
+                sofar = shown_as(iterate)
+                self.show(Answer(wish, Stage.ITERATE, Still.of(subject, sofar), sofar))
+                last_shown = time.perf_counter()
+            elif tell is not None and iterate.mask.shape == shape:
                 tell(iterate)
             return self.is_stale() and base is not None
 
@@ -313,7 +321,7 @@ class Engine:
         if self.is_stale() and base is not None:
             return None
         result = answer.result
-        light = wish.solving_settings(subject).apply(subject.calibration).photometry
+        light = wish.calibration_of(subject).photometry
         self._held = Held(result.problem, light, result.iterate.log_distance)
         self.base = answer
         self.tried = []
@@ -326,9 +334,8 @@ class Engine:
         assert base is not None
         assert self._held is not None
         if wish.solver == FOLLOWS and self._look is not None:
-            saved = wish.solving_settings(base.still.subject)
-            light = saved.apply(base.still.subject.calibration).photometry
-            problem = self._held.problem_with(wish, light)
+            known = wish.calibration_of(base.still.subject)
+            problem = self._held.problem_with(wish, known)
             started = time.perf_counter()
             with limit_threads(1):
                 iterate = self._look.follow(problem)
@@ -373,7 +380,7 @@ class Engine:
         steps = Path()
         result = reconstruct(
             base.still.subject.frame,
-            saved.apply(base.still.subject.calibration),
+            wish.calibration_of(base.still.subject),
             held=held,
             observers=[*observers, steps.add],
             **saved.keywords,
@@ -414,7 +421,7 @@ class Engine:
     def find_uncertainty(self, answer: Answer) -> None:
         """Find how far an answer can be trusted, in this thread, and show it once more."""
         subject = answer.still.subject
-        known = answer.settings.solving_settings(subject).apply(subject.calibration)
+        known = answer.settings.calibration_of(subject)
         answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
         self.show(answer)
 
@@ -443,14 +450,15 @@ def variants(
 ) -> list[Answer]:
     """Solve for each regulariser and λ with an answer's light and contours."""
     problem = answer.result.problem
-    held = Held(problem, problem.photometry, answer.result.iterate.log_distance)
+    known = Calibration(problem.camera, problem.photometry)
+    held = Held(problem, known.photometry, answer.result.iterate.log_distance)
     found = []
     for regulariser in regularisers:
         start = held.start
         for lam in lams:
             changes: dict[str, Any] = {"lam": lam, "regulariser": regulariser}
             wish = replace(answer.settings, **changes)
-            steps = solve(held.problem_with(wish, held.light), start=start)
+            steps = solve(held.problem_with(wish, known), start=start)
             result = run(steps)
             start = result.iterate.log_distance  # neighbours are near
             found.append(Answer(wish, Stage.KEPT, answer.still, result, held))

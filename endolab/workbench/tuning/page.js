@@ -2,7 +2,7 @@
 // buffers behind it, and what is done here goes back.
 const channel = new WebSocket(new URL("channel", location.href.replace(/^http/, "ws")));
 channel.binaryType = "arraybuffer";
-const state = {}, listeners = new Set(), place = document.getElementById("widget");
+const state = {}, listeners = { "msg:custom": new Set(), comm_live_update: new Set() }, place = document.getElementById("widget");
 const model = {
   get: (name) => state[name],
   send(content, _, buffers = []) {
@@ -10,8 +10,8 @@ const model = {
     channel.send(JSON.stringify({ content, buffers: buffers.length }));
     buffers.forEach((buffer) => channel.send(buffer));
   },
-  on(event, action) { if (event === "msg:custom") listeners.add(action); },
-  off(event, action) { listeners.delete(action); },
+  on: (event, action) => listeners[event].add(action),
+  off: (event, action) => listeners[event].delete(action),
 };
 
 async function show() {
@@ -27,7 +27,7 @@ channel.onmessage = ({ data }) => {
   if (typeof data === "string") [message, buffers] = [JSON.parse(data), []];
   else buffers.push(new DataView(data));
   if (buffers.length < message.buffers) return;
-  if (message.content) { for (const hear of listeners) hear(message.content, buffers); return; }
+  if (message.content) { for (const hear of listeners["msg:custom"]) hear(message.content, buffers); return; }
   Object.assign(state, message.state);
   show().catch((error) => {
     place.textContent = `The page cannot be shown: ${error.message}`;
@@ -36,7 +36,7 @@ channel.onmessage = ({ data }) => {
 };
 // After the end; if it was but a pause, the page is loaded again.
 channel.onclose = () => {
-  document.body.className = "lost";
+  for (const end of listeners.comm_live_update) end();
   setInterval(() => fetch(location.href).then(({ ok }) => { if (ok) location.reload(); }, () => {}), 5000);
 };
 // A tab that is left says so; one that the browser puts to sleep, or that dies, does not.

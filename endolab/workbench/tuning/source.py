@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.frame import Frame, check_size
+from endolab.frames.frame import Frame
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -29,6 +29,7 @@ FOLLOWED = (
     "k",
     "gamma",
     "gain",
+    "fov",
     "solver",
     "max_iterations",
 )
@@ -47,6 +48,9 @@ class Knobs(Settings):
     k: float | None = None
     gamma: float | None = None
     gain: float = 1.0  # that the solver believes in, over the true one
+    fov: float | None = (
+        None  # of a nominal camera, degrees across what it shows; None: as it is
+    )
     # Of the wall, red, green, blue, that it believes in.
     albedo: Sequence[float] | None = None
 
@@ -57,6 +61,21 @@ class Knobs(Settings):
         """Whether what the machine found of light and contours stays, from the other position to this."""
         followed = {name: getattr(self, name) for name in FOLLOWED}
         return replace(other, **followed) == self
+
+    def endoscope(self, known: Calibration) -> Calibration:
+        """Return a calibration with the field of view that is believed in."""
+        if self.fov is None:
+            return known
+        camera: Any = known.camera
+        wider = self.fov / known.evidence["camera"]["fov"]
+        camera = replace(camera, fx=camera.fx / wider, fy=camera.fy / wider)
+        stated = {"camera": {"nominal": True, "fov": self.fov}}
+        return replace(known, camera=camera, evidence=known.evidence | stated)
+
+    def calibration_of(self, subject: Subject) -> Calibration:
+        """Return camera and light of a subject's endoscope as the solver believes in them."""
+        known = self.endoscope(subject.calibration)
+        return self.solving_settings(subject).apply(known)
 
     def solving_settings(self, subject: Subject) -> SolvingSettings:
         """Say the same as settings that ``endolab reconstruct --settings`` takes.
@@ -104,8 +123,8 @@ class Source:
         self.calibration = calibration
         self._given: Subject | None = None
         if frame is not None:
-            check_size(frame.name, (frame.width, frame.height), calibration.camera)
-            self._given = Subject(frame, calibration, truth)
+            known = calibration.fit(frame.name, frame.width, frame.height)
+            self._given = Subject(frame, known, truth)
         if truth is not None:
             shape = None if frame is None else frame.mask.shape
             if truth.shape != shape:

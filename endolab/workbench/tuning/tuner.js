@@ -60,7 +60,7 @@ function render({ model, el }) {
   const send = (action, ...given) => model.send({ do: action, given });
 
   // Above the panels
-  const lost = add("div", "endolab-lost", root, { hidden: true, textContent: "The kernel that drew this is gone: run the cell again." });
+  const lost = add("div", "endolab-lost", root, { hidden: true, textContent: "The tuner has ended: run its cell again, or endolab tune." });
   const [sight, advanced, actions, status] = ["knobs", "advanced endolab-knobs", "actions", "status"].map((name) => add("div", `endolab-${name}`, root));
   const keys = add("div", "endolab-keys", root, { hidden: true });
   for (const [key, does] of Object.entries(HELP)) {
@@ -119,12 +119,14 @@ function render({ model, el }) {
     canvas.addEventListener("wheel", (event) => wheel(panel, event), { passive: false });
     return panel;
   });
-  const view = add("div", "endolab-3d", root), from = button("from the camera", "V", () => surface.look(!surface.inside), view);
+  const view = document.createElement("div"), from = button("from the camera", "V", () => surface.look(!surface.inside), view);
+  view.className = "endolab-3d";
   const size_of_box = add("div", "endolab-size", view);
-  const surface = new Surface(view, () => { from.textContent = surface.inside ? "from outside" : "from the camera"; draw_surface(); });
+  const surface = new Surface(view, () => { from.textContent = surface.inside ? "from outside" : "from the camera"; surface.draw(); point(); });
   const show_in = (panel, name) => {
     panel.name = panel.choose.value = name;
     panel.said.hidden = panel.mark.hidden = true;
+    view.remove();
     send("panels", panels.map((one) => one.name));
     draw();
   };
@@ -142,10 +144,7 @@ function render({ model, el }) {
   };
 
   // What a map shows: numbers with a scale, or a picture
-  const style = () => {
-    const { color } = getComputedStyle(root);
-    return { ink: color, faint: "#8884" };
-  };
+  let colours = { ink: "", faint: "#8884" };
   // A scale that is round, of 98 % of some differences; held until all is asked anew.
   const symmetric = (name, values) => {
     const end = Math.max(2, 2.5 * Number(percentile(values.map(Math.abs), 0.98).toPrecision(1)));
@@ -176,15 +175,13 @@ function render({ model, el }) {
     const [left, top, right, bottom] = now.still.window, [w, h] = [right - left, bottom - top];
     return [left + zoom[0] * w, top + zoom[1] * h, (zoom[2] - zoom[0]) * w, (zoom[3] - zoom[1]) * h];
   };
-  const spot = ({ body }) => {
-    const [, , w, h] = seen(), [wide, tall] = [body.clientWidth - 56, body.clientHeight], scale = Math.min(wide / w, tall / h);
-    return [(wide - scale * w) / 2, (tall - scale * h) / 2, scale];
+  const spot = ({ wide, tall }) => {
+    const [, , w, h] = seen(), beside = wide - 56, scale = Math.min(beside / w, tall / h);
+    return [(beside - scale * w) / 2, (tall - scale * h) / 2, scale];
   };
-  const pen_of = ({ canvas, body }) => {
-    const ratio = window.devicePixelRatio || 1, [wide, tall] = [body.clientWidth, body.clientHeight];
-    if (canvas.width !== Math.round(ratio * wide) || canvas.height !== Math.round(ratio * tall)) {
-      Object.assign(canvas, { width: Math.round(ratio * wide), height: Math.round(ratio * tall) });
-    }
+  const pen_of = ({ canvas, wide, tall }) => {
+    const ratio = window.devicePixelRatio || 1, size = [wide, tall].map((side) => Math.round(ratio * side));
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, wide, tall);
@@ -192,7 +189,7 @@ function render({ model, el }) {
     return [pen, wide, tall];
   };
   const draw_map = (panel) => {
-    const { name } = panel, [pen, wide, tall] = pen_of(panel), { width, height } = now.still, { ink } = style();
+    const { name } = panel, [pen, wide, tall] = pen_of(panel), { width, height } = now.still, { ink } = colours;
     const map = map_of(name), [left, top, scale] = spot(panel), [x, y, w, h] = seen();
     panel.map = map;
     panel.title.textContent = map.title ?? map.empty ?? "";
@@ -248,7 +245,7 @@ function render({ model, el }) {
     const [[x_low, x_high], [y_low, y_high]] = held[`${cut.is_row} ${index}`], [more, beside] = [0.06 * (x_high - x_low), 0.1 * (y_high - y_low)];
     const [pen, wide, tall] = pen_of(panel);
     panel.axes = draw_chart(pen, wide, tall, { x: { label: `z [${unit}]`, low: x_low - more, high: x_high + 2 * more },
-      y: { label: `${axis} [${unit}]`, low: y_low - beside, high: y_high + beside }, lines, equal: true, down: !cut.is_row }, style());
+      y: { label: `${axis} [${unit}]`, low: y_low - beside, high: y_high + beside }, lines, equal: true, down: !cut.is_row }, colours);
   };
   const height_of = (explained) => -Math.log10(Math.min(Math.max(1 - explained, 1e-4), 0.9));
   const draw_curve = (panel) => {
@@ -264,51 +261,49 @@ function render({ model, el }) {
     if (curve.best) panel.dots.push({ x: curve.best, y: height_of(0.99), colour: GREEN, text: short(curve.best, 2) });
     const rules = [{ y: height_of(0.99), colour: "#009e7388" }, ...(curve.best ? [{ x: curve.best, colour: "#009e7388" }] : [])];
     panel.axes = draw_chart(pen, wide, tall, { x: { label: "λ", low: 10 ** range[0], high: 10 ** range[1], log: true }, y, lines, dots: panel.dots, rules,
-      right: has_errors ? { low: 0, high: most } : undefined }, style());
+      right: has_errors ? { low: 0, high: most } : undefined }, colours);
   };
   const draw_energy = (panel) => {
     const [pen, wide, tall] = pen_of(panel), { energy } = now;
     panel.title.textContent = energy ? `${energy.k.length - 1} iterations` : "with the next answer that is solved";
     if (!energy) return;
-    const lines = [["data", BLUE], ["regulariser", RED], ["energy", style().ink]].map(([name, colour]) => ({ x: energy.k, y: energy[name], colour, name }));
+    const lines = [["data", BLUE], ["regulariser", RED], ["energy", colours.ink]].map(([name, colour]) => ({ x: energy.k, y: energy[name], colour, name }));
     const all = lines.flatMap((one) => one.y).filter((one) => one > 0);
     draw_chart(pen, wide, tall, { x: { label: "iteration", low: energy.k[0], high: Math.max(energy.k.at(-1), energy.k[0] + 1) },
-      y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, style());
+      y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, colours);
   };
 
-  // The surface lies on its panel
-  const draw_surface = () => {
-    const panel = panels.find((one) => one.name === "3D");
-    view.hidden = !panel;
-    if (!panel || !now.arrays.distance) return;
-    pen_of(panel);
-    const [outer, inner] = [root, panel.body].map((one) => one.getBoundingClientRect());
-    Object.assign(view.style, { left: `${inner.left - outer.left}px`, top: `${inner.top - outer.top}px`, width: `${inner.width}px`, height: `${inner.height}px` });
-    panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
-    surface.draw();
-    if (box) size_of_box.textContent = `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${now.still.unit}, the near 95 %`;
-    point();
-  };
-  const feed_surface = () => {
-    if (view.hidden || !surface.gl) return;
-    const { width, height } = now.still, { distance, rays, cuts } = now.arrays, step = Math.ceil(Math.max(width, height) / (now.moving ? 160 : 320));
+  // The surface may take long where no graphics card helps: while the hand moves it is drawn in a fifth of the time.
+  let drawn = 0, took = 0;
+  const draw_surface = (panel) => {
+    if (view.parentNode !== panel.body) { pen_of(panel); panel.body.append(view); }
+    const started = performance.now(), { width, height } = now.still, { distance, rays, cuts } = now.arrays;
+    if (!surface.gl || (now.moving && started < drawn + 5 * took)) return;
+    const step = Math.ceil(Math.max(width, height) / (now.moving ? 160 : 320)), on = now.knobs.texture ?? "frame";
     if (laid?.cuts !== cuts || laid.step !== step) surface.lay({ rays, cuts, width, height }, step);
-    if (laid?.cuts !== cuts || laid.step !== step || laid.on !== now.knobs.texture || laid.on !== "frame") {
-      const map = map_of(now.knobs.texture ?? "frame"), one = map.empty ? map_of("frame") : map;
+    if (laid?.cuts !== cuts || laid.on !== on || on !== "frame") {
+      const map = map_of(on), one = map.empty ? map_of("frame") : map;
       surface.dress(one.picture ? as_picture(one.picture, width, height) : coloured(one.values, one, width, height));
     }
-    laid = { cuts, step, on: now.knobs.texture };
+    laid = { cuts, step, on };
     box ??= box_of(distance, rays);
     surface.show(distance, box);
+    surface.draw();
+    [drawn, took] = [performance.now(), performance.now() - started];
+    panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
+    size_of_box.textContent = `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${now.still.unit}, the near 95 %`;
   };
-  const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy, "3D": () => draw_surface() };
-  const draw = () => {
+  const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy, "3D": draw_surface };
+  const MADE_OF = { frame: "picture", section: "distance", "3D": "distance", "λ curve": "curve", error: "distance", "B / A - 1": "distance" };
+  // All panels, or those that show what is new.
+  const draw = (news) => {
     if (!now.still) return;
     for (const panel of panels) {
+      if (news && !news.has(MADE_OF[panel.name] ?? panel.name)) continue;
       delete panel.map;
       if (now.arrays.distance || panel.name === "frame") (CHARTS[panel.name] ?? draw_map)(panel);
     }
-    view.hidden = !panels.some((one) => one.name === "3D");
+    point();
   };
 
   // The cursor
@@ -385,7 +380,6 @@ function render({ model, el }) {
   // What is said
   const show_knobs = () => { for (const [name, show] of shown) if (name in now.knobs) show(now.knobs[name]); };
   const hear = (message, buffers) => {
-    if (message.gone) { lost.hidden = false; return; }
     (message.names ?? []).forEach(([name, kind], i) => {
       const { buffer, byteOffset, byteLength } = buffers[i], bytes = buffer.slice(byteOffset, byteOffset + byteLength);
       now.arrays = { ...now.arrays, [name]: kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes) };
@@ -417,8 +411,8 @@ function render({ model, el }) {
       Object.assign(place, { max: message.path.count, value: message.path.place });
       says.textContent = message.path.text;
     }
-    if (message.names) { view.hidden = !panels.some((one) => one.name === "3D"); if (now.arrays.distance) feed_surface(); }
-    if (message.names || message.curve || message.energy || message.anew) draw();
+    const arrays = (message.names ?? []).map(([name]) => name);
+    draw(message.still ? undefined : new Set([...arrays, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
     if (message.number) requestAnimationFrame(() => setTimeout(() => {
       send("painted", message.number);
       root.dispatchEvent(new CustomEvent("painted", { detail: now }));
@@ -427,12 +421,12 @@ function render({ model, el }) {
 
   // The whole board as one picture, as it is seen.
   const board = async () => {
-    const ratio = window.devicePixelRatio || 1, outer = stage.getBoundingClientRect(), { ink } = style();
+    const ratio = window.devicePixelRatio || 1, outer = stage.getBoundingClientRect(), { ink } = colours;
     const canvas = new OffscreenCanvas(Math.ceil(ratio * outer.width), Math.ceil(ratio * outer.height)), pen = canvas.getContext("2d");
     pen.scale(ratio, ratio);
     pen.fillStyle = getComputedStyle(root).backgroundColor;
     pen.fillRect(0, 0, outer.width, outer.height);
-    draw_surface();
+    if (now.arrays.distance) surface.draw();
     for (const panel of panels) {
       const { left, top, width, height } = panel.body.getBoundingClientRect(), x = left - outer.left, y = top - outer.top;
       Object.assign(pen, { fillStyle: ink, font: "12px system-ui, sans-serif", textBaseline: "bottom" });
@@ -464,6 +458,8 @@ function render({ model, el }) {
     const above = stage.getBoundingClientRect().top - root.getBoundingClientRect().top;
     const room = (page ? page.clientHeight - 24 : window.innerHeight - 16) - above, wide = root.clientWidth;
     stage.style.height = `${Math.max(300, Math.min(room, 0.62 * wide))}px`;
+    for (const panel of panels) [panel.wide, panel.tall] = [panel.body.clientWidth, panel.body.clientHeight];
+    colours.ink = getComputedStyle(root).color;
     draw();
   };
   const watch = new ResizeObserver(resize), themes = new MutationObserver(resize);
@@ -472,7 +468,7 @@ function render({ model, el }) {
   night.addEventListener("change", resize);
   window.addEventListener("resize", resize);
   model.on("msg:custom", hear);
-  model.on("comm_live_update", () => hear({ gone: true }));
+  model.on("comm_live_update", () => { lost.hidden = false; });
   // Arrows turn knobs, and fold no heading of the notebook.
   for (const one of root.querySelectorAll("input, select, button")) one.dataset.lmSuppressShortcuts = "true";
   resize();

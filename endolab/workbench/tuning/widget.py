@@ -7,6 +7,7 @@ page says that it has painted the last. `TunerBox.answer` is what is shown, writ
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
@@ -144,6 +145,7 @@ class TunerBox(anywidget.AnyWidget):
         self._number = 0  # of the last picture
         self._drawn: Knobs | None = None  # what the λ curve is of
         self._said = ""  # what the last answer that was asked anew has changed
+        self._elsewhere = 0.0  # % of the pixels that were elsewhere before
         self._free = threading.Event()  # the page has painted it
         self._free.set()
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
@@ -163,7 +165,14 @@ class TunerBox(anywidget.AnyWidget):
             "k": {"first": calibration.photometry.k},
             "gamma": {"first": calibration.photometry.gamma},
         }
-        self._specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
+        camera = calibration.evidence.get("camera", {})
+        if camera.get("nominal"):
+            known["fov"] = {"first": camera["fov"]}
+        self._specs = [
+            spec | known.get(spec["name"], {})
+            for spec in knob_specs()
+            if spec["name"] != "fov" or "fov" in known
+        ]
         source = Source(calibration, frame, truth)
         super().__init__(facts=self._facts())
         self.on_msg(self._hear)
@@ -231,6 +240,7 @@ class TunerBox(anywidget.AnyWidget):
 
     def ask_anew(self) -> None:
         """Have light and contours found again, with the knobs as they are."""
+        self.send({"line": "asking anew ..."})
         self.turn({}, anew=True)
 
     def undo(self) -> None:
@@ -287,7 +297,7 @@ class TunerBox(anywidget.AnyWidget):
         if place < len(answer.path):
             passed = shown_as(answer.path[place - 1])
             shown = replace(answer, stage=Stage.ITERATE, result=passed, uncertainty=None)
-        self._send_answer(shown, {"path": self._path(answer, place)})
+        self._send_answer(shown, path=self._path(answer, place))
 
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
@@ -309,25 +319,17 @@ class TunerBox(anywidget.AnyWidget):
 
     def _show(self, answer: Answer) -> None:
         """Show an answer, once the page has painted the one before; in the engine's thread."""
-        is_new = self.answer is None or answer.stage == Stage.ANEW
         if not answer.is_final:
             self._free.wait(PAINTING)
-            if self.engine.is_stale():
-                return
         before = self.answer
         self.answer = answer
-        more: dict[str, Any] = {}
-        if answer.is_final:
-            more["path"] = self._path(answer, len(answer.path))
-            more["energy"] = _energy(answer)
-            if self._visited[-1:] != [answer.settings]:
-                self._visited.append(answer.settings)
-        if is_new and answer.is_final and before is not answer:
+        if answer.is_final and self._visited[-1:] != [answer.settings]:
+            self._visited.append(answer.settings)
+        is_new = before is None or answer.still is not before.still
+        if is_new:
             self._limits = {}
             self._compare(before, answer)
-            self._send_answer(answer, more, still=True)
-        else:
-            self._send_answer(answer, more)
+        self._send_answer(answer, still=is_new)
 
     def _compare(self, before: Answer | None, answer: Answer) -> None:
         """Note what asking anew has changed."""
@@ -345,15 +347,12 @@ class TunerBox(anywidget.AnyWidget):
             change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
             self._elsewhere = 100 * float(np.mean(change > ELSEWHERE))
 
-    _elsewhere = 0.0  # % of the pixels that were elsewhere before all was asked anew
-
     def _send_all(self) -> None:
         """Send all there is, to a page that was opened, or that shows something else now."""
         self._free.set()
         answer = self.answer
         if answer is not None:
-            more = {"path": self._path(answer, len(answer.path)), "energy": _energy(answer)}
-            self._send_answer(answer, more, still=True)
+            self._send_answer(answer, still=True)
             self._note()
         else:
             self._send_frame()
@@ -370,13 +369,14 @@ class TunerBox(anywidget.AnyWidget):
         content = {"still": still, "names": [("picture", "u1")], "line": "solving ..."}
         self.send(content | {"knobs": self.knobs}, [rgba(picture).tobytes()])
 
-    def _send_answer(
-        self, answer: Answer, more: dict[str, Any], still: bool = False
-    ) -> None:
+    def _send_answer(self, answer: Answer, still: bool = False, **more: Any) -> None:
         """Send an answer in one message: words, maps, and with `still` what stays meanwhile."""
         names: list[tuple[str, str]] = []
         buffers: list[bytes] = []
-        message: dict[str, Any] = dict(more)
+        message = more
+        if answer.is_final:
+            message["path"] = self._path(answer, len(answer.path))
+            message["energy"] = _energy(answer)
         if still:
             facts, arrays = still_of(answer.result.problem, answer.still.truth)
             message["still"] = facts
@@ -415,6 +415,8 @@ class TunerBox(anywidget.AnyWidget):
             name: getattr(known, name) if value is None else value
             for name, value in light.items()
         }
+        if asked.fov is not None:
+            found["fov"] = asked.fov
         return {"lam": asked.lam, "gain": asked.gain, **found}
 
     def _words(self, answer: Answer) -> dict[str, Any]:
@@ -439,7 +441,7 @@ class TunerBox(anywidget.AnyWidget):
         if advised:
             chips.append({"chip": advised, "text": text, "lam": float(f"{best:.2g}")})
         chips += [
-            {"chip": one.split(":")[0].split(",")[0].rstrip("."), "text": one}
+            {"chip": re.split("[:;,]", one)[0].rstrip("."), "text": one}
             for one in warnings(answer.result)
         ]
         if answer.stage == Stage.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
@@ -557,7 +559,7 @@ class TunerBox(anywidget.AnyWidget):
         answer = self._final()
         subject = answer.still.subject
         saved = answer.settings.solving_settings(subject)
-        known = saved.apply(subject.calibration)
+        known = answer.settings.calibration_of(subject)
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 reconstruct(
@@ -578,7 +580,8 @@ class TunerBox(anywidget.AnyWidget):
                 saved = replace(saved, held="held.npz")
             if answer.settings.scene is None:
                 self._write_frame(subject.frame, staging)
-            write_calibration(subject.calibration, staging / "endoscope.json")
+            known = answer.settings.endoscope(subject.calibration)
+            write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
             write_atomically(staging / "result.py", self.python().encode())
         return Path(folder)

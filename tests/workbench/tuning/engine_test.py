@@ -27,6 +27,7 @@ def start(seen):
         started.append(Engine(source, answers.append, refuse=refused.append))
         started[-1].ask(wish)
         started[-1].wait(60)
+        del answers[:-1]  # what was shown on the way to the first one
         return started[-1], answers, refused
 
     yield start

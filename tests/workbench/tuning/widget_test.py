@@ -189,3 +189,27 @@ def test_truth_is_of_the_frame(seen):
         TunerBox(frame, calibration, truth[:-1])
     with pytest.raises(ValueError, match="truth"):
         TunerBox(frame, calibration, replace(frame).image[..., 0] * -1.0)
+
+
+def test_the_field_of_view_of_a_nominal_camera_turns_and_is_exported(seen, tmp_path):
+    frame = seen[0]
+    box = el.tune(frame, el.nominal_calibration(frame, 140), width=160)
+    box.engine.wait(60)
+    before = box.answer.result
+    box.set_knobs({"fov": 100})
+    box.engine.wait(60)
+    turned = box.answer.result
+    mask = before.problem.mask
+    angles = [np.arccos(one.problem.field.cos_alpha[mask]) for one in (before, turned)]
+    np.testing.assert_allclose(angles[1], angles[0] * 100 / 140, atol=1e-6)
+    folder = box.export(tmp_path / "out")
+    known = el.load_calibration(folder / "endoscope.json")
+    again = el.reconstruct(
+        el.read_frame(folder / "frame.png", known),
+        known,
+        held=el.load_held(folder / "held.npz"),
+        **box.answer.settings.solving_settings(box.answer.still.subject).keywords,
+    )
+    np.testing.assert_array_equal(again.distance, turned.distance)
+    box.close()
+    assert "fov" not in [spec["name"] for spec in el.tune(*seen, width=160)._specs]

@@ -1,0 +1,68 @@
+"""A picture of an endoscope that nobody calibrated, and parts of a calibration's pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.model.photometry import NOMINAL
+
+CAMERA = el.KannalaBrandt(80, 60, 30.0, 30.0, 41.0, 28.0, (0.02, 0.0, 0.0, 0.0))
+
+
+def disc(height, width, column, row, radius):
+    i, j = np.indices((height, width))
+    inside = np.hypot(j - column, i - row) < radius
+    return el.Frame(np.where(inside, 0.5 + 0.1 * np.sin(j / 9), 0.0), inside)
+
+
+@pytest.mark.parametrize("fov", [90, 140])
+def test_the_field_of_view_is_that_of_the_disc(fov):
+    nominal = el.nominal_calibration(disc(240, 320, 150, 118, 100), fov)
+    rays = nominal.camera.unproject([[150, 118], [50, 118], [150, 218]])
+    angles = np.rad2deg(np.arccos(rays[:, 2]))
+    assert angles == pytest.approx([0, fov / 2, fov / 2], abs=1)
+    assert nominal.photometry == NOMINAL
+    assert nominal.photometry.gain is None
+
+
+def test_without_a_disc_it_is_that_of_the_diagonal():
+    nominal = el.nominal_calibration(
+        el.Frame(np.full((240, 320), 0.5), np.ones((240, 320), bool)), 120
+    )
+    angles = np.arccos(
+        nominal.camera.unproject([[0, 0], [159.5, 119.5], [319, 239]])[:, 2]
+    )
+    assert np.rad2deg(angles) == pytest.approx([60, 0, 60], abs=0.3)
+
+
+def test_a_crop_that_is_enlarged_sees_along_the_same_rays():
+    known = el.Calibration(CAMERA, el.Photometry(k=2))
+    zoomed = known.crop(10, 6, 40, 30).fit("frame", 80, 60)
+    assert zoomed.photometry == known.photometry
+    pixels = np.array([[0.0, 0.0], [33.0, 12.0], [79.0, 59.0]])
+    before = (pixels + 0.5) / 2 - 0.5 + [10, 6]
+    np.testing.assert_allclose(
+        zoomed.camera.unproject(pixels), CAMERA.unproject(before), atol=1e-12
+    )
+
+
+def test_what_has_another_shape_does_not_fit():
+    known = el.Calibration(CAMERA)
+    assert known.fit("frame", 161, 121).camera.width == 161
+    with pytest.raises(ValueError, match="crop"):
+        known.fit("frame", 80, 50)
+    for rectangle in ((0, 0, 81, 60), (-1, 0, 20, 20), (0, 0, 0, 20)):
+        with pytest.raises(ValueError, match="80x60"):
+            known.crop(*rectangle)
+
+
+def test_a_light_that_is_missing_is_nominal_and_the_evidence_says_so():
+    content = el.Calibration(CAMERA, el.Photometry(), {"x": 1}).to_dict()
+    del content["photometry"]
+    read = el.Calibration.from_dict(content)
+    assert read.photometry == NOMINAL
+    assert read.evidence == {"x": 1, "photometry": {"nominal": True}}
+    again = el.Calibration.from_dict(replace(read).to_dict())
+    assert again == read
