@@ -69,17 +69,6 @@ def test_shares_within_125():
     assert shares == pytest.approx((40, 60, 80))
 
 
-@pytest.mark.parametrize("as_disparity", [False, True])
-def test_an_affine_map_is_undone_where_it_was_made(as_disparity):
-    power = -1 if as_disparity else 1
-    truth = np.array([[10.0, 20.0, 40.0, 50.0]])
-    estimate = (0.2 * truth**power + 0.01) ** power
-    how = {"align": "affine", "as_disparity": as_disparity}
-    errors = compare(estimate, truth, np.ones((1, 4)), **how)
-    assert errors.mean_percent == pytest.approx(0, abs=1e-9)
-    assert (errors.scale, errors.shift) == pytest.approx((5, -0.05))
-
-
 def test_no_affine_estimate_is_nearer_than_all_of_the_truth():
     """The line through the middle ones leaves the first at -60 mm."""
     truth = np.array([[5.0, *np.linspace(10, 20, 500)]])
