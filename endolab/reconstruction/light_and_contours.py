@@ -69,8 +69,6 @@ CONTOURS = "contours"  # cut
 
 # Before indirect light is known, lines are less steep by this factor.
 GUESSED_STEEPNESS = 0.8
-# Median difference of stored values, as a fraction, up to which two colours are one.
-SAME_COLOUR = 0.01
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
@@ -201,10 +199,11 @@ def separate(
 ) -> Solving[Found]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds.
 
-    Raises `NoColour` if the colours are one.
+    Raises `NoColour` if no pixel shows all three.
     """
     colours = problem.colours
-    _check_colours(colours)
+    if not all_exact(colours).any():
+        raise NoColour("no pixel shows all three of them")
     prior = AlbedoPrior.of(albedo)
 
     # Uncut: solve without the indirect light that is known so far, and ask the colours again.
@@ -575,13 +574,3 @@ def merge(
 def _noise(problem: Problem) -> float:
     """Return the noise of a channel, that of rounding at least."""
     return max(problem.noise, ROUNDING)
-
-
-def _check_colours(colours: Sequence[Problem]) -> None:
-    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
-    exact = all_exact(colours)
-    if not exact.any():
-        raise NoColour("no pixel shows all three of them")
-    red, green, blue = (colour.image[exact] for colour in colours)
-    if max(np.median(np.abs(other / green - 1)) for other in (red, blue)) < SAME_COLOUR:
-        raise NoColour("red, green and blue are one")

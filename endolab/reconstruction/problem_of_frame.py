@@ -125,7 +125,7 @@ def make_problem(frame: Frame, calibration: Calibration, **options: object) -> P
             f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()"
         )
     if settings.channel is None:
-        settings = replace(settings, channel="grey" if frame.image.ndim == 2 else "green")
+        settings = replace(settings, channel="green")
     check_frame(frame, calibration, settings)
     return problem_of_frame(frame, calibration, settings)
 

@@ -122,17 +122,6 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     assert result.report.albedo == tuple(ALBEDO)
 
 
-@pytest.mark.parametrize(("albedo", "noise"), [(tuple(ALBEDO), 0.0), (0.38, 0.02)])
-def test_a_picture_of_one_colour_tells_nothing(dry, albedo, noise):
-    """Though albedos are given: the fit alone would say that the channels disagree, and remove light."""
-    rng = np.random.default_rng(3)
-    grey = dry.frame.image[..., 1:2] + rng.normal(0, noise, dry.frame.image.shape)
-    frame = replace(dry.frame, image=grey.clip(0, 1))
-    known = without(dry.calibration, brdf=el.Lambertian(albedo))
-    result = solved(frame, known, width=160, smooth=0.0)
-    assert result.report.light is LightOutcome.NO_COLOUR
-
-
 # Where the surface is cut
 
 
