@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
+from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
 from endolab.reconstruction.scale import pixel_name, scale_of
@@ -234,6 +236,7 @@ EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and 
 DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
+SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
 DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 
 
@@ -267,6 +270,14 @@ def _warnings(result: Result) -> Iterator[str]:
         red, _, blue = np.median(picture[mask], axis=0)
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
+        # Not those of the one channel that is solved: `meaning` tells of them.
+        lost = np.mean(picture[mask] >= SATURATED, axis=0)
+        for name, share in zip(CHANNELS, lost, strict=True):
+            if share > SATURATED_SHARE and result.report.channel == "separated":
+                yield (
+                    f"{name.capitalize()} is saturated in {100 * share:.0f} % of the picture, which the "
+                    "other colours tell alone; less exposure would tell more."
+                )
     brightest = float(picture[mask].max())
     if brightest < DIM:
         yield (
