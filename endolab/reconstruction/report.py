@@ -237,6 +237,7 @@ DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
 SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
+WITHOUT_RAY = 0.02  # of the picture's pixels
 DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 
 
@@ -289,6 +290,12 @@ def _warnings(result: Result) -> Iterator[str]:
         yield (
             f"{100 * misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was "
             "left out: the mask may be another camera's."
+        )
+    without_ray = result.report.without_ray
+    if without_ray >= WITHOUT_RAY:
+        yield (
+            f"{100 * without_ray:.0f} % of what the endoscope shows has no ray, and is left out: "
+            "the camera's model ends or turns back before the picture does."
         )
     if unclear_surround(picture, mask):
         yield (
