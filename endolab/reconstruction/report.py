@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
 from endolab.model.photometry import CHANNELS
@@ -301,6 +302,15 @@ def _warnings(result: Result) -> Iterator[str]:
         yield (
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."
+        )
+    box = find_box(picture, mask)
+    if box is not None:
+        width, height = result.report.picture_size or mask.shape[::-1]
+        scale = np.repeat([width / mask.shape[1], height / mask.shape[0]], 2)
+        left, right, top, bottom = np.rint(scale * box).astype(int)
+        yield (
+            f"Columns {left} to {right - 1}, rows {top} to {bottom - 1} have straight edges, as a menu or a "
+            "second picture has: if they show no wall, leave them out with --mask."
         )
     albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", DARKEST_ALBEDO)))
     if albedo < DARKEST_ALBEDO:
