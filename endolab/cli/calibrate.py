@@ -241,6 +241,7 @@ def convert(
     import endolab as el
     from endolab.io.atomic import check_new
     from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
+    from endolab.reconstruction.report import WITHOUT_RAY
 
     check_new(out, overwrite, (source, photometry))
     if os.path.isdir(source):
@@ -251,3 +252,8 @@ def convert(
         calibration = read_endomapper(source, photometry)
     el.write_calibration(calibration, out)
     print(f"written to {out}; `endolab calibrate --camera {out}` measures its light")
+    without_ray = 1 - calibration.camera.field.valid.mean()
+    if without_ray >= WITHOUT_RAY:
+        print(
+            f"{100 * without_ray:.0f} % of the pixels have no ray: the camera's model does not reach them"
+        )

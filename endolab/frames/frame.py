@@ -19,6 +19,9 @@ from endolab.numerics.side_by_side import by_rows
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 SATURATED = 254.5 / 255  # from here on
 ROUNDING = 0.3 / 255  # noise: that of rounding to 8 bits
+# Colours that differ by less are a codec's, and a white balance's that is off by 2 % to either side.
+CODEC = 3 / 255
+TINT = 0.04
 
 # cos α; beyond 80°, cos^k α is so small that noise divided by it looks near.
 LEAST_COSINE = float(np.cos(np.deg2rad(80.0)))
@@ -31,7 +34,8 @@ class Frame:
     Parameters
     ----------
     image : (H, W) or (H, W, 3) float array
-        Stored values over their maximum, in [0, 1], gamma-coded as read; channels R, G, B.
+        Stored values over their maximum, in [0, 1], gamma-coded as read; channels R, G, B. A picture
+        whose three channels are as good as one becomes (H, W), the grey that ITU-R BT.601 makes of them.
     mask : (H, W) bool array
         Pixels that take part.
     name : str
@@ -93,6 +97,8 @@ class Frame:
                 f"{self.name}: values must be finite and lie in [0, 1], "
                 f"found {least:.4g} to {most:.4g}{remedy}"
             )
+        if image.ndim == 3 and _is_grey(image, self.mask):
+            image = image @ GREY_WEIGHTS
         object.__setattr__(self, "image", readonly_copy(image))
 
     @property
@@ -130,20 +136,16 @@ class Frame:
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".
 
-        Green by default, which neither saturates like red nor is as dark as blue; a grey picture has grey
-        alone.
+        Green by default, which neither saturates like red nor is as dark as blue; every channel of a grey
+        picture is grey.
         """
-        if self.image.ndim == 2:
-            if name not in (None, "grey"):
-                raise ValueError(
-                    f"{self.name}: the picture is grey and has no {name} channel; choose grey"
-                )
-            return "grey", self.image
         name = name or "green"
+        if not isinstance(name, str) or name not in (*CHANNELS, "grey"):
+            raise unknown_name("channel", name, (*CHANNELS, "grey"))
+        if self.image.ndim == 2:
+            return "grey", self.image
         if name == "grey":
             return name, self.image @ GREY_WEIGHTS
-        if not isinstance(name, str) or name not in CHANNELS:
-            raise unknown_name("channel", name, (*CHANNELS, "grey"))
         return name, self.image[..., CHANNELS.index(name)]
 
     def resize(self, width: int, height: int, gamma: float) -> Frame:
@@ -185,8 +187,27 @@ class Frame:
         shape = (height, width, *self.image.shape[2:])
         if len(self._resized) > 2:
             self._resized.clear()
-        self._resized[key] = Frame(image.reshape(shape), kept, self.name, silent)
-        return self._resized[key]
+        image = image.reshape(shape)
+        small = Frame(image, kept, self.name, silent)
+        # A picture in colour stays one, though its colours may have averaged out.
+        object.__setattr__(small, "image", freeze(image))
+        self._resized[key] = small
+        return small
+
+
+def _is_grey(image: FloatArray, mask: BoolArray) -> bool:
+    """Whether the colours of most of what is lit, averaged over blocks without their noise, are one."""
+    step = max(1, max(mask.shape) // 320)
+    few = image[::step, ::step], mask[::step, ::step].astype(np.float64)
+    high, wide = few[1].shape
+    block = max(1, max(high, wide) // 40)
+    size = max(1, wide // block), max(1, high // block)
+    means, whole = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in few)
+    colours = means[whole > 0.999]
+    most = colours.max(axis=-1, initial=0.0)
+    apart = most - colours.min(axis=-1, initial=1.0) - TINT * most
+    lit = most > 0.99 * most.mean() if most.size else most > 0
+    return bool(lit.any() and np.median(apart[lit]) < CODEC)
 
 
 def check_size(

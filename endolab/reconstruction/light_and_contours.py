@@ -45,7 +45,6 @@ from endolab.reconstruction.colours import (
     Light,
     NoColour,
     Patches,
-    all_exact,
     fit_light,
     refine_per_pixel,
 )
@@ -58,7 +57,7 @@ from endolab.reconstruction.problem_of_frame import (
 from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import DESCENT, gauss_newton
-from endolab.solvers.problem import EXACT, NONE, Problem
+from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, name_stage
 
@@ -69,8 +68,8 @@ CONTOURS = "contours"  # cut
 
 # Before indirect light is known, lines are less steep by this factor.
 GUESSED_STEEPNESS = 0.8
-# Median difference of stored values, as a fraction, up to which two colours are one.
-SAME_COLOUR = 0.01
+# Share of a colour that is saturated from which on it may count nowhere.
+MOSTLY = 0.5
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
@@ -199,12 +198,8 @@ def _with_contours(
 def separate(
     problem: Problem, albedo: FloatArray | None = None, contours: bool | None = None
 ) -> Solving[Found]:
-    """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds.
-
-    Raises `NoColour` if the colours are one.
-    """
+    """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds."""
     colours = problem.colours
-    _check_colours(colours)
     prior = AlbedoPrior.of(albedo)
 
     # Uncut: solve without the indirect light that is known so far, and ask the colours again.
@@ -334,7 +329,7 @@ def _on_all_pixels(
     trial = found.trial
     light = trial.light
     ratio = resample(trial.indirect_ratio, full.mask.shape)
-    problem = merge(full.colours, ratio, light.albedo)
+    problem = merge(full.colours, ratio, light.albedo, not light.reason)
     if trial.surface.problem.cuts is not None:
         problem = replace(problem, cuts=found.cuts_of(full.colours))
     outcome = found.contours
@@ -387,7 +382,7 @@ def _solve_direct(
     **options: Any,
 ) -> Solving[Iterate]:
     """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
-    problem = merge(colours, indirect_ratio, light.albedo)
+    problem = merge(colours, indirect_ratio, light.albedo, not light.reason)
     if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
         options["start"] = start_from(surface, problem)
@@ -538,12 +533,16 @@ def min_steepness_of(result: Result) -> float | None:
 
 
 def merge(
-    colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatArray
+    colours: Sequence[Problem],
+    indirect_ratio: FloatArray,
+    albedo: FloatArray,
+    agree: bool = True,
 ) -> Problem:
     """Merge red, green and blue of one picture into one problem of direct light, given ι (H, W, 3).
 
     It is green's, with the picture that direct light alone would have made. Each colour counts by its
-    noise, its texture and what may be wrong with ι; what is saturated does not.
+    noise, its texture and what may be wrong with ι; what is saturated does not. If colours do not `agree`,
+    one that is saturated in most places does not count at all: its rest would be at odds with them.
     """
     gamma = colours[1].photometry.gamma
     mask = np.any([colour.mask for colour in colours], axis=0)
@@ -552,6 +551,8 @@ def merge(
         if colour.evidence is not None:
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
+        if not agree and np.mean(kind[colour.mask] == LOWER_BOUND) > MOSTLY:
+            kind[:] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
     total = np.zeros(mask.shape)
     weights = np.where(mask, 0.0, 1.0)
@@ -575,13 +576,3 @@ def merge(
 def _noise(problem: Problem) -> float:
     """Return the noise of a channel, that of rounding at least."""
     return max(problem.noise, ROUNDING)
-
-
-def _check_colours(colours: Sequence[Problem]) -> None:
-    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
-    exact = all_exact(colours)
-    if not exact.any():
-        raise NoColour("no pixel shows all three of them")
-    red, green, blue = (colour.image[exact] for colour in colours)
-    if max(np.median(np.abs(other / green - 1)) for other in (red, blue)) < SAME_COLOUR:
-        raise NoColour("red, green and blue are one")

@@ -49,7 +49,8 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         frame = frame.resize(width, height, photometry.gamma)
     camera = calibration.camera.resize(frame.width, frame.height)
     highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
-    known = frame.pixels_to_use() & camera.field.valid
+    seen = frame.pixels_to_use()
+    known = seen & camera.field.valid
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
         mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
@@ -85,6 +86,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             smooth=blur,
             highlights=highlights,
             misplaced=frame.misplaced,
+            without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
         )
         problem = Problem(
@@ -125,7 +127,7 @@ def make_problem(frame: Frame, calibration: Calibration, **options: object) -> P
             f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()"
         )
     if settings.channel is None:
-        settings = replace(settings, channel="grey" if frame.image.ndim == 2 else "green")
+        settings = replace(settings, channel="green")
     check_frame(frame, calibration, settings)
     return problem_of_frame(frame, calibration, settings)
 

@@ -5,7 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from endolab.frames.boxes import find_box
+from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
+from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
 from endolab.reconstruction.linearised import far_end_by_gamma
@@ -238,6 +241,8 @@ EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and 
 DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
+SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
+WITHOUT_RAY = 0.02  # of the picture's pixels
 DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 
 
@@ -271,6 +276,14 @@ def _warnings(result: Result) -> Iterator[str]:
         red, _, blue = np.median(picture[mask], axis=0)
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
+        # Not those of the one channel that is solved: `meaning` tells of them.
+        lost = np.mean(picture[mask] >= SATURATED, axis=0)
+        for name, share in zip(CHANNELS, lost, strict=True):
+            if share > SATURATED_SHARE and result.report.channel == "separated":
+                yield (
+                    f"{name.capitalize()} is saturated in {100 * share:.0f} % of the picture, which the "
+                    "other colours tell alone; less exposure would tell more."
+                )
     brightest = float(picture[mask].max())
     if brightest < DIM:
         yield (
@@ -283,10 +296,25 @@ def _warnings(result: Result) -> Iterator[str]:
             f"{100 * misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was "
             "left out: the mask may be another camera's."
         )
+    without_ray = result.report.without_ray
+    if without_ray >= WITHOUT_RAY:
+        yield (
+            f"{100 * without_ray:.0f} % of what the endoscope shows has no ray, and is left out: "
+            "the camera's model ends or turns back before the picture does."
+        )
     if unclear_surround(picture, mask):
         yield (
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."
+        )
+    box = find_box(picture, mask)
+    if box is not None:
+        width, height = result.report.picture_size or mask.shape[::-1]
+        scale = np.repeat([width / mask.shape[1], height / mask.shape[0]], 2)
+        left, right, top, bottom = np.rint(scale * box).astype(int)
+        yield (
+            f"Columns {left} to {right - 1}, rows {top} to {bottom - 1} have straight edges, as a menu or a "
+            "second picture has: if they show no wall, leave them out with --mask."
         )
     albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", DARKEST_ALBEDO)))
     if albedo < DARKEST_ALBEDO:

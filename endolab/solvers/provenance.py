@@ -57,6 +57,9 @@ class Report:
     highlights: str = ""  # what was done with them
     # Fraction of the mask that was given which lies beyond what the endoscope shows.
     misplaced: float = 0.0
+    without_ray: float = (
+        0.0  # fraction of what it shows that the camera's model does not reach
+    )
     # Of picture, mask, endoscope and what was done with them: equal for equal ones.
     fingerprint: str = field(default="", repr=False)
 

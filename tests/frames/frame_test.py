@@ -29,6 +29,26 @@ def test_channels_of_a_colour_picture(rng):
     assert frame.channel()[0] == "green"
 
 
+@pytest.mark.parametrize(
+    ("tint", "noise", "is_grey"),
+    [
+        ((1, 1, 1), 0, True),
+        ((1.02, 1, 0.98), 2, True),
+        ((1, 1, 1), 8, True),
+        ((1.1, 1, 1), 2, False),
+    ],
+)
+def test_three_channels_that_are_one_make_a_grey_picture(rng, tint, noise, is_grey):
+    light = problem_of("curved", 320)[1].image[..., None] * np.array(tint)
+    image = (light + rng.normal(scale=noise / 255, size=light.shape)).clip(0, 1)
+    image[40:60, 40:150] = 1, 0.9, 0  # letters
+    frame = el.Frame(image, np.ones(image.shape[:2], bool))
+    assert (frame.image.ndim == 2) is is_grey
+    if is_grey:
+        weights = (0.299, 0.587, 0.114)
+        assert_allclose(frame.channel("red")[1], image @ weights, rtol=1e-12)
+
+
 @pytest.mark.parametrize("size", [(32, 24), (27, 19), (64, 48), (1, 1)])
 def test_shrinking_keeps_the_light(rng, size):
     image = rng.uniform(size=(48, 64, 3))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
+from endolab.cli.main import main
 from endolab.reconstruction.report import warnings
 
 WIDTH = 160
@@ -78,3 +79,16 @@ def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
     warnings = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
     assert "of the mask lies beyond what the endoscope shows" in warnings
     assert "of the mask" not in " ".join(doubts_of(image, wet.calibration, disc))
+
+
+def test_pixels_that_the_camera_does_not_reach_are_counted(wet, tmp_path, capsys):
+    """As of a polynomial that turns back within the picture."""
+    camera = el.KannalaBrandt(320, 240, 120.0, 120.0, 159.5, 119.5, (-0.3, 0, 0, 0))
+    calibration = el.Calibration(camera, wet.calibration.photometry)
+    said = " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
+    assert "71 % of what the endoscope shows has no ray" in said
+    el.write_calibration(calibration, tmp_path / "a.json")
+    assert (
+        main(["convert", str(tmp_path / "a.json"), "--out", str(tmp_path / "b")]) == 0
+    )
+    assert "71 % of the pixels have no ray" in capsys.readouterr().out

@@ -1,0 +1,66 @@
+"""Boxes on the screen, such as menus and second pictures: their edges are straight along rows and columns."""
+
+import numpy as np
+
+from endolab.frames.surround import dilate
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+
+SIDE = 320  # px of the longer side of what is looked at
+SHORTEST = 12  # px of that, of a box's side
+LARGEST = 0.5  # of the picture
+STEP = 0.02  # change of a stored value across an edge
+SHARP = 2.0  # times that of what is beside it
+COVERED = 0.55  # share of each side that is an edge
+LINES = 12  # rows and columns, with most of such edges, that are tried
+
+
+def find_box(image: FloatArray, mask: BoolArray) -> tuple[int, ...] | None:
+    """Find the box that most probably covers the wall: its columns, from and to, and its rows; or None.
+
+    Sides may be the picture's border, but for two of them. A fold leaves a row after some pixels, and no four
+    make a rectangle.
+    """
+    step = max(1, round(max(mask.shape) / SIDE))
+    few = np.atleast_3d(np.nan_to_num(image[::step, ::step]))
+    inner = ~dilate(~mask[::step, ::step], 1)
+    rows, y = _edges(few, inner)
+    columns, x = _edges(few.swapaxes(0, 1), inner.T)
+    # Every pair of rows with every pair of columns.
+    (top, bottom), (left, right) = (
+        line[np.array(np.triu_indices(len(line), 1))] for line in (y, x)
+    )
+    top, bottom = top[:, None], bottom[:, None]
+    wide, high = right - left, bottom - top
+    fits = (wide >= SHORTEST) & (high >= SHORTEST) & (wide * high <= LARGEST * inner.size)
+    score = np.zeros(fits.shape)
+    sides = np.zeros(fits.shape)
+    for edges, first, last, length, places in (
+        (rows, left, right, wide, (top, bottom)),
+        (columns, top, bottom, high, (left, right)),
+    ):
+        for place in places:
+            real = (place > 0) & (place < len(edges) - 1)
+            found = edges[place, last] - edges[place, first]
+            fits &= ~real | (found > COVERED * length)
+            score += real * (2 * found - length)
+            sides += real
+    score[~fits | (sides < 2)] = 0
+    if not score.any():
+        return None
+    i, j = np.unravel_index(score.argmax(), score.shape)
+    ends = left[j], right[j], top[i, 0], bottom[i, 0]
+    return tuple(int(step * end) for end in ends)
+
+
+def _edges(picture: FloatArray, inner: BoolArray) -> tuple[FloatArray, IntArray]:
+    """Count the sharp edges above the pixels before one, (H + 1, W + 1).
+
+    Returned, too, are the rows with most of them, the picture's borders among these.
+    """
+    change = np.abs(np.diff(picture, axis=0)).max(axis=-1)
+    change[~(inner[1:] & inner[:-1])] = 0
+    beside = np.maximum(np.roll(change, 2, axis=0), np.roll(change, -2, axis=0))
+    sharp = (change > STEP) & (change > SHARP * beside)
+    counts = np.pad(np.cumsum(sharp, axis=1, dtype=float), ((1, 1), (1, 0)))
+    most = np.argsort(counts[:, -1])[-LINES:]
+    return counts, np.unique([0, len(counts) - 1, *most])
