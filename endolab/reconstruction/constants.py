@@ -8,10 +8,14 @@ LINE_BLUR = 1.5  # of log d₀
 SHALLOW = 0.005  # basins of the slope less deep than this are one
 LIMB_WIDTH = 8.0  # a strip that is thinner than this may be a limb
 ACROSS = 0.1  # fraction of a line's slope that must lie across it, on the whole
+TISSUE_ACROSS = 0.5  # likewise, where the colours tell nothing
 
 # Contours (`light_and_contours`)
 # How steep lines must be to be cut, one trial after the other.
 MIN_STEEPNESS = (0.07, 0.035, 0.018)
+# Where the colours tell nothing: half of the folds of living tissue are steeper than .09, of stretches of one
+# wall one in ten has a line steeper than this.
+TISSUE_STEEPNESS = 0.05
 # Fraction of the energy that a cut as long as the picture's height must save, if only the energy speaks for
 # it: so gentle folds of a real phantom stay whole. And where no light bounced: there the picture is the
 # model's own, and its lines are to be trusted.

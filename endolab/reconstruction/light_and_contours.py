@@ -18,7 +18,8 @@ are two or three of ten. So a surface is solved uncut, in rounds, and then cut a
                           +--> cut at lines > .035 --> cut at lines > .018        which of these four?
 
 `choose` answers. Where three colours see one wall, the right surface is the one on whose light they agree
-best; of one channel, or where nothing bounced, the energy tells. At last the tint of each place tells where ι
+best; of one channel, or where nothing bounced, the energy tells. Living tissue is no wall of one colour: there
+the colours tell nothing, and all steep lines are cut (`lines`). At last the tint of each place tells where ι
 of that surface is still wrong. Albedos that are not given are found from the colours: the tissue looks more
 alike all over the picture the better the bounced light is known.
 
@@ -113,6 +114,7 @@ class Found:
     indirect_ratio: FloatArray
     albedo: FloatArray
     min_steepness: float | None
+    in_tissue: bool = False  # whether they are looked for as in living tissue
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
@@ -120,7 +122,7 @@ class Found:
         if self.cuts is not None:
             return resample_cuts(self.cuts, shape)
         picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
-        return cut_at_contours(picture, self.min_steepness).cuts
+        return cut_at_contours(picture, self.min_steepness, self.in_tissue).cuts
 
 
 def light_and_contours(
@@ -221,7 +223,12 @@ def separate(
 
     # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
-    if contours is not False:
+    in_tissue = contours is not False and light.outcome is LightOutcome.COMPUTED
+    if in_tissue:
+        outcome = ContourOutcome.BY_LINES
+        trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
+        lines_of = (np.zeros((1, 1, 3)), light.albedo)
+    elif contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
@@ -240,7 +247,7 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Found(trial, outcome, cuts, *lines_of, steepness)
+    return Found(trial, outcome, cuts, *lines_of, steepness, in_tissue)
 
 
 def separate_from(
@@ -274,13 +281,16 @@ def _separate_as_before(
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
+    in_tissue = before.report.light is LightOutcome.COMPUTED
+    guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
     lines = Found(
         trial=Trial(before.iterate),
         contours=ContourOutcome.NONE_CLEAR,
         cuts=before.problem.cuts if is_same else None,  # another frame has other lines
         indirect_ratio=np.zeros((1, 1, 3)),
         albedo=AlbedoPrior.of(albedo).albedo,
-        min_steepness=GUESSED_STEEPNESS * (steepness or 0.0),
+        min_steepness=guessed * (steepness or 0.0),
+        in_tissue=in_tissue,
     )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
@@ -329,13 +339,13 @@ def problem_as_before(
 
 def _on_all_pixels(
     found: Found, full: Problem, albedo: FloatArray | None
-) -> tuple[Problem, FloatArray]:
-    """Return the problem of the light that has not bounced, and a start."""
+) -> tuple[Problem, FloatArray | None]:
+    """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial
     light = trial.light
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo)
-    if trial.surface.problem.cuts is not None:
+    if trial.surface.problem.cuts is not None or found.contours is ContourOutcome.BY_LINES:
         problem = replace(problem, cuts=found.cuts_of(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
@@ -356,8 +366,12 @@ def _on_all_pixels(
         lamp=light.lamp,
     )
     problem = in_units(replace(problem, report=report))
+    if outcome is ContourOutcome.BY_LINES and problem.cuts is None:
+        outcome = ContourOutcome.NONE_CLEAR
     problem = _with_contours(problem, outcome, trial.min_steepness)
-    return problem, start_from(trial.surface, problem)
+    # The uncut surface of tissue explains by slopes what is behind a fold, and most of that would stay.
+    is_far = outcome is ContourOutcome.BY_LINES
+    return problem, None if is_far else start_from(trial.surface, problem)
 
 
 def estimate_indirect(
@@ -490,11 +504,21 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
-    """Cut the surface at the picture's lines that are steeper than this, if there are any."""
+def cut_at_contours(
+    problem: Problem, min_steepness: float | None, in_tissue: bool = False
+) -> Problem:
+    """Cut the surface at the picture's lines that are steeper than this, if there are any.
+
+    In tissue these are lines of the picture as it is: what a lens that is not known takes away at the border
+    makes lines of its own in d₀.
+    """
     if min_steepness is None:
         return problem
-    cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
+    log_d0 = problem.log_d0
+    if in_tissue:
+        seen = np.where(problem.mask, problem.image, 1.0)
+        log_d0 = -0.5 * problem.photometry.gamma * np.log(seen)
+    cuts = find_contours(log_d0, problem.mask, in_tissue) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 
