@@ -18,13 +18,16 @@ are two or three of ten. So a surface is solved uncut, in rounds, and then cut a
                           +--> cut at lines > .035 --> cut at lines > .018        which of these four?
 
 `choose` answers. Where three colours see one wall, the right surface is the one on whose light they agree
-best; of one channel, or where nothing bounced, the energy tells. Living tissue is no wall of one colour: there
-the colours tell nothing, and all steep lines are cut (`lines`). At last the tint of each place tells where ι
+best; of one channel, or where nothing bounced, the energy tells. At last the tint of each place tells where ι
 of that surface is still wrong. Albedos that are not given are found from the colours: the tissue looks more
 alike all over the picture the better the bounced light is known.
 
 A cut surface begins as the uncut one: what lies behind an open line comes loose only as far as the energy
 wants. A start on the far side would not do: regions that are held by little stay as far as they are put.
+
+Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in the
+picture itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
+
 All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
 """
 
@@ -281,7 +284,9 @@ def _separate_as_before(
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
-    in_tissue = before.report.light is LightOutcome.COMPUTED
+    in_tissue = (
+        steepness == constants.TISSUE_STEEPNESS
+    )  # as one that was taken up knows, too
     guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
     lines = Found(
         trial=Trial(before.iterate),
@@ -369,9 +374,9 @@ def _on_all_pixels(
     if outcome is ContourOutcome.BY_LINES and problem.cuts is None:
         outcome = ContourOutcome.NONE_CLEAR
     problem = _with_contours(problem, outcome, trial.min_steepness)
-    # The uncut surface of tissue explains by slopes what is behind a fold, and most of that would stay.
-    is_far = outcome is ContourOutcome.BY_LINES
-    return problem, None if is_far else start_from(trial.surface, problem)
+    if outcome is ContourOutcome.BY_LINES:
+        return problem, None
+    return problem, start_from(trial.surface, problem)
 
 
 def estimate_indirect(
@@ -509,15 +514,14 @@ def cut_at_contours(
 ) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any.
 
-    In tissue these are lines of the picture as it is: what a lens that is not known takes away at the border
-    makes lines of its own in d₀.
+    In tissue these are lines of the picture itself, of log 1/I: a light's law that is guessed makes lines of
+    its own, and all less steep or steeper.
     """
     if min_steepness is None:
         return problem
     log_d0 = problem.log_d0
     if in_tissue:
-        seen = np.where(problem.mask, problem.image, 1.0)
-        log_d0 = -0.5 * problem.photometry.gamma * np.log(seen)
+        log_d0 = -np.log(np.where(problem.mask, problem.image, 1.0))
     cuts = find_contours(log_d0, problem.mask, in_tissue) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
 
