@@ -137,6 +137,7 @@ class Patches:
     light: FloatArray  # (P, 3), log q_c
     direct: FloatArray  # (L, P), E under each of LAMPS
     orders: FloatArray  # (L, bounces, P) under each, see `Walls.orders`
+    gamma: float
 
     @classmethod
     def of(cls, colours: Sequence[Problem], walls: Walls) -> Patches:
@@ -148,7 +149,7 @@ class Patches:
             all_exact(colours) & (walls.direct > 0),
             [lamp * photometry.k for lamp in LAMPS],
         )
-        return cls(np.log(means), direct, orders)
+        return cls(np.log(means), direct, orders, photometry.gamma)
 
     def ratio_and_slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return indirect over direct light, (P, 3), and its derivatives, (3, P, 3).
@@ -283,7 +284,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         reason = "more light than can have bounced"
     elif ((x <= low) | (x >= high))[2:].any():
         reason = "albedos that no tissue has"
-    elif misfit > constants.MOST_MISFIT:
+    elif misfit > constants.MOST_MISFIT * patches.gamma:
         reason = "the channels disagree on the direct light"
     if reason:
         return replace(prior.light, misfit=misfit, reason=reason)

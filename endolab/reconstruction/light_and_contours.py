@@ -24,6 +24,10 @@ alike all over the picture the better the bounced light is known.
 
 A cut surface begins as the uncut one: what lies behind an open line comes loose only as far as the energy
 wants. A start on the far side would not do: regions that are held by little stay as far as they are put.
+
+Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in the
+picture itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
+
 All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
 """
 
@@ -112,6 +116,7 @@ class Found:
     indirect_ratio: FloatArray
     albedo: FloatArray
     min_steepness: float | None
+    in_tissue: bool = False  # whether they are looked for as in living tissue
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
@@ -119,7 +124,7 @@ class Found:
         if self.cuts is not None:
             return resample_cuts(self.cuts, shape)
         picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
-        return cut_at_contours(picture, self.min_steepness).cuts
+        return cut_at_contours(picture, self.min_steepness, self.in_tissue).cuts
 
 
 def light_and_contours(
@@ -216,7 +221,12 @@ def separate(
 
     # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
-    if contours is not False:
+    in_tissue = contours is not False and light.outcome is LightOutcome.COMPUTED
+    if in_tissue:
+        outcome = ContourOutcome.BY_LINES
+        trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
+        lines_of = (np.zeros((1, 1, 3)), light.albedo)
+    elif contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
@@ -235,7 +245,7 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Found(trial, outcome, cuts, *lines_of, steepness)
+    return Found(trial, outcome, cuts, *lines_of, steepness, in_tissue)
 
 
 def separate_from(
@@ -269,13 +279,18 @@ def _separate_as_before(
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
+    in_tissue = (
+        steepness == constants.TISSUE_STEEPNESS
+    )  # as one that was taken up knows, too
+    guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
     lines = Found(
         trial=Trial(before.iterate),
         contours=ContourOutcome.NONE_CLEAR,
         cuts=before.problem.cuts if is_same else None,  # another frame has other lines
         indirect_ratio=np.zeros((1, 1, 3)),
         albedo=AlbedoPrior.of(albedo).albedo,
-        min_steepness=GUESSED_STEEPNESS * (steepness or 0.0),
+        min_steepness=guessed * (steepness or 0.0),
+        in_tissue=in_tissue,
     )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
@@ -324,13 +339,13 @@ def problem_as_before(
 
 def _on_all_pixels(
     found: Found, full: Problem, albedo: FloatArray | None
-) -> tuple[Problem, FloatArray]:
-    """Return the problem of the light that has not bounced, and a start."""
+) -> tuple[Problem, FloatArray | None]:
+    """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial
     light = trial.light
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo, not light.reason)
-    if trial.surface.problem.cuts is not None:
+    if trial.surface.problem.cuts is not None or found.contours is ContourOutcome.BY_LINES:
         problem = replace(problem, cuts=found.cuts_of(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
@@ -351,7 +366,11 @@ def _on_all_pixels(
         lamp=light.lamp,
     )
     problem = in_units(replace(problem, report=report))
+    if outcome is ContourOutcome.BY_LINES and problem.cuts is None:
+        outcome = ContourOutcome.NONE_CLEAR
     problem = _with_contours(problem, outcome, trial.min_steepness)
+    if outcome is ContourOutcome.BY_LINES:
+        return problem, None
     return problem, start_from(trial.surface, problem)
 
 
@@ -485,11 +504,20 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
-    """Cut the surface at the picture's lines that are steeper than this, if there are any."""
+def cut_at_contours(
+    problem: Problem, min_steepness: float | None, in_tissue: bool = False
+) -> Problem:
+    """Cut the surface at the picture's lines that are steeper than this, if there are any.
+
+    In tissue these are lines of the picture itself, of log 1/I: a light's law that is guessed makes lines of
+    its own, and all less steep or steeper.
+    """
     if min_steepness is None:
         return problem
-    cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
+    log_d0 = problem.log_d0
+    if in_tissue:
+        log_d0 = -np.log(np.where(problem.mask, problem.image, 1.0))
+    cuts = find_contours(log_d0, problem.mask, in_tissue) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
 
 

@@ -17,6 +17,9 @@ and a long line would be cut where there is none any more.
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
 neighbour, and what is cut is the strip's other side. Beside a tube's dark end the watersheds of noise
 run up the slope: nothing rises across them, so they are no contours either.
+
+In living tissue a thin dark strip is most often what a fold leaves in the dark behind it: the steep line on
+its near side is the contour. So no strip is taken for a limb there.
 """
 
 from typing import Any
@@ -31,7 +34,9 @@ from endolab.numerics.stencils import links, px_per_reference
 from endolab.reconstruction import constants
 
 
-def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
+def find_contours(
+    log_d0: FloatArray, mask: BoolArray, in_tissue: bool = False
+) -> FloatArray:
     """Find lines that may be occluding contours, given log d₀ (`Problem.log_d0`) where it is known.
 
     Returns how steep they are, (2, H, W): for each link from a pixel to its right and its lower
@@ -67,9 +72,11 @@ def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
     pairs = np.stack(np.divmod(pairs, count))
     steep = median(along, line, np.arange(pairs.shape[1]))
     across = np.bincount(line, np.where(sides[0] < sides[1], rise, -rise))
-    steep[np.abs(across) < constants.ACROSS * np.bincount(line, along)] = 0.0
-    thin = constants.LIMB_WIDTH * unit
-    steep[_joins_a_limb(pairs, region, count, log_d0, thin)] = 0.0
+    least = constants.TISSUE_ACROSS if in_tissue else constants.ACROSS
+    steep[np.abs(across) < least * np.bincount(line, along)] = 0.0
+    if not in_tissue:
+        thin = constants.LIMB_WIDTH * unit
+        steep[_joins_a_limb(pairs, region, count, log_d0, thin)] = 0.0
     steepness[axis, row, column] = steep[line]
     return steepness
 

@@ -30,6 +30,7 @@ class ContourOutcome(Enum):
     NONE_CLEAR = "none clear"
     BY_ENERGY = "energy"
     BY_COLOURS = "colour evidence"
+    BY_LINES = "steep lines"
     AS_BEFORE = "as before"
 
 

@@ -35,7 +35,7 @@ TRIED = {
     "PIECES": (1e9, 10.0, 40.0),
     "LEAST_SPREAD": (1e-3, 0.15, 0.4),
     "OUTLIER": (1e3, 1.0, 2.5),
-    "MOST_MISFIT": (1e9, 0.07, 0.15),
+    "MOST_MISFIT": (1e9, 0.03, 0.07),
     "RATIO_DOUBT": (0.0, 0.08, 0.3),
     "UNCUT_ROUNDS": ((4, 2), (6, 3, 3)),
     "TRIAL_STEPS": (2, 4),

@@ -1,5 +1,6 @@
 """Bounced light out of three colours, and where the surface is cut, on path-traced frames with truth."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -108,16 +109,17 @@ def test_where_nothing_bounces_nothing_is_taken_out():
     assert result.report.light is LightOutcome.NONE_BOUNCED
 
 
-def test_colours_that_contradict_each_other_are_not_believed(dry):
-    """Red and blue of other pictures: no one light explains the three, and what is done instead is named."""
+@pytest.fixture
+def odd(dry):
+    """Red and blue are of other pictures."""
     image = dry.frame.image.copy()
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
-    result = solved(
-        el.Frame(image, dry.frame.mask, "odd"),
-        dry.calibration,
-        width=160,
-        contours=False,
-    )
+    return el.Frame(image, dry.frame.mask, "odd")
+
+
+def test_colours_that_contradict_each_other_are_not_believed(dry, odd):
+    """No one light explains the three, and what is done instead is named."""
+    result = solved(odd, dry.calibration, width=160, contours=False)
     assert "the channels disagree" in note(result)
     assert result.report.albedo == tuple(ALBEDO)
 
@@ -128,6 +130,35 @@ def test_a_clipped_red_leaves_the_wall_to_green_and_blue(dry):
     result = solved(replace(dry.frame, image=image), dry.calibration, width=200)
     assert error(result, dry) < 10
     assert "Red is saturated in 8" in " ".join(warnings(result))
+
+
+def test_where_colours_tell_nothing_lines_of_the_picture_are_cut(odd, dry):
+    """Whatever the light is guessed to be, in the next frame, too."""
+    first = solved(odd, dry.calibration)
+    assert first.report.contours is ContourOutcome.BY_LINES
+    again = solved(odd, without(dry.calibration, k=1.0))
+    assert np.array_equal(again.problem.cuts, first.problem.cuts)
+    dimmed = replace(odd, image=0.9 * odd.image)
+    after = solved(dimmed, dry.calibration, start=first)
+    assert after.report.contours is ContourOutcome.AS_BEFORE
+    assert after.report.cut_links == pytest.approx(first.report.cut_links, rel=0.05)
+
+
+def test_folds_of_living_tissue_keep_their_jump(data):
+    """Behind a fold that stands before a dark lumen; its own wall, wet and veined, is whole."""
+    folder = data / "in_vivo"
+    if not folder.is_dir():
+        pytest.skip("there are no pictures of living tissue")
+    calibration = el.load_calibration(folder / "colon.json")
+    frame = el.read_frame(folder / "colon_153.jpg", calibration)
+    places = json.loads((folder / "pairs.json").read_text())["colon_153"]
+    result = solved(frame, calibration)
+    kept = []
+    for ends in (*places["near_far"], *places["one_wall"]):
+        columns, rows = np.linspace(ends[:2], ends[2:], 60).T * WIDTH / frame.width
+        v = result.iterate.log_distance[rows.astype(int), columns.astype(int)]
+        kept.append(np.diff(v).max() > 0.5 * (v[-1] - v[0]) > 0.1)
+    assert kept == [True] * 4 + [False]
 
 
 # Where the surface is cut
