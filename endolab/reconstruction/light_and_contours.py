@@ -25,8 +25,8 @@ alike all over the picture the better the bounced light is known.
 A cut surface begins as the uncut one: what lies behind an open line comes loose only as far as the energy
 wants. A start on the far side would not do: regions that are held by little stay as far as they are put.
 
-Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in the
-picture itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
+Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in
+red itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
 
 All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
 """
@@ -124,7 +124,10 @@ class Found:
         shape = colours[1].mask.shape
         if self.cuts is not None:
             return resample_cuts(self.cuts, shape)
-        picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
+        # Of red, in which vessels hardly show: colours that say no one E make lines where one is clipped.
+        picture = colours[0]
+        if not self.in_tissue:
+            picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
         return cut_at_contours(picture, self.min_steepness, self.in_tissue).cuts
 
 
@@ -230,7 +233,6 @@ def separate(
     if in_tissue:
         outcome = ContourOutcome.BY_LINES
         trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
-        lines_of = (np.zeros((1, 1, 3)), light.albedo)
     elif contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
