@@ -516,7 +516,7 @@ def cut_at_contours(
 ) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any.
 
-    In tissue these are lines of the picture itself, of log 1/I: a light's law that is guessed makes lines of
+    In tissue these are lines of log 1/I: a light's law that is guessed makes lines of
     its own, and all less steep or steeper.
     """
     if min_steepness is None:
