@@ -25,8 +25,8 @@ alike all over the picture the better the bounced light is known.
 A cut surface begins as the uncut one: what lies behind an open line comes loose only as far as the energy
 wants. A start on the far side would not do: regions that are held by little stay as far as they are put.
 
-Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in the
-picture itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
+Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in
+red itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
 
 All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
 """
@@ -123,7 +123,10 @@ class Found:
         shape = colours[1].mask.shape
         if self.cuts is not None:
             return resample_cuts(self.cuts, shape)
-        picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
+        # Of red, in which vessels hardly show: colours that say no one E make lines where one is clipped.
+        picture = colours[0]
+        if not self.in_tissue:
+            picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
         return cut_at_contours(picture, self.min_steepness, self.in_tissue).cuts
 
 
@@ -225,7 +228,6 @@ def separate(
     if in_tissue:
         outcome = ContourOutcome.BY_LINES
         trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
-        lines_of = (np.zeros((1, 1, 3)), light.albedo)
     elif contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
@@ -509,7 +511,7 @@ def cut_at_contours(
 ) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any.
 
-    In tissue these are lines of the picture itself, of log 1/I: a light's law that is guessed makes lines of
+    In tissue these are lines of log 1/I: a light's law that is guessed makes lines of
     its own, and all less steep or steeper.
     """
     if min_steepness is None:
