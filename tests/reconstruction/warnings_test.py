@@ -85,8 +85,8 @@ def test_pixels_that_the_camera_does_not_reach_are_counted(wet, tmp_path, capsys
     """As of a polynomial that turns back within the picture."""
     camera = el.KannalaBrandt(320, 240, 120.0, 120.0, 159.5, 119.5, (-0.3, 0, 0, 0))
     calibration = el.Calibration(camera, wet.calibration.photometry)
-    said = " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
-    assert "71 % of what the endoscope shows has no ray" in said
+    sentences = " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
+    assert "71 % of what the endoscope shows has no ray" in sentences
     el.write_calibration(calibration, tmp_path / "a.json")
     assert (
         main(["convert", str(tmp_path / "a.json"), "--out", str(tmp_path / "b")]) == 0
