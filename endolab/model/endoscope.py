@@ -58,7 +58,8 @@ class Calibration:
         ValueError that names the picture, if they have another shape.
         """
         camera = self.camera
-        if abs(height - camera.height * width / camera.width) > 1:
+        off = abs(height - camera.height * width / camera.width)
+        if off > max(0.51, 0.003 * height):  # px; it may be rounded
             raise ValueError(
                 f"{name} is {width}x{height} px, but the calibration is for {camera.width}x{camera.height} "
                 "px: expected that size, the same shape, or --crop (Calibration.crop), which says what part "

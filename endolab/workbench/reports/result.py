@@ -118,7 +118,8 @@ def save_result(
     >>> import endolab as el
     >>> sample = el.load_traced("matt")  # a frame that comes with endolab
     >>> el.save_result(el.reconstruct(sample.frame, sample.calibration, width=96, channel="green"), "out")
-    >>>     >>> sorted(path.name for path in Path("out").iterdir())
+    >>> from pathlib import Path
+    >>> sorted(path.name for path in Path("out").iterdir())
     ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
     """
     inside = result.mask
