@@ -1,7 +1,7 @@
 """What is uncertain, in numbers: stated here, or the standard errors of a calibration.
 
-A light that nobody measured is some endoscope's, with k from 0.5 to 3 and γ from 1.5 to 2.3: the nominal 1
-and 1.8 are off by 1 and by 0.3, root mean square. A description whose numbers are another endoscope's says
+A light that nobody measured is some endoscope's, with k from 0.5 to 3 and γ from 1.2 to 2.2: the nominal 1
+and 1.5 are off by 1 and by 0.4, root mean square. A description whose numbers are another endoscope's says
 so by `"evidence": {"photometry": {"nominal": true}}`; if k was asked of frames, γ is still nobody's.
 """
 
@@ -17,7 +17,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
 from endolab.reconstruction.report import prior_notes
 
-UNMEASURED = {"k": 1.0, "gamma": 0.3}  # of a light that nobody measured
+UNMEASURED = {"k": 1.0, "gamma": 0.4}  # of a light that nobody measured
 
 
 @dataclass(frozen=True)

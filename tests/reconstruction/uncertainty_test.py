@@ -231,7 +231,7 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     [
         ({}, PriorSigma.k, PriorSigma.gamma),
         ({"standard_errors": {"k": 0.011, "gamma": 0.0}}, 0.011, PriorSigma.gamma),
-        ({"nominal": True}, 1.0, 0.3),
+        ({"nominal": True}, 1.0, 0.4),
         ({"nominal": "no", "standard_errors": 3}, PriorSigma.k, PriorSigma.gamma),
     ],
 )
