@@ -19,7 +19,7 @@ class Status(Enum):
     """Why a run ended."""
 
     CONVERGED = "The solver reached its goal."
-    SETTLED = "The surface hardly moves any more, though its energy still falls."
+    SETTLED = "The surface has come to rest; its energy still falls slowly."
     MAX_ITERATIONS = "The solver ran out of iterations before it converged."
     STOPPED = "An observer or the user stopped the run."
     STALLED = "The solver could not improve the result any more, short of its goal."

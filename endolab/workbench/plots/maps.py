@@ -9,6 +9,7 @@ distances. Colours are safe for colour-blind readers, and axes carry units (`sty
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from endolab.frames.prepare import Prepared
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.reconstruction.report import meaning
+from endolab.reconstruction.report import meaning, warnings
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots import scales
@@ -311,7 +312,7 @@ def overview(
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
     channel = iterate.report.channel
     words = [
-        result.status.value.rstrip("."),
+        result.status.name.lower().replace("_", " "),
         channel and f"channel {channel}",
         f"λ {problem.lam:g}, {problem.regulariser}",
         f"iteration {iterate.k}",
@@ -331,7 +332,19 @@ def overview(
         if uncertainty is not None:
             show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
-        figure.suptitle("  ·  ".join(filter(None, words)))
+        doubts = [line for one in warnings(result) for line in wrap(one, 160)]
+        title = "  ·  ".join(filter(None, words))
+        # Keeps the room, and a line more.
+        heading = figure.suptitle("\n".join([title, *doubts, ""]), alpha=0, size="large")
+        for number, line in enumerate((title, *doubts)):
+            figure.text(
+                *heading.get_position(),
+                "\n" * number + line,
+                size=heading.get_fontsize(),
+                color=HOUSE.vermilion if number else None,
+                ha="center",
+                va="top",
+            )
         figure.supxlabel(meaning(result)[0], size="medium")
     return figure
 
