@@ -14,7 +14,7 @@ import endolab as el
 import numpy as np
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.model.surface import XI, to_xi
-from endolab.numerics.stencils import SECOND, Differences, links
+from endolab.numerics.stencils import hessian
 from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.synthetic.scenes import Plane
@@ -72,13 +72,6 @@ class Part(NamedTuple):
         if right.ndim == 0:
             return f"{self.name} = {float(found):.4g} is off by {how_far}."
         return f"{self.name} is off by up to {how_far}."
-
-
-def hessian(x, mask):
-    """f_uu, f_vv, and f_uv/√2 of the squares to the four corners of each pixel, (6, H, W)."""
-    f_uu, square, f_vv = Differences(links(mask), SECOND).apply(x)
-    right = [square / 2, np.roll(square, 1, axis=1) / 2]
-    return np.stack([f_uu, f_vv, *right, *(np.roll(each, 1, axis=0) for each in right)])
 
 
 def exercise(hint):

@@ -130,7 +130,7 @@ PICTURES = [
     picture("clear.png", np.zeros((48, 64, 4)), "transparent"),
     option("--mask small.png", "32x32", mask="small.png"),
     option("--mask black.png", "black.png", mask="black.png"),
-    Row("no red", lambda: el.Frame(ONES / 2, ONES > 0).channel("red"), "red"),
+    Row("no pink", lambda: el.Frame(ONES / 2, ONES > 0).channel("pink"), "pink"),
     Row("0 to 255", lambda: el.Frame(255 * ONES, ONES > 0), "1]"),
     Row("turned mask", lambda: el.Frame(ONES, ONES.T > 0), "48x64"),
 ]

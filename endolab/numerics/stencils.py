@@ -255,3 +255,14 @@ def differences(
     right, down = forward_gradient(f, mask, cuts)
     left, up = shift(right, -1, 1, 0.0), shift(down, -1, 0, 0.0)
     return np.stack([right, down, left, up]) / ROOT_2
+
+
+def hessian(f: FloatArray, mask: BoolArray, cuts: BoolArray | None = None) -> FloatArray:
+    """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
+
+    f_uu, f_vv, and f_uv/√2 of the squares to the four corners of each pixel, per pixel squared; 0 where the
+    stencil (three in a row, or a square of four) is not valid.
+    """
+    f_uu, square, f_vv = _apply_over(f, mask, cuts, SECOND)
+    right = [0.5 * square, 0.5 * shift(square, -1, 1, 0.0)]
+    return np.stack([f_uu, f_vv, *right, *(shift(each, -1, 0, 0.0) for each in right)])

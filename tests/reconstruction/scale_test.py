@@ -1,7 +1,6 @@
 """Scale and meaning: one known length fixes all, and the sentences' figures are true."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,27 +82,3 @@ def test_what_fixed_the_scale_is_named_and_what_the_gain_would_have_made_of_it(
     true = float(np.linalg.norm(point(shot, ONE) - point(shot, OTHER)))
     by_gain = float(re.search(r"would be ([\d.]+) mm", note(both, "By the gain"))[1])
     assert by_gain == pytest.approx(true, rel=0.01)
-
-
-def test_what_gamma_does_is_what_it_does(shot, relative):
-    """Solve with γ 0.1 larger: the ratio of the dark to the bright changes by what the sentence says."""
-    words = r"γ were (\S+) instead of (\S+),.* ([\d.]+) % nearer.* ([\d.]+) % farther"
-    more, gamma, nearer, farther = map(
-        float, re.search(words, note(relative, "γ")).groups()
-    )
-    assert (more, gamma) == (pytest.approx(2.3), pytest.approx(2.2))
-    wrong = el.Calibration(CAMERA, replace(shot.up_to_scale.photometry, gamma=2.3))
-    other, plain = (
-        el.reconstruct(shot.frame, each, solver="facing")
-        for each in (wrong, shot.up_to_scale)
-    )
-    change = np.log(other.distance / plain.distance)
-    image = plain.problem.image
-    mask = plain.mask
-    near = (
-        mask & (np.abs(image - np.percentile(image[mask], at)) < 0.004)
-        for at in (5, 50, 95)
-    )
-    low, middle, high = (np.nanmean(change[pixels]) for pixels in near)
-    assert 100 * np.expm1(middle - high) == pytest.approx(nearer, rel=0.1)
-    assert 100 * np.expm1(low - middle) == pytest.approx(farther, rel=0.1)

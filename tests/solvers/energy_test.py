@@ -10,12 +10,9 @@ from scipy.special import huber
 import endolab as el
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.stencils import (
-    SECOND,
-    Differences,
     differences,
     forward_gradient,
-    links,
-    shift,
+    hessian,
 )
 from endolab.solvers.energy import energy_terms, model_image
 from endolab.solvers.grid import Grid
@@ -44,13 +41,6 @@ def rough(rng):
     noise = rng.choice([0.01, 0.1], shape) * rng.normal(size=shape)
     image = np.clip(model_image(problem, v) + noise, 0.05, 0.95)
     return replace(problem, image=image), v
-
-
-def hessian(f, mask, cuts):
-    """f_uu, f_vv, and f_uv/√2 of the squares to the four corners of each pixel, (6, H, W)."""
-    f_uu, square, f_vv = Differences(links(mask, cuts), SECOND).apply(f)
-    right = [square / 2, shift(square, -1, 1, 0.0) / 2]
-    return [f_uu, f_vv, *right, *(shift(each, -1, 0, 0.0) for each in right)]
 
 
 def test_data_term_is_the_sum_written_out(rng, rough):

@@ -11,6 +11,7 @@ import endolab as el
 from endolab.calibration.summary import account, plus_minus, verdict
 from endolab.io.cameras.formats import read_camera
 from endolab.io.descriptions import make_calibration
+from endolab.model.photometry import NOMINAL
 from endolab.workbench.reports.calibration_page import write_report
 from tests.tools.simulated_session import LOST, refused, simulated
 
@@ -45,7 +46,7 @@ def test_a_calibration_survives_its_file_and_a_refused_light_is_nominal(tmp_path
     assert (made.camera, made.photometry) == (session.camera, session.light.photometry)
     without = make_calibration(refused(session))
     assert without.evidence["photometry"]["nominal"]
-    assert without.photometry == el.Photometry(k=2.5, gamma=2.2)
+    assert without.photometry == NOMINAL
 
 
 @pytest.fixture
