@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from endolab.numerics.checks import excerpt
 
 Step = TypeVar("Step")
+Value = TypeVar("Value")
 
 
 class Status(Enum):
@@ -85,6 +86,16 @@ def drive(
         return Status.STOPPED
     finally:
         steps.close()
+
+
+def finish(steps: Generator[object, None, Value]) -> Value:
+    """Run a generator to its end, unwatched, and return what it returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            value: Value = end.value
+            return value
 
 
 def check_observers(observers: Any) -> list[Any]:
