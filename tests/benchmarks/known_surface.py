@@ -24,13 +24,15 @@ from endolab.model.brdf import Lambertian
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
 from endolab.reconstruction.estimate_light import EXPONENTS
-from endolab.reconstruction.prior_sigma import UNMEASURED
 from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
 WIDTH = 225  # px, of what is fitted
 WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
 LAMP = 0.8  # b
-GAMMA = 2.2  # of cameras, with the standard deviation of a γ that nobody measured
+GAMMA, GAMMA_SIGMA = (
+    2.2,
+    0.2,
+)  # of cameras whose γ nobody measured, and its standard deviation
 # Of k, γ and albedos' logarithms, that computed bounces make.
 MODEL_ERRORS = (0.1, 0.15, 0.1, 0.3, 0.3)
 USUAL_MISFIT = 8.0  # grey levels that the model leaves; larger ones count as lines
@@ -55,7 +57,7 @@ def measure_light(frames, camera, distances):
     covariance = (len(parts) - 1) / len(parts) * apart.T @ apart
     covariance += np.diag(np.square(MODEL_ERRORS))
     usual = np.array([GAMMA, *np.log(TISSUE)])
-    width = np.array([UNMEASURED["gamma"], *[UNKNOWN] * 3])
+    width = np.array([GAMMA_SIGMA, *[UNKNOWN] * 3])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))

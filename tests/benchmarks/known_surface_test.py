@@ -31,17 +31,10 @@ def test_the_light_of_c3vd_is_what_its_frames_tell():
     frames = [one.frame for one in samples]
     distances = [one.distance for one in samples]
     light, errors, misfit = measure_light(frames, shipped.camera, distances)
+    assert light == shipped.photometry
     evidence = shipped.evidence
     known = evidence["photometry"]["standard_errors"]
-    # As the walls' light is computed now; measured .02 of γ and .01 of an albedo.
-    assert light.k == pytest.approx(shipped.photometry.k, abs=0.2 * known["k"])
-    assert light.gamma == pytest.approx(
-        shipped.photometry.gamma, abs=0.2 * known["gamma"]
-    )
-    np.testing.assert_allclose(
-        light.brdf.albedo, shipped.photometry.brdf.albedo, atol=0.2 * known["red"]
-    )
-    assert errors == pytest.approx(known, rel=0.1)
+    assert errors == pytest.approx(known, abs=6e-4)
     assert misfit == pytest.approx(
-        evidence["known_surface"]["misfit_grey_levels"], rel=0.05
+        evidence["known_surface"]["misfit_grey_levels"], abs=6e-3
     )
