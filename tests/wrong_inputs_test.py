@@ -227,6 +227,7 @@ TYPED = {
     f"calibrate film {SHEET} c.json --gamma two": "gamma",
     f"calibrate film {SHEET} mine.json": "--overwrite",
     "calibrate-light film --camera endoscope.json --gamma -1 --out c.json": "gamma",
+    "calibrate-light film --camera endoscope.json --out none/c.json": "none",
     f"tune small.png {KNOWN}": "32x32",
     "lab --notebooks none": "none",
     "lab --port 70000": "port",

@@ -182,7 +182,7 @@ def calibrate_light(
     import numpy as np
 
     import endolab as el
-    from endolab.io.atomic import check_new
+    from endolab.io.atomic import check_new, stage_file
     from endolab.io.cameras.formats import read_camera
     from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.sequence import as_frame
@@ -193,17 +193,19 @@ def calibrate_light(
     spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
     pictures = video.read([video.names[index] for index in spread])
     read = (as_frame(name, image) for name, image in pictures if image is not None)
-    with show_progress("frame") as show:
-        estimate = el.estimate_light(
-            read,
-            lens,
-            gamma=gamma,
-            albedo=albedo,
-            progress=lambda done, _: show(done, len(spread)),
-        )
-    if estimate.status is el.Status.STOPPED:
-        raise KeyboardInterrupt
-    el.write_calibration(el.Calibration(lens, estimate.photometry, estimate.evidence), out)
+    with stage_file(out) as temporary:  # before a long search
+        with show_progress("frame") as show:
+            estimate = el.estimate_light(
+                read,
+                lens,
+                gamma=gamma,
+                albedo=albedo,
+                progress=lambda done, _: show(done, len(spread)),
+            )
+        if estimate.status is el.Status.STOPPED:
+            raise KeyboardInterrupt
+        found = el.Calibration(lens, estimate.photometry, estimate.evidence)
+        el.write_calibration(found, temporary)
     for reason in estimate.refused.values():
         print(f"left out: {reason}")
     print(estimate.verdict)
