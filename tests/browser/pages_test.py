@@ -1,4 +1,4 @@
-"""Pages of notebooks in a browser: folds, positions of a slider, a picture of a surface."""
+"""Pages of notebooks in a browser: folds, a film, a picture of a surface."""
 
 import nbformat
 import pytest
@@ -26,10 +26,11 @@ Therefore.
 """
 
 
-SLIDER = """from ipywidgets import interact
-@interact(a=(0, 9))
+FILM = """from matplotlib import pyplot
+from endolab.workbench import plots
 def show(a=4):
-    print(f"a is {a}")
+    pyplot.figure(figsize=(a, 2))
+plots.film(show, a=[4, 9])
 """
 SURFACE = """import endolab as el
 calibration = el.load_calibration("paper", width=64)
@@ -41,13 +42,13 @@ el.show_surface(el.reconstruct(el.Frame(scene.image, scene.mask), known, channel
 
 @pytest.fixture
 def notebooks(tmp_path):
-    """Folder of a notebook with an exercise, a slider, a surface, and a cell whose code is hidden."""
+    """Folder of a notebook with an exercise, a film, a surface, and a cell whose code is hidden."""
     folder = tmp_path / "notebooks"
     folder.mkdir()
     hidden = nbformat.v4.new_code_cell(
         "print(6 * 7)", metadata={"jupyter": {"source_hidden": True}}
     )
-    others = [nbformat.v4.new_code_cell(code) for code in (SLIDER, SURFACE)]
+    others = [nbformat.v4.new_code_cell(code) for code in (FILM, SURFACE)]
     cells = [hidden, *others, nbformat.v4.new_markdown_cell(EXERCISE)]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), folder / "01_a.ipynb")
     (folder / "README.md").write_text("[one](01_a.ipynb)")
@@ -61,8 +62,8 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     browser, notebooks, tmp_path, monkeypatch, solutions
 ):
     pytest.importorskip("dash")  # the formulas' script
-    # pdoc's affair, and ten seconds.
-    monkeypatch.setattr(pages, "write_reference", lambda _: None)
+    # pdoc's affair and the tuner's, and half a minute.
+    monkeypatch.setattr(pages, "write_beside", lambda _: None)
     pages.render_pages(notebooks, tmp_path / "html", solutions)
     page = browser.new_page()
     outside = []
@@ -87,10 +88,10 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     if not solutions:
         page.get_by_text("Solution", exact=True).click()
     assert all(part.is_visible() for part in solution)
-    at = [page.get_by_text(f"a is {a}") for a in (4, 9)]
-    assert [one.is_visible() for one in at] == [True, False]
-    page.locator("label", has_text="9").click()
-    assert [one.is_visible() for one in at] == [False, True]
+    film = page.get_by_alt_text("film")
+    first = film.get_attribute("src")
+    page.locator("input[type=range]").press("ArrowRight")
+    assert first != film.get_attribute("src") is not None
     assert page.locator(".jp-OutputArea-output > img").is_visible()  # the surface
     assert all(url.startswith(("file:", "data:", "blob:")) for url in outside)
     photograph(page, f"pages-{'open' if solutions else 'folded'}")

@@ -1,6 +1,6 @@
 """Static pages of the notebooks, run and rendered: ``python -m tests.tools.render_pages notebooks out``.
 
-nbconvert makes them, and pdoc the reference beside them. They need no network and no kernel (see `stills`),
+nbconvert makes them; a reference, by pdoc, and a tuner lie beside them. They need no network and no kernel,
 link to each other, and fold away hints, solutions (``--solutions`` opens them) and hidden code.
 """
 
@@ -19,10 +19,10 @@ from nbclient import NotebookClient
 from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
+import endolab as el
 from endolab.io.atomic import stage_folder
 
 ROOT = Path(__file__).resolve().parents[2]
-STILLS = "from tests.tools import stills; stills.install(); del stills"
 LECTURERS = ("ANSWERS", "MISTAKES")  # texts that are not for students
 WIDGET = "application/vnd.jupyter.widget-view+json"
 NO_WIDGET = "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
@@ -77,10 +77,7 @@ def executed(path):
         notebook,
         timeout=120,
         resources={"metadata": {"path": str(path.parent)}},
-        extra_arguments=[
-            f"--IPKernelApp.code_to_run={STILLS}",
-            "--IPKernelApp.log_level=ERROR",
-        ],
+        extra_arguments=["--IPKernelApp.log_level=ERROR"],
         store_widget_state=False,  # its script would come from the network
     )
     inline = "module://matplotlib_inline.backend_inline"
@@ -93,18 +90,21 @@ def executed(path):
     return notebook
 
 
-def write_reference(folder):
-    """Write a reference of the library, by pdoc."""
+def write_beside(folder):
+    """Write what the pages link to: a reference of the library, by pdoc, and a tuner of a simulated colon."""
     pdoc = [sys.executable, "-W", "ignore", "-m", "pdoc", "endolab", "-d", "numpy"]
-    pdoc += ["--no-show-source", "--no-search", "-o", folder]
+    pdoc += ["--no-show-source", "--no-search", "-o", folder / "api"]
     subprocess.run(pdoc, cwd=ROOT, check=True)
+    tuner = el.tune(scene="colon", width=320)
+    tuner.export_html(folder / "tuner.html")
+    tuner.close()
 
 
 def render_pages(notebooks, out, solutions=False):
     """Run every notebook and render it as a page, and the texts beside them; ``README.md`` is the index.
 
     `solutions` opens the solutions and adds what is for lecturers. The folder `out` is replaced when all are
-    done; ``api/`` in it is a reference of the library. Formulas are drawn by the script that Dash has.
+    done; Formulas are drawn by the script that Dash has.
     """
     source = Path(notebooks).resolve()
     target = Path(out).resolve()
@@ -133,7 +133,7 @@ def render_pages(notebooks, out, solutions=False):
             where = {"metadata": {"name": name, "path": str(source)}}
             page = exporter.from_notebook_node(notebook, resources=where)[0]
             (folder / f"{name}.html").write_text(page, encoding="utf-8")
-    write_reference(target / "api")
+    write_beside(target)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from .calibration import show_ray_uncertainty as show_ray_uncertainty
 from .calibration import show_reprojection as show_reprojection
 from .calibration import show_reprojection_histogram as show_reprojection_histogram
 from .calibration import uncertainty_figure as uncertainty_figure
+from .film import film as film
 from .light import show_brdf as show_brdf
 from .light import show_fall_off as show_fall_off
 from .light import show_gains as show_gains
