@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.settings import Settings
+from endolab.solvers.result import Iterate
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
 ENERGY = ("solver", "xi", "regulariser", "lam")
@@ -52,6 +54,7 @@ def sweep(
     truth: Sequence[Truth] | None = None,
     table: PathLike = "sweep.csv",
     overwrite: bool = False,
+    recording: PathLike | None = None,
     n_jobs: int | None = None,
     progress: Callable[[int, int, Row], object] | None = None,
     **options: Any,
@@ -77,6 +80,9 @@ def sweep(
         replaced whole after each reconstruction.
     overwrite : bool
         Replace a file of that name.
+    recording : path, optional
+        Of the answers for one frame, in the order of the rows: λ is scrubbed as iterations are in another.
+        They are then solved one after the other.
     n_jobs : int, optional
         How many at once, -1 for as many as cores; by default one, or what `joblib.parallel_config` says.
         They are joblib's processes, which share the cores; ``with joblib.parallel_config("dask"):`` takes
@@ -92,7 +98,8 @@ def sweep(
     Raises
     ------
     ValueError, OSError
-        In one sentence, if the table is there already or cannot be written.
+        In one sentence, if the table or the recording is there already or cannot be written, or if a
+        recording is asked for of several frames.
 
     Examples
     --------
@@ -105,6 +112,15 @@ def sweep(
     given = " ".join(f"{name}={value}" for name, value in sorted(options.items()))
     frames = list(frames)
     truths: Sequence[Truth | None] = truth or [None] * len(frames)
+    recorder = None
+    if recording is not None:
+        if len(frames) != 1:
+            raise ValueError(f"a recording is of one frame, got {len(frames)}")
+        check_new(recording, overwrite)
+        from endolab.workbench.recording.recorder import record  # Rerun is asked for
+
+        recorder = record(recording)
+        n_jobs = 1
     tasks = []
     for (frame, true), *energy in itertools.product(
         zip(frames, truths, strict=True), xi, regulariser, lam
@@ -112,9 +128,8 @@ def sweep(
         setting = dict(zip(ENERGY, (solver, *energy), strict=True))
         Settings.of(setting | options)  # refused now, rather than in a row
         row = setting | {"options": given}
-        tasks.append(
-            joblib.delayed(_solve_row)(frame, true, calibration, setting | options, row)
-        )
+        call = (frame, true, calibration, setting | options, row, recorder)
+        tasks.append(joblib.delayed(_solve_row)(*call))
     read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]
     check_new(table, overwrite, read)
     rows: list[Row] = []
@@ -129,6 +144,8 @@ def sweep(
         write_rows(table, SWEEP_COLUMNS, rows)
         if progress is not None:
             progress(len(rows), len(tasks), row)
+    if recorder is not None:
+        recorder.close()
     return rows
 
 
@@ -149,6 +166,7 @@ def _solve_row(
     calibration: Calibration,
     options: dict[str, Any],
     row: Row,
+    observer: Callable[[Iterate], object] | None,
 ) -> Row:
     """Make one row; runs in a worker."""
     row = dict.fromkeys(SWEEP_COLUMNS, math.nan) | row | {"status": "", "error": ""}
@@ -157,6 +175,9 @@ def _solve_row(
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
         result = reconstruct(picture, calibration, **options)
+        if observer is not None:
+            name = "λ {lam:g}, {regulariser}, ξ {xi}".format(**row)
+            observer(replace(result.iterate, k=0, stage=name))
         row |= measure_result(result) | {"seconds": time.perf_counter() - started}
         if truth is not None:
             if isinstance(truth, str | os.PathLike):

@@ -183,6 +183,7 @@ def sweep(
     crop: Rectangle = None,
     out: str = "sweep.csv",
     truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
+    recording: str | None = None,
     jobs: int | None = None,
     overwrite: bool = False,
     albedo: Value = None,
@@ -194,6 +195,7 @@ def sweep(
     Of --lam, --xi and --regulariser several values can be given, each with each.
 
     - endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d
+    - endolab sweep frame.png --lam 0.01,0.1,1,10 --recording lam.rrd
     - endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv
     - endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz
 
@@ -211,6 +213,8 @@ def sweep(
         The table.
     truth : paths
         truth.npz of each frame.
+    recording : path
+        Of the answers for one frame, to scrub through λ with rerun.
     jobs : int
         How many at once (1); -1: as many as cores.
     overwrite : bool
@@ -232,6 +236,7 @@ def sweep(
             truth=truth,
             table=out,
             overwrite=overwrite,
+            recording=recording,
             n_jobs=jobs,
             progress=lambda done, total, row: show(done, total, row["frame"]),
             **keywords,

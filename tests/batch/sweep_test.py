@@ -83,6 +83,22 @@ def test_workers_find_the_same(frames, tmp_path, backend):
         )
 
 
+def test_a_recording_has_an_answer_for_each_lambda(frames, tmp_path):
+    lams = [0.1, 1.0, 10.0]
+    recording = tmp_path / "lam.rrd"
+    rows = sweep(
+        frames[:1], CALIBRATION, lam=lams, table=tmp_path / "1.csv", recording=recording
+    )
+    run = el.read_recording(recording)
+    assert run.pictured == (0, 1, 2)
+    energies = [row["energy"] for row in run.table()]
+    assert energies == pytest.approx([row["energy"] for row in rows])
+    with pytest.raises(ValueError, match="one frame"):
+        sweep(
+            frames, CALIBRATION, table=tmp_path / "2.csv", recording=tmp_path / "b.rrd"
+        )
+
+
 def test_workers_end_with_a_sweep_that_is_killed(tmp_path):
     table = tmp_path / "t.csv"
     program = subprocess.Popen([sys.executable, "-c", KILLED, str(table)])
