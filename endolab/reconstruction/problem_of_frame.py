@@ -86,6 +86,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             smooth=blur,
             highlights=highlights,
             misplaced=frame.misplaced,
+            boxed=frame.boxed,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
         )

@@ -40,15 +40,20 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 def notes(result: Result | Iterate) -> tuple[str, ...]:
     """Say what was done about indirect light and contours, and why, in a sentence each."""
     report = result.report
-    return (*_of_size(report), *_of_light(report), *_of_contours(report))
+    return (*_of_picture(report), *_of_light(report), *_of_contours(report))
 
 
-def _of_size(report: Report) -> Iterator[str]:
-    """Say that a calibration was scaled, or that there is none."""
+def _of_picture(report: Report) -> Iterator[str]:
+    """Say that a calibration was scaled, and that a box was left out."""
     own, known = report.picture_size, report.calibrated_size
     if own and known and own != known:
         yield (
             f"The calibration, for {known[0]}x{known[1]} px, was scaled to the picture's {own[0]}x{own[1]}."
+        )
+    if report.boxed:
+        yield (
+            f"{100 * report.boxed:.2g} % of the picture is a box of one colour, as a menu is, and was left "
+            "out; with --mask only what the mask says is."
         )
 
 
