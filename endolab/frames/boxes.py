@@ -55,7 +55,7 @@ def find_box(image: FloatArray, mask: BoolArray) -> tuple[int, ...] | None:
 
 
 def flat_boxes(image: FloatArray, mask: BoolArray) -> BoolArray:
-    """Find the boxes of one colour, which may hold text, and their edges, (H, W): menus, and surely no wall."""
+    """Find boxes of one colour, with text or not, (H, W), edges included: surely no wall."""
     found = np.zeros(mask.shape, bool)
     edge = max(1, round(max(mask.shape) / SIDE))
     while box := find_box(image, mask & ~found):

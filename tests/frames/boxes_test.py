@@ -19,7 +19,9 @@ from endolab.frames.boxes import find_box
         ("panel at the border", (260, 320), (90, 200)),
     ],
 )
-def test_a_box_is_found_where_it_is_and_left_out_if_it_is_flat(rng, what, columns, rows, noise):
+def test_a_box_is_found_where_it_is_and_left_out_if_it_is_flat(
+    rng, what, columns, rows, noise
+):
     image = el.load_traced("diffuse-1").frame.image.copy()
     box = image[slice(*rows), slice(*columns)]
     second = image[::3, ::3][: box.shape[0], : box.shape[1]].copy()
