@@ -64,8 +64,10 @@ def _of_light(report: Report) -> Iterator[str]:
             "lamp's: it was left in."
         )
     elif report.light is LightOutcome.NO_COLOUR:
-        why = f"The colours tell nothing of bounced light ({report.reason})"
-        yield f"{why}, so {report.channel} is taken as it is."
+        yield (
+            f"The colours tell nothing of bounced light ({report.reason}), so {report.channel} is taken "
+            "as it is."
+        )
     elif report.light is LightOutcome.NONE_BOUNCED:
         yield "The colours show no indirect light, and none was removed."
     elif report.light is not None:
@@ -76,9 +78,9 @@ def _of_light(report: Report) -> Iterator[str]:
         )
         if report.light is LightOutcome.COMPUTED:
             whose = "given albedos" if report.albedo_given else "albedos of tissue"
-            why = f"The colours do not tell how much there is ({report.reason})"
             yield (
-                f"Indirect light removed: {removed}. {why}, so it was computed with {whose}: {albedos}."
+                f"Indirect light removed: {removed}. The colours do not tell how much there is "
+                f"({report.reason}), so it was computed with {whose}: {albedos}."
             )
         else:
             whose = "given" if report.albedo_given else "estimated"
