@@ -117,12 +117,12 @@ class Frame:
 
         Where the mask leaves nothing out, boxes of one colour are left out as well.
         """
-        return self._pixels_and_boxed[0]
+        return self._pixels_and_boxes[0]
 
     @property
-    def boxed(self) -> float:
+    def box_share(self) -> float:
         """Share of the picture that is left out as boxes of one colour."""
-        return self._pixels_and_boxed[1]
+        return self._pixels_and_boxes[1]
 
     @property
     def misplaced(self) -> float:
@@ -132,7 +132,7 @@ class Frame:
         return 1 - float(self.pixels_to_use().sum() / self.mask.sum())
 
     @cached_property
-    def _pixels_and_boxed(self) -> tuple[BoolArray, float]:
+    def _pixels_and_boxes(self) -> tuple[BoolArray, float]:
         if self.mask.all():
             shown = field_of_view(self.image)
             boxes = shown & flat_boxes(self.image, shown)

@@ -50,10 +50,10 @@ def _of_picture(report: Report) -> Iterator[str]:
         yield (
             f"The calibration, for {known[0]}x{known[1]} px, was scaled to the picture's {own[0]}x{own[1]}."
         )
-    if report.boxed:
+    if report.box_share:
         yield (
-            f"{100 * report.boxed:.2g} % of the picture is a box of one colour, as a menu is, and was left "
-            "out; with --mask only what the mask says is."
+            f"{100 * report.box_share:.2g} % of the picture is a box of one colour, as a menu is, and was "
+            "left out; with --mask only what the mask says is."
         )
 
 

@@ -37,9 +37,9 @@ def test_a_box_is_found_where_it_is_and_left_out_if_it_is_flat(
     if what != "second picture":
         flat[rows[0] - 1 : rows[1] + 1, columns[0] - 1 : columns[1] + 1] = True
     assert_array_equal(frame.pixels_to_use(), ~flat)
-    assert frame.boxed == flat.mean()
+    assert frame.box_share == flat.mean()
     everywhere[0, 0] = False
-    assert el.Frame(image, everywhere).boxed == 0
+    assert el.Frame(image, everywhere).box_share == 0
 
 
 @pytest.mark.parametrize("name", datasets.TRACED)
