@@ -1,5 +1,6 @@
 """Boxes on the screen, such as menus and second pictures: their edges are straight along rows and columns."""
 
+import cv2
 import numpy as np
 
 from endolab.frames.surround import dilate
@@ -12,6 +13,7 @@ STEP = 0.02  # change of a stored value across an edge
 SHARP = 2.0  # times that of what is beside it
 COVERED = 0.55  # share of each side that is an edge
 LINES = 12  # rows and columns, with most of such edges, that are tried
+FLAT = 3 / 255  # from a box's own colour; half of it is so near if it surely shows no wall
 
 
 def find_box(image: FloatArray, mask: BoolArray) -> tuple[int, ...] | None:
@@ -52,12 +54,26 @@ def find_box(image: FloatArray, mask: BoolArray) -> tuple[int, ...] | None:
     return tuple(int(step * end) for end in ends)
 
 
+def flat_boxes(image: FloatArray, mask: BoolArray) -> BoolArray:
+    """Find boxes of one colour, with text or not, (H, W), edges included: surely no wall."""
+    found = np.zeros(mask.shape, bool)
+    edge = max(1, round(max(mask.shape) / SIDE))
+    while box := find_box(image, mask & ~found):
+        left, right, top, bottom = box
+        inside = np.atleast_3d(image[top:bottom, left:right])
+        off = np.abs(inside - np.median(inside, axis=(0, 1))).max(axis=-1)
+        if np.mean(off < FLAT) < 0.5:
+            break
+        found[max(top - edge, 0) : bottom + edge, max(left - edge, 0) : right + edge] = True
+    return found
+
+
 def _edges(picture: FloatArray, inner: BoolArray) -> tuple[FloatArray, IntArray]:
     """Count the sharp edges above the pixels before one, (H + 1, W + 1).
 
     Returned, too, are the rows with most of them, the picture's borders among these.
     """
-    change = np.abs(np.diff(picture, axis=0)).max(axis=-1)
+    change = np.maximum.reduce(cv2.split(np.abs(np.diff(picture, axis=0))))
     change[~(inner[1:] & inner[:-1])] = 0
     beside = np.maximum(np.roll(change, 2, axis=0), np.roll(change, -2, axis=0))
     sharp = (change > STEP) & (change > SHARP * beside)

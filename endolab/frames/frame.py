@@ -8,6 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from endolab.frames.boxes import flat_boxes
 from endolab.frames.surround import SURE, dilate, field_of_view
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
@@ -112,26 +113,36 @@ class Frame:
         return self.image.shape[0]
 
     def pixels_to_use(self) -> BoolArray:
-        """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only."""
-        return self._pixels_to_use
+        """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only.
+
+        Where the mask leaves nothing out, boxes of one colour are left out as well.
+        """
+        return self._pixels_and_boxes[0]
+
+    @property
+    def box_share(self) -> float:
+        """Share of the picture that is left out as boxes of one colour."""
+        return self._pixels_and_boxes[1]
 
     @property
     def misplaced(self) -> float:
         """Share of a mask that is left out, as it surely lies beyond what the endoscope shows."""
         if self.mask.all():
             return 0.0
-        return 1 - float(self._pixels_to_use.sum() / self.mask.sum())
+        return 1 - float(self.pixels_to_use().sum() / self.mask.sum())
 
     @cached_property
-    def _pixels_to_use(self) -> BoolArray:
+    def _pixels_and_boxes(self) -> tuple[BoolArray, float]:
         if self.mask.all():
-            return freeze(field_of_view(self.image))
+            shown = field_of_view(self.image)
+            boxes = shown & flat_boxes(self.image, shown)
+            return freeze(shown & ~boxes), float(boxes.mean())
         field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
         around = dilate(field, 0.03 * min(field.shape))
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
-        return freeze(seen) if beyond > 0.05 and seen.any() else self.mask
+        return freeze(seen) if beyond > 0.05 and seen.any() else self.mask, 0.0
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

@@ -8,6 +8,7 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from mmap import mmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,6 +129,8 @@ def read_stored(path: PathLike, page: int = 0) -> tuple[np.ndarray, FloatArray]:
             stored = np.array(picture.convert(mode))
         if sorted(stored.shape[:2]) != sorted(picture.size):
             raise ValueError
+    if picture.format == "PNG":
+        say_curve(path, content, b"cICP", 5)
     if is_turned:
         if is_deep and is_tiff:  # which OpenCV turns
             raise ValueError(
@@ -158,6 +161,15 @@ def say_turned(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
     log.warning(message, name)
+
+
+def say_curve(name: PathLike, content: bytes | mmap, tag: bytes, place: int) -> None:
+    """Say that values are coded as PQ or HLG (ITU-R BT.2100), by the byte so far from a tag of the file."""
+    at = content.find(tag)
+    curve = {b"\x10": "PQ", b"\x12": "HLG"}.get(content[at + place : at + place + 1])
+    if at >= 0 and curve:
+        message = "%s is coded in %s, which is no power γ of the light: export it in a standard range"
+        log.warning(message, name, curve)
 
 
 def _read(path: PathLike, page: int = 0) -> tuple[FloatArray, FloatArray]:

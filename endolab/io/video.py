@@ -5,6 +5,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, one_sentence, stage_file
-from endolab.io.images import DECODED, page_times, quiet, read_image, say_turned
+from endolab.io.images import DECODED, page_times, quiet, read_image, say_curve, say_turned
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 
@@ -103,6 +104,8 @@ def _open_video(path: Path) -> Frames:
     capture = _open(path)
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        say_curve(path, content, b"colrncl", 11)  # of MP4 and MOV
     count = tried = 0
     times = {}
     with quiet():

@@ -10,8 +10,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.stencils import forward_gradient, links
 
-ALIGNED = ("none", "scale", "affine")
-
 
 @dataclass(frozen=True)
 class Errors:
@@ -132,7 +130,7 @@ def align_to(truth: FloatArray, estimate: FloatArray, align: str) -> tuple[float
             columns = np.stack([estimate, np.ones_like(estimate)], axis=-1)
             scale, shift = np.linalg.lstsq(columns, truth)[0].tolist()
             return scale, shift
-    raise unknown_name("align", align, ALIGNED)
+    raise unknown_name("align", align, ("none", "scale", "affine"))
 
 
 def compare(

@@ -86,6 +86,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             smooth=blur,
             highlights=highlights,
             misplaced=frame.misplaced,
+            box_share=frame.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
         )

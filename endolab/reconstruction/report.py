@@ -40,15 +40,20 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 def notes(result: Result | Iterate) -> tuple[str, ...]:
     """Say what was done about indirect light and contours, and why, in a sentence each."""
     report = result.report
-    return (*_of_size(report), *_of_light(report), *_of_contours(report))
+    return (*_of_picture(report), *_of_light(report), *_of_contours(report))
 
 
-def _of_size(report: Report) -> Iterator[str]:
-    """Say that a calibration was scaled, or that there is none."""
+def _of_picture(report: Report) -> Iterator[str]:
+    """Say that a calibration was scaled, and that a box was left out."""
     own, known = report.picture_size, report.calibrated_size
     if own and known and own != known:
         yield (
             f"The calibration, for {known[0]}x{known[1]} px, was scaled to the picture's {own[0]}x{own[1]}."
+        )
+    if report.box_share:
+        yield (
+            f"{100 * report.box_share:.2g} % of the picture is a box of one colour, as a menu is, and was "
+            "left out; with --mask only what the mask says is."
         )
 
 
@@ -59,8 +64,10 @@ def _of_light(report: Report) -> Iterator[str]:
             "lamp's: it was left in."
         )
     elif report.light is LightOutcome.NO_COLOUR:
-        why = f"The colours tell nothing of bounced light ({report.reason})"
-        yield f"{why}, so {report.channel} is taken as it is."
+        yield (
+            f"The colours tell nothing of bounced light ({report.reason}), so {report.channel} is taken "
+            "as it is."
+        )
     elif report.light is LightOutcome.NONE_BOUNCED:
         yield "The colours show no indirect light, and none was removed."
     elif report.light is not None:
@@ -71,9 +78,9 @@ def _of_light(report: Report) -> Iterator[str]:
         )
         if report.light is LightOutcome.COMPUTED:
             whose = "given albedos" if report.albedo_given else "albedos of tissue"
-            why = f"The colours do not tell how much there is ({report.reason})"
             yield (
-                f"Indirect light removed: {removed}. {why}, so it was computed with {whose}: {albedos}."
+                f"Indirect light removed: {removed}. The colours do not tell how much there is "
+                f"({report.reason}), so it was computed with {whose}: {albedos}."
             )
         else:
             whose = "given" if report.albedo_given else "estimated"

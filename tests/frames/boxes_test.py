@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import endolab as el
 from endolab import datasets
@@ -18,7 +19,9 @@ from endolab.frames.boxes import find_box
         ("panel at the border", (260, 320), (90, 200)),
     ],
 )
-def test_a_box_is_found_where_it_is(rng, what, columns, rows, noise):
+def test_a_box_is_found_where_it_is_and_left_out_if_it_is_flat(
+    rng, what, columns, rows, noise
+):
     image = el.load_traced("diffuse-1").frame.image.copy()
     box = image[slice(*rows), slice(*columns)]
     second = image[::3, ::3][: box.shape[0], : box.shape[1]].copy()
@@ -26,7 +29,17 @@ def test_a_box_is_found_where_it_is(rng, what, columns, rows, noise):
     if "text" in what:
         box[10:18, 10:110:3] = 0.9
     image = (image + rng.normal(scale=noise / 255, size=image.shape)).clip(0, 1)
-    assert find_box(image, np.ones(image.shape[:2], bool)) == (*columns, *rows)
+    everywhere = np.ones(image.shape[:2], bool)
+    assert find_box(image, everywhere) == (*columns, *rows)
+    # One of one colour is left out, with a pixel around it, unless a mask was given.
+    frame = el.Frame(image, everywhere)
+    flat = np.zeros_like(everywhere)
+    if what != "second picture":
+        flat[rows[0] - 1 : rows[1] + 1, columns[0] - 1 : columns[1] + 1] = True
+    assert_array_equal(frame.pixels_to_use(), ~flat)
+    assert frame.box_share == flat.mean()
+    everywhere[0, 0] = False
+    assert el.Frame(image, everywhere).box_share == 0
 
 
 @pytest.mark.parametrize("name", datasets.TRACED)

@@ -107,8 +107,12 @@ def test_a_dark_wall_at_the_edge_stays(wall, rng, level):
 def test_a_picture_that_a_wall_fills_has_no_surround(wall):
     fall = np.clip(1 - np.hypot(ROW - 180, COLUMN - 240) / 300, 0, 1)[..., None]
     lit_aside = np.minimum(3 * wall * fall[::-1, ::-1] ** 0.4, 255)
-    for picture in (wall, wall * fall**2, lit_aside, 250 - 0.5 * COLUMN):
+    # In one of 12 x 9 px each pixel has edges; half of a tube was taken for a surround.
+    known = el.load_calibration("simple", width=12)
+    few = 255 * el.render(el.SCENES["tube"], known.camera, known.photometry).image
+    for picture in (wall, wall * fall**2, lit_aside, 250 - 0.5 * COLUMN, few):
         assert field_of_view(np.round(picture) / 255).all()
+    assert not unclear_surround(few / 255, np.ones(few.shape[:2], bool))
 
 
 def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall):
@@ -136,11 +140,3 @@ def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     frame = el.Frame(levels / 255, np.ones(row.shape, bool))
     assert frame.pixels_to_use().all() == (soft > 0)
     assert unclear_surround(frame.image, frame.pixels_to_use()) == named
-
-
-def test_a_picture_of_few_pixels_has_no_surround():
-    """In one of 12 x 9 px each pixel has edges; half of a tube's wall was taken for a surround."""
-    known = el.load_calibration("simple", width=12)
-    tube = el.render(el.SCENES["tube"], known.camera, known.photometry).image
-    assert field_of_view(tube).all()
-    assert not unclear_surround(tube, np.ones(tube.shape[:2], bool))

@@ -1,6 +1,7 @@
 """Frames of folders and videos, whole or damaged."""
 
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from endolab.io.images import write_image
+from endolab.io.images import read_image, write_image
 from endolab.io.video import is_sequence, open_frames, write_video
 
 
@@ -94,6 +95,24 @@ def numbers_in(path):
         None if image is None else round(np.sum(image[8].mean(axis=-1) > 0.5) / 8)
         for _, image in open_frames(path)
     ]
+
+
+@pytest.mark.parametrize(("transfer", "named"), [(1, ""), (16, "PQ"), (18, "HLG")])
+def test_values_that_are_no_power_of_the_light_are_named(
+    tmp_path, pictures, caplog, transfer, named
+):
+    write_numbered(tmp_path / "v.mp4", "mp4v")
+    with (tmp_path / "v.mp4").open("ab") as file:
+        head = struct.pack(">I", 19) + b"colrnclx"
+        file.write(head + struct.pack(">HHHB", 9, transfer, 9, 0))
+    assert numbers_in(tmp_path / "v.mp4") == [*range(30)]
+    write_image(tmp_path / "a.png", pictures[0])
+    png = (tmp_path / "a.png").read_bytes()
+    chunk = b"cICP" + bytes([9, transfer, 0, 1])
+    chunk = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "a.png").write_bytes(png[:33] + chunk + png[33:])
+    np.testing.assert_allclose(read_image(tmp_path / "a.png"), pictures[0], atol=1e-9)
+    assert caplog.text.count(f"coded in {named}") == (2 if named else 0)
 
 
 def at_another_rate(content):
