@@ -101,7 +101,7 @@ function render({ model, el }) {
     async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
   button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
   button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
-  const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "", status);
+  const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "endolab-chips", status);
 
   // Panels
   const stage = add("div", "endolab-stage", root);

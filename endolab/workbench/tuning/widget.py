@@ -134,6 +134,7 @@ class TunerBox(anywidget.AnyWidget):
         pictures: Sequence[Path] = (),
     ) -> None:
         self.answer: Answer | None = None
+        self._settled: Answer | None = None  # the last that was final
         self.frame = 0  # which of the pictures is looked at
         self.panels: Sequence[str] = PANELS[:6]
         self._calibration = calibration
@@ -321,29 +322,30 @@ class TunerBox(anywidget.AnyWidget):
         """Show an answer, once the page has painted the one before; in the engine's thread."""
         if not answer.is_final:
             self._free.wait(PAINTING)
-        before = self.answer
+        is_new = self.answer is None or answer.still is not self.answer.still
         self.answer = answer
-        if answer.is_final and self._visited[-1:] != [answer.settings]:
-            self._visited.append(answer.settings)
-        is_new = before is None or answer.still is not before.still
         if is_new:
             self._limits = {}
-            self._compare(before, answer)
+            if answer.is_final:
+                self._compare(self._settled, answer)
+        if answer.is_final:
+            self._settled = answer
+            if self._visited[-1:] != [answer.settings]:
+                self._visited.append(answer.settings)
         self._send_answer(answer, still=is_new)
 
     def _compare(self, before: Answer | None, answer: Answer) -> None:
         """Note what asking anew has changed."""
         self._said = ""
         self._elsewhere = 0.0
-        if before is None or before.settings != answer.settings or not before.is_final:
+        if before is None or before.still.subject is not answer.still.subject:
             return
         old = before.result
         new = answer.result
-        if (
-            old.mask.shape == new.mask.shape
-            and before.still.subject is answer.still.subject
-        ):
-            self._said = what_changed(old, new, answer.contours - before.contours)
+        if old.mask.shape != new.mask.shape:
+            return
+        self._said = what_changed(old, new, answer.contours - before.contours)
+        if before.settings == answer.settings:
             change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
             self._elsewhere = 100 * float(np.mean(change > ELSEWHERE))
 
