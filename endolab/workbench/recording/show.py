@@ -1,4 +1,4 @@
-"""Recordings on screen: the Rerun viewer below a notebook's cell, beside it, or else a picture.
+"""Recordings on screen: the Rerun viewer below a notebook's cell, or else a picture.
 
 The viewer in the notebook is a web page that needs WebGL. Its program is served by this machine,
 so it needs no network.
@@ -15,7 +15,7 @@ from endolab.io.atomic import PathLike
 from endolab.io.images import as_png
 from endolab.numerics.checks import check_int
 from endolab.workbench.recording.reader import Recording, read_recording
-from endolab.workbench.recording.viewer import front_end, notebook_viewer, start_viewer
+from endolab.workbench.recording.viewer import front_end, notebook_viewer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,22 +23,15 @@ if TYPE_CHECKING:
     from endolab.workbench.recording.recorder import Recorder
 
 
-def show(
-    recording: PathLike | Recorder,
-    *,
-    native: bool = False,
-    height: int = 640,
-) -> None:
-    """Show a recording: below the cell, or in the native viewer.
+def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
+    """Show a recording below the cell.
 
-    Where neither works there is a picture of the run's end instead, and a sentence that says why.
+    Where nobody looks there is a picture of the run's end instead, and a sentence that says why.
 
     Parameters
     ----------
     recording : path, or closed Recorder
         The ``.rrd`` file.
-    native : bool
-        Open the native viewer, beside the notebook.
     height : int
         Of the viewer below the cell, px.
 
@@ -48,22 +41,14 @@ def show(
         In one sentence, if there is no such recording or it cannot be read.
     """
     path = recording if isinstance(recording, str | os.PathLike) else recording.path
-    if path is None:
-        raise ValueError("that run went to a viewer: there is no file to show")
     check_int("height", height, 100)
     kept = read_recording(path)
-    name = kept.path.name
-    why = "Nobody is there to show the viewer to"
-    if native:
-        try:
-            start_viewer(kept.path)
-            return
-        except OSError as error:
-            why = f"No viewer: {error}"
-    elif front_end():
+    if front_end():
         _embed(kept.path, height)
         return
-    print(f"{why}. Elsewhere, `rerun {name}` opens the recording; it ended like this.")
+    why = "Nobody is there to show the viewer to"
+    opens = f"`rerun {kept.path.name}` opens the recording"
+    print(f"{why}. Elsewhere, {opens}; it ended like this.")
     if "ipykernel" in sys.modules and kept.runs:
         from IPython.display import Image, display
 
@@ -77,8 +62,8 @@ def _embed(path: Path, height: int) -> None:
     viewer = notebook_viewer().Viewer(width="auto", height=height)
     viewer.send_rrd(path.read_bytes())  # waits until the page is ready
     needs = "The viewer needs a browser with WebGL 2, and a kernel on this machine"
-    other = f"<code>show(…, native=True)</code> or <code>rerun {path.name}</code>"
-    hint = HTML(f"<small>Empty? {needs}; {other} opens it outside.</small>")
+    other = f"<code>rerun {path.name}</code> opens it outside"
+    hint = HTML(f"<small>Empty? {needs}; {other}.</small>")
     display(VBox([viewer, hint]))
 
 

@@ -23,19 +23,11 @@ def path(tmp_path_factory):
     return both.path
 
 
-@pytest.fixture
-def nobody(monkeypatch):
-    """Take away every sign of a front end and of a screen."""
-    for variable in (
-        *("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG"),
-        *("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"),
-    ):
-        monkeypatch.delenv(variable, raising=False)
-
-
 def test_without_a_front_end_there_is_a_sentence_and_a_picture(
-    path, nobody, capsys, monkeypatch
+    path, capsys, monkeypatch
 ):
+    for variable in ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG"):
+        monkeypatch.delenv(variable, raising=False)
     shown = []
     monkeypatch.setitem(sys.modules, "ipykernel", sys)
     monkeypatch.setattr("IPython.display.display", shown.append)
