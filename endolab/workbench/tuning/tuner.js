@@ -11,6 +11,7 @@ const HELP = { Enter: "ask anew: light, contours, scales as the knobs are now", 
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
 const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"];
 const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
+const RESTS = 250; // ms without a picture, after which the hand rests
 const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97];
 
 // Adds one knob; returns what shows a value in it. `turn` is called with another.
@@ -199,10 +200,12 @@ function render({ model, el }) {
     if (kept && wipe < 1 && ["distance", "model - frame", "error"].includes(name)) {
       const share = wipe * w;
       pen.drawImage(canvas({ ...map, ...map_of(name, kept.arrays), low: map.low, high: map.high }), x, y, share, h, left, top, scale * share, scale * h);
-      Object.assign(pen, { strokeStyle: GREEN, fillStyle: GREEN, lineWidth: 2, textBaseline: "top" });
-      pen.strokeRect(left + scale * share, top, 0, scale * h);
-      pen.fillText("A", left + scale * share - 12, top + 2);
-      pen.fillText("B", left + scale * share + 5, top + 2);
+      const x_wipe = left + scale * share;
+      Object.assign(pen, { strokeStyle: GREEN, fillStyle: GREEN, lineWidth: 2, textBaseline: "top", textAlign: "center" });
+      pen.strokeRect(x_wipe, top, 0, scale * h);
+      pen.fillRect(x_wipe - 16, top, 32, 15);
+      pen.fillStyle = "white";
+      pen.fillText("A   B", x_wipe, top + 2);
     }
     const at = (u, v) => [left + scale * (u - x), top + scale * (v - y)];
     pen.save();
@@ -273,13 +276,16 @@ function render({ model, el }) {
       y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, colours);
   };
 
-  // The surface may take long where no graphics card helps: while the hand moves it is drawn in a fifth of the time.
-  let drawn = 0, took = 0;
+  // The surface may take long where no graphics card helps: it is fine at rest; while pictures come it is drawn in a fifth of the time.
+  let drawn = 0, took = 0, came = 0, rest;
   const draw_surface = (panel) => {
     if (view.parentNode !== panel.body) { pen_of(panel); panel.body.append(view); }
     const started = performance.now(), { width, height } = now.still, { distance, rays, cuts } = now.arrays;
-    if (!surface.gl || (now.moving && started < drawn + 5 * took)) return;
-    const step = Math.ceil(Math.max(width, height) / (now.moving ? 160 : 320)), on = now.knobs.texture ?? "frame";
+    clearTimeout(rest);
+    const moves = started < came + RESTS;
+    if (moves) rest = setTimeout(() => { if (panel.name === "3D") draw_surface(panel); }, RESTS);
+    if (!surface.gl || (moves && started < drawn + 5 * took)) return;
+    const step = Math.ceil(Math.max(width, height) / (moves ? 160 : 320)), on = now.knobs.texture ?? "frame";
     if (laid?.cuts !== cuts || laid.step !== step) surface.lay({ rays, cuts, width, height }, step);
     if (laid?.cuts !== cuts || laid.on !== on || on !== "frame") {
       const map = map_of(on), one = map.empty ? map_of("frame") : map;
@@ -411,6 +417,7 @@ function render({ model, el }) {
       Object.assign(place, { max: message.path.count, value: message.path.place });
       says.textContent = message.path.text;
     }
+    if (message.number) came = performance.now();
     const arrays = (message.names ?? []).map(([name]) => name);
     draw(message.still ? undefined : new Set([...arrays, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
     if (message.number) requestAnimationFrame(() => setTimeout(() => {

@@ -143,6 +143,7 @@ def test_a_frame_that_cannot_be_used_is_passed_by(tune, seen, tmp_path):
     write_image(paths[2], np.flip(frame.image, axis=1))
     box, messages = tune(frame, calibration, pictures=paths)
     box._hear(box, {"do": "step", "given": [1]}, [])
+    box.engine.wait(60)
     assert "the frame before is still shown" in messages[-1][0]["line"]
     box.turn({"scene": 2})
     box.engine.wait(60)
