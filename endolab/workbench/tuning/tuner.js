@@ -83,10 +83,17 @@ function render({ model, el }) {
   for (const name of ["preset ...", ...facts.presets]) preset.add(new Option(name));
   preset.onchange = () => { send("preset", preset.value); preset.selectedIndex = 0; };
   const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.", () => keep_or_drop());
+  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => send("sigma"), live);
+  const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
+  button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
+    async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
+  button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
+  button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
+  // What comes and goes stands behind what stays.
   const side = add("input", "endolab-wipe", actions, { type: "range", min: 0, max: 1, step: 0.01, value: 0.5, hidden: true, ariaLabel: "wipe",
     title: "Left of this the maps show A, right of it B." });
   side.oninput = () => { wipe = Number(side.value); draw(); };
-  const film = add("span", "endolab-film", live, { hidden: true });
+  const film = add("span", "endolab-film", actions, { hidden: true });
   const play = button("▶", "Play the way of the solver to this answer.", () => toggle(), film);
   const place = add("input", "", film, { type: "range", min: 1, step: 1, ariaLabel: "iterate" }), says = add("span", "", film);
   place.oninput = () => send("iterate", Number(place.value));
@@ -96,12 +103,6 @@ function render({ model, el }) {
     playing = on ? setInterval(() => { place.value = Number(place.value) % place.max + 1; place.oninput(); }, 120) : 0;
     play.textContent = on ? "⏸" : "▶";
   };
-  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => send("sigma"), live);
-  const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
-  button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
-    async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
-  button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
-  button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
   const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "endolab-chips", status);
 
   // Panels
@@ -261,7 +262,7 @@ function render({ model, el }) {
     if (has_errors) lines.push({ x: curve.lams, y: curve.errors.map((one) => one ?? NaN), colour: BLACK, name: "error [%]", right: true });
     panel.dots = curve.lams.map((lam, i) => ({ x: lam, y: height_of(curve.explained[i]), colour: lam === curve.now ? RED : BLUE,
       text: lam === curve.now ? short(lam, 2) : "" }));
-    if (curve.best) panel.dots.push({ x: curve.best, y: height_of(0.99), colour: GREEN, text: short(curve.best, 2) });
+    if (curve.best) panel.dots.push({ x: curve.best, y: height_of(0.99), colour: GREEN }); // the title tells it
     const rules = [{ y: height_of(0.99), colour: "#009e7388" }, ...(curve.best ? [{ x: curve.best, colour: "#009e7388" }] : [])];
     panel.axes = draw_chart(pen, wide, tall, { x: { label: "λ", low: 10 ** range[0], high: 10 ** range[1], log: true }, y, lines, dots: panel.dots, rules,
       right: has_errors ? { low: 0, high: most } : undefined }, colours);

@@ -18,6 +18,7 @@ import anywidget
 import numpy as np
 import traitlets as t
 from matplotlib import colormaps
+from numpy.typing import NDArray
 
 from endolab.frames.frame import Frame
 from endolab.io import datasets
@@ -48,6 +49,7 @@ from endolab.workbench.tuning.maps import (
     NEED_UNCERTAINTY,
     PANELS,
     map_of,
+    packed,
     rgba,
     still_of,
 )
@@ -361,43 +363,38 @@ class TunerBox(anywidget.AnyWidget):
         height, width = picture.shape[:2]
         still = {"width": width, "height": height, "unit": "mm", "metric": True}
         still["window"] = [0, 0, width, height]
-        content = {"still": still, "names": [("picture", "u1")], "line": "solving ..."}
-        self.send(content | {"knobs": self.knobs}, [rgba(picture).tobytes()])
+        content = {"still": still, "line": "solving ...", "knobs": self.knobs}
+        self._send_arrays(content, {"picture": rgba(picture)})
+
+    def _send_arrays(self, message: dict[str, Any], arrays: dict[str, NDArray]) -> None:
+        names, buffers = packed(arrays)
+        self.send(message | {"names": names}, buffers)
 
     def _send_answer(self, answer: Answer, still: bool = False, **more: Any) -> None:
         """Send an answer in one message: words, maps, and with `still` what stays meanwhile."""
-        names: list[tuple[str, str]] = []
-        buffers: list[bytes] = []
-        message = more
+        message = more | self._words(answer)
+        arrays: dict[str, NDArray] = {}
         if answer.is_final:
-            message["path"] = self._path(answer, len(answer.path))
+            message |= {"path": self._path(answer, len(answer.path))}
             message["energy"] = _energy(answer)
         if still:
             facts, arrays = still_of(answer.result.problem, answer.still.truth)
-            message["still"] = facts
-            message |= {"anew": not self._limits, "knobs": self.knobs}
-            for name, array in arrays.items():
-                names.append((name, "u1" if array.dtype == np.uint8 else "f4"))
-                buffers.append(array.tobytes())
+            message |= {"still": facts, "anew": not self._limits, "knobs": self.knobs}
         maps = {}
         wanted = {"distance", "model - frame", *self.panels, self.knobs["texture"]}
         for name in wanted - OWN_PANELS:
-            sent = map_of(name, answer, self.engine, self._limits)
-            maps[name] = sent.spec
-            if "empty" not in sent.spec:
-                names.append((name, sent.kind))
-                buffers.append(sent.content)
+            maps[name], array = map_of(name, answer, self.engine, self._limits)
+            if array is not None:
+                arrays[name] = array
         self._number += 1
         self._free.clear()
-        message |= self._words(answer)
         message |= {
-            "names": names,
             "maps": maps,
             "number": self._number,
             "asked": self._asked_for(answer),
             "moving": not answer.is_final,
         }
-        self.send(message, buffers)
+        self._send_arrays(message, arrays)
 
     def _asked_for(self, answer: Answer) -> dict[str, float]:
         """Numbers of the knobs that an answer is of."""
@@ -463,13 +460,14 @@ class TunerBox(anywidget.AnyWidget):
         if not tried:
             return {"title": ""}
         best, at_least = self._best_lam(answer)
+        tells = len(tried) > 3  # of fewer nothing follows
         errors = [one.errors for one in tried]
         return {
-            "title": _curve_title(best, at_least) if len(tried) > 2 else "",
+            "title": _curve_title(best, at_least) if tells else "",
             "lams": [one.settings.lam for one in tried],
             "explained": [one.explained for one in tried],
             "errors": [None if one is None else one[0] for one in errors],
-            "best": best,
+            "best": best if tells else None,
             "now": answer.settings.lam,
         }
 
@@ -564,8 +562,8 @@ class TunerBox(anywidget.AnyWidget):
         lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
         answers = variants(answer, lams, REGULARISERS)
         held = self._limits
-        residual = map_of("model - frame", answer, self.engine, held).spec
-        distance = map_of("distance", answer, self.engine, held).spec
+        residual, _ = map_of("model - frame", answer, self.engine, held)
+        distance, _ = map_of("distance", answer, self.engine, held)
         rows = []
         for one in answers:
             errors = one.errors
@@ -580,12 +578,8 @@ class TunerBox(anywidget.AnyWidget):
                 row["curve"] = {"title": _curve_title(*best), "best": best[0]}
         still, arrays = still_of(answer.result.problem, answer.still.truth)
         knobs = {"lam": answer.settings.lam, "regulariser": "second", "texture": "frame"}
-        specs = [spec for spec in self._specs if spec["name"] in knobs]
-        specs = [
-            spec | ({"options": [*REGULARISERS]} if "range" not in spec else {})
-            for spec in specs
-            if spec["name"] != "texture"
-        ]
+        specs = [spec for spec in self._specs if spec["name"] in ("lam", "regulariser")]
+        specs[1] = specs[1] | {"options": [*REGULARISERS]}
         alone = {"specs": specs, "alone": True, "panels": [*PANELS[:8]], "presets": []}
         first = {"still": still, "knobs": knobs, "anew": True}
         first["maps"] = {"distance": distance, "model - frame": residual}
