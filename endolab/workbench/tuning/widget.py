@@ -220,7 +220,7 @@ class TunerBox(anywidget.AnyWidget):
         try:
             actions[content["do"]](*content["given"], *map(bytes, buffers))
         except Exception as error:
-            self._refuse((str(error).strip() or type(error).__name__).splitlines()[0])
+            self._say_wrong((str(error).strip() or type(error).__name__).splitlines()[0])
 
     def settings(self) -> Knobs:
         """Return what the knobs say."""
@@ -305,14 +305,17 @@ class TunerBox(anywidget.AnyWidget):
 
     # What is shown -----------------------------------------------------------------------
 
+    def _say_wrong(self, sentence: str) -> None:
+        self.send({"line": sentence, "tone": "endolab-wrong"})
+
     def _refuse(self, sentence: str) -> None:
-        """Say what cannot be done; of a picture that cannot be read the one before stays."""
+        """Say what the engine cannot answer; of a picture that cannot be read the one before stays."""
         answer = self.answer
         if answer is not None and answer.settings.scene != self.knobs["scene"]:
             sentence += ": the frame before is still shown"
             self.knobs["scene"] = answer.settings.scene
             self.send({"knobs": self.knobs})
-        self.send({"line": sentence, "tone": "endolab-wrong"})
+        self._say_wrong(sentence)
 
     def _show(self, answer: Answer) -> None:
         """Show an answer, once the page has painted the one before; in the engine's thread."""
