@@ -47,7 +47,7 @@ LEFT_OUT: Colour = (128, 128, 128)
 Sent = tuple[dict[str, Any], NDArray | None]
 
 
-def packed(arrays: Mapping[str, NDArray]) -> tuple[list[tuple[str, str]], list[bytes]]:
+def as_buffers(arrays: Mapping[str, NDArray]) -> tuple[list[tuple[str, str]], list[bytes]]:
     """Arrays as they are sent: names, each with its kind, bytes or floats, and contents."""
     names = []
     buffers = []

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from endolab.workbench.tuning.engine import Answer
-from endolab.workbench.tuning.maps import packed
+from endolab.workbench.tuning.maps import as_buffers
 from endolab.workbench.tuning.surface_view import page_script
 
 PAGE = """<!DOCTYPE html>
@@ -60,7 +60,7 @@ def write_page(
     title: str,
 ) -> str:
     """Return the page: what the tuner's page needs at first, arrays that stay, rows and packed maps of λ."""
-    names, buffers = packed(arrays)
+    names, buffers = as_buffers(arrays)
     texts = [base64.b64encode(buffer).decode() for buffer in buffers]
     still = [(*name, text) for name, text in zip(names, texts, strict=True)]
     content = {"facts": facts, "first": first, "rows": rows, "still": still, **maps}

@@ -48,8 +48,8 @@ from endolab.workbench.tuning.engine import (
 from endolab.workbench.tuning.maps import (
     NEED_UNCERTAINTY,
     PANELS,
+    as_buffers,
     map_of,
-    packed,
     rgba,
     still_of,
 )
@@ -370,7 +370,7 @@ class TunerBox(anywidget.AnyWidget):
         self._send_arrays(content, {"picture": rgba(picture)})
 
     def _send_arrays(self, message: dict[str, Any], arrays: dict[str, NDArray]) -> None:
-        names, buffers = packed(arrays)
+        names, buffers = as_buffers(arrays)
         self.send(message | {"names": names}, buffers)
 
     def _send_answer(self, answer: Answer, still: bool = False, **more: Any) -> None:
