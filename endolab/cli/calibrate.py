@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from endolab._extras import lacking, need
+from endolab._extras import lacking
 from endolab.cli.solving import Value, show_progress
 
 
@@ -58,7 +58,6 @@ def calibrate(
     gamma: Value = 2.2,
     gain: Literal["free", "locked"] = "free",
     reflectance: list[Value] | None = None,
-    record: bool = False,
 ) -> None:
     """Make an endoscope.json of frames of a target.
 
@@ -93,8 +92,6 @@ def calibrate(
     reflectance : float
         Of a grey patch relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free; once for
         each kind of patch.
-    record : bool
-        Write a recording for the Rerun viewer too.
     """
     import endolab as el
     from endolab.calibration.session import check_names
@@ -109,8 +106,6 @@ def calibrate(
         raise ValueError(f"the calibration's name ends in .json, got {out}")
     report = f"{out.removesuffix('.json')}_report"
     check_new(out, overwrite, (*source, target, camera))
-    if record:
-        need("rerun")
     sheet = read_target(target)
     greys = [None] * len(set(sheet.ink.greys[:, 3]))  # free
     known = [None if value == "free" else value for value in reflectance or greys]
@@ -133,10 +128,6 @@ def calibrate(
                 progress=lambda stage, done, total: show(done, total, stage),
             )
         write_report(session, found, folder, channel)
-        if record:
-            from endolab.workbench.recording.calibration import record_calibration
-
-            record_calibration(session, found, folder / "recording.rrd")
     el.write_calibration(make_calibration(session, str(found.path), channel), out)
     print(*account(session), sep="\n")
     if session.light is None:

@@ -61,7 +61,6 @@ MAPS = {
         "Model - frame", "difference", "grey levels of 255", "RdBu_r", "signed"
     ),
     "error": Scale("Error", "error", "%", "RdBu_r", "signed"),
-    "change": Scale("B / A - 1", "change", "%", "RdBu_r", "signed"),
     "spread over λ": Scale("Spread over λ", "spread", "%", "magma", "from 0"),
     "bounced light": Scale("Bounced light", "share", "%", "magma", "from 0"),
     "σ": Scale("Uncertainty: σ", "σ of the distance", "%", "magma", "from 0"),

@@ -1,7 +1,7 @@
 """How the Rerun viewer opens a recording: what is shown, and where.
 
 `reconstruction` shows everything about a run, `comparison` several runs side by side, `sequence` a
-video's frames, `calibration` a calibration's frames and sheet.
+video's frames.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 import rerun.blueprint as rrb
 
-from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import LARGEST_RESIDUAL
 
 ITERATIONS = "iteration"  # a timeline
@@ -25,7 +24,7 @@ class Shown:
 
     run: str  # its name, which its entities begin with; empty if the run is alone
     unit: str  # of distances
-    limits: tuple[float, float] = (0.0, 1.0)  # of distances
+    limits: tuple[float, float]  # of distances
     sigma: float | None = None  # %, where the colours of σ end; None if it was not recorded
 
     def at(self, entity: str) -> str:
@@ -81,19 +80,16 @@ def _sigma(shown: Shown) -> list[rrb.View]:
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
-    away = 1.2 * shown.limits[1]
-    middle = (0, 0, float(np.mean(shown.limits)))
-    return _space(shown.title(f"Surface [{shown.unit}]"), shown.at("world"), middle, away)
-
-
-def _space(
-    name: str, origin: str, target: Sequence[float], away: float
-) -> rrb.Spatial3DView:
-    """A view of a place from so far away, from behind the camera."""
-    position = np.add(target, away * np.array(FROM_BEHIND))
+    """The surface from behind the camera."""
+    target = np.array([0, 0, np.mean(shown.limits)])
+    position = target + 1.2 * shown.limits[1] * np.array(FROM_BEHIND)
     eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=[0, -1, 0])
     return rrb.Spatial3DView(
-        origin=origin, name=name, eye_controls=eye, background=(45, 50, 58), line_grid=False
+        origin=shown.at("world"),
+        name=shown.title(f"Surface [{shown.unit}]"),
+        eye_controls=eye,
+        background=(45, 50, 58),
+        line_grid=False,
     )
 
 
@@ -143,13 +139,6 @@ def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
     return _open_at(ITERATIONS, rrb.Horizontal(*columns, plots))
 
 
-def _plots(curves: Curves) -> list[rrb.TimeSeriesView]:
-    views = []
-    for title, names in curves.items():
-        views.append(_curves(title, [f"/plots/{name}" for name in names]))
-    return views
-
-
 def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> rrb.Blueprint:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
@@ -158,25 +147,10 @@ def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> rrb.Blue
     alone = Shown("", unit, limits)
     frame = alone.view("Frame", "input")
     pictures = rrb.Horizontal(frame, _depth(alone), alone.view("Normals", "normals"))
-    plots = rrb.Grid(*_plots(curves), grid_columns=2)
-    below = rrb.Horizontal(_surface(alone), plots, column_shares=[1, 1.2])
+    plots = [
+        _curves(title, [f"/plots/{name}" for name in names])
+        for title, names in curves.items()
+    ]
+    grid = rrb.Grid(*plots, grid_columns=2)
+    below = rrb.Horizontal(_surface(alone), grid, column_shares=[1, 1.2])
     return _open_at(FRAMES, rrb.Vertical(pictures, below, row_shares=[1, 1.3]))
-
-
-def calibration(centre: FloatArray, curves: Curves) -> rrb.Blueprint:
-    """The frame, the sheet in space with the curves over the frames, and the account.
-
-    The sheet is mostly at `centre`, (3,), mm.
-    """
-    alone = Shown("", "mm")
-    found = [f"picture/{what}" for what in ("detected", "reprojection", "outliers")]
-    frame = rrb.Vertical(
-        alone.view("Detection", "picture", *found),
-        alone.view("Brightness", "picture", "picture/samples"),
-    )
-    # From aside, between the camera and where the sheet mostly is.
-    away = 2 * float(np.linalg.norm(centre))
-    sheet = _space("Sheet", "/world", (centre / 2).tolist(), away)
-    middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
-    parts = (frame, middle, alone.words("account"))
-    return _open_at(FRAMES, rrb.Horizontal(*parts, column_shares=[1.2, 1.5, 1]))

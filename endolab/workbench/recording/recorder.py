@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import rerun as rr
@@ -47,20 +46,17 @@ if TYPE_CHECKING:
 
 
 def record(
-    path: PathLike | None = None,
+    path: PathLike,
     *,
-    spawn: bool = False,
     truth: FloatArray | None = None,
     max_width: int = 480,
 ) -> Recorder:
-    """Make an observer that records a run: to a file, or into a viewer that follows it.
+    """Make an observer that records a run.
 
     Parameters
     ----------
-    path : path, optional
+    path : path
         The recording to write, ``.rrd``. An old one is replaced when the recording is closed.
-    spawn : bool
-        Show the run as it goes instead, in the native viewer, which listens on this machine only.
     truth : (H, W) float array, optional
         True distance, mm, to show beside the result; nan where unknown.
     max_width : int
@@ -84,12 +80,10 @@ def record(
     Raises
     ------
     ValueError
-        If it is not one of path and spawn.
+        If the name does not end in ``.rrd``.
     OSError
-        If the file cannot be written or the viewer does not start.
+        If the file cannot be written.
     """
-    if (path is not None) == spawn:
-        raise ValueError("give record() either a path or spawn=True")
     check_int("max_width", max_width, 1)
     return Recorder(Sink(path), truth, max_width)
 
@@ -111,8 +105,7 @@ class Recorder:
     def __init__(
         self, sink: Sink, truth: FloatArray | None, max_width: int, run: str = ""
     ) -> None:
-        self.path = sink.path  # None if it goes to a viewer
-        self.shown = Shown(run, "")  # what the layout needs to know
+        self.path = sink.path
         self._sink = sink
         self._truth = truth
         self._max_width = max_width
@@ -123,6 +116,7 @@ class Recorder:
         self._place = 0  # of that on the timeline
         self._begun = 0  # that of its stage's first
         self._pictured = 0  # the last k of this stage with pictures
+        self._sigma: float | None = None  # %, where the colours of σ end
 
     def run(self, name: str) -> Recorder:
         """Make the observer of one of several runs; its entities begin with its name."""
@@ -136,7 +130,7 @@ class Recorder:
         last = self._last
         begins = last is None or (last.stage, last.round) != (iterate.stage, iterate.round)
         if last is not None and begins:
-            self._end_stage(last)
+            self._end_stage(last, common_limits([last.distance]))
         self._place = iterate.k if last is None else self._place + 1
         if begins:
             self._begin_stage(iterate)
@@ -178,7 +172,7 @@ class Recorder:
         source = classes(uncertainty.dominant_source[self._thin], colours)
         self._log("uncertainty/sigma", sigma, static=True)
         self._log("uncertainty/dominant_source", *source, static=True)
-        self._show(sigma=most)
+        self._sigma = most
 
     def __enter__(self) -> Self:
         self._within = True
@@ -198,20 +192,22 @@ class Recorder:
         if self._within or self._run or not self._sink.open:
             return
         runs = [self, *self._runs.values()]
-        begun = [(one, one._last) for one in runs if one._last is not None]
+        ends = [(one, one._last) for one in runs if one._last is not None]
+        shown = []
         with self._sink:
-            for one, last in begun:
-                one._end_stage(last)
+            for one, last in ends:
+                unit = last.problem.unit
+                alike = [end.distance for _, end in ends if end.problem.unit == unit]
+                each = [common_limits([distance]) for distance in alike]
+                limits = (float(np.min(each)), float(np.max(each)))
+                one._end_stage(last, limits)
                 remarks = "\n".join(f"- {note}" for note in notes(last))
                 one._log("end", markdown(f"## End\n\n{remarks}"), static=True)
-            shown = [one.shown for one, _ in begun]
-            for one, last in begun:
-                alike = [of.limits for of in shown if of.unit == last.problem.unit]
-                one._reach((np.min(alike), np.max(alike)))
+                shown.append(Shown(one._run, unit, limits, one._sigma))
             if self._runs:
-                self._sink.arrange(layouts.comparison([one.shown for one, _ in begun]))
-            elif begun:
-                self._sink.arrange(layouts.reconstruction(self.shown))
+                self._sink.arrange(layouts.comparison(shown))
+            elif shown:
+                self._sink.arrange(layouts.reconstruction(*shown))
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
@@ -251,8 +247,6 @@ class Recorder:
         self._log("world/camera", camera_shape(problem.camera, size))
         if self._truth is not None:
             self._log_truth(iterate, self._truth)
-        self.shown = replace(self.shown, unit=problem.unit)
-        self._reach(common_limits([iterate.distance]))
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
         """Log the true surface, in the unit of an iterate; not on the smaller grid of a stage before."""
@@ -275,23 +269,12 @@ class Recorder:
             self._log(entity, what)
         self._pictured = iterate.k
 
-    def _end_stage(self, last: Iterate) -> None:
-        """Log the pictures of a stage's last iterate, and let the colours reach what it needs."""
+    def _end_stage(self, last: Iterate, limits: tuple[float, float]) -> None:
+        """Log the pictures of a stage's last iterate, and where the colours of its distances end."""
         if self._pictured != last.k:
             self._log_pictures(last)
-        self._reach(common_limits([last.distance]))
-
-    def _reach(self, limits: tuple[float, float]) -> None:
-        """Let the colours of this stage's distances reach from one limit to the other."""
         self._sink.at(ITERATIONS, self._begun)
         self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
-        self._show(limits=limits)
-
-    def _show(self, **known: Any) -> None:
-        """Tell a viewer how to show the run so far."""
-        self.shown = replace(self.shown, **known)
-        if self.path is None:
-            self._sink.arrange(layouts.reconstruction(self.shown))
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self._sink.log(f"{self._run}/{entity}", *what, static=static)

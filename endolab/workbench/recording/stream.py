@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +17,6 @@ from endolab.io.atomic import PathLike, one_sentence, write_atomically
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import OKABE_ITO
-from endolab.workbench.recording.viewer import VIEWER_PORT, end, start_viewer
 
 TRUTH_COLOUR = (160, 160, 160)
 Thinned = tuple[slice, slice]  # rows and columns
@@ -26,27 +24,22 @@ THIN = rr.Radius.ui_points(1.5)
 
 
 class Sink:
-    """Where a recording goes: a file, ``.rrd``, or without a path the viewer, started if none listens.
+    """A recording that becomes a file, ``.rrd``.
 
-    `close` writes the file, whole or not at all; if nothing was logged, there is none. Until then it is in
-    memory, as Rerun's own writer may never come to an end when it finds the disk full. As a context
-    manager it is closed at the end, and an error leaves no file.
+    `close` writes it, whole or not at all; if nothing was logged, there is none. Until then it is in memory,
+    as Rerun's own writer may never come to an end when it finds the disk full. As a context manager it is
+    closed at the end, and an error leaves no file.
     """
 
-    def __init__(self, path: PathLike | None = None) -> None:
-        self.path = None if path is None else Path(path)
+    def __init__(self, path: PathLike) -> None:
+        self.path = Path(path)
         self.open = True  # for what is logged
         self._used = False
-        self._viewer = None
-        self._stream = rr.RecordingStream("endolab")
-        if self.path is None:
-            self._viewer = start_viewer()
-            self._stream.connect_grpc(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy")
-            return
         if self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
         with one_sentence(f"cannot write {path}"):  # told before the run, not after it
             tempfile.TemporaryFile(dir=self.path.parent).close()
+        self._stream = rr.RecordingStream("endolab")
         self._content = rr.binary_stream(self._stream)
 
     def at(self, timeline: str, number: int) -> None:
@@ -55,12 +48,11 @@ class Sink:
         self._stream.set_time(timeline, sequence=number)
 
     def log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
-        """Log something, now or for all times; nothing once the user has closed the viewer's window."""
+        """Log something, now or for all times."""
         if not self.open:
             raise ValueError("the recording is closed")
-        if self._viewer is None or self._viewer.poll() is None:
-            self._stream.log(entity, *what, static=static, strict=True)
-            self._used = True
+        self._stream.log(entity, *what, static=static, strict=True)
+        self._used = True
 
     def log_scalars(self, entity: str, values: Mapping[str, float]) -> None:
         """Log numbers by their names below an entity, now; those that are finite."""
@@ -73,20 +65,12 @@ class Sink:
         self._stream.send_blueprint(layout)
 
     def close(self) -> None:
-        """Write the file, or see a viewer off; a second call does nothing. OSError leaves no file."""
+        """Write the file; a second call does nothing. OSError leaves no file."""
         if not self.open:
             return
-        content = None
-        if self.path is None:
-            try:
-                self._stream.flush(timeout_sec=5.0)  # to take the last of what was logged
-            except RuntimeError:  # it hangs, and Rerun would wait for it for good
-                if self._viewer is not None:
-                    end(self._viewer)
-        elif self._used:
-            content = self._content.read()
+        content = self._content.read() if self._used else None
         self.drop()
-        if self.path is not None and content is not None:
+        if content is not None:
             write_atomically(self.path, content)
 
     def drop(self) -> None:
@@ -96,8 +80,7 @@ class Sink:
         # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew, which
         # would end a session that the user has begun with `rr.init`.
         if rr.get_application_id() is None:
-            with contextlib.suppress(RuntimeError):  # the viewer of another stream is gone
-                rr.init("endolab", init_logging=False)
+            rr.init("endolab", init_logging=False)
 
     def __enter__(self) -> Self:
         return self

@@ -46,9 +46,9 @@ from endolab.workbench.tuning.source import Knobs, Source, Subject
 REST = 0.15  # s without a wish, after which the hand rests
 # Times the present λ, for the λ curve: from a tenth to ten times, the near ones first.
 LAM_FACTORS = (0.32, 3.2, 0.1, 10.0)
-FIRST_SIGHTS = (
-    0.4  # s between the iterates that are shown of a frame's first run, coarse ones too
-)
+# s between the iterates that are shown: of a frame's first run, coarse ones too, and of later ones
+FIRST_SIGHTS = 0.4
+BETWEEN = 0.06
 LARGEST_LAM = 100.0  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
@@ -177,12 +177,11 @@ class Engine:
         self._held: Held | None = None
         self._look: Look | None = None
         self._last: Iterate | None = None  # at full size, a look as well
-        self._wish: tuple[Knobs, int] | None = None  # and how often all was asked anew
-        self._asked: tuple[Knobs, int] | None = None  # the one that is being answered
-        self._anew = 0
-        self._found_anew = 0
+        self._wish: Knobs | None = None
+        self._anew = False  # whether all is to be found again
+        # How many wishes have come, which of them is being answered, and which was answered last.
+        self._come = self._asked = self._done = 0
         self._jobs: list[Callable[[], object]] = []
-        self._done: tuple[Knobs, int] | None = None
         self._news = threading.Condition()
         self._ends = False
         self._thread = threading.Thread(target=self._work, daemon=True)
@@ -193,8 +192,9 @@ class Engine:
     def ask(self, wish: Knobs, anew: bool = False) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
         with self._news:
-            self._anew += anew
-            self._wish = (wish, self._anew)
+            self._anew |= anew
+            self._wish = wish
+            self._come += 1
             self._news.notify_all()
 
     def do(self, job: Callable[[], object]) -> None:
@@ -207,7 +207,7 @@ class Engine:
         """Wait until the last wish and all jobs are done; TimeoutError after so many seconds."""
         with self._news:
             idle = self._news.wait_for(
-                lambda: self._done == self._wish and not self._jobs, timeout
+                lambda: self._done == self._come and not self._jobs, timeout
             )
         if not idle:
             raise TimeoutError(f"no answer in {timeout} s")
@@ -216,7 +216,7 @@ class Engine:
         """Stop what is being solved, and end the thread."""
         with self._news:
             self._ends = True
-            self._wish = None
+            self._come += 1
             self._news.notify_all()
         self._thread.join()
 
@@ -245,43 +245,41 @@ class Engine:
         while True:
             with self._news:
                 self._news.wait_for(
-                    lambda: self._ends or self._jobs or self._wish != self._done
+                    lambda: self._ends or self._jobs or self._come != self._done
                 )
                 if self._ends:
                     return
-                wish = self._wish if self._wish != self._done else None
-                job = None if wish else self._jobs[0]
+                wish = self._wish
+                self._asked = self._come
+                job = self._jobs[0] if self._asked == self._done else None
             try:
                 if job is not None:
                     job()
                 elif wish is not None:
-                    self._answer(*wish)
+                    self._answer(wish)
             except Exception as error:  # whatever it is, the next wish may do better
                 self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
             with self._news:
                 if job is not None:
                     self._jobs.remove(job)
                 else:
-                    self._done = wish
+                    self._done = self._asked
                 self._news.notify_all()
 
     def is_stale(self) -> bool:
         """Whether a newer wish has come than the one that is being answered."""
-        return self._wish != self._asked
+        return self._come != self._asked
 
-    def _answer(self, wish: Knobs, anew: int) -> None:
-        self._asked = (wish, anew)
+    def _answer(self, wish: Knobs) -> None:
         base = self.base
         subject = self.source.subject(wish)
         if (
             base is None
-            or anew != self._found_anew
+            or self._anew
             or subject is not base.still.subject
             or not wish.follows(base.settings)
         ):
             answer = self._find_anew(wish, subject)
-            if answer is not None:
-                self._found_anew = anew
         else:
             known = self.recall(wish)
             if known is not None and self._look is not None:
@@ -295,7 +293,6 @@ class Engine:
         if self._look is not None:
             self._look.start_from(self._last)
         self.show(answer)
-        self.note()
         if answer.uses_lam:
             self._try_others(answer)
 
@@ -303,23 +300,12 @@ class Engine:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
         base = self.base
         is_known = base is not None and subject is base.still.subject
-        shape = base.result.mask.shape if base is not None and is_known else None
-        tell = self._show_long(wish, base.still, None) if base is not None else None
-        last_shown = 0.0
-
-        def watch(iterate: Iterate) -> bool:
-            nonlocal last_shown
-            if not is_known and time.perf_counter() - last_shown > FIRST_SIGHTS:
-                sofar = shown_as(iterate)
-                self.show(Answer(wish, Stage.ITERATE, Still.of(subject, sofar), sofar))
-                last_shown = time.perf_counter()
-            elif tell is not None and iterate.mask.shape == shape:
-                tell(iterate)
-            return self.is_stale() and base is not None
-
-        answer = solve_anew(wish, subject, [watch])
-        if self.is_stale() and base is not None:
-            return None
+        still = base.still if base is not None and is_known else None
+        answer = solve_anew(wish, subject, [self._show_long(wish, subject, still)])
+        with self._news:
+            if self.is_stale() and base is not None:
+                return None
+            self._anew = False
         result = answer.result
         light = wish.calibration_of(subject).photometry
         self._held = Held(result.problem, light, result.iterate.log_distance)
@@ -346,21 +332,33 @@ class Engine:
             self.show(look)
             if not self._rests():
                 return None
-        return self.solve_held(wish, [self._show_long(wish, base.still, self._held)])
+        tell = self._show_long(wish, base.still.subject, base.still, self._held)
+        return self.solve_held(wish, [tell])
 
-    def _show_long(self, wish: Knobs, still: Still, held: Held | None) -> Observer:
-        """Show the iterates of a solver that has no looks, as they come; stop when a newer wish came."""
-        last_shown = time.perf_counter()
+    def _show_long(
+        self, wish: Knobs, subject: Subject, still: Still | None, held: Held | None = None
+    ) -> Observer:
+        """Show iterates of a solver that has no looks, and of a frame's first run, which has no `still`.
+
+        Stops when a newer wish came.
+        """
+        base = self.base
+        shape = None if base is None else base.result.mask.shape
+        pause = FIRST_SIGHTS if still is None else BETWEEN
+        last_shown = 0.0
 
         def watch(iterate: Iterate) -> bool:
             nonlocal last_shown
-            now = time.perf_counter()
-            if wish.solver != FOLLOWS and now - last_shown > 0.06:
-                self._last = iterate
+            follows = wish.solver != FOLLOWS and iterate.mask.shape == shape
+            is_due = time.perf_counter() - last_shown > pause
+            if is_due and (still is None or follows):
                 sofar = shown_as(iterate)
-                self.show(Answer(wish, Stage.ITERATE, still, sofar, held))
+                if still is not None:
+                    self._last = iterate
+                of = still or Still.of(subject, sofar)
+                self.show(Answer(wish, Stage.ITERATE, of, sofar, held))
                 last_shown = time.perf_counter()
-            return self.is_stale()
+            return self.is_stale() and base is not None
 
         return watch
 

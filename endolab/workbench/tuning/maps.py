@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -43,25 +43,19 @@ NEED_UNCERTAINTY = ("σ", "what determined each pixel")
 LEFT_OUT: Colour = (128, 128, 128)
 
 
-@dataclass(frozen=True)
-class Sent:
-    """A map as it is sent: numbers with their scale, or a picture with its keys, or why there is none."""
+# How a map is shown, or why there is none; with its numbers, (H, W), or its picture, (H, W, 4) bytes.
+Sent = tuple[dict[str, Any], NDArray | None]
 
-    spec: dict[str, Any]
-    values: FloatArray | None = None  # (H, W)
-    picture: NDArray[np.uint8] | None = None  # (H, W, 4)
 
-    @property
-    def kind(self) -> str:
-        """Its numbers are floats, or bytes."""
-        return "f4" if self.picture is None else "u1"
-
-    @property
-    def content(self) -> bytes:
-        """What is sent."""
-        if self.picture is not None:
-            return self.picture.tobytes()
-        return np.asarray(self.values, np.float32).tobytes()
+def as_buffers(arrays: Mapping[str, NDArray]) -> tuple[list[tuple[str, str]], list[bytes]]:
+    """Arrays as they are sent: names, each with its kind, bytes or floats, and contents."""
+    names = []
+    buffers = []
+    for name, array in arrays.items():
+        kind = "u1" if array.dtype == np.uint8 else "f4"
+        names.append((name, kind))
+        buffers.append(array.astype(kind).tobytes())
+    return names, buffers
 
 
 def rgba(picture: FloatArray) -> NDArray[np.uint8]:
@@ -93,9 +87,9 @@ def still_of(
     }
     arrays = {
         "picture": rgba(problem.shown),
-        "rays": np.nan_to_num(problem.field.rays).astype(np.float32),
+        "rays": np.nan_to_num(problem.field.rays),
         "cuts": cuts,
-        "truth": np.empty(0, np.float32) if truth is None else truth.astype(np.float32),
+        "truth": np.empty(0) if truth is None else truth,
     }
     return facts, arrays
 
@@ -116,11 +110,11 @@ def map_of(name: str, answer: Answer, engine: Engine, held: Held) -> Sent:
         title = f"[of 255], {100 * quiet:.0f} % within the noise"
         return _numbers(held, name, answer.residual, title)
     if name == "normals":
-        return Sent({"title": "(n + 1)/2"}, picture=rgba((result.normals + 1) / 2))
+        return {"title": "(n + 1)/2"}, rgba((result.normals + 1) / 2)
     if name == "contours":
         return _contours(answer)
     if not answer.is_final:
-        return Sent({"empty": "once the hand rests"})
+        return {"empty": "once the hand rests"}, None
     if name == "spread over λ":
         several = engine.curve_of(answer)
         logs = np.stack([one.result.iterate.log_distance for one in several])
@@ -134,14 +128,14 @@ def map_of(name: str, answer: Answer, engine: Engine, held: Held) -> Sent:
         )
     uncertainty = answer.uncertainty
     if uncertainty is None:
-        return Sent({"empty": "press find σ"})
+        return {"empty": "press find σ"}, None
     if name == "σ":
         percent = 100 * uncertainty.sigma / result.distance
         median = np.nanmedian(percent)
         return _numbers(held, name, percent, f"of the distance [%], median {median:.2g}")
     colours = np.array([(*LEFT_OUT, 0), *((*one, 255) for one in SOURCE_COLOURS.values())])
     picture = colours.astype(np.uint8)[uncertainty.dominant_source]
-    return Sent({"title": "", "keys": [*SOURCE_COLOURS.items()]}, picture=picture)
+    return {"title": "", "keys": [*SOURCE_COLOURS.items()]}, picture
 
 
 def _numbers(held: Held, name: str, values: FloatArray, title: str, unit: str = "") -> Sent:
@@ -157,7 +151,7 @@ def _numbers(held: Held, name: str, values: FloatArray, title: str, unit: str = 
         "high": high,
         "log": scale.kind == "log",
     }
-    return Sent(spec, values)
+    return spec, values
 
 
 def _contours(answer: Answer) -> Sent:
@@ -177,4 +171,4 @@ def _contours(answer: Answer) -> Sent:
         picture[where, :3] = colour
         if where.any():
             keys.append((text, colour))
-    return Sent({"title": "and highlights", "keys": keys}, picture=picture)
+    return {"title": "and highlights", "keys": keys}, picture

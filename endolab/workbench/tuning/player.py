@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from endolab.workbench.tuning.engine import Answer
+from endolab.workbench.tuning.maps import as_buffers
 from endolab.workbench.tuning.surface_view import page_script
 
 PAGE = """<!DOCTYPE html>
@@ -59,14 +60,9 @@ def write_page(
     title: str,
 ) -> str:
     """Return the page: what the tuner's page needs at first, arrays that stay, rows and packed maps of λ."""
-    still = [
-        (
-            name,
-            "u1" if array.dtype == np.uint8 else "f4",
-            base64.b64encode(array.tobytes()).decode(),
-        )
-        for name, array in arrays.items()
-    ]
+    names, buffers = as_buffers(arrays)
+    texts = [base64.b64encode(buffer).decode() for buffer in buffers]
+    still = [(*name, text) for name, text in zip(names, texts, strict=True)]
     content = {"facts": facts, "first": first, "rows": rows, "still": still, **maps}
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
     script = page_script("tuner.js").replace("export default { render };", "")

@@ -57,10 +57,7 @@ class Page:
         self.title = title
         if origin is not None and not re.fullmatch(r"https?://[\w.:[\]-]+/?", origin):
             raise ValueError(f"an origin is like https://lab.example.org, got {origin!r}")
-        # As browsers write it: without the port that its scheme has anyway.
-        self.origin = origin and re.sub(
-            "(?<=^http)(:.*):80$|(?<=^https)(:.*):443$", r"\1\2", origin.lower().rstrip("/")
-        )
+        self.origin = origin and origin.lower().rstrip("/")
         with one_sentence(f"cannot listen on port {port}"):
             self._socket = socket.create_server(("127.0.0.1", port))
         self._place = f"/{secrets.token_hex(24)}/"  # which nobody can guess

@@ -6,11 +6,13 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from endolab.frames.frame import Frame
+from endolab.io.images import read_frame
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -40,8 +42,8 @@ class Knobs(Settings):
     """One position of all the knobs: the options of a reconstruction, and what is looked at."""
 
     width: int = 320  # columns of the frame, px
-    # Rendered and looked at; None: the frame that the tuner was given.
-    scene: str | None = "colon"
+    # Rendered and looked at; or the number of a picture, 0 for the frame that the tuner was given.
+    scene: str | int = "colon"
     noise: float = 0.0  # of a rendered frame: standard deviation, grey levels of 255
     # What the solver believes of light spread and response; None: as calibrated. A frame is
     # rendered by the calibration, whatever the solver believes.
@@ -105,13 +107,14 @@ class Subject:
     frame: Frame
     calibration: Calibration  # of the frame's size, as it is; not as the solver believes
     truth: FloatArray | None = None  # true distance, (H, W), mm; nan where unknown
+    path: Path | None = None  # of the picture that it was read from
 
 
 class Source:
     """Where subjects come from; remembers the last few.
 
-    Scenes are rendered by the calibration; `truth`, (H, W), mm, is of the frame. Raises ValueError
-    if they are not of one size.
+    Scenes are rendered by the calibration; `pictures` are frames to choose among, of which `frame` is the
+    first, and `truth`, (H, W), mm, is of it. Raises ValueError if they are not of one size.
     """
 
     def __init__(
@@ -119,12 +122,10 @@ class Source:
         calibration: Calibration,
         frame: Frame | None = None,
         truth: FloatArray | None = None,
+        pictures: Sequence[Path] = (),
     ) -> None:
         self.calibration = calibration
-        self._given: Subject | None = None
-        if frame is not None:
-            known = calibration.fit(frame.name, frame.width, frame.height)
-            self._given = Subject(frame, known, truth)
+        self.pictures = list(pictures)
         if truth is not None:
             shape = None if frame is None else frame.mask.shape
             if truth.shape != shape:
@@ -132,17 +133,29 @@ class Source:
             # Comparisons with nan, where it is unknown, are false.
             if not np.any(truth > 0) or np.any(truth <= 0) or np.any(np.isinf(truth)):
                 raise ValueError("truth must be positive, or nan where it is unknown")
-        self._rendering = threading.Lock()
-        self._rendered = lru_cache(6)(self._render)  # the last six scenes
+        self._given: Subject | None = None
+        if frame is not None:
+            known = calibration.fit(frame.name, frame.width, frame.height)
+            self._given = Subject(frame, known, truth, next(iter(pictures), None))
+        self._making = threading.Lock()
+        self._rendered = lru_cache(6)(self._render)
+        self._opened = lru_cache(2)(self._open)
 
     def subject(self, settings: Knobs) -> Subject:
-        """The frame that the settings call for; ValueError, in one sentence, if there is none."""
-        if settings.scene is not None:
-            with self._rendering:  # two threads that ask at once get the same subject
-                return self._rendered(settings.scene, settings.width, settings.noise)
-        if self._given is None:
-            raise ValueError("there is no frame to look at: choose a scene")
-        return self._given
+        """The frame that the settings call for; OSError or ValueError, in one sentence, if there is none."""
+        scene = settings.scene
+        with self._making:  # two threads that ask at once get the same subject
+            if isinstance(scene, str):
+                return self._rendered(scene, settings.width, settings.noise)
+            if self._given is None:
+                raise ValueError("there is no frame to look at: choose a scene")
+            return self._opened(scene) if scene else self._given
+
+    def _open(self, number: int) -> Subject:
+        path = self.pictures[number]
+        frame = read_frame(path, self.calibration)
+        known = self.calibration.fit(frame.name, frame.width, frame.height)
+        return Subject(frame, known, path=path)
 
     def _render(self, scene: str, width: int, noise: float) -> Subject:
         if scene not in SCENES:
@@ -150,6 +163,8 @@ class Source:
         whole = self.calibration.camera
         height = max(1, round(whole.height * width / whole.width))
         camera = whole.resize(width, height)
-        shown = render(SCENES[scene], camera, self.calibration.photometry, noise=noise)
+        # As a picture file holds it, so that an export is what is shown.
+        light = self.calibration.photometry
+        shown = render(SCENES[scene], camera, light, noise=noise, bits=16)
         known = replace(self.calibration, camera=camera, photometry=shown.photometry)
         return Subject(Frame(shown.image, shown.mask, scene), known, shown.distance)

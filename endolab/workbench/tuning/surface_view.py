@@ -55,7 +55,7 @@ class SurfaceView(anywidget.AnyWidget):
         facts, arrays = still_of(shown.problem, None)
         with self.hold_sync():  # one message
             self.facts = facts
-            self.rays = arrays["rays"].tobytes()
+            self.rays = arrays["rays"].astype("f4").tobytes()
             self.cuts = arrays["cuts"].tobytes()
             self.picture = rgba(colours).tobytes()
             self.far = np.where(shown.mask, shown.distance, np.nan).astype("f4").tobytes()

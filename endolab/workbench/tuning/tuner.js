@@ -11,6 +11,7 @@ const HELP = { Enter: "ask anew: light, contours, scales as the knobs are now", 
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
 const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"];
 const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
+const RESTS = 250; // ms without a picture, after which the hand rests
 const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97];
 
 // Adds one knob; returns what shows a value in it. `turn` is called with another.
@@ -82,10 +83,17 @@ function render({ model, el }) {
   for (const name of ["preset ...", ...facts.presets]) preset.add(new Option(name));
   preset.onchange = () => { send("preset", preset.value); preset.selectedIndex = 0; };
   const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.", () => keep_or_drop());
+  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => send("sigma"), live);
+  const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
+  button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
+    async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
+  button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
+  button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
+  // What comes and goes stands behind what stays.
   const side = add("input", "endolab-wipe", actions, { type: "range", min: 0, max: 1, step: 0.01, value: 0.5, hidden: true, ariaLabel: "wipe",
     title: "Left of this the maps show A, right of it B." });
   side.oninput = () => { wipe = Number(side.value); draw(); };
-  const film = add("span", "endolab-film", live, { hidden: true });
+  const film = add("span", "endolab-film", actions, { hidden: true });
   const play = button("▶", "Play the way of the solver to this answer.", () => toggle(), film);
   const place = add("input", "", film, { type: "range", min: 1, step: 1, ariaLabel: "iterate" }), says = add("span", "", film);
   place.oninput = () => send("iterate", Number(place.value));
@@ -95,13 +103,7 @@ function render({ model, el }) {
     playing = on ? setInterval(() => { place.value = Number(place.value) % place.max + 1; place.oninput(); }, 120) : 0;
     play.textContent = on ? "⏸" : "▶";
   };
-  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => send("sigma"), live);
-  const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
-  button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
-    async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
-  button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
-  button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
-  const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "", status);
+  const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "endolab-chips", status);
 
   // Panels
   const stage = add("div", "endolab-stage", root);
@@ -199,10 +201,12 @@ function render({ model, el }) {
     if (kept && wipe < 1 && ["distance", "model - frame", "error"].includes(name)) {
       const share = wipe * w;
       pen.drawImage(canvas({ ...map, ...map_of(name, kept.arrays), low: map.low, high: map.high }), x, y, share, h, left, top, scale * share, scale * h);
-      Object.assign(pen, { strokeStyle: GREEN, fillStyle: GREEN, lineWidth: 2, textBaseline: "top" });
-      pen.strokeRect(left + scale * share, top, 0, scale * h);
-      pen.fillText("A", left + scale * share - 12, top + 2);
-      pen.fillText("B", left + scale * share + 5, top + 2);
+      const x_wipe = left + scale * share;
+      Object.assign(pen, { strokeStyle: GREEN, fillStyle: GREEN, lineWidth: 2, textBaseline: "top", textAlign: "center" });
+      pen.strokeRect(x_wipe, top, 0, scale * h);
+      pen.fillRect(x_wipe - 16, top, 32, 15);
+      pen.fillStyle = "white";
+      pen.fillText("A   B", x_wipe, top + 2);
     }
     const at = (u, v) => [left + scale * (u - x), top + scale * (v - y)];
     pen.save();
@@ -258,7 +262,7 @@ function render({ model, el }) {
     if (has_errors) lines.push({ x: curve.lams, y: curve.errors.map((one) => one ?? NaN), colour: BLACK, name: "error [%]", right: true });
     panel.dots = curve.lams.map((lam, i) => ({ x: lam, y: height_of(curve.explained[i]), colour: lam === curve.now ? RED : BLUE,
       text: lam === curve.now ? short(lam, 2) : "" }));
-    if (curve.best) panel.dots.push({ x: curve.best, y: height_of(0.99), colour: GREEN, text: short(curve.best, 2) });
+    if (curve.best) panel.dots.push({ x: curve.best, y: height_of(0.99), colour: GREEN }); // the title tells it
     const rules = [{ y: height_of(0.99), colour: "#009e7388" }, ...(curve.best ? [{ x: curve.best, colour: "#009e7388" }] : [])];
     panel.axes = draw_chart(pen, wide, tall, { x: { label: "λ", low: 10 ** range[0], high: 10 ** range[1], log: true }, y, lines, dots: panel.dots, rules,
       right: has_errors ? { low: 0, high: most } : undefined }, colours);
@@ -273,13 +277,16 @@ function render({ model, el }) {
       y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, colours);
   };
 
-  // The surface may take long where no graphics card helps: while the hand moves it is drawn in a fifth of the time.
-  let drawn = 0, took = 0;
+  // The surface may take long where no graphics card helps: it is fine at rest; while pictures come it is drawn in a fifth of the time.
+  let drawn = 0, took = 0, came = 0, rest;
   const draw_surface = (panel) => {
     if (view.parentNode !== panel.body) { pen_of(panel); panel.body.append(view); }
     const started = performance.now(), { width, height } = now.still, { distance, rays, cuts } = now.arrays;
-    if (!surface.gl || (now.moving && started < drawn + 5 * took)) return;
-    const step = Math.ceil(Math.max(width, height) / (now.moving ? 160 : 320)), on = now.knobs.texture ?? "frame";
+    clearTimeout(rest);
+    const moves = started < came + RESTS;
+    if (moves) rest = setTimeout(() => { if (panel.name === "3D") draw_surface(panel); }, RESTS);
+    if (!surface.gl || (moves && started < drawn + 5 * took)) return;
+    const step = Math.ceil(Math.max(width, height) / (moves ? 160 : 320)), on = now.knobs.texture ?? "frame";
     if (laid?.cuts !== cuts || laid.step !== step) surface.lay({ rays, cuts, width, height }, step);
     if (laid?.cuts !== cuts || laid.on !== on || on !== "frame") {
       const map = map_of(on), one = map.empty ? map_of("frame") : map;
@@ -411,6 +418,7 @@ function render({ model, el }) {
       Object.assign(place, { max: message.path.count, value: message.path.place });
       says.textContent = message.path.text;
     }
+    if (message.number) came = performance.now();
     const arrays = (message.names ?? []).map(([name]) => name);
     draw(message.still ? undefined : new Set([...arrays, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
     if (message.number) requestAnimationFrame(() => setTimeout(() => {

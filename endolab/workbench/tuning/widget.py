@@ -18,13 +18,14 @@ import anywidget
 import numpy as np
 import traitlets as t
 from matplotlib import colormaps
+from numpy.typing import NDArray
 
 from endolab.frames.frame import Frame
 from endolab.io import datasets
 from endolab.io.atomic import read_bytes, stage_folder, write_atomically
 from endolab.io.descriptions import write_calibration
 from endolab.io.held import save_held
-from endolab.io.images import read_frame, write_image
+from endolab.io.images import write_image
 from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -47,6 +48,7 @@ from endolab.workbench.tuning.engine import (
 from endolab.workbench.tuning.maps import (
     NEED_UNCERTAINTY,
     PANELS,
+    as_buffers,
     map_of,
     rgba,
     still_of,
@@ -63,6 +65,18 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": PAPER | {"contours": False, "highlights": "keep"},
     "fastest": {"channel": "green", "solver": "fast_marching"},
 }
+# What an export makes its answer again by.
+RESULT = """from pathlib import Path
+
+import endolab as el
+from endolab.io.settings import read_settings
+
+here = Path(__file__).parent
+calibration = el.load_calibration(here / "endoscope.json")
+calibration = read_settings(here / "settings.json").apply(calibration)  # what is believed
+frame = el.read_frame(here / "{picture}", calibration{mask})
+result = el.reconstruct(frame, calibration, {given})
+"""
 # What the page makes by itself.
 OWN_PANELS = {"frame", "section", "3D", "λ curve", "error", "B / A - 1", "energy"}
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
@@ -116,8 +130,7 @@ def tune(
 class TunerBox(anywidget.AnyWidget):
     """The tuner's widget; `tune` makes it.
 
-    `knobs` are what the page's controls say, `answer` is what is shown, and `pictures` are frames to choose
-    among, of which `frame` is the first. Each action of the page is a method.
+    `knobs` are what the page's controls say, `answer` is what is shown. Each action of the page is a method.
     """
 
     _esm = page_script("tuner.js")
@@ -134,29 +147,25 @@ class TunerBox(anywidget.AnyWidget):
         pictures: Sequence[Path] = (),
     ) -> None:
         self.answer: Answer | None = None
-        self.frame = 0  # which of the pictures is looked at
+        self._settled: Answer | None = None  # the last that was final
         self.panels: Sequence[str] = PANELS[:6]
-        self._calibration = calibration
-        self._pictures = list(pictures)
         self._visited: list[Knobs] = []  # for undo
         self._limits: dict[
             str, tuple[float, float]
         ] = {}  # of maps, held until all is asked anew
         self._number = 0  # of the last picture
-        self._drawn: Knobs | None = None  # what the λ curve is of
         self._said = ""  # what the last answer that was asked anew has changed
         self._elsewhere = 0.0  # % of the pixels that were elsewhere before
         self._free = threading.Event()  # the page has painted it
         self._free.set()
+        source = Source(calibration, frame, truth, pictures)
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
         start = Knobs(scene=scene, width=width)
-        shown: str | int = scene
         if frame is not None:
-            start = Knobs(scene=None, width=width, channel="auto")
-            shown = 0
-            names = [frame.name, *(path.name for path in self._pictures[1:])]
+            start = Knobs(scene=0, width=width, channel="auto")
+            names = [frame.name, *(path.name for path in pictures[1:])]
             scenes = [(name, number) for number, name in enumerate(names)] + scenes
-        self._first = vars(start) | {"scene": shown, "texture": "frame"}
+        self._first = vars(start) | {"texture": "frame"}
         self.knobs = dict(self._first)
         # What the knobs cannot know: the choices, and what None stands for.
         known: dict[str, dict[str, Any]] = {
@@ -173,7 +182,6 @@ class TunerBox(anywidget.AnyWidget):
             for spec in knob_specs()
             if spec["name"] != "fov" or "fov" in known
         ]
-        source = Source(calibration, frame, truth)
         super().__init__(facts=self._facts())
         self.on_msg(self._hear)
         self.engine = Engine(source, self._show, self._note, self._refuse)
@@ -212,23 +220,18 @@ class TunerBox(anywidget.AnyWidget):
         try:
             actions[content["do"]](*content["given"], *map(bytes, buffers))
         except Exception as error:
-            self._refuse((str(error).strip() or type(error).__name__).splitlines()[0])
+            self._say_wrong((str(error).strip() or type(error).__name__).splitlines()[0])
 
     def settings(self) -> Knobs:
         """Return what the knobs say."""
-        values = {name: value for name, value in self.knobs.items() if name != "texture"}
-        if not isinstance(values["scene"], str):
-            values["scene"] = None
-        return Knobs(**values)
+        return Knobs(
+            **{name: value for name, value in self.knobs.items() if name != "texture"}
+        )
 
     def turn(self, values: dict[str, Any], anew: bool = False) -> None:
         """Turn some knobs, and ask for what they say; returns at once."""
         before = self.knobs
         self.knobs = before | values
-        scene = self.knobs["scene"]
-        if isinstance(scene, int) and scene != self.frame:
-            self._open(scene)
-            anew = True
         if self.knobs["texture"] != before["texture"]:
             self._send_all()
         self.engine.ask(self.settings(), anew)
@@ -248,13 +251,12 @@ class TunerBox(anywidget.AnyWidget):
         if len(self._visited) > 1 and self.settings() == self._visited[-1]:
             self._visited.pop()
         if self._visited:
-            wanted = self._visited[-1]
-            scene = self.frame if wanted.scene is None else wanted.scene
-            self.set_knobs(vars(wanted) | {"scene": scene})
+            self.set_knobs(vars(self._visited[-1]))
 
     def reset(self) -> None:
-        """All knobs as they were at first."""
-        self.set_knobs(self._first | ({"scene": self.frame} if self._pictures else {}))
+        """All knobs as they were at first; a picture stays."""
+        scene = self.knobs["scene"]
+        self.set_knobs(self._first | ({"scene": scene} if isinstance(scene, int) else {}))
 
     def preset(self, name: str) -> None:
         """Set all options of a reconstruction at once; the frame and what is believed stay."""
@@ -264,20 +266,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def step(self, by: int) -> None:
         """Look at the next frame, or the one before."""
-        if 0 <= self.frame + by < len(self._pictures):
-            self.set_knobs({"scene": self.frame + by})
-
-    def _open(self, index: int) -> None:
-        """Look at another frame; one that cannot be used is passed by with a sentence, and the last stays."""
-        try:
-            frame = read_frame(self._pictures[index], self._calibration)
-        except (OSError, ValueError, MemoryError) as error:
-            self.knobs["scene"] = self.frame
-            self.send({"knobs": self.knobs})
-            raise ValueError(f"{error}: the frame before is still shown") from error
-        self.engine.source = Source(self._calibration, frame)
-        self.frame = index
-        self._visited = []
+        scene = self.knobs["scene"]
+        if isinstance(scene, int) and 0 <= scene + by < len(self.engine.source.pictures):
+            self.set_knobs({"scene": scene + by})
 
     def _choose(self, names: list[str]) -> None:
         """Show other panels."""
@@ -314,36 +305,46 @@ class TunerBox(anywidget.AnyWidget):
 
     # What is shown -----------------------------------------------------------------------
 
-    def _refuse(self, sentence: str) -> None:
+    def _say_wrong(self, sentence: str) -> None:
         self.send({"line": sentence, "tone": "endolab-wrong"})
+
+    def _refuse(self, sentence: str) -> None:
+        """Say what the engine cannot answer; of a picture that cannot be read the one before stays."""
+        answer = self.answer
+        if answer is not None and answer.settings.scene != self.knobs["scene"]:
+            sentence += ": the frame before is still shown"
+            self.knobs["scene"] = answer.settings.scene
+            self.send({"knobs": self.knobs})
+        self._say_wrong(sentence)
 
     def _show(self, answer: Answer) -> None:
         """Show an answer, once the page has painted the one before; in the engine's thread."""
         if not answer.is_final:
             self._free.wait(PAINTING)
-        before = self.answer
+        is_new = self.answer is None or answer.still is not self.answer.still
         self.answer = answer
-        if answer.is_final and self._visited[-1:] != [answer.settings]:
-            self._visited.append(answer.settings)
-        is_new = before is None or answer.still is not before.still
         if is_new:
             self._limits = {}
-            self._compare(before, answer)
+            if answer.is_final:
+                self._compare(self._settled, answer)
+        if answer.is_final:
+            self._settled = answer
+            if self._visited[-1:] != [answer.settings]:
+                self._visited.append(answer.settings)
         self._send_answer(answer, still=is_new)
 
     def _compare(self, before: Answer | None, answer: Answer) -> None:
         """Note what asking anew has changed."""
         self._said = ""
         self._elsewhere = 0.0
-        if before is None or before.settings != answer.settings or not before.is_final:
+        if before is None or before.still.subject is not answer.still.subject:
             return
         old = before.result
         new = answer.result
-        if (
-            old.mask.shape == new.mask.shape
-            and before.still.subject is answer.still.subject
-        ):
-            self._said = what_changed(old, new, answer.contours - before.contours)
+        if old.mask.shape != new.mask.shape:
+            return
+        self._said = what_changed(old, new, answer.contours - before.contours)
+        if before.settings == answer.settings:
             change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
             self._elsewhere = 100 * float(np.mean(change > ELSEWHERE))
 
@@ -353,7 +354,6 @@ class TunerBox(anywidget.AnyWidget):
         answer = self.answer
         if answer is not None:
             self._send_answer(answer, still=True)
-            self._note()
         else:
             self._send_frame()
 
@@ -366,45 +366,38 @@ class TunerBox(anywidget.AnyWidget):
         height, width = picture.shape[:2]
         still = {"width": width, "height": height, "unit": "mm", "metric": True}
         still["window"] = [0, 0, width, height]
-        content = {"still": still, "names": [("picture", "u1")], "line": "solving ..."}
-        self.send(content | {"knobs": self.knobs}, [rgba(picture).tobytes()])
+        content = {"still": still, "line": "solving ...", "knobs": self.knobs}
+        self._send_arrays(content, {"picture": rgba(picture)})
+
+    def _send_arrays(self, message: dict[str, Any], arrays: dict[str, NDArray]) -> None:
+        names, buffers = as_buffers(arrays)
+        self.send(message | {"names": names}, buffers)
 
     def _send_answer(self, answer: Answer, still: bool = False, **more: Any) -> None:
         """Send an answer in one message: words, maps, and with `still` what stays meanwhile."""
-        names: list[tuple[str, str]] = []
-        buffers: list[bytes] = []
-        message = more
+        message = more | self._words(answer)
+        arrays: dict[str, NDArray] = {}
         if answer.is_final:
-            message["path"] = self._path(answer, len(answer.path))
+            message |= {"path": self._path(answer, len(answer.path))}
             message["energy"] = _energy(answer)
         if still:
             facts, arrays = still_of(answer.result.problem, answer.still.truth)
-            message["still"] = facts
-            message |= {"anew": not self._limits, "knobs": self.knobs}
-            for name, array in arrays.items():
-                names.append((name, "u1" if array.dtype == np.uint8 else "f4"))
-                buffers.append(array.tobytes())
+            message |= {"still": facts, "anew": not self._limits, "knobs": self.knobs}
         maps = {}
         wanted = {"distance", "model - frame", *self.panels, self.knobs["texture"]}
         for name in wanted - OWN_PANELS:
-            sent = map_of(name, answer, self.engine, self._limits)
-            maps[name] = sent.spec
-            if "empty" not in sent.spec:
-                names.append((name, sent.kind))
-                buffers.append(sent.content)
-        if not answer.is_final and not self._is_of_curve(answer):
-            message["curve"] = {"title": ""}
+            maps[name], array = map_of(name, answer, self.engine, self._limits)
+            if array is not None:
+                arrays[name] = array
         self._number += 1
         self._free.clear()
-        message |= self._words(answer)
         message |= {
-            "names": names,
             "maps": maps,
             "number": self._number,
             "asked": self._asked_for(answer),
             "moving": not answer.is_final,
         }
-        self.send(message, buffers)
+        self._send_arrays(message, arrays)
 
     def _asked_for(self, answer: Answer) -> dict[str, float]:
         """Numbers of the knobs that an answer is of."""
@@ -429,6 +422,7 @@ class TunerBox(anywidget.AnyWidget):
             "badge": "" if answer.held is None else "held",
             "line": describe(answer.result, answer.explained, answer.stage, answer.errors),
             "tone": "",
+            "curve": self._curve(answer),
         }
         if answer.stage == Stage.ANEW and self._said:
             words["line"] = f"{self._said} · {words['line']}"
@@ -457,34 +451,28 @@ class TunerBox(anywidget.AnyWidget):
         return self.engine.best_lam(answer) if answer.uses_lam else (None, True)
 
     def _note(self) -> None:
-        """Send what is known of λ."""
-        answer = self.answer
-        if answer is None:
-            return
+        """Send what is known of λ now."""
+        if self.answer is not None:
+            self.send(self._words(self.answer))
+
+    def _curve(self, answer: Answer) -> dict[str, Any]:
+        """What each λ explains that was tried with the solver, the light and the contours of an answer."""
         if not answer.uses_lam:
-            title = f"{answer.settings.solver.replace('_', ' ')} has no λ"
-            self.send({"curve": {"title": title}})
-            return
-        self._drawn = answer.settings
-        best, at_least = self._best_lam(answer)
+            return {"title": f"{answer.settings.solver.replace('_', ' ')} has no λ"}
         tried = self.engine.curve_of(answer)
+        if not tried:
+            return {"title": ""}
+        best, at_least = self._best_lam(answer)
+        tells = len(tried) > 3  # of fewer nothing follows
         errors = [one.errors for one in tried]
-        curve = {
-            "title": _curve_title(best, at_least) if len(tried) > 2 else "",
+        return {
+            "title": _curve_title(best, at_least) if tells else "",
             "lams": [one.settings.lam for one in tried],
             "explained": [one.explained for one in tried],
             "errors": [None if one is None else one[0] for one in errors],
-            "best": best,
+            "best": best if tells else None,
             "now": answer.settings.lam,
         }
-        self.send({"curve": curve} | (self._words(answer) if answer.is_final else {}))
-
-    def _is_of_curve(self, answer: Answer) -> bool:
-        """Whether an answer differs by λ alone from those of the curve that is shown."""
-        drawn = self._drawn
-        return (
-            drawn is not None and replace(drawn, lam=answer.settings.lam) == answer.settings
-        )
 
     def _path(self, answer: Answer, place: int) -> dict[str, Any]:
         """Which iterate of the last run is shown."""
@@ -500,50 +488,14 @@ class TunerBox(anywidget.AnyWidget):
     def python(self) -> str:
         """Return the Python that makes the one answer; it runs where its export lies."""
         answer = self._final()
-        saved = answer.settings.solving_settings(answer.still.subject)
-        lines = [
-            "from dataclasses import replace",
-            "from pathlib import Path",
-            "",
-            "import endolab as el",
-            "",
-            "here = Path(__file__).parent",
-            'calibration = el.load_calibration(here / "endoscope.json")',
-        ]
-        if answer.settings.scene is None:
-            mask = (
-                "" if answer.still.subject.frame.mask.all() else ', mask=here / "mask.png"'
-            )
-            lines.append(f'frame = el.read_frame(here / "{self._picture_name()}"{mask})')
-        else:
-            lit = f"calibration.photometry, noise={answer.settings.noise!r}"
-            scene = f"el.SCENES[{answer.settings.scene!r}]"
-            lines += [
-                f"view = el.render({scene}, calibration.camera, {lit})",
-                "frame = el.Frame(view.image, view.mask)",
-            ]
-        light = dict(saved.photometry)
-        if "albedo" in light:
-            albedo = light.pop("albedo")
-            light["brdf"] = f"el.Lambertian({albedo!r})"
-        changes = ", ".join(
-            f"{name}={value if name == 'brdf' else repr(value)}"
-            for name, value in light.items()
-        )
-        if changes:
-            believed = f"replace(calibration.photometry, {changes})"
-            lines.append(f"calibration = replace(calibration, photometry={believed})")
-        else:
-            lines.remove("from dataclasses import replace")
+        subject = answer.still.subject
+        saved = answer.settings.solving_settings(subject)
         given = [f"{name}={value!r}" for name, value in saved.keywords.items()]
         if answer.held is not None:
-            lines.append('held = el.load_held(here / "held.npz")')
-            given.insert(0, "held=held")
-        lines.append(f"result = el.reconstruct(frame, calibration, {', '.join(given)})")
-        return "\n".join([*lines, ""])
-
-    def _picture_name(self) -> str:
-        return self._pictures[self.frame].name if self._pictures else "frame.png"
+            given.insert(0, 'held=el.load_held(here / "held.npz")')
+        mask = "" if subject.frame.mask.all() else ', mask=here / "mask.png"'
+        picture = "frame.png" if subject.path is None else subject.path.name
+        return RESULT.format(picture=picture, mask=mask, given=", ".join(given))
 
     def export(
         self, folder: str | Path, *, overwrite: bool = False, board: bytes | None = None
@@ -578,22 +530,17 @@ class TunerBox(anywidget.AnyWidget):
             if answer.held is not None:
                 save_held(answer.held, staging / "held.npz")
                 saved = replace(saved, held="held.npz")
-            if answer.settings.scene is None:
-                self._write_frame(subject.frame, staging)
+            if subject.path is not None:
+                write_atomically(staging / subject.path.name, read_bytes(subject.path))
+            else:
+                write_image(staging / "frame.png", subject.frame.image, bits=16)
+            if not subject.frame.mask.all():
+                write_image(staging / "mask.png", subject.frame.mask.astype(float))
             known = answer.settings.endoscope(subject.calibration)
             write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
             write_atomically(staging / "result.py", self.python().encode())
         return Path(folder)
-
-    def _write_frame(self, frame: Frame, folder: Path) -> None:
-        path = folder / self._picture_name()
-        if self._pictures:
-            write_atomically(path, read_bytes(self._pictures[self.frame]))
-        else:
-            write_image(path, frame.image, bits=16)
-        if not frame.mask.all():
-            write_image(folder / "mask.png", frame.mask.astype(float))
 
     def _export_aside(self, name: str, board: bytes) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile."""
@@ -618,8 +565,8 @@ class TunerBox(anywidget.AnyWidget):
         lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
         answers = variants(answer, lams, REGULARISERS)
         held = self._limits
-        residual = map_of("model - frame", answer, self.engine, held).spec
-        distance = map_of("distance", answer, self.engine, held).spec
+        residual, _ = map_of("model - frame", answer, self.engine, held)
+        distance, _ = map_of("distance", answer, self.engine, held)
         rows = []
         for one in answers:
             errors = one.errors
@@ -634,12 +581,8 @@ class TunerBox(anywidget.AnyWidget):
                 row["curve"] = {"title": _curve_title(*best), "best": best[0]}
         still, arrays = still_of(answer.result.problem, answer.still.truth)
         knobs = {"lam": answer.settings.lam, "regulariser": "second", "texture": "frame"}
-        specs = [spec for spec in self._specs if spec["name"] in knobs]
-        specs = [
-            spec | ({"options": [*REGULARISERS]} if "range" not in spec else {})
-            for spec in specs
-            if spec["name"] != "texture"
-        ]
+        specs = [spec for spec in self._specs if spec["name"] in ("lam", "regulariser")]
+        specs[1] = specs[1] | {"options": [*REGULARISERS]}
         alone = {"specs": specs, "alone": True, "panels": [*PANELS[:8]], "presets": []}
         first = {"still": still, "knobs": knobs, "anew": True}
         first["maps"] = {"distance": distance, "model - frame": residual}

@@ -119,7 +119,6 @@ def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve
         (None, None),
         ("https://Lab.Example.org/", "https://lab.example.org"),
         ("http://10.0.0.2:8080", "http://10.0.0.2:8080"),
-        ("https://lab:443", "https://lab"),
     ],
 )
 def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(
