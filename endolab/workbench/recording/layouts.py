@@ -61,7 +61,7 @@ def _open_at(timeline: str, layout: rrb.Container) -> rrb.Blueprint:
 def _depth(shown: Shown) -> rrb.Spatial2DView:
     nearest, farthest = shown.limits
     title = f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}"
-    return shown.view(title, "depth", "mask")
+    return shown.view(title, "distance")
 
 
 def _residual(shown: Shown) -> rrb.Spatial2DView:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import rerun as rr
 
+from endolab.numerics.arrays import FloatArray
 from endolab.solvers.energy import model_image
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
@@ -20,6 +21,9 @@ RESIDUAL_COLOURS = {"left out": OPAQUE_BLACK} | {
     f"{LARGEST_RESIDUAL * share:+.2g}/255": tuple(colour)
     for share, colour in zip(np.linspace(-1, 1, len(SHADES)), SHADES, strict=True)
 }
+# A class for each hundredth of log distance, from a thousandth of a unit to 900 of them, and one for lines.
+STEPS, NEAREST, LINE = 100, 1e-3, 1400
+ROUNDS = np.outer(10.0 ** np.arange(-3, 3), [1, 2, 3, 5, 7]).ravel()
 USED_COLOURS = {"left out": OPAQUE_BLACK, "used": CLEAR}
 # The first three in the order of `Problem.evidence`.
 FINDING_COLOURS = {
@@ -42,10 +46,36 @@ def paint(iterate: Iterate, thin: Thinned, sparse: Thinned) -> dict[str, rr.AsCo
     points = iterate.points[sparse][problem.mask[sparse]].astype(np.float32)
     return {
         "depth": depth_map(iterate.distance[thin], problem.metric),
+        "distance": distance_codes(iterate.distance[thin]),
         "normals": rr.Image(facing),
         "residual": rr.SegmentationImage(shades, opacity=1.0),
         "world/cloud": rr.Points3D.from_fields(positions=points),
     }
+
+
+def distance_codes(distance: FloatArray) -> rr.SegmentationImage:
+    """Make a map of classes of distances, and of lines where these are round; 0 is unknown."""
+    known = np.nan_to_num(distance, nan=NEAREST)
+    codes = np.clip(STEPS * np.log(known / NEAREST), 0, LINE - 1).astype(np.uint16)
+    below = np.searchsorted(ROUNDS, known).astype(np.uint8)
+    codes[cv2.dilate(below, np.ones((3, 3))) > below] = LINE
+    codes[np.isnan(distance)] = 0
+    return rr.SegmentationImage(codes, opacity=1.0)
+
+
+def distance_classes(limits: tuple[float, float], unit: str) -> rr.AnnotationContext:
+    """Name the classes of distances, whose colours run from one limit to the other."""
+    codes = np.arange(1, LINE)
+    distances = NEAREST * np.exp((codes + 0.5) / STEPS)
+    low, high = np.log(limits)
+    place = np.clip(255 * (np.log(distances) - low) / max(high - low, 0.01), 0, 255)
+    colours = palette("distance")[place.astype(int)].tolist()
+    named = [
+        (int(code), f"{distance:.3g} {unit}", tuple(colour))
+        for code, distance, colour in zip(codes, distances, colours, strict=True)
+    ]
+    round_ones = (LINE, "a round distance", (255, 255, 255, 255))
+    return rr.AnnotationContext([(0, "left out", OPAQUE_BLACK), *named, round_ones])
 
 
 def paint_preparation(

@@ -26,6 +26,7 @@ from endolab.workbench.recording.layouts import ITERATIONS, Shown
 from endolab.workbench.recording.pictures import (
     OPAQUE_BLACK,
     RESIDUAL_COLOURS,
+    distance_classes,
     paint,
     paint_preparation,
 )
@@ -92,14 +93,15 @@ class Recorder:
     """An observer that logs iterates to a recording, as they come; see `record`.
 
     When a stage of the run begins: ``stage`` (its name), ``input``, ``mask``, ``prepared`` (highlights,
-    saturated pixels and contours), ``settings``, ``world/camera``, ``world/truth``. Per iterate: ``depth``
-    (distance), ``normals`` ((n + 1)/2), ``residual`` (model - image), ``world/cloud``, ``plots/<name>``,
-    ``log10/<name>`` of energy, terms and change, and ``log10/begins/<stage>`` where one begins. Scalars are
-    logged for every iterate, pictures for the first 20 of the solution, its last, and between them each
-    time k has grown by half; of the stages before it only for the first and the last, as there may be a
-    dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what was done about
-    indirect light and contours), and of how far it can be trusted, if that is added: ``uncertainty/sigma``
-    (% of the distance) and ``uncertainty/dominant_source``. Of several runs all names begin with the run's.
+    saturated pixels and contours), ``settings``, ``world/camera``, ``world/truth``. Per iterate: ``depth``,
+    ``distance`` (the same in logarithmic colours, with lines where it is round), ``normals`` ((n + 1)/2),
+    ``residual`` (model - image), ``world/cloud``, ``plots/<name>``, ``log10/<name>`` of energy, terms and
+    change, and ``log10/begins/<stage>`` where one begins. Scalars are logged for every iterate, pictures for
+    the first 20 of the solution, its last, and between them each time k has grown by half; of the stages
+    before it only for the first and the last, as there may be a dozen. The timeline "iteration" runs on over
+    all stages. At the end, static: ``end`` (what was done about indirect light and contours), and of how far
+    it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
+    ``uncertainty/dominant_source``. Of several runs all names begin with the run's.
     """
 
     def __init__(
@@ -275,6 +277,7 @@ class Recorder:
             self._log_pictures(last)
         self._sink.at(ITERATIONS, self._begun)
         self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
+        self._log("distance", distance_classes(limits, last.problem.unit))
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self._sink.log(f"{self._run}/{entity}", *what, static=static)

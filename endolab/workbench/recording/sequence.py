@@ -13,7 +13,11 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import common_limits, in_colour
 from endolab.workbench.recording.layouts import FRAMES, sequence
-from endolab.workbench.recording.pictures import USED_COLOURS
+from endolab.workbench.recording.pictures import (
+    USED_COLOURS,
+    distance_classes,
+    distance_codes,
+)
 from endolab.workbench.recording.stream import (
     Sink,
     as_bytes,
@@ -39,9 +43,9 @@ def record_sequence(
 ) -> None:
     """Record frames and what was made of them, in any order, whole or not at all.
 
-    Per frame, at its row's index: ``input``, ``depth`` (distance), ``mask``, ``normals`` ((n + 1)/2),
-    ``world/cloud`` and ``plots/<name>``; ``world/camera`` is the same for all. Distances are in `unit`. Maps
-    may be smaller than the picture; what is wider than 320 px is thinned.
+    Per frame, at its row's index: ``input``, ``depth``, ``distance`` (the same in logarithmic colours),
+    ``mask``, ``normals`` ((n + 1)/2), ``world/cloud`` and ``plots/<name>``; ``world/camera`` is the same for
+    all. Distances are in `unit`. Maps may be smaller than the picture; what is wider than 320 px is thinned.
     """
     limits = None  # of the colours of distances
     with Sink(path) as sink:
@@ -56,10 +60,12 @@ def record_sequence(
                 long = 0.2 * float(np.nanmedian(distance))
                 sink.log("world", rr.ViewCoordinates.RDF, static=True)
                 sink.log("world/camera", camera_shape(camera, long), static=True)
+                sink.log("distance", distance_classes(limits, unit), static=True)
                 sink.arrange(sequence(unit, limits, CURVES))
             sink.at(FRAMES, row["index"])
             sink.log("input", jpeg(picture[every(picture.shape[1], 320)]))
             sink.log("depth", depth_map(distance[thin], unit == "mm", limits))
+            sink.log("distance", distance_codes(distance[thin]))
             sink.log("mask", *classes(np.isfinite(distance[thin]), USED_COLOURS))
             sink.log("normals", jpeg((maps["normals"][thin] + 1) / 2))
             inside = np.isfinite(distance[sparse])
