@@ -167,7 +167,7 @@ def _paper(
     # Averaged over what one ray stands for.
     both = inside[1:, 1:] & inside[:-1, :-1]
     apart = np.hypot(np.diff(x, axis=1)[1:][both], np.diff(y, axis=1)[1:][both])
-    half = int(np.median(apart) / step / 2) if len(apart) else 0
+    half = int(np.nanmedian(apart) / step / 2) if len(apart) else 0
     blurred = cv2.blur(white, (2 * half + 1, 2 * half + 1))
     column, row = (np.where(inside, a / np.float32(step), 0) - 0.5 for a in (x, y))
     seen = cv2.remap(
