@@ -88,9 +88,13 @@ class Target:
 
     def white_places(self) -> FloatArray:
         """Places where bare paper can be read, (n, 3): x, y, and the radius that is bare, mm."""
+        return self._off_fold(self.bare)
+
+    def _off_fold(self, discs: FloatArray) -> FloatArray:
+        """Those discs that the fold does not cross."""
         if self.fold_x is None:
-            return self.bare
-        return self.bare[np.abs(self.bare[:, 0] - self.fold_x) > 0.99 * self.bare[:, 2]]
+            return discs
+        return discs[np.abs(discs[:, 0] - self.fold_x) > 0.99 * discs[:, 2]]
 
     @property
     def fold_x(self) -> float | None:
@@ -159,23 +163,32 @@ class DotGrid(Target):
         for_grey = (cells.sum(axis=1) % 2 == 0) & (self.greys is not None)
         return (cells + 0.5) * self.spacing, for_grey
 
+    @property
+    def _grey_radius(self) -> float:
+        """Of grey discs, mm; 0 if there are none."""
+        free = self.spacing / np.sqrt(2) - self.large
+        return 0.0 if self.greys is None else 0.75 * float(free)
+
     @cached_property
     def discs(self) -> FloatArray:  # noqa: D102
         dots = np.column_stack([self.points[:, :2], self.radii, 0 * self.radii])
         centres, for_grey = self._cells
-        radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
-        if self.fold_x is not None:
-            for_grey &= np.abs(centres[:, 0] - self.fold_x) > radius
-        greys = np.tile([0, 0, radius, self.greys or 1], (for_grey.sum(), 1))
-        greys[:, :2] = centres[for_grey]
-        return np.concatenate([dots, greys])
+        greys = np.insert(centres, 2, [[self._grey_radius], [self.greys or 1]], axis=1)
+        return np.concatenate([dots, self._off_fold(greys[for_grey])])
 
     @cached_property
     def bare(self) -> FloatArray:  # noqa: D102
         centres, for_grey = self._cells
-        around = sliding_window_view(self.radii.reshape(self.code.shape), (2, 2))
-        radius = self.spacing / np.sqrt(2) - around.max(axis=(2, 3)).ravel()
-        return np.column_stack([centres, radius])[~for_grey]
+        size = self.radii.reshape(self.code.shape)
+        largest = sliding_window_view(size, (2, 2)).max(axis=(2, 3)).ravel()
+        radius = self.spacing / np.sqrt(2) - largest
+        places = [np.column_stack([centres, radius])[~for_grey]]
+        grid = self.points[:, :2].reshape(*size.shape, 2)
+        for one, next_ in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+            largest = np.maximum(size[one], size[next_]).clip(self._grey_radius)
+            middle = (grid[one] + grid[next_]) / 2
+            places.append(np.dstack([middle, self.spacing / 2 - largest]).reshape(-1, 3))
+        return np.concatenate(places)
 
 
 @checked
