@@ -2,7 +2,7 @@
 
     dots      find_blobs -> find_lattices -> match_code -> grow -> check_places
     ChArUco   OpenCV's markers -> check_places -> _complete: corners that the others foretell
-    squares   OpenCV's two searches -> _order_corners -> check_places
+    squares   OpenCV's two searches -> refine -> _order_corners -> check_places
 
 All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. From the
 three places before it the next one is predicted, and among its neighbours each must fit:
@@ -50,6 +50,8 @@ LONGEST_SIDE = 2000  # ... until the longer side is as long as this
 LEAST_CORNERS = 6  # of a ChArUco board
 # Half the side of what a corner is refined by, as a share of the way to the next one.
 WINDOW = 0.45
+# Of the roughness of refined corners, below which those that were found are better.
+SPOILT = 0.8
 # Contrast of corners that are sought, relative to those that are known.
 LEAST_CONTRAST = 0.4
 # Of the refining: what ends it, steps and px.
@@ -282,9 +284,12 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         if not is_there:
             return no_features("no chessboard of this size, or not all of it is in view")
         corners = _rescale(corners.astype(np.float64), small, picture)
-        shortest = np.linalg.norm(steps(corners.reshape(*pattern[::-1], 2)), axis=-1).min()
-        corners = _refine(picture, corners, max(int(WINDOW * shortest), 2))
-    grid = corners.reshape(*pattern[::-1], 2).astype(np.float64)
+    given = corners.reshape(*pattern[::-1], 2).astype(np.float64)
+    shortest = np.linalg.norm(steps(given), axis=-1).min()
+    grid = _refine(picture, given, max(int(WINDOW * shortest), 2)).astype(np.float64)
+    # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
+    if seen.size and _roughness(given) < SPOILT * _roughness(grid):
+        grid = given
     grid = _order_corners(_rescale(grid, picture, grey), grey)
     fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
@@ -295,6 +300,16 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         )
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
+
+
+def _roughness(grid: FloatArray) -> float:
+    """How far corners lie from a smooth sheet, a cubic of row and column: root mean square, px."""
+    sides = [np.linspace(-1, 1, count) for count in grid.shape[:2]]
+    row, column = np.meshgrid(*sides, indexing="ij")
+    terms = np.polynomial.polynomial.polyvander2d(row, column, [3, 3]).reshape(-1, 16)
+    places = grid.reshape(-1, 2)
+    smooth = terms @ np.linalg.lstsq(terms, places, rcond=None)[0]
+    return float(np.sqrt(np.mean((places - smooth) ** 2)))
 
 
 def _order_corners(grid: FloatArray, grey: FloatArray) -> FloatArray:
