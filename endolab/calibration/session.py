@@ -3,12 +3,13 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from operator import length_hint
 from typing import Any
 
 import numpy as np
 
-from endolab.calibration.detection.detect import Detection, detect
+from endolab.calibration.detection.detect import Detection, detect, see_board
 from endolab.calibration.detection.dots import no_features
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
@@ -18,7 +19,7 @@ from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
-from endolab.calibration.targets import Charuco, Target
+from endolab.calibration.targets import Charuco, Chessboard, Target
 from endolab.frames.frame import check_size
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.numerics.arrays import FloatArray
@@ -215,12 +216,35 @@ def sample_all(
     return Samples.concatenate(parts)
 
 
-def _nothing_found_error(detections: Mapping[str, Detection], target: Target) -> ValueError:
-    reasons = Counter(detection.reason for detection in detections.values())
+def _reasons(detections: Mapping[str, Detection]) -> str:
+    """Say in how many frames the target was found, and why not in the others."""
+    reasons = Counter(found.reason for found in detections.values() if found.reason)
     why = ", ".join(f"{reason} in {n}" for reason, n in reasons.most_common())
+    count = sum(len(found.ids) > 0 for found in detections.values()) or "none"
+    return f"the target was found in {count} of {len(detections)} frames" + (
+        f": {why}" if why else ""
+    )
+
+
+def _nothing_found_error(
+    frames: Named, detections: Mapping[str, Detection], target: Target
+) -> ValueError:
+    if isinstance(target, Chessboard):
+        readable = (image for _, image in frames if image is not None)
+        sizes = [size for size in map(see_board, islice(readable, 2)) if size]
+        if sizes:
+            columns, rows = max(sizes, key=np.prod)
+            return ValueError(
+                f"found none of {target.columns}×{target.rows} squares; these pictures show "
+                f"{columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE"
+            )
     return ValueError(
-        f"the target was found in none of {len(detections)} frames; "
-        f"looked for {describe_target(target)}: {why}"
+        f"{_reasons(detections)}; looked for {describe_target(target)}"
+        + (
+            ", the whole of it in view"
+            if target.found_whole
+            else ", a part of it is enough"
+        )
     )
 
 
@@ -315,12 +339,15 @@ def calibrate(
     check_names(leave_out, detections)
     kept = {name: found for name, found in detections.items() if name not in leave_out}
     if size is None or not any(len(detection.ids) for detection in kept.values()):
-        raise _nothing_found_error(kept, target)
+        raise _nothing_found_error(frames, kept, target)
     geometry = None
     if camera is None:
         chosen = choose_views(kept, every)
         views = [view for name in chosen for view in views_of(name, kept[name], target)]
-        geometry = calibrate_camera(views, target, *size, lens=lens)
+        try:
+            geometry = calibrate_camera(views, target, *size, lens=lens)
+        except ValueError as error:
+            raise ValueError(f"{error}; {_reasons(kept)}") from None
         camera = geometry.camera
     else:
         check_size(

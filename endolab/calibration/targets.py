@@ -5,93 +5,23 @@ feature in the upper left; all in mm. A sheet that is folded along one line has 
 each with a pose of its own, and keeps the coordinates that it had before.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import re
+from dataclasses import field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import cv2
 import numpy as np
-import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checked_types import OneOf, Whole, checked, from_content
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.checked_types import OneOf, Whole, checked
 
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
 
 
-# Ink ------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Ink:
-    """What is printed: black discs, black rectangles, grey discs; mm."""
-
-    # Centre x, y and radius.
-    discs: FloatArray = field(default_factory=lambda: rows_of([], 3))
-    # Left, top, width, height.
-    rectangles: FloatArray = field(default_factory=lambda: rows_of([], 4))
-    # Centre x, y, radius, and reflectance relative to the white of the paper.
-    greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
-
-
-def rows_of(values: ArrayLike, columns: int) -> FloatArray:
-    """Make a table of so many columns of a list that may be empty."""
-    return np.asarray(values, dtype=np.float64).reshape(-1, columns)
-
-
-def darkness(
-    ink: Ink,
-    corner: ArrayLike,
-    shape: Sequence[int],
-    step: float,
-    black: float = 0.0,
-) -> NDArray[np.float32]:
-    """Average what is printed over the cells of a raster: 1 - reflectance, (rows, columns); 0 where bare.
-
-    `corner` is x, y of the raster's upper left, mm, `step` the side of a cell, mm, `black` the ink's
-    reflectance. Exact for rectangles; the rim of a disc is taken as straight within a cell.
-    """
-    dark = np.zeros(shape, np.float32)
-    left, top = np.asarray(corner, dtype=np.float64)
-
-    def span(
-        start: float,
-        length: float,
-        count: int,
-    ) -> IntArray:
-        """Cells that an interval touches."""
-        first = np.floor(start / step - 0.5)
-        last = np.ceil((start + length) / step + 0.5)
-        return np.arange(*np.clip([first, last], 0, count), dtype=int)
-
-    def cover(
-        start: float,
-        length: float,
-        cells: IntArray,
-    ) -> FloatArray:
-        """Shares of cells that an interval covers."""
-        edges = np.append(cells, cells[-1:] + 1)
-        return np.diff(np.clip(edges, start / step, (start + length) / step))
-
-    rows, columns = shape
-    discs = np.pad(ink.discs, ((0, 0), (0, 1)), constant_values=black)
-    for x, y, radius, reflectance in [*discs, *ink.greys]:
-        row = span(y - top - radius, 2 * radius, rows)
-        column = span(x - left - radius, 2 * radius, columns)
-        down = (row + 0.5) * step - (y - top)
-        across = (column + 0.5) * step - (x - left)
-        inside = (radius - np.hypot(down[:, None], across)) / step + 0.5
-        dark[np.ix_(row, column)] += np.clip(inside, 0, 1) * (1 - reflectance)
-    for x, y, width, height in ink.rectangles:
-        row = span(y - top, height, rows)
-        column = span(x - left, width, columns)
-        covers = np.outer(cover(y - top, height, row), cover(x - left, width, column))
-        dark[np.ix_(row, column)] += covers * (1 - black)
-    return dark
-
-
-# Targets --------------------------------------------------------------------------------
 def _lattice(columns: int, rows: int) -> FloatArray:
     """Column and row of each place of a lattice, (n, 2), row by row."""
     row, column = np.indices((rows, columns), dtype=np.float64)
@@ -118,13 +48,12 @@ class Target:
     def _check_fold(self) -> Self:
         if self.fold is not None and self.found_whole:
             raise ValueError("fold is of dots and ChArUco, other targets are flat")
-        if self.fold_x is not None:
-            right = np.unique(self.points[:, 0]) > self.fold_x
-            if min(np.sum(~right), np.sum(right)) < 2:
-                raise ValueError(
-                    f"fold must leave two columns of features on each side, got {self.fold} "
-                    f"of {self.columns} columns"
-                )
+        right = self.panel_of(np.unique(self.points[:, 0])[:, None])
+        if self.fold is not None and min(np.sum(right == 0), np.sum(right)) < 2:
+            raise ValueError(
+                f"fold must leave two columns of features on each side, got {self.fold} "
+                f"of {self.columns} columns"
+            )
         return self
 
     @property
@@ -138,9 +67,34 @@ class Target:
         return np.zeros(len(self.points))
 
     @property
-    def ink(self) -> Ink:
-        """What is printed."""
+    def discs(self) -> FloatArray:
+        """Printed discs, (n, 4): centre x, y and radius, mm, and reflectance; 0 for black ink."""
+        return np.zeros((0, 4))
+
+    @property
+    def grey_discs(self) -> FloatArray:
+        """Those of `discs` that are grey; reflectances are relative to the white of the paper."""
+        return self.discs[self.discs[:, 3] > 0]
+
+    @property
+    def squares(self) -> FloatArray:
+        """Printed black squares, (n, 3): left, top and side, mm."""
+        return np.zeros((0, 3))
+
+    @property
+    def bare(self) -> FloatArray:
+        """Bare discs of paper between the features, (n, 3), as if the sheet were flat: x, y, radius, mm."""
         raise NotImplementedError
+
+    def white_places(self) -> FloatArray:
+        """Places where bare paper can be read, (n, 3): x, y, and the radius that is bare, mm."""
+        return self._off_fold(self.bare)
+
+    def _off_fold(self, discs: FloatArray) -> FloatArray:
+        """Those discs that the fold does not cross."""
+        if self.fold_x is None:
+            return discs
+        return discs[np.abs(discs[:, 0] - self.fold_x) > 0.99 * discs[:, 2]]
 
     @property
     def fold_x(self) -> float | None:
@@ -160,46 +114,10 @@ class Target:
     @property
     def sheet(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of the paper in the target's frame, mm."""
-        ink = self.ink
-        discs = np.concatenate([ink.discs, ink.greys[:, :3]])
-        corner = np.concatenate([discs[:, :2] - discs[:, 2:], ink.rectangles[:, :2]])
-        opposite = np.concatenate(
-            [discs[:, :2] + discs[:, 2:], ink.rectangles[:, :2] + ink.rectangles[:, 2:]]
-        )
-        left, top = corner.min(axis=0) - self.margin
-        right, bottom = opposite.max(axis=0) + self.margin
+        beside = (self.radii.max() or self.spacing) + self.margin
+        left, top = self.points[0, :2] - beside
+        right, bottom = self.points[-1, :2] + beside
         return float(left), float(top), float(right - left), float(bottom - top)
-
-    def white_places(self) -> FloatArray:
-        """Places between the features where the paper is bare, for sampling its brightness, (n, 3), mm.
-
-        x, y and the radius of bare paper there (at least 0.04 of a spacing), the barest first; the
-        discs of that radius touch no ink, grey or fold, and the places lie half a spacing apart at least.
-        """
-        step = self.spacing / 64  # side of a cell of the raster that is searched
-        low = self.points[:, :2].min(axis=0)
-        high = self.points[:, :2].max(axis=0)
-        columns, rows = np.floor((high - low) / step + 0.5).astype(int) + 1
-        bare = darkness(self.ink, low - step / 2, (rows, columns), step) == 0
-        x = low[0] + step * np.arange(columns)
-        y = low[1] + step * np.arange(rows)
-        if self.fold_x is not None:
-            bare &= np.abs(x - self.fold_x) > step
-        # Beside the raster may be ink; a cell may be bare to its rim only.
-        distance = scipy.ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1]
-        radius = (distance - 1) * step
-        ridge = radius >= scipy.ndimage.maximum_filter(radius, 3)
-        ridge &= radius >= 0.04 * self.spacing
-        row, column = np.nonzero(ridge)
-        left = np.column_stack([x[column], y[row], radius[ridge]])
-        hull = scipy.spatial.Delaunay(self.points[:, :2])
-        left = left[hull.find_simplex(left[:, :2]) >= 0]
-        left = left[np.argsort(-left[:, 2], kind="stable")]
-        places = []
-        while len(left):
-            places.append(left[0])
-            left = left[np.hypot(*(left[:, :2] - left[0, :2]).T) >= self.spacing / 2]
-        return rows_of(places, 3)
 
 
 @checked
@@ -226,14 +144,9 @@ class DotGrid(Target):
     @cached_property
     def code(self) -> IntArray:
         """1 where the dot is large, (rows, columns)."""
-        shape = self.rows, self.columns
-        words = np.random.RandomState(self.seed).randint(
-            0,
-            2**32,
-            shape,
-            np.uint32,
-        )
-        return (words >> 31).astype(int)
+        random = np.random.RandomState(self.seed)
+        words = np.frombuffer(random.bytes(4 * self.rows * self.columns), "<u4")
+        return (words >> 31).astype(int).reshape(self.rows, self.columns)
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -243,18 +156,39 @@ class DotGrid(Target):
     def radii(self) -> FloatArray:  # noqa: D102
         return np.where(self.code.ravel() == 1, self.large, self.small)
 
-    @cached_property
-    def ink(self) -> Ink:  # noqa: D102
-        discs = np.column_stack([self.points[:, :2], self.radii])
-        if self.greys is None:
-            return Ink(discs)
-        radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
+    @property
+    def _cells(self) -> tuple[FloatArray, BoolArray]:
+        """Middles between four dots, (n, 2), mm, and which of these places are for grey."""
         cells = _lattice(self.columns - 1, self.rows - 1)
-        centres = (cells[cells.sum(axis=1) % 2 == 0] + 0.5) * self.spacing
-        if self.fold_x is not None:
-            centres = centres[np.abs(centres[:, 0] - self.fold_x) > radius]
-        looks = np.tile([radius, self.greys], (len(centres), 1))
-        return Ink(discs, greys=np.column_stack([centres, looks]))
+        for_grey = (cells.sum(axis=1) % 2 == 0) & (self.greys is not None)
+        return (cells + 0.5) * self.spacing, for_grey
+
+    @property
+    def _grey_radius(self) -> float:
+        """Of grey discs, mm; 0 if there are none."""
+        free = self.spacing / np.sqrt(2) - self.large
+        return 0.0 if self.greys is None else 0.75 * float(free)
+
+    @cached_property
+    def discs(self) -> FloatArray:  # noqa: D102
+        dots = np.column_stack([self.points[:, :2], self.radii, 0 * self.radii])
+        centres, for_grey = self._cells
+        greys = np.insert(centres, 2, [[self._grey_radius], [self.greys or 1]], axis=1)
+        return np.concatenate([dots, self._off_fold(greys[for_grey])])
+
+    @cached_property
+    def bare(self) -> FloatArray:  # noqa: D102
+        centres, for_grey = self._cells
+        size = self.radii.reshape(self.code.shape)
+        largest = sliding_window_view(size, (2, 2)).max(axis=(2, 3)).ravel()
+        radius = self.spacing / np.sqrt(2) - largest
+        places = [np.column_stack([centres, radius])[~for_grey]]
+        grid = self.points[:, :2].reshape(*size.shape, 2)
+        for one, next_ in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+            largest = np.maximum(size[one], size[next_]).clip(self._grey_radius)
+            middle = (grid[one] + grid[next_]) / 2
+            places.append(np.dstack([middle, self.spacing / 2 - largest]).reshape(-1, 3))
+        return np.concatenate(places)
 
 
 @checked
@@ -278,12 +212,15 @@ class Board(Target):
         corners = _lattice(self.columns - 1, self.rows - 1)
         return np.pad(corners, ((0, 0), (0, 1))) * self.spacing
 
+    def _squares_of(self, colour: int) -> FloatArray:
+        """Left, top and side, mm, of the black squares, 0, or of the white ones, 1."""
+        places = _lattice(self.columns, self.rows)
+        chosen = places[(places.sum(axis=1) + self.first_black) % 2 == colour]
+        return np.pad(chosen - 1, ((0, 0), (0, 1)), constant_values=1) * self.spacing
+
     @cached_property
-    def ink(self) -> Ink:  # noqa: D102
-        squares = _lattice(self.columns, self.rows)
-        black = squares[squares.sum(axis=1) % 2 == self.first_black]
-        rectangles = np.column_stack([black - 1, np.ones(black.shape)]) * self.spacing
-        return Ink(rectangles=rectangles)
+    def squares(self) -> FloatArray:  # noqa: D102
+        return self._squares_of(0)
 
 
 @checked
@@ -293,6 +230,10 @@ class Chessboard(Board):
     kind: Literal["chessboard"] = field(default="chessboard", kw_only=True, repr=False)
 
     found_whole: ClassVar[bool] = True
+
+    @cached_property
+    def bare(self) -> FloatArray:  # noqa: D102
+        return self._squares_of(1) + np.array([1, 1, -1]) * self.spacing / 2
 
 
 @checked
@@ -340,66 +281,64 @@ class Charuco(Board):
         """OpenCV's description of it; corner ids are those of `points`."""
         size = self.columns, self.rows
         ids = self.first_id + np.arange(self.columns * self.rows // 2)
-        board = cv2.aruco.CharucoBoard(
-            size,
-            self.spacing,
-            self.marker,
-            self._markers,
-            ids,
-        )
+        board = cv2.aruco.CharucoBoard(size, self.spacing, self.marker, self._markers, ids)
         board.setLegacyPattern(self.legacy)
         return board
 
     @cached_property
-    def ink(self) -> Ink:  # noqa: D102
-        board = self.board
+    def squares(self) -> FloatArray:  # noqa: D102
         bits = self._markers.markerSize + 2  # with a black rim
         cell = self.marker / bits
-        boxes = [super().ink.rectangles]
-        for name, corners in zip(
-            np.ravel(board.getIds()), board.getObjPoints(), strict=True
-        ):
-            picture = self._markers.generateImageMarker(int(name), bits)
-            corner = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
-            places = corner + np.argwhere(picture == 0)[:, ::-1] * cell
-            boxes.append(np.column_stack([places, np.full(places.shape, cell)]))
-        return Ink(rectangles=np.concatenate(boxes))
+        parts = [self._squares_of(0)]
+        border = (self.spacing - self.marker) / 2
+        for number, corner in enumerate(self._squares_of(1)[:, :2] + border):
+            marker = self._markers.generateImageMarker(self.first_id + number, bits)
+            black = np.argwhere(marker == 0)[:, ::-1]
+            parts.append(np.insert(corner + cell * black, 2, cell, axis=1))
+        return np.concatenate(parts)
+
+    @cached_property
+    def bare(self) -> FloatArray:
+        """Beside each corner, where the white around a marker is widest: in the lower white square."""
+        radius = (self.spacing - self.marker) / 2 * (2 - np.sqrt(2))
+        column, row = _lattice(self.columns - 1, self.rows - 1).T
+        side = np.where((column + row + self.first_black) % 2 == 0, -1, 1)
+        beside = np.column_stack([side, np.ones(len(side))]) * radius
+        return np.insert(self.points[:, :2] + beside, 2, radius, axis=1)
 
 
-_VICALIB_SMALL = {
-    "columns": 19,
-    "rows": 10,
-    "spacing": 4.2238,
-    "small": 0.8471,
-    "large": 1.2661,
-    "margin": 8.0,
-}
-
+_SMALL = DotGrid(19, 10, 4.2238, 8.0, small=0.8471, large=1.2661)
 TARGETS: dict[str, Target] = {
     "vicalib_big": DotGrid(19, 10, 5.2797, small=1.05885, large=1.58266),
-    "vicalib_small": DotGrid(**_VICALIB_SMALL),  # type: ignore[arg-type]
-    "vicalib_folded": DotGrid(**_VICALIB_SMALL, fold=9),  # type: ignore[arg-type]
-    "vicalib_grey": DotGrid(**_VICALIB_SMALL, greys=0.5),  # type: ignore[arg-type]
+    "vicalib_small": _SMALL,
+    "vicalib_folded": replace(_SMALL, fold=9),
+    "vicalib_grey": replace(_SMALL, greys=0.5),
     "charuco": Charuco(12, 8, 7.0, marker=5.2),
     "chessboard": Chessboard(12, 8, 7.0),
 }
-
 AnyTarget = Annotated[Target, OneOf(DotGrid, Chessboard, Charuco, key="kind")]
+PRINTED = "chessboard:COLUMNSxROWS:SIZEmm, charuco:COLUMNSxROWS:SIZEmm:MARKERmm:DICTIONARY"
 
 
-def target_from_dict(content: Any, name: str) -> Target:
-    """Check the description of a target; errors name the file (or `name`) and the key."""
-    if isinstance(content, dict):
-        if content.get("kind") in ("circles", "aprilgrid") or content.get("inverted"):
-            raise ValueError(
-                f"{name}: circle grids, AprilGrids and targets that are white on black are no "
-                "longer found; film a chessboard, charuco or one of the vicalib sheets"
-            )
-        # A description of 0.2.0 says that it is not inverted; null is a default.
-        content = {
-            key: value
-            for key, value in content.items()
-            if key != "inverted" and value is not None
-        }
-    target: Target = from_content(AnyTarget, content, name)
-    return target
+def target_in_words(words: str) -> Target | None:
+    """Read a board as it is bought, printed squares and mm, as in `PRINTED`; None for other words.
+
+    ``chessboard:14x9:3mm``, ``charuco:11x8:15mm:11mm:4X4_50``; with ``:legacy`` as before OpenCV 4.6.
+    """
+    length = r":(\d*\.?\d+)(?:mm)?"
+    squares = r":(\d+)x(\d+)" + length
+    if found := re.fullmatch("chessboard" + squares, words):
+        columns, rows, side = found.groups()
+        return Chessboard(int(columns), int(rows), float(side))
+    markers = length + r":(?:DICT_)?(\w+)(:legacy)?"
+    if found := re.fullmatch("charuco" + squares + markers, words):
+        columns, rows, side, marker, dictionary, old = found.groups()
+        return Charuco(
+            int(columns),
+            int(rows),
+            float(side),
+            marker=float(marker),
+            dictionary=f"DICT_{dictionary}",
+            legacy=old is not None,
+        )
+    return None

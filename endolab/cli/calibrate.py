@@ -25,7 +25,8 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
     Parameters
     ----------
     name : str
-        vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard; or TARGET.json.
+        vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard; a board as it is
+        bought, printed squares: chessboard:14x9:3mm, charuco:11x8:15mm:11mm:4X4_50; or TARGET.json.
     out : path
         A PDF or SVG.
     overwrite : bool
@@ -62,7 +63,7 @@ def calibrate(
     """Make an endoscope.json of frames of a target.
 
     - endolab calibrate v.mp4 --target vicalib_folded --gamma free --out cal.json
-    - endolab calibrate pictures/*.png --target chessboard --out cal.json
+    - endolab calibrate pictures/*.png --target chessboard:14x9:3mm --out cal.json
     - endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json
 
     Parameters
@@ -70,7 +71,7 @@ def calibrate(
     source : paths
         A video, a folder of pictures, or pictures.
     target : str
-        Its name, as for `target`, or TARGET.json.
+        As for `target`; the whole of a chessboard must be in view, of other targets a part.
     out : path
         The calibration; the report goes into CAL_report beside it.
     overwrite : bool
@@ -107,7 +108,7 @@ def calibrate(
     report = f"{out.removesuffix('.json')}_report"
     check_new(out, overwrite, (*source, target, camera))
     sheet = read_target(target)
-    greys = [None] * len(set(sheet.ink.greys[:, 3]))  # free
+    greys = [None] * len(set(sheet.grey_discs[:, 3]))  # free
     known = [None if value == "free" else value for value in reflectance or greys]
     given: Any = None if camera is None else read_camera(camera)
     found = el.open_frames(*source)

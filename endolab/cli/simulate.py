@@ -56,7 +56,7 @@ def simulate(
     highlights : float
         Of a frame: share of light that a wet film mirrors (0).
     target : str
-        Of a calibration video: its name, as for `target` (vicalib_small).
+        Of a calibration video: as for `target` (vicalib_small).
     frames : int
         Of a calibration video: how many (300).
     video : bool

@@ -6,12 +6,18 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from endolab.calibration.targets import TARGETS, Target, target_from_dict
+from endolab.calibration.targets import (
+    PRINTED,
+    TARGETS,
+    AnyTarget,
+    Target,
+    target_in_words,
+)
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import NOMINAL
-from endolab.numerics.checked_types import to_content
+from endolab.numerics.checked_types import from_content, to_content
 from endolab.numerics.checks import PATH, check_kinds, unknown_name
 
 if TYPE_CHECKING:
@@ -51,15 +57,16 @@ def make_calibration(
 
 # Descriptions ---------------------------------------------------------------------------
 def read_target(name_or_path: PathLike) -> Target:
-    """Find a target by its name in `TARGETS`, or read its description, a JSON file.
+    """Find a target by its name in `TARGETS`, as it is bought (`PRINTED`), or in a JSON file.
 
     Such as ``{"endolab_target": 1, "kind": "dots", "columns": 19, "rows": 10, "spacing": 5.2797,
     "small": 1.05885, "large": 1.58266}``. Also "margin" (mm) and "fold" (columns on the left of it); for dots
     "seed" and "greys"; for charuco "marker", "dictionary", "first_id" and "legacy".
     """
     name = str(name_or_path)
-    if name in TARGETS:
-        return TARGETS[name]
+    found = TARGETS.get(name) or target_in_words(name)
+    if found:
+        return found
     if not os.path.exists(name) and Path(name).suffix.lower() != ".json":
-        raise unknown_name("target", name, TARGETS, "a JSON file")
-    return target_from_dict(read_json(name, "target file"), name)
+        raise unknown_name("target", name, [*TARGETS, PRINTED], "a JSON file")
+    return from_content(AnyTarget, read_json(name, "target file"), name)

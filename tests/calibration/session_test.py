@@ -16,6 +16,7 @@ from endolab.calibration.simulation.sheet_image import Sensor
 from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.summary import evidence
+from endolab.calibration.targets import Chessboard
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 SIZE = CAMERA.width, CAMERA.height
@@ -111,3 +112,16 @@ def test_frames_of_another_size_are_named_and_those_left_out_stop_nothing(video)
         assert (size, len(found[frames[0][0]].ids) > 0) == (SIZE, True)
         with pytest.raises(ValueError, match=r"(0|small)\.png is .*--leave-out"):
             detect_all(mixed, SHEET)
+
+
+def test_what_is_seen_instead_is_said():
+    """A board of another size by that size, too few views by what became of the others."""
+    board = np.kron(np.indices((7, 10)).sum(axis=0) % 2 * 0.8 + 0.1, np.ones((40, 40)))
+    frames = [(f"{n}.png", np.pad(board, 60, constant_values=0.9)) for n in range(2)]
+    with pytest.raises(ValueError, match=r"12×8 squares.*chessboard:10x7:SIZE"):
+        calibrate(frames, el.TARGETS["chessboard"])
+    with pytest.raises(ValueError, match="part"):
+        calibrate(frames, SHEET)
+    frames.append(("dark.png", np.zeros((400, 520))))
+    with pytest.raises(ValueError, match=r"got 2.*2 of 3 frames.* in 1"):
+        calibrate(frames, Chessboard(10, 7, 3.0))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from endolab.calibration.targets import TARGETS, Charuco, DotGrid, darkness
+from endolab.calibration.simulation.sheet_image import BLACK, rasterise
+from endolab.calibration.targets import TARGETS, Charuco, DotGrid
 from tests.tools.sheet_views import reflectance
 
 
@@ -24,12 +25,16 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
         Charuco(6, 4, 5.0, marker=3.7, legacy=True),
     ],
 )
-def test_the_raster_is_the_reflectance_averaged(target):
-    corner, step, sub = np.array([-2.13, -1.57]), 0.31, 8
-    fine = (np.indices((40 * sub, 50 * sub))[::-1] + 0.5) * step / sub
-    value = reflectance(target, np.moveaxis(fine, 0, -1) + corner, black=0.1)
-    truth = 1 - value.reshape(40, sub, 50, sub).mean(axis=(1, 3))
-    found = darkness(target.ink, corner, (40, 50), step, 0.1)
+def test_the_raster_is_the_reflectance_averaged(target, rng):
+    raster, step = rasterise(target)
+    rows = rng.integers(0, raster.shape[0], 2_000)
+    columns = rng.integers(0, raster.shape[1], 2_000)
+    fine = (np.arange(8) + 0.5) / 8
+    x = target.sheet[0] + step * (columns[:, None, None] + fine)
+    y = target.sheet[1] + step * (rows[:, None, None] + fine[:, None])
+    inside = np.stack(np.broadcast_arrays(x, y), axis=-1)
+    truth = np.nan_to_num(reflectance(target, inside), nan=1).mean(axis=(1, 2))
+    found = raster[rows, columns]
     assert np.abs(found - truth).max() < 0.13  # 8 × 8 points, and the rim within a cell
     assert np.sqrt(np.mean((found - truth) ** 2)) < 0.025
     assert found.mean() == pytest.approx(truth.mean(), abs=3e-3)
@@ -56,8 +61,8 @@ def test_white_places_are_bare_and_apart(target):
 def test_charuco_boards_are_opencvs(shape, legacy):
     """Its own picture of each, at 10 pixels a millimetre."""
     target = Charuco(*shape, 9.0, margin=4.0, marker=7.0, legacy=legacy)
-    left, top, width, height = target.sheet
-    size = round(10 * width), round(10 * height)
-    white = 1 - darkness(target.ink, (left, top), size[::-1], 0.1)
-    expected = target.board.generateImage(size, None, 40)
-    np.testing.assert_array_equal(np.round(255 * white), expected)
+    raster, step = rasterise(target)
+    size = raster.shape[::-1]
+    expected = target.board.generateImage(size, None, round(4.0 / step))
+    black = raster < (1 + BLACK) / 2
+    assert np.mean(black != (expected < 128)) < 1e-3

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from endolab.calibration.targets import TARGETS, DotGrid
+from endolab.calibration.targets import TARGETS, Charuco, Chessboard, DotGrid
 from endolab.io.descriptions import read_target
 from endolab.numerics.checked_types import to_content
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
@@ -18,11 +18,26 @@ def test_a_written_target_comes_back(target, tmp_path):
     assert read_target(tmp_path / "sheet.json") == target
 
 
-@pytest.mark.parametrize(
-    "more", [{}, {"fold": None, "margin": None}, {"inverted": False}]
-)
-def test_the_least_description_takes_the_defaults_and_null_means_absent(more, tmp_path):
-    """And what 0.2.0 wrote is read: that a sheet is not inverted."""
+def test_the_least_description_takes_the_defaults(tmp_path):
     path = tmp_path / "sheet.json"
-    path.write_text(json.dumps({"endolab_target": 1} | DOTS | more))
+    path.write_text(json.dumps({"endolab_target": 1, "fold": None} | DOTS))
     assert read_target(path) == DotGrid(5, 4, 6.0, small=1.0, large=2.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "target"),
+    [
+        ("chessboard:14x9:3mm", Chessboard(14, 9, 3.0)),
+        ("chessboard:7x10:2.5", Chessboard(7, 10, 2.5)),
+        (
+            "charuco:11x8:15mm:11mm:4X4_50",
+            Charuco(11, 8, 15.0, marker=11.0, dictionary="DICT_4X4_50"),
+        ),
+        (
+            "charuco:6x4:5mm:3.7mm:DICT_5X5_250:legacy",
+            Charuco(6, 4, 5.0, marker=3.7, legacy=True),
+        ),
+    ],
+)
+def test_a_board_is_named_as_it_is_bought(words, target):
+    assert read_target(words) == target

@@ -39,11 +39,10 @@ def reflectance(target, xy, black=0.04):
         return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
 
     value = np.where(within(*target.sheet), 1.0, np.nan)
-    discs = np.pad(target.ink.discs, ((0, 0), (0, 1)), constant_values=black)
-    for left, top, radius, grey in [*target.ink.greys, *discs]:
-        value[np.hypot(x - left, y - top) <= radius] = grey
-    for rectangle in target.ink.rectangles:
-        value[within(*rectangle)] = black
+    for left, top, radius, grey in target.discs:
+        value[np.hypot(x - left, y - top) <= radius] = grey or black
+    for left, top, side in target.squares:
+        value[within(left, top, side, side)] = black
     return value
 
 

@@ -12,19 +12,13 @@ from endolab.numerics.arrays import nan_if_undefined
 Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
 
-@dataclass(frozen=True)
-class SpotRules:
-    """What a dark round spot on lit paper is; shares and levels are chosen by hand."""
-
-    least_white: float = 0.03  # stored value; what is darker than this is no lit paper
-    largest: float = 0.11  # size of a spot over the picture's width
-    grey_share: float = 0.6  # darkness of a grey spot over that of a black one, at most
-    # Darkness of a spot against the paper around it, and the same where there is grey, too.
-    least_darkness: float = 0.25
-    grey_darkness: float = 0.3
-
-
-SPOTS = SpotRules()
+# What a dark round spot on lit paper is; shares and levels are chosen by hand.
+LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
+LARGEST = 0.11  # size of a spot over the picture's width
+GREY_SHARE = 0.6  # darkness of a grey spot over that of a black one, at most
+# Darkness of a spot against the paper around it, and the same where there is grey, too.
+LEAST_DARKNESS = 0.25
+GREY_DARKNESS = 0.3
 
 
 @dataclass(frozen=True)
@@ -48,7 +42,7 @@ def shrink_picture(image: Numbers) -> Numbers:
 
 def white_of(small: Numbers) -> Numbers:
     """Brightness of the bare paper at each place of a picture, made up where there is ink."""
-    side = 2 * round(SPOTS.largest / 2 * small.shape[1]) + 1
+    side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
     # Closing keeps what is bright and fills what is dark and narrower than the window.
     white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     return cv2.GaussianBlur(white, (0, 0), side / 6)
@@ -66,19 +60,19 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), window)
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
     shrink = width / small.shape[1]
-    gain = cv2.resize(1 / np.maximum(white, SPOTS.least_white), (width, height))
+    gain = cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height))
     level = cv2.multiply(image, gain)
-    least = SPOTS.grey_darkness if greys else SPOTS.least_darkness
+    least = GREY_DARKNESS if greys else LEAST_DARKNESS
     dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
         dark, connectivity=4, ltype=cv2.CV_32S
     )
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
-    good = whole & (area >= 9) & (np.maximum(wide, high) <= SPOTS.largest * width)
+    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
     row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
     last = np.array(white.shape) - 1
-    good &= white[np.minimum(row, last[0]), np.minimum(column, last[1])] > SPOTS.least_white
+    good &= white[np.minimum(row, last[0]), np.minimum(column, last[1])] > LEAST_WHITE
     good[0] = False
     if not good.any():
         return Blobs(np.zeros((0, 2)), np.zeros(0))
@@ -146,5 +140,5 @@ def _measure(
         short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
     good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
     if greys and good.any():
-        good &= depth > SPOTS.grey_share * np.quantile(depth[good], 0.8)
+        good &= depth > GREY_SHARE * np.quantile(depth[good], 0.8)
     return Blobs(centres[good], ink[good])

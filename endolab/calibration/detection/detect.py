@@ -2,7 +2,7 @@
 
     dots      find_blobs -> find_lattices -> match_code -> grow -> check_places
     ChArUco   OpenCV's markers -> check_places -> _complete: corners that the others foretell
-    squares   OpenCV's two searches -> refine -> _order_corners -> check_places, _alternates
+    squares   OpenCV's two searches -> refine -> _order_corners -> check_places
 
 All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. From the
 three places before it the next one is predicted, and among its neighbours each must fit:
@@ -21,7 +21,12 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.calibration.detection.blobs import SPOTS, Numbers, shrink_picture, white_of
+from endolab.calibration.detection.blobs import (
+    LEAST_WHITE,
+    Numbers,
+    shrink_picture,
+    white_of,
+)
 from endolab.calibration.detection.dots import Found, detect_dots, no_features
 from endolab.calibration.detection.lattice import (
     check_places,
@@ -33,35 +38,24 @@ from endolab.calibration.detection.lattice import (
 from endolab.calibration.targets import Charuco, Chessboard, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
-
-@dataclass(frozen=True)
-class CornerRules:
-    """How large a picture is searched, and which corners are kept; chosen by hand."""
-
-    smallest: int = 16  # px, side of a picture
-    # px, Full HD; larger pictures are made half as large as this before anything is sought.
-    most_pixels: int = 2_100_000
-    # px; OpenCV's second search for a chessboard takes too long in larger pictures.
-    most_quick_pixels: int = 400_000
-    # px of the shorter side; smaller pictures are enlarged before corners are sought in them ...
-    fine_side: int = 600
-    longest_side: int = 2000  # ... until the longer side is as long as this
-    least_corners: int = 6  # of a ChArUco board
-    # Half the side of what a corner is refined by, as a share of the way to the next one.
-    window: float = 0.45
-    # Of the roughness of refined corners, below which those that were found are better.
-    spoilt: float = 0.8
-    # Contrast of corners and squares that are sought, relative to those that are known.
-    least_contrast: float = 0.4
-    # Of the refining: what ends it, steps and px.
-    stop: tuple[int, int, float] = (
-        cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER,
-        40,
-        0.001,
-    )
-
-
-CORNERS = CornerRules()
+# How large a picture is searched, and which corners are kept; chosen by hand.
+SMALLEST = 16  # px, side of a picture
+# px, Full HD; larger pictures are made half as large as this before anything is sought.
+MOST_PIXELS = 2_100_000
+# px; OpenCV's second search for a chessboard takes too long in larger pictures.
+MOST_QUICK_PIXELS = 400_000
+# px of the shorter side; smaller pictures are enlarged before corners are sought in them ...
+FINE_SIDE = 600
+LONGEST_SIDE = 2000  # ... until the longer side is as long as this
+LEAST_CORNERS = 6  # of a ChArUco board
+# Half the side of what a corner is refined by, as a share of the way to the next one.
+WINDOW = 0.45
+# Of the roughness of refined corners, below which those that were found are better.
+SPOILT = 0.8
+# Contrast of corners that are sought, relative to those that are known.
+LEAST_CONTRAST = 0.4
+# Of the refining: what ends it, steps and px.
+STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
 
 
 @dataclass(frozen=True)
@@ -83,18 +77,29 @@ def detect(image: Numbers, target: Target) -> Detection:
     board in a mirror is refused.
     """
     grey = _grey(image)
-    if min(grey.shape) < CORNERS.smallest:
-        reason = f"the picture is too small, {CORNERS.smallest} px are needed"
+    if min(grey.shape) < SMALLEST:
+        reason = f"the picture is too small, {SMALLEST} px are needed"
         return Detection(*no_features(reason))
     picture = grey
-    if grey.size > CORNERS.most_pixels:
-        picture = _shrink_to(grey, CORNERS.most_pixels // 2)
+    if grey.size > MOST_PIXELS:
+        picture = _shrink_to(grey, MOST_PIXELS // 2)
     try:
         ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
         what = " ".join(str(error.err or error).split())
         return Detection(*no_features(f"OpenCV fails on this picture ({what})"))
     return Detection(ids, _rescale(pixels, picture, grey), reason)
+
+
+def see_board(image: Numbers) -> tuple[int, int] | None:
+    """Columns and rows of squares of the chessboard that a picture shows, of whatever size; None if none."""
+    picture = _enlarge(_even_paper(_shrink_to(_grey(image), MOST_PIXELS // 2)))
+    for pattern in ((9, 6), (7, 5), (5, 4), (3, 3)):
+        rows, columns = np.add(_search_board(picture, pattern)[1].shape, 1).tolist()
+        for size in sorted([(columns, rows), (rows, columns)], reverse=True):
+            if min(size) >= 4 and len(detect(image, Chessboard(*size, 1.0)).ids):
+                return size
+    return None
 
 
 def _grey(image: Numbers) -> Numbers:
@@ -123,8 +128,8 @@ def _shrink_to(picture: Numbers, most: int) -> Numbers:
 
 def _enlarge(picture: Numbers) -> Numbers:
     """Enlarge a picture, (H, W), that is small or narrow."""
-    enough = CORNERS.fine_side / min(picture.shape)
-    most = CORNERS.longest_side / max(picture.shape)
+    enough = FINE_SIDE / min(picture.shape)
+    most = LONGEST_SIDE / max(picture.shape)
     scale = max(round(min(enough, most)), 1)
     size = (scale * picture.shape[1], scale * picture.shape[0])
     return cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)
@@ -142,7 +147,7 @@ def _rescale(
 def _even_paper(grey: FloatArray) -> Numbers:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
-    level = grey / np.maximum(white, SPOTS.least_white)
+    level = grey / np.maximum(white, LEAST_WHITE)
     return cv2.convertScaleAbs(level, alpha=220)
 
 
@@ -174,16 +179,14 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
             border = (1 - target.marker / target.spacing) / 2
             grid = _complete(grid, picture, border, target.first_black)
     kept = np.flatnonzero(fits)
-    if len(kept) < CORNERS.least_corners:
+    if len(kept) < LEAST_CORNERS:
         ids = np.ravel(target.board.getIds())
         read = f"{count} of the board's {len(ids)} markers can be read"
         if count and not np.isin(markers, ids).any():
             read = (
                 f"markers from {markers.min()} on are read, first_id is {target.first_id}"
             )
-        return no_features(
-            f"{read}, {len(kept)} corners agree, {CORNERS.least_corners} are needed"
-        )
+        return no_features(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
     return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), ""
 
 
@@ -221,7 +224,7 @@ def _complete(
         contrast *= (-1.0) ** (row + column + first_black)
         if usual < 0:
             usual = float(np.median(contrast[tried])) if len(tried) else 0.0
-        tried = tried[contrast[tried] > CORNERS.least_contrast * usual]
+        tried = tried[contrast[tried] > LEAST_CONTRAST * usual]
         moved = np.linalg.norm(corner - guess, axis=-1)
         tried = tried[moved[tried] < border * size[tried]]
         if not len(tried):
@@ -234,20 +237,11 @@ def _complete(
     return grid
 
 
-def _refine(
-    picture: Numbers,
-    corners: Numbers,
-    half: int,
-) -> Numbers:
-    """Refine corners, (n, 2) float32, px, by what lies within `half` px of each to every side."""
-    start = corners.copy()
-    return cv2.cornerSubPix(
-        picture,
-        start,
-        (half, half),
-        (-1, -1),
-        CORNERS.stop,
-    )
+def _refine(picture: Numbers, corners: Numbers, half: int) -> Numbers:
+    """Refine corners, (..., 2), px, by what lies within `half` px of each to every side."""
+    start = corners.reshape(-1, 1, 2).astype(np.float32)
+    found = cv2.cornerSubPix(picture, start, (half, half), (-1, -1), STOP)
+    return found.reshape(corners.shape)
 
 
 def _read(
@@ -266,59 +260,46 @@ def _read(
     )
 
 
+def _search_board(picture: Numbers, pattern: tuple[int, int]) -> tuple[Numbers, Numbers]:
+    """Find a board of so many inner corners along rows and columns, or more: its corners, and their grid."""
+    how = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_LARGER
+    cv2.setRNGSeed(0)  # it draws numbers: so a picture has the same corners every time
+    found, corners, grid = cv2.findChessboardCornersSBWithMeta(picture, pattern, how)
+    return (corners, grid) if found else (np.zeros((0, 2)), np.zeros((0, 0)))
+
+
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
     picture = _enlarge(_even_paper(grey))
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    cv2.setRNGSeed(0)  # it draws numbers: so a picture has the same corners every time
-    sharp, corners = cv2.findChessboardCornersSB(picture, pattern, flags=flags)
-    if not sharp:
-        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        small = _shrink_to(picture, CORNERS.most_quick_pixels)
-        is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
+    corners, seen = _search_board(picture, pattern)
+    if seen.size > len(target.points):
+        rows, columns = np.add(seen.shape, 1)
+        return no_features(f"a board of {columns}×{rows} squares is seen")
+    if not seen.size:
+        how = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
+        small = _shrink_to(picture, MOST_QUICK_PIXELS)
+        is_there, corners = cv2.findChessboardCorners(small, pattern, flags=how)
         if not is_there:
             return no_features("no chessboard of this size, or not all of it is in view")
-        corners = _rescale(corners.astype(np.float64), small, picture).astype(np.float32)
-    shape = (*pattern[::-1], 2)
-    given = corners.reshape(shape).astype(np.float64)
+        corners = _rescale(corners.astype(np.float64), small, picture)
+    given = corners.reshape(*pattern[::-1], 2).astype(np.float64)
     shortest = np.linalg.norm(steps(given), axis=-1).min()
-    half = max(int(CORNERS.window * shortest), 2)
-    grid = _refine(picture, corners, half).reshape(shape).astype(np.float64)
+    grid = _refine(picture, given, max(int(WINDOW * shortest), 2)).astype(np.float64)
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
-    if sharp and _roughness(given) < CORNERS.spoilt * _roughness(grid):
+    if seen.size and _roughness(given) < SPOILT * _roughness(grid):
         grid = given
     grid = _order_corners(_rescale(grid, picture, grey), grey)
     fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
         return no_features("the corners do not lie on a smooth sheet")
-    if not _alternates(grid, grey):
-        return no_features("the chessboard has other squares than the target says")
     if _darkness(grid, grey) < 0:
         return no_features(
             "its upper left square is white; exchange columns and rows if the board is turned"
         )
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
-
-
-def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
-    """Whether the squares of a chessboard are black and white by turns, and none beyond its rim are."""
-    left, top = grid.min(axis=(0, 1)).astype(int)
-    right, bottom = grid.max(axis=(0, 1)).astype(int)
-    contrast = grey[top:bottom, left:right].std()
-    if abs(_darkness(grid, grey)) < CORNERS.least_contrast * contrast:
-        return False
-    for quarters in range(4):
-        side = np.rot90(grid, quarters)
-        # The first row of squares between corners, and that of the same colours beyond the board; second
-        # differences, as light may fall off along both.
-        inner = np.diff(_squares(side[:2], grey)[0], 2)
-        beyond = np.diff(_squares(3 * side[:2] - 2 * side[1:3], grey)[0], 2)
-        if beyond @ inner > CORNERS.least_contrast * (inner @ inner) > 0:
-            return False
-    return True
 
 
 def _roughness(grid: FloatArray) -> float:

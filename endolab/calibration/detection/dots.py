@@ -3,7 +3,6 @@
 A dot's bit is its darkness over the area of its lattice cell, which neither tilt nor blur changes.
 """
 
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -25,18 +24,12 @@ Found = tuple[IntArray, FloatArray, str]  # ids, pixels, and the reason why ther
 Placement = tuple[float, int, tuple[int, int]]
 
 
-@dataclass(frozen=True)
-class CodeRules:
-    """When a piece of a lattice is a part of the sheet; chosen by hand."""
-
-    least_dots: int = 20  # to tell the code by
-    pad: int = 2  # columns and rows beside the sheet in which false spots may lie
-    most_wrong: float = 0.1  # share of the bits
-    surety: float = 5.0  # logarithm of the odds against a match by chance
-    most_off: float = 0.8  # of a dot's size, where 1 is halfway to the other size
-
-
-CODE = CodeRules()
+# When a piece of a lattice is a part of the sheet; chosen by hand.
+LEAST_DOTS = 20  # to tell the code by
+PAD = 2  # columns and rows beside the sheet in which false spots may lie
+MOST_WRONG = 0.1  # share of the bits
+SURETY = 5.0  # logarithm of the odds against a match by chance
+MOST_OFF = 0.8  # of a dot's size, where 1 is halfway to the other size
 
 
 def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
@@ -121,7 +114,7 @@ def _lay(
     """Lay a piece of a lattice onto a sheet of a shape, whose table is padded: which blob is where."""
     _, turn, shift = placement
     place = np.argwhere(piece >= 0)
-    on_sheet = place @ TURNS[turn].T + shift - CODE.pad
+    on_sheet = place @ TURNS[turn].T + shift - PAD
     inside = np.all((on_sheet >= 0) & (on_sheet < shape), axis=1)
     sheet = np.full(shape, -1)
     sheet[tuple(on_sheet[inside].T)] = piece[tuple(place[inside].T)]
@@ -131,7 +124,7 @@ def _lay(
 def match_code(size: FloatArray, code: IntArray) -> Placement | None:
     """Say how a piece of the lattice lies on the sheet, whose sizes `read_bits` gave; None if not clear."""
     value = np.clip(size[np.isfinite(size)], -1, 1)
-    table = np.pad(2.0 * code - 1, CODE.pad)
+    table = np.pad(2.0 * code - 1, PAD)
     placements, trials = _placements(np.argwhere(np.isfinite(size)), value, table)
     if not placements:
         return None
@@ -141,9 +134,9 @@ def match_code(size: FloatArray, code: IntArray) -> Placement | None:
     # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
     wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    if wrong > CODE.most_wrong or score - second < 3:
+    if wrong > MOST_WRONG or score - second < 3:
         return None
-    return placements[0] if rarity >= np.log(trials) + CODE.surety else None
+    return placements[0] if rarity >= np.log(trials) + SURETY else None
 
 
 def _cover(target: DotGrid) -> tuple[float, float]:
@@ -158,7 +151,7 @@ def _cover(target: DotGrid) -> tuple[float, float]:
 def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending; pixels; why none."""
     blobs = find_blobs(image, greys=target.greys is not None)
-    if len(blobs) < CODE.least_dots:
+    if len(blobs) < LEAST_DOTS:
         return no_features("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
     cover = _cover(target)
@@ -185,9 +178,9 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     for _ in range(2):
         fits, cell = check_places(_places(sheet, blobs), panel)
         off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
-        fits &= off < CODE.most_off
+        fits &= off < MOST_OFF
         sheet = np.where(fits, sheet, -1)
-        if (sheet >= 0).sum() < CODE.least_dots:
+        if (sheet >= 0).sum() < LEAST_DOTS:
             return no_features("the dots do not lie on a smooth sheet")
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]], ""

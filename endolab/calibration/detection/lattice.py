@@ -4,7 +4,6 @@ All steps are local in the picture, so no camera is needed: each next spot is pr
 neighbours, which follows fisheye curvature, perspective and the kink at a fold.
 """
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -16,17 +15,11 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_unde
 EIGHT_NEIGHBOURS = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
 
 
-@dataclass(frozen=True)
-class LatticeRules:
-    """What a piece of a lattice is, and how far its features may lie off; chosen by hand."""
-
-    least_spots: int = 12  # of a piece
-    most_pieces: int = 6
-    slack: float = 0.3  # px that a feature may lie off, beyond what is usual
-    most_miss: float = 0.12  # the same at most, lattice steps
-
-
-LATTICE = LatticeRules()
+# What a piece of a lattice is, and how far its features may lie off; chosen by hand.
+LEAST_SPOTS = 12  # of a piece
+MOST_PIECES = 6
+SLACK = 0.3  # px that a feature may lie off, beyond what is usual
+MOST_MISS = 0.12  # the same at most, lattice steps
 
 
 def _mean(values: FloatArray) -> FloatArray:
@@ -193,7 +186,7 @@ def find_lattices(
     score = is_hit.sum(axis=1) - (is_hit * np.minimum(nearest, 0.3)).sum(axis=1) / 8
     free = np.ones(len(centres), bool)
     for seed in np.argsort(-score, kind="stable"):
-        if score[seed] < 6 or len(pieces) == LATTICE.most_pieces:
+        if score[seed] < 6 or len(pieces) == MOST_PIECES:
             break
         taken = neighbour[seed][is_hit[seed]]
         if not (free[seed] and free[taken].all()):
@@ -212,7 +205,7 @@ def find_lattices(
             0.3,
         )
         free[owner[owner >= 0]] = False
-        if (owner >= 0).sum() >= LATTICE.least_spots:
+        if (owner >= 0).sum() >= LEAST_SPOTS:
             pieces.append(owner)
     return pieces
 
@@ -270,5 +263,5 @@ def check_places(
     nearby[~np.isfinite(nearby).any(axis=1)] = 0.0
     usual = np.nanmedian(nearby, axis=1).reshape(panel.shape)
     with nan_if_undefined():
-        slack = LATTICE.slack / np.sqrt(cell)
-        return miss <= np.minimum(3 * usual + slack, LATTICE.most_miss), cell
+        slack = SLACK / np.sqrt(cell)
+        return miss <= np.minimum(3 * usual + slack, MOST_MISS), cell

@@ -103,7 +103,7 @@ def sample_places(
     paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
     white = _white_places(target) if white is None else white
-    greys = target.ink.greys * [1, 1, RULES.grey_clearance, 1]
+    greys = target.grey_discs * [1, 1, RULES.grey_clearance, 1]
     ratios = np.unique(-greys[:, 3])
     material = np.concatenate(
         [np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])]

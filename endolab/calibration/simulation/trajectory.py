@@ -1,55 +1,40 @@
 """How a hand moves a sheet of paper in front of a camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
-from endolab.numerics.checks import check_int, number
+from endolab.numerics.arrays import BoolArray, FloatArray, nan_if_undefined
+from endolab.numerics.checked_types import checked
 
 Panels = tuple[Pose, ...]  # one pose a panel
+LEAST_SEEN = 0.25  # of the features, in every frame
+Angle = Annotated[float, Field(ge=0, le=1.4)]
 
 
-@dataclass(frozen=True)
+@checked
 class Movement:
     """How a hand moves a sheet."""
 
-    fold: float = 0.0  # angle between the normals of a folded sheet's panels, rad
+    # Angle between the normals of a folded sheet's panels, rad.
+    fold: Annotated[float, Field(ge=0, le=2)] = 0.0
     # Nearest and farthest depth z of its middle, mm.
     distance: tuple[float, float] = (25.0, 100.0)
     # The largest angles of its normal to the axis (0: frontal), and of its middle off the axis, rad.
-    tilt: float = float(np.deg2rad(55))
-    reach: float = float(np.deg2rad(40))
-
-    def __post_init__(self) -> None:
-        nearest, farthest = self.distance
-        if not 0 < nearest <= farthest < np.inf:
-            raise ValueError(
-                f"distance must be two growing positive numbers (mm), got {nearest} and {farthest}"
-            )
-        for name, most in (("tilt", 1.4), ("reach", 1.4), ("fold", 2.0)):
-            number(
-                name,
-                getattr(self, name),
-                0,
-                most,
-            )
+    tilt: Angle = float(np.deg2rad(55))
+    reach: Angle = float(np.deg2rad(40))
 
 
 MOVEMENT = Movement()
 
 
-def fold_pose(
-    target: Target,
-    pose: Pose,
-    fold: float,
-) -> Panels:
+def fold_pose(target: Target, pose: Pose, fold: float) -> Panels:
     """Fold a flat sheet's pose: each panel turns away from the camera by half of `fold`, rad, at least 0.
 
     One pose a panel; the ridge is towards the camera and stays in place.
@@ -64,11 +49,7 @@ def fold_pose(
     return tuple(panels)
 
 
-def _wander(
-    count: int,
-    columns: int,
-    rng: np.random.Generator,
-) -> FloatArray:
+def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
     """Return smooth random motions, (count, columns), that spend their time evenly over [-1, 1]."""
     time = np.linspace(0, 1, count)[:, None]
     slow = rng.uniform(1.5, 3.5, columns)
@@ -82,34 +63,21 @@ def _wander(
 
 def _disc(square: FloatArray) -> FloatArray:
     """Map the square [-1, 1]² onto the unit disc, (..., 2)."""
-    x = square[..., 0]
-    y = square[..., 1]
-    return np.stack([x * np.sqrt(1 - y**2 / 2), y * np.sqrt(1 - x**2 / 2)], axis=-1)
+    return square * np.sqrt(1 - square[..., ::-1] ** 2 / 2)
 
 
 def on_sheet(
-    target: Target,
-    poses: Sequence[Panels],
-    places: FloatArray,
+    target: Target, poses: Sequence[Panels], places: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Places of the sheet and the normals there in the camera frame, (frames, n, 3)."""
     panel = target.panel_of(places)
-    flat = np.column_stack([places[:, :2], np.zeros(len(places))])
-    points, normals = np.empty((2, len(poses), len(places), 3))
-    for side in range(target.panels):
-        on_panel = panel == side
-        rotation = np.stack([frame[side].rotation for frame in poses])
-        shift = np.stack([frame[side].translation for frame in poses])
-        points[:, on_panel] = flat[on_panel] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
-        normals[:, on_panel] = -rotation[:, None, :, 2]
-    return points, normals
+    rotation = np.array([[pose.rotation for pose in frame] for frame in poses])[:, panel]
+    shift = np.array([[pose.translation for pose in frame] for frame in poses])[:, panel]
+    points = np.einsum("fnij,nj->fni", rotation[..., :2], places[:, :2]) + shift
+    return points, -rotation[..., 2]
 
 
-def in_view(
-    camera: Camera,
-    points: FloatArray,
-    normals: FloatArray,
-) -> BoolArray:
+def in_view(camera: Camera, points: FloatArray, normals: FloatArray) -> BoolArray:
     """Whether the camera sees the front of the sheet at these points, within the picture."""
     with nan_if_undefined():
         pixel = camera.project(points)
@@ -129,48 +97,32 @@ def trajectory(
     seed: int = 0,
 ) -> list[Panels]:
     """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel."""
-    check_int("count", count, 1)
-    fold = movement.fold
-    if fold and target.fold_x is None:
+    if movement.fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
-    # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
-    # until it is reached.
-    least_seen = 1.0 if target.found_whole else 0.25
-    wander = _wander(count, 6, np.random.default_rng([check_int("seed", seed), 0]))
+    wander = _wander(count, 6, np.random.default_rng([seed, 0]))
     lean = movement.tilt * _disc(wander[:, :2])
     aside = movement.reach * _disc(wander[:, 2:4])
-    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log(movement.distance)))
+    near, far = movement.distance
+    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([near, far])))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
     turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
     left, top, width, height = target.sheet
     middle = np.array([left + width / 2, top + height / 2, 0.0])
     if target.fold_x is not None:
         middle[0] = target.fold_x
-
-    def place(which: IntArray, pull: FloatArray) -> list[Panels]:
-        """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
-        side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
-        angle = np.linalg.norm(side, axis=1, keepdims=True)
-        z = depth[which] * (movement.distance[1] / depth[which]) ** np.clip(pull - 1, 0, 1)
-        off_axis = side * np.tan(angle) / np.where(angle > 0, angle, 1)
-        centre = np.column_stack([off_axis, np.ones(len(which))]) * z[:, None]
-        turn = turns[which].as_matrix()
-        shift = centre - turn @ middle
-        flat = map(Pose, turn, shift)
-        return [fold_pose(target, pose, fold) for pose in flat]
-
-    def settle(pull: FloatArray) -> FloatArray:
-        """Pull the frames that show too little, step by step."""
-        short = np.arange(count)
-        while len(short):
-            points, normals = on_sheet(target, place(short, pull[short]), target.points)
-            enough = in_view(camera, points, normals).mean(axis=1) >= least_seen
-            short = short[~enough & (pull[short] < 2)]
-            pull[short] += 0.05
-        return pull
-
-    pull = settle(np.zeros(count))
-    # The steps would show as jerks: smooth them, on the safe side.
-    wide = max(count // 30, 1)
-    pull = settle(gaussian_filter1d(maximum_filter1d(pull, 2 * (wide // 2) + 1), wide / 8))
-    return place(np.arange(count), pull)
+    least_seen = 1.0 if target.found_whole else LEAST_SEEN
+    poses = []
+    for turn, side, z in zip(turns.as_matrix(), aside, depth, strict=True):
+        # The sheet is pulled to the axis (0 to 1) and then away (1 to 2), until enough of it is in view.
+        for pull in np.arange(0, 2.01, 0.05):
+            angle = max(1 - pull, 0.0) * np.hypot(*side)
+            off = np.tan(angle) * side / (np.hypot(*side) or 1.0)
+            centre = np.append(off, 1) * z * (far / z) ** max(pull - 1, 0)
+            pose = fold_pose(target, Pose(turn, centre - turn @ middle), movement.fold)
+            if (
+                in_view(camera, *on_sheet(target, [pose], target.points)).mean()
+                >= least_seen
+            ):
+                break
+        poses.append(pose)
+    return poses

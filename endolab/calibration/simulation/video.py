@@ -82,12 +82,7 @@ def simulate_samples(
     points = points[frame, place]
     normals = normals[frame, place]
     light = gains[frame] * places[place, 3] * linear_light(photometry, points, normals)
-    level = store_levels(
-        light,
-        photometry.gamma,
-        sensor,
-        rng,
-    )
+    level = store_levels(light, photometry.gamma, sensor, rng)
     wild = rng.random(len(level)) < sensor.outliers
     level[wild] = round_levels(rng.random(np.count_nonzero(wild)), sensor.bits)
     return Samples(frame, level, points, normals, material[place]), gains

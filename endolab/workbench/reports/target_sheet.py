@@ -49,14 +49,13 @@ def draw_sheet(target: Target) -> Figure:
     axes.set_axis_off()
     rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
     axes.add_patch(Rectangle((left, top), width, height, **rim))
-    ink = target.ink
-    for x, y, diameter, reflectance in ink.greys:
-        disc = np.array([[x, y, diameter, diameter]])
+    discs = target.discs
+    for reflectance in np.unique(discs[:, 3]):
+        alike = discs[discs[:, 3] == reflectance]
         # SRGB, which pages are in; its straight part is darker than any ink.
-        grey = 1.055 * reflectance ** (1 / 2.4) - 0.055
-        _fill(axes, Outline.unit_circle(), disc, f"{grey:.4f}")
-    _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], "black")
-    _fill(axes, Outline.unit_rectangle(), ink.rectangles, "black")
+        grey = max(1.055 * reflectance ** (1 / 2.4) - 0.055, 0)
+        _fill(axes, Outline.unit_circle(), alike[:, [0, 1, 2, 2]], f"{grey:.4f}")
+    _fill(axes, Outline.unit_rectangle(), target.squares[:, [0, 1, 2, 2]], "black")
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     lines: dict[str, Any] = {"color": "0.4", "linewidth": 0.5}
     bottom = top + height
