@@ -14,7 +14,6 @@ from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens, predict_view
 from endolab.calibration.geometric.reprojection import find_pose, views_of
-from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
@@ -259,7 +258,6 @@ def calibrate(
     channel: str = "grey",
     leave_out: Collection[str] = (),
     progress: Progress = silent,
-    light_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     **light: Any,
 ) -> Session:
     """Calibrate an endoscope from frames of a target.
@@ -284,8 +282,6 @@ def calibrate(
         Names of frames that the fits are not to see.
     progress : callable
         Told the stage ("detecting", "locating", "sampling"), what is done and the total.
-    light_observers : iterable of callables
-        Shown every step of the light's fit.
     **light
         Options of `calibrate_light`: gamma, brdf, gain, reflectance …
 
@@ -352,7 +348,7 @@ def calibrate(
     refused = ""
     # Whatever fails from here on, be it arithmetic, the camera is not lost.
     try:
-        fit = calibrate_light(samples, observers=light_observers, **light)
+        fit = calibrate_light(samples, **light)
     except (ValueError, ArithmeticError) as error:
         refused = str(error)
     else:

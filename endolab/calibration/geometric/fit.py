@@ -7,9 +7,9 @@ the full model. A Brown-Conrady camera begins where the fisheye ends; between th
 held out.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import compress, takewhile
+from itertools import compress
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +31,7 @@ from endolab.calibration.geometric.reprojection import (
     find_pose,
     linear_pose,
 )
-from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
+from endolab.calibration.least_squares import Fit, fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import BrownConrady, KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -67,10 +67,6 @@ VIEWS_NEEDED = (
     f"a calibration needs {CAMERA_FIT.least_views} views from different directions at least"
 )
 LENSES = ("auto", "fisheye", "brown")
-# Bases in which the camera moves: one focal length, then the centre and k1 with it, then all.
-ALL_NUMBERS = np.eye(8)
-ONE_FOCAL = ALL_NUMBERS[:, :1] + ALL_NUMBERS[:, 1:2]
-GROWING_BASES = [ONE_FOCAL, np.hstack([ONE_FOCAL, ALL_NUMBERS[:, 2:5]]), ALL_NUMBERS]
 
 
 @dataclass(frozen=True)
@@ -124,23 +120,12 @@ def _first_poses(
     return kept, poses, dropped
 
 
-def _free_numbers(k: FloatArray) -> FloatArray:
-    """Return the basis in which a camera moves: k4 to k6 of `BrownConrady` stay, views hardly tell them."""
-    return ALL_NUMBERS if len(k) == 4 else np.eye(12)[:, :9]
-
-
-def _approach(model: Reprojection, start: Geometry) -> Geometry:
-    """Take the steps of the Huber stage, which forgives a poor start."""
-    steps = takewhile(lambda step: step.stage == "huber", iterate_fit(model, start))
-    return list(steps)[-1].unknowns
-
-
 def _misfit(views: Sequence[View], target: Target, camera: KannalaBrandt) -> float:
     """How far off, px, views are in the median; inf if half of them have no pose."""
     kept, poses, _ = _first_poses(views, target, camera)
     misses = np.full(len(views), np.inf)
     if kept:
-        model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
+        model = Reprojection(kept, target, 0, np.zeros(4))
         misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
     # The lower median: half of the views may be useless.
     return float(np.sort(misses)[(len(views) - 1) // 2])
@@ -165,8 +150,8 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
 def _find_disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     """Say of which views fewer than half the points agree with the fit."""
     why = []
-    for number, facing in enumerate(fitted.iterate.unknowns.facing):
-        used = fitted.iterate.used[model.group == number]
+    for number, facing in enumerate(fitted.unknowns.facing):
+        used = fitted.used[model.group == number]
         if not facing:
             why.append("it shows the paper from behind")
         elif used.sum() < max(PLANE.least_points, len(used) / 2):
@@ -182,16 +167,15 @@ def _fit_views(
     geometry: Geometry,
     target: Target,
     usual: FloatArray,
-    observers: Sequence[Callable[[FitIterate], bool | None]],
 ) -> tuple[Fit, list[View], dict[str, str]]:
     """Fit, leave out the views that disagree, until all agree."""
     dropped: dict[str, str] = {}
     while True:
         _refuse_few(len(views), dropped, least=1)
-        model = Reprojection(views, target, _free_numbers(usual), usual)
-        fitted = fit(model, geometry, observers, smallest=POINT_ERRORS.finest)
+        model = Reprojection(views, target, min(4 + len(usual), 9), usual)
+        fitted = fit(model, geometry, POINT_ERRORS.finest)
         why = _find_disagreeing(fitted, model)
-        if not any(why) or fitted.status is Status.STOPPED:
+        if not any(why):
             return fitted, views, dropped
         labels = [_label(view, target) for view in views]
         dropped |= {
@@ -199,7 +183,7 @@ def _fit_views(
         }
         good = [not reason for reason in why]
         views = list(compress(views, good))
-        geometry = fitted.iterate.unknowns
+        geometry = fitted.unknowns
         poses = {
             "rotation": geometry.rotation[good],
             "translation": geometry.translation[good],
@@ -220,7 +204,6 @@ def calibrate_camera(
     *,
     lens: str = "fisheye",
     start: Lens | None = None,
-    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> GeometricFit:
     """Calibrate a camera from views of a target.
 
@@ -238,8 +221,6 @@ def calibrate_camera(
         A camera near the truth, whose kind is fitted whatever the `lens`. Then one view is enough, and
         what it cannot tell shows in the
         standard errors.
-    observers : iterable of callables
-        Each is shown every iterate of the last fit; True stops it.
 
     Returns
     -------
@@ -254,13 +235,11 @@ def calibrate_camera(
     """
     if lens not in LENSES:
         raise unknown_name("lens", lens, LENSES)
-    fitted = _calibrate(views, target, (width, height), start, list(observers))
+    fitted = _calibrate(views, target, (width, height), start)
     too_wide = lens == "auto" and fitted.max_angle_seen > CAMERA_FIT.widest_brown
     if lens == "fisheye" or start is not None or too_wide:
         return fitted
-    brown = _calibrate(
-        views, target, (width, height), _begin_brown(fitted), list(observers)
-    )
+    brown = _calibrate(views, target, (width, height), _begin_brown(fitted))
     _refuse_untold(brown)
     if lens == "brown":
         return brown
@@ -294,7 +273,7 @@ def _predict(fitted: GeometricFit, target: Target) -> float:
         known = [view for view in fitted.views if view.name not in outside]
         try:
             size = camera.width, camera.height
-            there = _calibrate(known, target, size, camera, []).camera
+            there = _calibrate(known, target, size, camera).camera
             for view in fitted.views:
                 if view.name in outside:
                     residual = find_pose(view, target, there)[2]
@@ -311,7 +290,6 @@ def _calibrate(
     target: Target,
     size: tuple[int, int],
     start: Lens | None,
-    observers: Sequence[Callable[[FitIterate], bool | None]],
 ) -> GeometricFit:
     """Calibrate a camera of the kind of `start`, or a fisheye without a guess."""
     if start is None:
@@ -321,10 +299,7 @@ def _calibrate(
     _refuse_few(len(kept), dropped, least=1)
     geometry = Geometry.of(camera_vector(camera), poses)
     k = np.array(camera.k)
-    for basis in GROWING_BASES if start is None else [_free_numbers(k)]:
-        model = Reprojection(kept, target, basis, k, discs=False)
-        geometry = _approach(model, geometry)
-    fitted, kept, disagreeing = _fit_views(kept, geometry, target, k, observers)
+    fitted, kept, disagreeing = _fit_views(kept, geometry, target, k)
     result = _result(fitted, kept, dropped | disagreeing, target, size)
     if start is None:
         _refuse_few(len(result.views), result.dropped)
@@ -339,18 +314,16 @@ def _result(
     target: Target,
     size: tuple[int, int],
 ) -> GeometricFit:
-    geometry: Geometry = fitted.iterate.unknowns
-    used = fitted.iterate.used
-    residual = fitted.iterate.residual
+    geometry: Geometry = fitted.unknowns
+    used = fitted.used
+    residual = fitted.residual
     cuts = np.cumsum([len(view.ids) for view in views])[:-1]
     camera = camera_of(geometry.vector, *size)
     covariance = np.zeros((len(geometry.vector),) * 2)
     free = len(fitted.covariance.common)
     covariance[:free, :free] = fitted.covariance.common
     errors = np.sqrt(np.diag(covariance)).tolist()
-    angles = Reprojection(views, target, covariance[:, :0], np.array(camera.k)).angles(
-        geometry
-    )
+    angles = Reprojection(views, target, 0, np.array(camera.k)).angles(geometry)
     return GeometricFit(
         camera=camera,
         views=tuple(views),
@@ -358,7 +331,7 @@ def _result(
         dropped=dropped,
         residuals=tuple(np.split(residual, cuts)),
         inliers=tuple(np.split(used, cuts)),
-        sigma=fitted.iterate.sigma,
+        sigma=fitted.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
         standard_errors=dict(zip(camera_names(camera), errors, strict=True)),
         covariance=covariance,

@@ -110,25 +110,24 @@ class Geometry:
 class Reprojection:
     """The residuals of views as a `Model`.
 
-    The camera moves along the columns of `basis`, (8 or 12, p), from where it is.
+    The first `free` numbers of the camera's vector are fitted; its k are known to be near `usual`, (4 or 8,).
     """
 
     def __init__(
         self,
         views: Sequence[View],
         target: Target,
-        basis: FloatArray,
+        free: int,
         usual: FloatArray,
-        discs: bool = True,
     ) -> None:
         self.group: IntArray = np.repeat(
             np.arange(len(views)), [len(view.ids) for view in views]
         )
         ids = np.concatenate([view.ids for view in views])
         self.points = target.points[ids]
-        self.radii = target.radii[ids] * discs
+        self.radii = target.radii[ids]
         self.pixels = np.concatenate([view.pixels for view in views])
-        self.basis = basis
+        self.free = free
         self.usual = usual
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
@@ -140,16 +139,17 @@ class Reprojection:
             self.radii,
         )
         residual = self.pixels - projection.pixels
-        by_common = -projection.by_camera @ self.basis
+        by_common = -projection.by_camera[..., : self.free]
         spread = USUAL_K if len(self.usual) == 4 else USUAL_BROWN
         prior = (unknowns.vector[4:] - self.usual) / spread
-        by_prior = self.basis[4:] / spread[:, None]
+        by_prior = np.eye(len(unknowns.vector))[4:, : self.free] / spread[:, None]
         return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
 
     def take_step(  # noqa: D102
         self, unknowns: Geometry, common: FloatArray, own: FloatArray
     ) -> Geometry | None:
-        vector = unknowns.vector + self.basis @ common
+        vector = unknowns.vector.copy()
+        vector[: self.free] += common
         if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
             return None
         turn = scipy.spatial.transform.Rotation.from_rotvec(own[:, :3]).as_matrix()
@@ -190,18 +190,16 @@ def find_pose(
     be seen from behind.
     """
     pose = linear_pose(view, target, camera)
-    model = Reprojection(
-        [view], target, np.zeros((4 + len(camera.k), 0)), np.array(camera.k)
-    )
+    model = Reprojection([view], target, 0, np.array(camera.k))
     fitted = fit(
         model, Geometry.of(camera_vector(camera), [pose]), smallest=POINT_ERRORS.finest
     )
-    inliers = fitted.iterate.used
+    inliers = fitted.used
     if inliers.sum() < max(PLANE.least_points, len(inliers) / 2):
         raise ValueError(
             f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
         )
-    pose = fitted.iterate.unknowns.poses[0]
+    pose = fitted.unknowns.poses[0]
     # Scale of the panel in the picture about its middle, where it is least, px/mm.
     middle = target.points[view.ids].mean(axis=0, keepdims=True)
     at = camera_vector(camera), pose.rotation[None], pose.translation[None], middle
@@ -210,4 +208,4 @@ def find_pose(
     apart = scale * target.spacing
     worse = POINT_ERRORS.shared * (1 + (POINT_ERRORS.doubled_at / apart) ** 4)
     pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
-    return pose, inliers, fitted.iterate.residual
+    return pose, inliers, fitted.residual

@@ -21,12 +21,12 @@ material, replace the BRDF by that of the material in 1/sr:
 the one factor by which the true paper is darker than that.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
+from endolab.calibration.least_squares import Covariance, Fit, fit
 from endolab.calibration.photometric import identifiability
 from endolab.calibration.photometric.identifiability import NotIdentifiableError, Strength
 from endolab.calibration.photometric.model import (
@@ -143,7 +143,6 @@ def calibrate_light(
     gain: str = "free",
     reflectance: Sequence[Known] = (),
     levels: tuple[float, float] = LIGHT_FIT.levels,
-    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> PhotometricFit:
     """Calibrate light, response and gains from samples of known place and normal.
 
@@ -167,8 +166,6 @@ def calibrate_light(
     levels : (low, high)
         Stored values between which a sample's *predicted* value must lie for it to count; choose
         them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
-    observers : iterable of callables
-        Each is shown every iterate, a `FitIterate` of `LightUnknowns`; True stops the fit.
 
     Returns
     -------
@@ -216,7 +213,7 @@ def calibrate_light(
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
     stiff = identifiability.hold_unknowns(model, expected)
-    fitted = fit(stiff, begin, observers)
+    fitted = fit(stiff, begin)
     covariance = identifiability.widen(fitted.covariance.common, model, stiff)
     fitted = replace(fitted, covariance=Covariance(covariance, fitted.covariance.own))
     return _result(model, frames, expected, fitted)
@@ -286,9 +283,9 @@ def _result(
     model: LightModel, frames: IntArray, expected: dict[str, Strength], fitted: Fit
 ) -> PhotometricFit:
     """Check a fit and put it into words."""
-    used = fitted.iterate.used
-    sigma = fitted.iterate.sigma
-    unknowns: LightUnknowns = fitted.iterate.unknowns
+    used = fitted.used
+    sigma = fitted.sigma
+    unknowns: LightUnknowns = fitted.unknowns
     covariance = fitted.covariance.common
     deviation = np.sqrt(np.diag(covariance))
     errors = _standard_errors(model, unknowns, covariance)
@@ -302,7 +299,7 @@ def _result(
     alike = len(frames) // len(unknowns.own)
     gains = np.repeat(np.exp(unknowns.own[:, 0]), alike)
     gain_errors = gains * np.repeat(np.sqrt(fitted.covariance.own[:, 0, 0]), alike)
-    residuals = fitted.iterate.residual[:, 0]
+    residuals = fitted.residual[:, 0]
     names = [name for name, free in zip(model.names, model.free, strict=True) if free]
     result = PhotometricFit(
         photometry=Photometry(

@@ -13,7 +13,7 @@ from tests.tools.simulated_session import COUNT, LOST, refused, simulated
 
 @pytest.mark.parametrize("name", ["vicalib_small", "vicalib_folded"])
 def test_what_is_read_back_is_the_calibration(name, tmp_path):
-    session, frames, _ = simulated(name)
+    session, frames = simulated(name)
     record_calibration(session, frames, tmp_path / "calibration.rrd")
     assert [file.name for file in tmp_path.iterdir()] == ["calibration.rrd"]
     file = Recorded(tmp_path / "calibration.rrd")
@@ -56,7 +56,7 @@ def test_what_is_read_back_is_the_calibration(name, tmp_path):
 
 
 def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
-    session, frames, _ = simulated("vicalib_folded")
+    session, frames = simulated("vicalib_folded")
     poses = session.poses | {"frame_0": (None, session.poses["frame_0"][1])}
     session = replace(refused(session), geometry=None, poses=poses)
     frames = [(name, None if name == "frame_2" else image) for name, image in frames]
