@@ -96,6 +96,12 @@ class Geometry:
             np.stack([p.translation for p in poses]),
         )
 
+    def only(self, kept: Sequence[bool]) -> Geometry:
+        """The camera with some of the poses."""
+        return Geometry(
+            self.vector, self.rotation[list(kept)], self.translation[list(kept)]
+        )
+
     @property
     def poses(self) -> list[Pose]:
         """The poses, one by one."""
