@@ -156,9 +156,7 @@ def detect_all(
     return detections, size
 
 
-def choose_views(
-    detections: Mapping[str, Detection], every: int = 20
-) -> list[str]:
+def choose_views(detections: Mapping[str, Detection], every: int = 20) -> list[str]:
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
@@ -205,7 +203,9 @@ def locate(
     for name, error in worst.items():
         if error > ALIEN * max(usual, POINT_ERRORS.finest):
             del poses[name], errors[name]
-            dropped[name] = f"its points are {error:.3g} px off, of other frames {usual:.2g} px"
+            dropped[name] = (
+                f"its points are {error:.3g} px off, of other frames {usual:.2g} px"
+            )
     return poses, errors, dropped
 
 
