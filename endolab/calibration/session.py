@@ -200,11 +200,11 @@ def locate(
             dropped[name] = reason
         progress("locating", number + 1, len(detections))
     usual = float(np.median(list(worst.values()) or [0.0]))
-    for name, error in worst.items():
-        if error > ALIEN * max(usual, POINT_ERRORS.finest):
+    for name, far in worst.items():
+        if far > ALIEN * max(usual, POINT_ERRORS.finest):
             del poses[name], errors[name]
             dropped[name] = (
-                f"its points are {error:.3g} px off, of other frames {usual:.2g} px"
+                f"its points are {far:.3g} px off, of other frames {usual:.2g} px"
             )
     return poses, errors, dropped
 

@@ -245,10 +245,10 @@ def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float
     A detector's errors are not independent within a view, so that the covariance C of the fit is too small.
     By the jackknife over g parts, whose cameras are off that of all by Δ, its p numbers have
 
-        q = (g - 1) median(Δᵀ C⁻¹ Δ) / p
+        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
 
-    times that variance. Returns the fit, and the root mean square error, px, of the views as others predict
-    them, but for the worst points; inf if they cannot.
+    times that variance: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit, and the root
+    mean square error, px, of the views as others predict them, but for the worst points; inf if they cannot.
     """
     geometry = Geometry.of(camera_vector(fitted.camera), fitted.poses)
     names = list(dict.fromkeys(view.name for view in fitted.views))
@@ -274,7 +274,7 @@ def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float
     inverse = np.linalg.inv(fitted.covariance[np.ix_(told, told)])
     off = (np.array(cameras) - geometry.vector)[:, told]
     lengths = np.sum(off @ inverse * off, axis=1)
-    q = float((parts - 1) * np.median(lengths) / told.sum())
+    q = float((parts - 1) * np.median(lengths) / (told.sum() - 2 / 3))
     ordered = np.sort(np.concatenate(squares))
     error = float(np.sqrt(np.mean(ordered[: int(0.95 * len(ordered))])))
     return replace(fitted, covariance=max(1.0, q) * fitted.covariance), error
