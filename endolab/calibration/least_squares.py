@@ -81,10 +81,10 @@ def _square(a: FloatArray) -> FloatArray:
     The pieces are so small that BLAS keeps to one thread. On a whole tall matrix it takes several,
     and on a busy machine these wait for each other ten times longer than they work.
     """
-    return sum(
-        (piece.T @ piece for piece in np.array_split(a, len(a) // 256 + 1)),
-        np.zeros((a.shape[1],) * 2),
-    )
+    square = np.zeros((a.shape[1],) * 2)
+    for piece in np.array_split(a, len(a) // 256 + 1):
+        square += piece.T @ piece
+    return square
 
 
 @dataclass(frozen=True)
@@ -139,13 +139,6 @@ class Arrow:
         right = self.common_gradient - np.einsum("gbi,gb->i", gain, self.own_gradient)
         step = -scale * np.linalg.lstsq(reduced, right * scale, rcond=1e-14)[0]
         return step, -np.einsum("gij,gj->gi", alone, self.own_gradient) - gain @ step
-
-    def length(self, common: FloatArray, own: FloatArray) -> float:
-        """Length of a step in standard errors; no unknown moves by more of its own."""
-        square = common @ self.common @ common
-        square += 2 * np.einsum("gb,gbp,p->", own, self.cross, common)
-        square += np.einsum("gi,gij,gj->", own, self.own, own)
-        return float(np.sqrt(np.maximum(square, 0.0)))
 
     def covariance(self) -> Covariance:
         """Invert the normal equations; unknowns that they do not tell get inf.
@@ -220,8 +213,10 @@ def _descend(
         arrow = Arrow(lin, weight, model.group)
         while True:
             step = arrow.solve(damping)
+            # Undamped, a step's length in standard errors, squared, is how far it goes down the gradient.
+            fall = -step[0] @ arrow.common_gradient - np.sum(step[1] * arrow.own_gradient)
             # A step that is short because it was damped proves nothing.
-            is_last = damping < 1e-3 and arrow.length(*step) < tolerance
+            is_last = damping < 1e-3 and fall < tolerance**2
             there = model.take_step(unknowns, *step)
             if there is not None:
                 ahead = model.linearise(there)
