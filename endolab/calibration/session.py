@@ -13,7 +13,7 @@ from endolab.calibration.detection.dots import no_features
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens, camera_vector, predict_view
-from endolab.calibration.geometric.reprojection import POINT_ERRORS, find_pose, views_of
+from endolab.calibration.geometric.reprojection import FINEST, find_pose, views_of
 from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
@@ -201,7 +201,7 @@ def locate(
         progress("locating", number + 1, len(detections))
     usual = float(np.median(list(worst.values()) or [0.0]))
     for name, far in worst.items():
-        if far > ALIEN * max(usual, POINT_ERRORS.finest):
+        if far > ALIEN * max(usual, FINEST):
             del poses[name], errors[name]
             dropped[name] = (
                 f"its points are {far:.3g} px off, of other frames {usual:.2g} px"

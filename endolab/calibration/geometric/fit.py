@@ -14,7 +14,7 @@ from itertools import compress
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from endolab.calibration.geometric.planar_pose import PLANE
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     CAMERA_NAMES,
@@ -24,7 +24,7 @@ from endolab.calibration.geometric.projection import (
     camera_vector,
 )
 from endolab.calibration.geometric.reprojection import (
-    POINT_ERRORS,
+    FINEST,
     Geometry,
     Reprojection,
     View,
@@ -137,7 +137,7 @@ def _fit_views(
     while True:
         _refuse_few(len(views), dropped, least=1)
         model = Reprojection(views, target, min(4 + len(usual), 9), usual)
-        fitted = fit(model, geometry, POINT_ERRORS.finest)
+        fitted = fit(model, geometry, FINEST)
         geometry = fitted.unknowns
         good = []
         for number, view in enumerate(views):
@@ -145,7 +145,7 @@ def _fit_views(
             why = ""
             if not geometry.facing[number]:
                 why = "it shows the paper from behind"
-            elif used.sum() < max(PLANE.least_points, len(used) / 2):
+            elif used.sum() < max(LEAST_POINTS, len(used) / 2):
                 share = f"{used.sum()} of its {len(used)}"
                 why = f"only {share} points agree with the other views"
             good.append(not why)

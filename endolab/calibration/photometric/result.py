@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from endolab.calibration.least_squares import OUTLIER, robust_sigma
-from endolab.calibration.photometric.model import GREY_LEVELS, LIGHT_FIT
+from endolab.calibration.photometric.model import GREY_LEVELS, LEVELS
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -78,7 +78,7 @@ class PhotometricFit:
         _, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
             group = np.zeros_like(group)
-        low, high = GREY_LEVELS * np.array(LIGHT_FIT.levels)
+        low, high = GREY_LEVELS * np.array(LEVELS)
         weight = ((measured > low) & (measured < high)).astype(float)
         for _ in range(10):
             total = np.bincount(group, weight * shape**2)
