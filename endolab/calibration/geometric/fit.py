@@ -269,12 +269,12 @@ def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float
         except (ValueError, ArithmeticError):
             return fitted, np.inf
         cameras.append(vector)
-    told = np.diag(fitted.covariance) > 0
-    told &= np.isfinite(np.diag(fitted.covariance))
-    inverse = np.linalg.inv(fitted.covariance[np.ix_(told, told)])
-    off = (np.array(cameras) - geometry.vector)[:, told]
+    determined = np.diag(fitted.covariance) > 0
+    determined &= np.isfinite(np.diag(fitted.covariance))
+    inverse = np.linalg.inv(fitted.covariance[np.ix_(determined, determined)])
+    off = (np.array(cameras) - geometry.vector)[:, determined]
     lengths = np.sum(off @ inverse * off, axis=1)
-    q = float((parts - 1) * np.median(lengths) / (told.sum() - 2 / 3))
+    q = float((parts - 1) * np.median(lengths) / (determined.sum() - 2 / 3))
     ordered = np.sort(np.concatenate(squares))
     error = float(np.sqrt(np.mean(ordered[: int(0.95 * len(ordered))])))
     return replace(fitted, covariance=max(1.0, q) * fitted.covariance), error
