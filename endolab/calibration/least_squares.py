@@ -16,49 +16,25 @@ No two groups' own unknowns meet, so that the normal equations have the shape of
 
     (A - Σ C_gᵀ B_g⁻¹ C_g) δc = -(a - Σ C_gᵀ B_g⁻¹ b_g),      δo_g = -B_g⁻¹ (b_g + C_g δc)
 
-Stages: "huber" brings the start near; "final" keeps the residuals below `outlier` standard deviations,
-all alike, and forgets the others, because a Huber penalty is still pulled by outliers. Within a
-round of a stage, the scale σ and the choice of residuals are frozen, so that what is minimised is
-one function; rounds repeat until the choice no longer changes.
+A Huber penalty brings the start near; then the residuals below `OUTLIER` standard deviations count all
+alike, and the others not at all, because a Huber penalty is still pulled by them. σ and the choice of
+residuals are frozen while a cost is minimised; rounds repeat until the choice no longer changes.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import scipy
 
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, freeze
-from endolab.numerics.iteration import Status, drive
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.iteration import Status
 from endolab.numerics.penalties import huber
 
-
-@dataclass(frozen=True)
-class RobustFit:
-    """When a residual is an outlier, and when a fit has come to its end: both calibrations' rules."""
-
-    huber: float = 1.5  # standard deviations where the parabola becomes a line
-    outlier: float = 3.5  # standard deviations beyond which a residual is an outlier
-    # A step is the last if it moves no unknown by more of its standard error than this; in the first
-    # stage, which only has to come near, than that.
-    tolerance: float = 1e-4
-    rough_tolerance: float = 1.0
-    max_iterations: int = 200
-    max_rounds: int = 20  # of freezing σ and the outliers
-    # σ is never less, be it of pixels or stored values: rounding would count.
-    smallest_sigma: float = 1e-4
-    # What the diagonal grows by, relatively, before it is inverted; an unknown whose variance is so many
-    # times that which it would have alone is not told.
-    ridge: float = 1e-13
-    lost_inflation: float = 1e11
-    rows_at_once: int = 256  # of a tall matrix, that are multiplied
-
-
-ROBUST = RobustFit()
+HUBER = 1.5  # standard deviations where the parabola becomes a line
+OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
+SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
 
 
 # The problem ----------------------------------------------------------------------------
@@ -99,23 +75,16 @@ class Model(Protocol):
 
 
 # Normal equations -----------------------------------------------------------------------
-def _sums(values: FloatArray, group: IntArray) -> FloatArray:
-    """Sum over the measurements of each group; the groups are in order, none is empty."""
-    first = np.searchsorted(group, np.arange(group[-1] + 1))
-    return np.add.reduceat(values, first, axis=0)
-
-
-def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return aᵀ b for two tall matrices, (n, p) and (n, q), by pieces of rows.
+def _square(a: FloatArray) -> FloatArray:
+    """Return aᵀ a for a tall matrix, (n, p), by pieces of rows.
 
     The pieces are so small that BLAS keeps to one thread. On a whole tall matrix it takes several,
     and on a busy machine these wait for each other ten times longer than they work.
     """
-    rows = ROBUST.rows_at_once
-    pieces = len(a) // rows
-    whole = pieces * rows
-    left, right = (m[:whole].reshape(pieces, rows, m.shape[1]) for m in (a, b))
-    return np.matmul(np.swapaxes(left, 1, 2), right).sum(axis=0) + a[whole:].T @ b[whole:]
+    square = np.zeros((a.shape[1],) * 2)
+    for piece in np.array_split(a, len(a) // 256 + 1):
+        square += piece.T @ piece
+    return square
 
 
 @dataclass(frozen=True)
@@ -131,18 +100,20 @@ class Arrow:
 
     def __init__(self, lin: Linearised, weight: FloatArray, group: IntArray) -> None:
         root = np.sqrt(weight)[:, None]
-        r = lin.residual * root
+        r = (lin.residual * root)[..., None]
         a = lin.by_common * root[..., None]
         b = lin.by_own * root[..., None]
         across = np.swapaxes(b, 1, 2)
-        flat = a.reshape(r.size, a.shape[-1])
-        known = lin.prior_by_common
-        self.common = product(flat, flat) + known.T @ known
-        self.common_gradient = product(flat, r.reshape(-1, 1))[:, 0] + known.T @ lin.prior
-        self.own = _sums(across @ b, group) + np.eye(b.shape[-1]) * lin.own_stiffness
-        self.own_gradient = _sums(np.einsum("nmi,nm->ni", b, r), group)
+        first = np.searchsorted(group, np.arange(group[-1] + 1))
+        self.common = _square(a.reshape(r.size, -1))
+        self.common += lin.prior_by_common.T @ lin.prior_by_common
+        self.common_gradient = np.einsum("nmp,nmi->p", a, r)
+        self.common_gradient += lin.prior_by_common.T @ lin.prior
+        self.own = np.add.reduceat(across @ b, first)
+        self.own += np.eye(b.shape[-1]) * lin.own_stiffness
+        self.own_gradient = np.add.reduceat(across @ r, first)[..., 0]
         self.own_gradient += lin.own_stiffness * lin.own
-        self.cross = _sums(across @ a, group)  # (groups, b, p)
+        self.cross = np.add.reduceat(across @ a, first)  # (groups, b, p)
 
     def _eliminate(
         self, damping: float
@@ -158,7 +129,7 @@ class Arrow:
             diagonal += damping * diagonal + (diagonal == 0)
         alone = np.asarray(np.linalg.inv(own), dtype=np.float64)
         gain = alone @ self.cross
-        reduced: FloatArray = common - np.einsum("gbi,gbj->ij", self.cross, gain)
+        reduced = common - np.einsum("gbi,gbj->ij", self.cross, gain)
         scale = 1 / np.sqrt(np.diag(common))
         return alone, gain, reduced * scale * scale[:, None], scale
 
@@ -169,82 +140,43 @@ class Arrow:
         step = -scale * np.linalg.lstsq(reduced, right * scale, rcond=1e-14)[0]
         return step, -np.einsum("gij,gj->gi", alone, self.own_gradient) - gain @ step
 
-    def length(self, common: FloatArray, own: FloatArray) -> float:
-        """Length of a step in standard errors; no unknown moves by more of its own."""
-        square = common @ self.common @ common
-        square += 2 * np.einsum("gb,gbp,p->", own, self.cross, common)
-        square += np.einsum("gi,gij,gj->", own, self.own, own)
-        return float(np.sqrt(np.maximum(square, 0.0)))
-
     def covariance(self) -> Covariance:
-        """Invert the normal equations; unknowns that they do not tell get inf."""
-        alone, gain, reduced, scale = self._eliminate(ROBUST.ridge)
+        """Invert the normal equations; unknowns that they do not tell get inf.
+
+        Such have a variance of 1e11 times that which they would have alone, or more.
+        """
+        alone, gain, reduced, scale = self._eliminate(1e-13)
         common = np.linalg.inv(reduced) * scale * scale[:, None]
         own = alone + gain @ common @ np.swapaxes(gain, 1, 2)
         for matrix, equations in ((common, self.common), (own, self.own)):
             variance = np.einsum("...ii->...i", matrix)
             inflation = variance * np.einsum("...ii->...i", equations)
-            is_determined = (inflation > 0) & (inflation < ROBUST.lost_inflation)
-            variance[~is_determined] = np.inf
+            variance[~((inflation > 0) & (inflation < 1e11))] = np.inf
         return Covariance(common, own)
 
 
 # The fit --------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class FitIterate:
-    """One step of a fit."""
-
-    k: int  # from 0, the start
-    stage: Literal["huber", "final"]
-    unknowns: Any  # as the model keeps them
-    linearised: Linearised
-    used: BoolArray  # (n,), measurements that count in this round
-    # Standard deviation of one number of a residual, as estimated for this round.
-    sigma: float
-    change: float = float("nan")
-
-    @property
-    def residual(self) -> FloatArray:
-        """(n, m), read-only."""
-        return self.linearised.residual
-
-    @cached_property
-    def cost(self) -> float:
-        """What this round minimises."""
-        lin = self.linearised
-        size = np.linalg.norm(lin.residual[self.used], axis=1) / self.sigma
-        rho = huber(size, ROBUST.huber) if self.stage == "huber" else 0.5 * size**2
-        known = np.sum(lin.prior**2) + np.sum(lin.own_stiffness * np.square(lin.own))
-        return float(np.sum(rho) + 0.5 * known)
-
-    @property
-    def weight(self) -> FloatArray:
-        """Weights of the equivalent least squares, (n,)."""
-        weight = self.used / self.sigma**2
-        if self.stage == "huber":
-            size = np.maximum(np.linalg.norm(self.residual, axis=1), ROBUST.smallest_sigma)
-            weight = weight * np.minimum(1.0, ROBUST.huber * self.sigma / size)
-        return weight
-
-
-@dataclass(frozen=True)
 class Fit:
     """What a fit found; `status` says why it ended."""
 
-    iterate: FitIterate
-    status: Status
+    unknowns: Any  # as the model keeps them
+    residual: FloatArray  # (n, m)
+    used: BoolArray  # (n,), measurements that count
+    sigma: float  # standard deviation of one number of a residual
     covariance: Covariance
+    status: Status
 
 
 def robust_sigma(
     residual: FloatArray,
     used: BoolArray,
     unknowns: int,
-    smallest: float = ROBUST.smallest_sigma,
+    smallest: float = SMALLEST_SIGMA,
 ) -> float:
     """Estimate σ of one number of a residual, (n, m), from measurements that may hold outliers.
 
-    It is the standard deviation of the residuals below `outlier` σ, corrected for the tail that this leaves
+    It is the standard deviation of the residuals below `OUTLIER` σ, corrected for the tail that this leaves
     out and for the number of `unknowns` fitted to them; never below `smallest`.
     """
     size = np.linalg.norm(residual[used], axis=1)
@@ -252,127 +184,111 @@ def robust_sigma(
     if size.size == 0:
         raise ValueError("no measurement is left to fit")
     sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
-    # E[r² | r < outlier σ] of a chi-squared variable, per number.
-    limit = ROBUST.outlier**2 / 2
+    # E[r² | r < OUTLIER σ] of a chi-squared variable, per number.
+    limit = OUTLIER**2 / 2
     kept = scipy.special.gammainc(m / 2 + 1, limit) / scipy.special.gammainc(m / 2, limit)
     for _ in range(30):
-        inner = size < ROBUST.outlier * sigma
+        inner = size < OUTLIER * sigma
         count = m * inner.sum()
         if sigma <= smallest or count <= unknowns:
             break
-        new = float(np.sqrt(np.sum(size[inner] ** 2) / (count - unknowns) / kept))
-        if abs(new - sigma) < 1e-9 * sigma:
-            break
-        sigma = new
+        sigma = float(np.sqrt(np.sum(size[inner] ** 2) / (count - unknowns) / kept))
     return max(sigma, smallest)
 
 
-def _choose(model: Model, last: FitIterate, smallest: float) -> FitIterate:
-    """Choose σ and the measurements anew at what a round has found."""
-    lin = last.linearised
-    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
-    count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
-    used = model.usable(last.unknowns)
-    sigma = robust_sigma(lin.residual, used, count, smallest)
-    if last.stage == "final":
-        # A measurement on the border would go in and out for ever: who is in stays a little longer.
-        limit = np.where(last.used, 1.01, 1.0) * ROBUST.outlier * sigma
-        used = used & (np.linalg.norm(lin.residual, axis=1) < limit)
-    return replace(last, used=used, sigma=sigma, change=float("nan"))
-
-
-def _is_same(choice: FitIterate, later: FitIterate) -> bool:
-    """Whether another round would find nothing new; the first stage only has to come near."""
-    apart = abs(choice.sigma - later.sigma) / choice.sigma
-    if choice.stage == "huber":
-        return apart < 0.1
-    return apart < 1e-3 and np.array_equal(choice.used, later.used)
-
-
 def _descend(
-    model: Model, last: FitIterate
-) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
-    """Minimise the cost of one round by Levenberg-Marquardt steps."""
+    model: Model,
+    unknowns: Any,
+    weigh: Callable[[Linearised], tuple[float, FloatArray]],
+    tolerance: float,
+) -> tuple[Any, Linearised, Status]:
+    """Minimise a cost, which `weigh` gives with its weights, by Levenberg-Marquardt steps.
+
+    A step is the last if it moves no unknown by more than `tolerance` of its standard error.
+    """
+    lin = model.linearise(unknowns)
+    cost, weight = weigh(lin)
     damping = 1e-10
-    tolerance = ROBUST.tolerance if last.stage == "final" else ROBUST.rough_tolerance
-    while last.k < ROBUST.max_iterations:
-        arrow = Arrow(last.linearised, last.weight, model.group)
-        # An increase that is nothing against the tolerance is rounding.
-        limit = last.cost * (1 + 1e-12) + 0.5 * ROBUST.tolerance**2
+    for _ in range(200):
+        arrow = Arrow(lin, weight, model.group)
         while True:
             step = arrow.solve(damping)
-            length = arrow.length(*step)
+            # Undamped, a step's length in standard errors, squared, is how far it goes down the gradient.
+            fall = -step[0] @ arrow.common_gradient - np.sum(step[1] * arrow.own_gradient)
             # A step that is short because it was damped proves nothing.
-            is_last = damping < 1e-3 and length < tolerance
-            unknowns = model.take_step(last.unknowns, *step)
-            if unknowns is not None:
-                there = model.linearise(unknowns)
-                trial = replace(last, unknowns=unknowns, linearised=there, change=length)
-                if trial.cost <= limit:
+            is_last = damping < 1e-3 and fall < tolerance**2
+            there = model.take_step(unknowns, *step)
+            if there is not None:
+                ahead = model.linearise(there)
+                lower, weight = weigh(ahead)
+                # An increase that is nothing against the tolerance is rounding.
+                if lower <= cost * (1 + 1e-12) + 5e-9:
                     break
             if is_last:
-                return last, Status.CONVERGED
+                return unknowns, lin, Status.CONVERGED
             damping = max(10 * damping, 1e-6)
             if damping > 1e12:
-                return last, Status.STALLED
-        freeze(trial.residual)
-        last = replace(trial, k=last.k + 1)
-        yield last
+                return unknowns, lin, Status.STALLED
+        unknowns, lin, cost = there, ahead, lower
         if is_last:
-            return last, Status.CONVERGED
+            return unknowns, lin, Status.CONVERGED
         damping = max(damping / 10, 1e-10)
-    return last, Status.MAX_ITERATIONS
+    return unknowns, lin, Status.MAX_ITERATIONS
 
 
-def iterate_fit(
-    model: Model, start: Any, smallest: float = ROBUST.smallest_sigma
-) -> Generator[FitIterate, None, Status]:
-    """Fit a model from its unknowns `start`, step by step.
+def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
+    """Fit a model from its unknowns `start`.
 
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
     """
-    nobody = np.zeros(len(model.group), bool)
+    unknowns = start
     lin = model.linearise(start)
-    freeze(lin.residual)
-    last = FitIterate(0, "huber", start, lin, nobody, 0.0)
-    status = Status.STALLED
-    stages: tuple[Literal["huber", "final"], ...] = ("huber", "final")
-    for stage in stages:
-        choice = _choose(model, replace(last, stage=stage, used=nobody), smallest)
-        seen: list[FitIterate] = []
+    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
+    count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
+    for is_near in (False, True):
+        used = np.zeros(len(model.group), bool)
+        tolerance = 1e-4 if is_near else 1.0  # the Huber penalty only has to come near
+        settled = 1e-3 if is_near else 0.1
+        seen: list[tuple[float, BoolArray]] = []
         while True:
-            yield choice
-            last, status = yield from _descend(model, choice)
-            if status is Status.MAX_ITERATIONS:
-                return status
-            # A measurement on the border may come and go for ever: a choice that recurs is the last.
-            seen.append(choice)
-            choice = _choose(model, last, smallest)
-            if any(_is_same(choice, earlier) for earlier in seen):
+            good = model.usable(unknowns)
+            size = np.linalg.norm(lin.residual, axis=1)
+            sigma = robust_sigma(lin.residual, good, count, smallest)
+            if is_near:
+                # A measurement on the border would go in and out for ever: who is in stays a little longer.
+                good = good & (size < np.where(used, 1.01, 1.0) * OUTLIER * sigma)
+            # A choice that recurs is the last.
+            if any(
+                abs(before - sigma) < settled * before
+                and (not is_near or np.array_equal(one, good))
+                for before, one in seen
+            ):
                 break
-            if len(seen) == ROBUST.max_rounds:
+            if len(seen) == 20:
                 status = Status.STALLED
                 break
-    return status
+            used = good
+            seen.append((sigma, used))
 
+            def weigh(
+                lin: Linearised,
+                used: BoolArray = used,
+                sigma: float = sigma,
+                is_near: bool = is_near,
+            ) -> tuple[float, FloatArray]:
+                size = np.linalg.norm(lin.residual, axis=1)[used] / sigma
+                rho = 0.5 * size**2 if is_near else huber(size, HUBER)
+                known = np.sum(lin.prior**2) + np.sum(
+                    lin.own_stiffness * np.square(lin.own)
+                )
+                weight = used / sigma**2
+                if not is_near:
+                    weight[used] *= np.minimum(1, HUBER / np.maximum(size, 1e-9))
+                return float(np.sum(rho) + 0.5 * known), weight
 
-def fit(
-    model: Model,
-    start: Any,
-    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
-    smallest: float = ROBUST.smallest_sigma,
-) -> Fit:
-    """Fit a model to its end, or until one of the observers, who are shown every iterate, returns True.
-
-    Parameters as of `iterate_fit`. A keyboard interrupt, too, leaves the last iterate, of status STOPPED.
-    """
-    steps: list[FitIterate] = []
-
-    def keep(step: FitIterate, _: float) -> None:
-        steps[:] = [step]
-
-    status = drive(iterate_fit(model, start, smallest), observers, keep)
-    (last,) = steps
-    arrow = Arrow(last.linearised, last.weight, model.group)
-    return Fit(last, status, arrow.covariance())
+            unknowns, lin, status = _descend(model, unknowns, weigh, tolerance)
+    sigma, used = seen[-1]
+    _, weight = weigh(lin)
+    covariance = Arrow(lin, weight, model.group).covariance()
+    return Fit(unknowns, lin.residual, used, sigma, covariance, status)

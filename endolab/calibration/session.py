@@ -13,9 +13,8 @@ from endolab.calibration.detection.detect import Detection, detect, see_board
 from endolab.calibration.detection.dots import no_features
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import Lens, predict_view
-from endolab.calibration.geometric.reprojection import find_pose, views_of
-from endolab.calibration.least_squares import FitIterate
+from endolab.calibration.geometric.projection import Lens, camera_vector, predict_view
+from endolab.calibration.geometric.reprojection import FINEST, find_pose, views_of
 from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
@@ -32,16 +31,10 @@ Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
 
 
-@dataclass(frozen=True)
-class SessionRules:
-    """Which frames of a video take part in what."""
-
-    every: int = 20  # frames, of which one goes into the geometry
-    enough_views: int = 15  # frames that the geometry should have; then fewer are left out
-    hold_out: int = 10  # one frame in so many is kept to score the fit of the light
-
-
-SESSION = SessionRules()
+# Frames that the geometry should have; with fewer, more than one in `every` go into it.
+ENOUGH_VIEWS = 15
+# A frame whose points are so many times as far off as usual does not belong to the others.
+ALIEN = 10.0
 
 
 @dataclass(frozen=True)
@@ -62,6 +55,27 @@ class Session:
     dropped: dict[str, str] = field(default_factory=dict)
     # Of located frames, rms of what counts, px.
     errors: dict[str, float] = field(default_factory=dict)
+
+    def table(self) -> list[tuple[str, float, float, str]]:
+        """Name, value, standard error and unit of all numbers that were found: the camera's, the light's.
+
+        An error of 0 is that of a number that was given, inf of one that the frames do not tell.
+        """
+        rows = []
+        if self.geometry is not None:
+            errors = self.geometry.standard_errors
+            vector = camera_vector(self.camera).tolist()
+            for name, value in zip(errors, vector, strict=True):
+                rows.append((name, value, errors[name], "" if name[0] in "kp" else "px"))
+        if self.light is not None:
+            light = self.light
+            values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
+            for material, value in enumerate(light.reflectance.tolist()):
+                values[f"reflectance {material}"] = value
+            del values["reflectance 0"]  # 1, as all are relative to it
+            for name, value in values.items():
+                rows.append((name, value, light.standard_errors[name], ""))
+        return rows
 
     def predict_pixels(self, name: str) -> FloatArray:
         """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""
@@ -143,13 +157,11 @@ def detect_all(
     return detections, size
 
 
-def choose_views(
-    detections: Mapping[str, Detection], every: int = SESSION.every
-) -> list[str]:
+def choose_views(detections: Mapping[str, Detection], every: int = 20) -> list[str]:
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // SESSION.enough_views))
+    every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
     groups = (names[start : start + every] for start in range(0, len(names), every))
     fullest = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
     return [name for name in fullest if len(detections[name].ids)]
@@ -164,27 +176,37 @@ def locate(
     """Find the poses of the target's panels in every frame.
 
     Returns, of the frames where at least one panel was located, the poses and the root mean square distance
-    of the points that count, px; and why the others are dropped.
+    of the points that count, px; and why the others are dropped. A frame does not belong to the others if
+    the points of one of its panels are ten times as far off as those of the median panel.
     """
     poses: dict[str, Panels] = {}
     errors: dict[str, float] = {}
+    worst: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
         placed: list[Pose | None] = [None] * target.panels
         reason = detection.reason or "too few points"
-        squares = np.zeros(0)
+        squares = []
         for view in views_of(name, detection, target):
             try:
                 placed[view.panel], inliers, residual = find_pose(view, target, camera)
-                squares = np.append(squares, np.sum(residual[inliers] ** 2, axis=1))
+                squares.append(np.sum(residual[inliers] ** 2, axis=1))
             except ValueError as error:
                 reason = str(error)
-        if len(squares):
+        if squares:
             poses[name] = tuple(placed)
-            errors[name] = float(np.sqrt(np.mean(squares)))
+            errors[name] = float(np.sqrt(np.mean(np.concatenate(squares))))
+            worst[name] = float(np.sqrt(max(map(np.mean, squares))))
         else:
             dropped[name] = reason
         progress("locating", number + 1, len(detections))
+    usual = float(np.median(list(worst.values()) or [0.0]))
+    for name, far in worst.items():
+        if far > ALIEN * max(usual, FINEST):
+            del poses[name], errors[name]
+            dropped[name] = (
+                f"its points are {far:.3g} px off, of other frames {usual:.2g} px"
+            )
     return poses, errors, dropped
 
 
@@ -279,11 +301,10 @@ def calibrate(
     detections: Mapping[str, Detection] | None = None,
     size: tuple[int, int] | None = None,
     lens: str = "auto",
-    every: int = SESSION.every,
+    every: int = 20,
     channel: str = "grey",
     leave_out: Collection[str] = (),
     progress: Progress = silent,
-    light_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     **light: Any,
 ) -> Session:
     """Calibrate an endoscope from frames of a target.
@@ -308,8 +329,6 @@ def calibrate(
         Names of frames that the fits are not to see.
     progress : callable
         Told the stage ("detecting", "locating", "sampling"), what is done and the total.
-    light_observers : iterable of callables
-        Shown every step of the light's fit.
     **light
         Options of `calibrate_light`: gamma, brdf, gain, reflectance …
 
@@ -379,7 +398,7 @@ def calibrate(
     refused = ""
     # Whatever fails from here on, be it arithmetic, the camera is not lost.
     try:
-        fit = calibrate_light(samples, observers=light_observers, **light)
+        fit = calibrate_light(samples, **light)
     except (ValueError, ArithmeticError) as error:
         refused = str(error)
     else:
@@ -401,9 +420,9 @@ def calibrate(
 
 def score(samples: Samples, **light: Any) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
-    if len(np.unique(samples.frame)) < SESSION.enough_views:
+    if len(np.unique(samples.frame)) < ENOUGH_VIEWS:
         return None
-    kept = samples.frame % SESSION.hold_out == SESSION.hold_out // 2
+    kept = samples.frame % 10 == 5
     try:
         return calibrate_light(samples[~kept], **light).score_held_out(samples[kept])
     except (ValueError, ArithmeticError):  # what all frames together could just tell

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.geometric.fit import GeometricFit
-from endolab.calibration.geometric.projection import camera_names, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
@@ -34,11 +33,7 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _accuracy_within(
-    values: FloatArray,
-    camera: Camera,
-    seen: float,
-) -> dict[str, float]:
+def _accuracy_within(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
     inside = values_within(values, camera, seen)
     if not inside.size:
@@ -131,6 +126,10 @@ def evidence(
     return _plain(
         {
             "source": source,
+            "table": [
+                {"name": name, "value": value, "error": error, "unit": unit}
+                for name, value, error, unit in session.table()
+            ],
             "target": sheet | asdict(target),
             "camera": session.geometry and _camera_facts(session.geometry),
             "photometry": _light_facts(light, session, channel) if light else refused,
@@ -171,45 +170,35 @@ def by_reason(dropped: Mapping[str, str]) -> list[str]:
     return lines
 
 
-def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
-    """Name, value, standard error and unit of the camera's numbers."""
-    if session.geometry is None:
-        return []
-    errors = session.geometry.standard_errors
-    values = zip(
-        camera_names(session.camera), camera_vector(session.camera).tolist(), strict=True
-    )
-    return [(n, value, errors[n], "" if n[0] in "kp" else "px") for n, value in values]
-
-
-def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
-    """Name, value, standard error and unit of the light's numbers."""
-    errors = light.standard_errors
-    values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
-    values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
-    return [(symbol_of(name), value, errors[name], "") for name, value in values.items()]
-
-
 def symbol_of(name: str) -> str:
     """Write the name of one of the light's unknowns as pages do: γ, and f3 for the BRDF's node 3."""
     return name.replace("gamma", "γ").replace("brdf ", "f")
+
+
+def table_lines(session: Session) -> list[str]:
+    """Write the numbers that were found one a line, each with its standard error."""
+    return [
+        f"  {symbol_of(name):14} {plus_minus(value, error)} {unit}".rstrip()
+        for name, value, error, unit in session.table()
+    ]
 
 
 def verdict(session: Session) -> str:
     """Say in one sentence whether a calibration can be used, and how sure its numbers are."""
     geometry = session.geometry
     light = session.light
+    rows = {name: plus_minus(value, error) for name, value, error, _ in session.table()}
     camera = "the camera was given"
     if geometry is not None:
-        fx = plus_minus(session.camera.fx, geometry.standard_errors["fx"])
-        camera = f"the camera fits to {geometry.rmse:.2g} px (fx = {fx} px)"
+        camera = f"the camera fits to {geometry.rmse:.2g} px (fx = {rows['fx']} px)"
         if geometry.agreement < LEAST_AGREEMENT:
             agree = f"{100 * geometry.agreement:.0f} % of the points"
             return f"Do not use it: only {agree} agree with the camera."
     if light is None:
         return f"Use the camera alone: {camera}, and the light could not be told."
-    rows = {name: plus_minus(value, error) for name, value, error, _ in light_values(light)}
-    fits = f"the light to {light.sigma:.2g} grey levels (k = {rows['k']}, γ = {rows['γ']})"
+    fits = (
+        f"the light to {light.sigma:.2g} grey levels (k = {rows['k']}, γ = {rows['gamma']})"
+    )
     return f"It can be used: {camera}, and {fits}."
 
 
@@ -232,15 +221,9 @@ def _camera_lines(session: Session) -> list[str]:
     geometry = session.geometry
     if geometry is None:
         return [f"camera: as given, {session.camera.model}"]
-    rows = [
-        f"{name} {plus_minus(value, error)}"
-        for name, value, error, _ in camera_values(session)
-    ]
     facts = _camera_facts(geometry)
     seen = facts["max_angle_deg"]
     lines = [
-        f"camera: {', '.join(rows[:4])} px",
-        f"        {', '.join(rows[4:])}",
         f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
         f"in {count_of(facts['views'], 'view')}, {count_of(facts['outliers'], 'outlier')}; "
         f"seen to {seen:.0f}° off the axis",
@@ -272,14 +255,9 @@ def _light_lines(session: Session) -> list[str]:
     scores = session.scores
     if light is None:
         return [f"light: refused: {session.refused}"]
-    rows = [
-        f"{name} = {plus_minus(value, error)}"
-        for name, value, error, _ in light_values(light)
-    ]
     facts = _light_facts(light, session, "")
     nearest, farthest = light.distance_range
     lines = [
-        f"light: {', '.join(rows)}",
         f"residuals: {light.sigma:.2f} grey levels, of {count_of(facts['samples'], 'sample')}, "
         f"{nearest:.0f} to {farthest:.0f} mm away; {facts['samples_left_out']} left out",
         _accuracy_line(
@@ -306,7 +284,8 @@ def account(session: Session) -> list[str]:
     )
     dropped = [f"  {line}" for line in by_reason(session.dropped)]
     sheet = f"the target: {describe_target(session.target)}"
-    return [sheet, first, *dropped, *_camera_lines(session), *_light_lines(session)]
+    lines = [*_camera_lines(session), *table_lines(session), *_light_lines(session)]
+    return [sheet, first, *dropped, *lines]
 
 
 def light_errors(session: Session) -> dict[str, float]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.calibration.geometric.projection import Lens, camera_vector, project
+from endolab.calibration.geometric.projection import Lens, camera_vector, to_pixels
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
@@ -76,11 +76,7 @@ def ray_uncertainty(
     picture_rays = camera.unproject(pixels)
     seen = np.isfinite(picture_rays).all(axis=-1)
     rays = picture_rays[seen]
-    still = np.broadcast_to(np.eye(3), (len(rays), 3, 3))
-    origin = np.zeros((len(rays), 3))
-    projection = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
-    by_camera = projection.by_camera
-    by_ray = projection.by_pose[..., 3:]
+    _, by_camera, by_ray = to_pixels(camera_vector(camera), rays)
     # The turn ω that leaves least of the pixels: Σ |B δ - P (ω × r)|².
     inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)

@@ -11,12 +11,14 @@ from endolab.calibration.session import (
     LEFT_OUT_REASON,
     calibrate,
     detect_all,
+    locate,
 )
 from endolab.calibration.simulation.sheet_image import Sensor
 from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.summary import evidence
 from endolab.calibration.targets import Chessboard
+from tests.tools.simulated_session import simulated
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 SIZE = CAMERA.width, CAMERA.height
@@ -125,3 +127,19 @@ def test_what_is_seen_instead_is_said():
     frames.append(("dark.png", np.zeros((400, 520))))
     with pytest.raises(ValueError, match=r"got 2.*2 of 3 frames.* in 1"):
         calibrate(frames, Chessboard(10, 7, 3.0))
+
+
+def test_a_frame_whose_half_does_not_belong_is_left_out_and_named():
+    """A folded sheet of which one panel was placed far from its points: it counted as used."""
+    session, _ = simulated("vicalib_folded")
+    target = session.target
+    detections = {name: session.detections[name] for name in session.poses}
+    found = detections["frame_5"]
+    half = target.panel_of(target.points[found.ids]) == 1
+    rng = np.random.default_rng(0)
+    shaken = found.pixels + half[:, None] * rng.normal(0, 3, found.pixels.shape)
+    detections["frame_5"] = replace(found, pixels=shaken)
+    poses, errors, dropped = locate(detections, target, session.camera)
+    assert set(dropped) == {"frame_5"}
+    assert "px off" in dropped["frame_5"]
+    assert set(poses) == set(errors) == set(detections) - {"frame_5"}

@@ -22,7 +22,7 @@ LOST = ("frame_3", "frame_9")  # in one nothing is found, in the other no pose
 
 @cache
 def simulated(name="vicalib_small", **light):
-    """Return a session, its frames and the steps of the light's fit."""
+    """Return a session and its frames."""
     target = el.TARGETS[name]
     camera = datasets.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
@@ -49,13 +49,12 @@ def simulated(name="vicalib_small", **light):
     pictures = [(name, rng.uniform(0, 1, (120, 160))) for name in names]
     how = {"detections": detections, "size": (160, 120), "every": 1}
     session = calibrate(pictures, target, lens="fisheye", **how)
-    steps = []
     lit = {
-        "light": calibrate_light(samples, observers=[steps.append], **light),
+        "light": calibrate_light(samples, **light),
         "scores": score(samples, **light),
         "samples": samples,
     }
-    return replace(session, refused="", **lit), pictures, steps
+    return replace(session, refused="", **lit), pictures
 
 
 def refused(session):

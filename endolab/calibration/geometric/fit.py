@@ -7,14 +7,14 @@ the full model. A Brown-Conrady camera begins where the fisheye ends; between th
 held out.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import compress, takewhile
+from itertools import compress
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from endolab.calibration.geometric.planar_pose import PLANE
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     CAMERA_NAMES,
@@ -24,53 +24,29 @@ from endolab.calibration.geometric.projection import (
     camera_vector,
 )
 from endolab.calibration.geometric.reprojection import (
-    POINT_ERRORS,
+    FINEST,
     Geometry,
     Reprojection,
     View,
     find_pose,
     linear_pose,
 )
-from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
+from endolab.calibration.least_squares import Fit, fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import BrownConrady, KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
 
-
-@dataclass(frozen=True)
-class CameraFitRules:
-    """Where the fit of a camera begins, and which views and cameras are refused."""
-
-    # Focal lengths to begin with, of the picture's width: so many between these, in ratio.
-    shortest_focal: float = 0.2
-    longest_focal: float = 3.0
-    focal_lengths: int = 10
-    views_to_start: int = 12  # are enough to choose among these
-    least_views: int = 3
-    least_tilt: float = float(np.radians(5.0))
-    # Standard error of a focal length or centre, of the focal length.
-    largest_error: float = 0.05
-    # Lenses are told apart by views held out, one in so many, and the points of these but the worst; another
-    # than the fisheye has to predict them better by that share: six views of `chessboard_storz` gain 2 %, and
-    # its published focal length is nearer to the fisheye's.
-    hold_out: int = 3
-    points_scored: float = 0.95
-    least_gain: float = 0.05
-    # rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
-    widest_brown: float = 1.2
-
-
-CAMERA_FIT = CameraFitRules()
-VIEWS_NEEDED = (
-    f"a calibration needs {CAMERA_FIT.least_views} views from different directions at least"
-)
+LEAST_VIEWS = 3
+VIEWS_NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
 LENSES = ("auto", "fisheye", "brown")
-# Bases in which the camera moves: one focal length, then the centre and k1 with it, then all.
-ALL_NUMBERS = np.eye(8)
-ONE_FOCAL = ALL_NUMBERS[:, :1] + ALL_NUMBERS[:, 1:2]
-GROWING_BASES = [ONE_FOCAL, np.hstack([ONE_FOCAL, ALL_NUMBERS[:, 2:5]]), ALL_NUMBERS]
+# rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
+WIDEST_BROWN = 1.2
+# Another lens than the fisheye has to predict views held out better by this share: six views of
+# `chessboard_storz` gain 2 %, and its published focal length is nearer to the fisheye's.
+LEAST_GAIN = 0.05
+HOLD_OUT = 6  # parts of the views, of which each is held out once
 
 
 @dataclass(frozen=True)
@@ -91,12 +67,17 @@ class GeometricFit:
         float  # standard deviation of one coordinate, px; never below that of `PointErrors`
     )
     rmse: float  # root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so
-    standard_errors: dict[str, float]  # of fx, fy, cx, cy (px) and k
-    covariance: FloatArray  # (8, 8) or (12, 12), of the same
+    covariance: FloatArray  # (8, 8) or (12, 12), of fx, fy, cx, cy (px) and k
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
     # Lens that was tried → root mean square error of views held out, px.
     held_out: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Of fx, fy, cx, cy (px) and k, by their names."""
+        errors = np.sqrt(np.diag(self.covariance)).tolist()
+        return dict(zip(camera_names(self.camera), errors, strict=True))
 
     @property
     def agreement(self) -> float:
@@ -124,87 +105,56 @@ def _first_poses(
     return kept, poses, dropped
 
 
-def _free_numbers(k: FloatArray) -> FloatArray:
-    """Return the basis in which a camera moves: k4 to k6 of `BrownConrady` stay, views hardly tell them."""
-    return ALL_NUMBERS if len(k) == 4 else np.eye(12)[:, :9]
-
-
-def _approach(model: Reprojection, start: Geometry) -> Geometry:
-    """Take the steps of the Huber stage, which forgives a poor start."""
-    steps = takewhile(lambda step: step.stage == "huber", iterate_fit(model, start))
-    return list(steps)[-1].unknowns
-
-
-def _misfit(views: Sequence[View], target: Target, camera: KannalaBrandt) -> float:
-    """How far off, px, views are in the median; inf if half of them have no pose."""
-    kept, poses, _ = _first_poses(views, target, camera)
-    misses = np.full(len(views), np.inf)
-    if kept:
-        model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
-        misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
-    # The lower median: half of the views may be useless.
-    return float(np.sort(misses)[(len(views) - 1) // 2])
-
-
 def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
-    """Return the equidistant camera that explains the views best."""
-    some = views[:: -(-len(views) // CAMERA_FIT.views_to_start)]
-    focal_lengths = width * np.geomspace(
-        CAMERA_FIT.shortest_focal, CAMERA_FIT.longest_focal, CAMERA_FIT.focal_lengths
-    )
-    centre = (width - 1) / 2, (height - 1) / 2
-    cameras = [KannalaBrandt(width, height, f, f, *centre) for f in focal_lengths]
-    misfits = [_misfit(some, target, camera) for camera in cameras]
-    best = cameras[int(np.argmin(misfits))]
-    if np.isinf(min(misfits)):
-        reasons = _reasons(_first_poses(some, target, best)[2])
-        raise ValueError(f"most views are of no use: {reasons}")
-    return best
-
-
-def _find_disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
-    """Say of which views fewer than half the points agree with the fit."""
-    why = []
-    for number, facing in enumerate(fitted.iterate.unknowns.facing):
-        used = fitted.iterate.used[model.group == number]
-        if not facing:
-            why.append("it shows the paper from behind")
-        elif used.sum() < max(PLANE.least_points, len(used) / 2):
-            share = f"{used.sum()} of its {len(used)}"
-            why.append(f"only {share} points agree with the other views")
-        else:
-            why.append("")
-    return why
+    """Return the equidistant camera that explains a dozen of the views best, by its focal length."""
+    some = views[:: -(-len(views) // 12)]
+    best = np.inf
+    for focal in width * np.geomspace(0.2, 3.0, 10):
+        camera = KannalaBrandt(
+            width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
+        )
+        kept, poses, dropped = _first_poses(some, target, camera)
+        misses = np.full(len(some), np.inf)
+        if kept:
+            model = Reprojection(kept, target, 0, np.zeros(4))
+            geometry = Geometry.of(camera_vector(camera), poses)
+            misses[: len(kept)] = model.medians(geometry)
+        # The lower median: half of the views may be useless.
+        miss = np.sort(misses)[(len(some) - 1) // 2]
+        if miss < best:
+            best = miss
+            start = camera
+    if np.isinf(best):
+        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
+    return start
 
 
 def _fit_views(
-    views: list[View],
-    geometry: Geometry,
-    target: Target,
-    usual: FloatArray,
-    observers: Sequence[Callable[[FitIterate], bool | None]],
+    views: Sequence[View], geometry: Geometry, target: Target, usual: FloatArray
 ) -> tuple[Fit, list[View], dict[str, str]]:
-    """Fit, leave out the views that disagree, until all agree."""
+    """Fit, leave out the views of which fewer than half the points agree, until all agree."""
     dropped: dict[str, str] = {}
     while True:
         _refuse_few(len(views), dropped, least=1)
-        model = Reprojection(views, target, _free_numbers(usual), usual)
-        fitted = fit(model, geometry, observers, smallest=POINT_ERRORS.finest)
-        why = _find_disagreeing(fitted, model)
-        if not any(why) or fitted.status is Status.STOPPED:
-            return fitted, views, dropped
-        labels = [_label(view, target) for view in views]
-        dropped |= {
-            name: reason for name, reason in zip(labels, why, strict=True) if reason
-        }
-        good = [not reason for reason in why]
+        model = Reprojection(views, target, min(4 + len(usual), 9), usual)
+        fitted = fit(model, geometry, FINEST)
+        geometry = fitted.unknowns
+        good = []
+        for number, view in enumerate(views):
+            used = fitted.used[model.group == number]
+            why = ""
+            if not geometry.facing[number]:
+                why = "it shows the paper from behind"
+            elif used.sum() < max(LEAST_POINTS, len(used) / 2):
+                share = f"{used.sum()} of its {len(used)}"
+                why = f"only {share} points agree with the other views"
+            good.append(not why)
+            if why:
+                dropped[_label(view, target)] = why
         views = list(compress(views, good))
-        geometry = fitted.iterate.unknowns
-        poses = {
-            "rotation": geometry.rotation[good],
-            "translation": geometry.translation[good],
-        }
-        geometry = replace(geometry, **poses)
+        if all(good):
+            return fitted, views, dropped
+        geometry = geometry.only(good)
 
 
 def _reasons(dropped: dict[str, str]) -> str:
@@ -220,7 +170,6 @@ def calibrate_camera(
     *,
     lens: str = "fisheye",
     start: Lens | None = None,
-    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> GeometricFit:
     """Calibrate a camera from views of a target.
 
@@ -238,13 +187,12 @@ def calibrate_camera(
         A camera near the truth, whose kind is fitted whatever the `lens`. Then one view is enough, and
         what it cannot tell shows in the
         standard errors.
-    observers : iterable of callables
-        Each is shown every iterate of the last fit; True stops it.
 
     Returns
     -------
     GeometricFit
-        Camera, poses, residuals and standard errors.
+        Camera, poses, residuals and standard errors. These cover how far the cameras of other views are
+        apart, and where both lenses fit as well, how far these are.
 
     Raises
     ------
@@ -254,26 +202,33 @@ def calibrate_camera(
     """
     if lens not in LENSES:
         raise unknown_name("lens", lens, LENSES)
-    fitted = _calibrate(views, target, (width, height), start, list(observers))
-    too_wide = lens == "auto" and fitted.max_angle_seen > CAMERA_FIT.widest_brown
-    if lens == "fisheye" or start is not None or too_wide:
-        return fitted
-    brown = _calibrate(
-        views, target, (width, height), _begin_brown(fitted), list(observers)
-    )
+    size = width, height
+    if start is not None:
+        return _calibrate(views, target, size, start)
+    _refuse_few(len(views), {})
+    fitted = _calibrate(views, target, size, _start(views, target, *size))
+    _refuse_untold(fitted)
+    if lens == "fisheye" or (lens == "auto" and fitted.max_angle_seen > WIDEST_BROWN):
+        return _hold_out(fitted, target)[0]
+    brown = _calibrate(views, target, size, _begin_brown(fitted))
     _refuse_untold(brown)
+    brown, error = _hold_out(brown, target)
     if lens == "brown":
         return brown
-    fits = {"fisheye": fitted, "brown": brown}
-    errors = {name: _predict(fit, target) for name, fit in fits.items()}
-    better = errors["brown"] < (1 - CAMERA_FIT.least_gain) * errors["fisheye"]
-    return replace(fits["brown" if better else "fisheye"], held_out=errors)
+    fitted, other = _hold_out(fitted, target)
+    errors = {"fisheye": other, "brown": error}
+    if error < (1 - LEAST_GAIN) * other:
+        return replace(brown, held_out=errors)
+    if error < (1 + LEAST_GAIN) * other:
+        apart = camera_vector(brown.camera)[:4] - camera_vector(fitted.camera)[:4]
+        fitted.covariance[:4, :4] += np.outer(apart, apart)
+    return replace(fitted, held_out=errors)
 
 
 def _begin_brown(fitted: GeometricFit) -> BrownConrady:
     """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen."""
     camera = fitted.camera
-    theta = np.linspace(0.02, min(fitted.max_angle_seen, CAMERA_FIT.widest_brown), 100)
+    theta = np.linspace(0.02, min(fitted.max_angle_seen, WIDEST_BROWN), 100)
     ray = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     h = (camera.project(ray)[:, 0] - camera.cx) / camera.fx
     r = np.tan(theta)
@@ -284,92 +239,78 @@ def _begin_brown(fitted: GeometricFit) -> BrownConrady:
     return BrownConrady(*size, *focal, (k1, k2, 0.0, 0.0, k3))
 
 
-def _predict(fitted: GeometricFit, target: Target) -> float:
-    """Root mean square error of views that a fit of the others predicts, px; inf if it cannot."""
-    camera = fitted.camera
+def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float]:
+    """Hold views out, in turn, and widen the standard errors to how far the cameras of the others are apart.
+
+    A detector's errors are not independent within a view, so that the covariance C of the fit is too small.
+    By the jackknife over g parts, whose cameras are off that of all by Δ, its p numbers have
+
+        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
+
+    times that variance: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit, and the root
+    mean square error, px, of the views as others predict them, but for the worst points; inf if they cannot.
+    """
+    geometry = Geometry.of(camera_vector(fitted.camera), fitted.poses)
     names = list(dict.fromkeys(view.name for view in fitted.views))
+    parts = min(HOLD_OUT, len(names))
     squares = []
-    for part in range(CAMERA_FIT.hold_out):
-        outside = set(names[part :: CAMERA_FIT.hold_out])
-        known = [view for view in fitted.views if view.name not in outside]
+    cameras = []
+    for part in range(parts):
+        known = [view.name not in names[part::parts] for view in fitted.views]
+        views = list(compress(fitted.views, known))
+        size = fitted.camera.width, fitted.camera.height
         try:
-            size = camera.width, camera.height
-            there = _calibrate(known, target, size, camera, []).camera
-            for view in fitted.views:
-                if view.name in outside:
-                    residual = find_pose(view, target, there)[2]
+            there = _fit_views(views, geometry.only(known), target, geometry.vector[4:])[0]
+            vector = there.unknowns.vector
+            for view, is_known in zip(fitted.views, known, strict=True):
+                if not is_known:
+                    residual = find_pose(view, target, camera_of(vector, *size))[2]
                     squares.append(np.sum(residual**2, axis=1))
         except (ValueError, ArithmeticError):
-            return np.inf
+            return fitted, np.inf
+        cameras.append(vector)
+    determined = np.diag(fitted.covariance) > 0
+    determined &= np.isfinite(np.diag(fitted.covariance))
+    inverse = np.linalg.inv(fitted.covariance[np.ix_(determined, determined)])
+    off = (np.array(cameras) - geometry.vector)[:, determined]
+    lengths = np.sum(off @ inverse * off, axis=1)
+    q = float((parts - 1) * np.median(lengths) / (determined.sum() - 2 / 3))
     ordered = np.sort(np.concatenate(squares))
-    count = int(CAMERA_FIT.points_scored * len(ordered))
-    return float(np.sqrt(np.mean(ordered[:count])))
+    error = float(np.sqrt(np.mean(ordered[: int(0.95 * len(ordered))])))
+    return replace(fitted, covariance=max(1.0, q) * fitted.covariance), error
 
 
 def _calibrate(
-    views: Sequence[View],
-    target: Target,
-    size: tuple[int, int],
-    start: Lens | None,
-    observers: Sequence[Callable[[FitIterate], bool | None]],
+    views: Sequence[View], target: Target, size: tuple[int, int], start: Lens
 ) -> GeometricFit:
-    """Calibrate a camera of the kind of `start`, or a fisheye without a guess."""
-    if start is None:
-        _refuse_few(len(views), {})
-    camera = start or _start(views, target, *size)
-    kept, poses, dropped = _first_poses(views, target, camera)
-    _refuse_few(len(kept), dropped, least=1)
-    geometry = Geometry.of(camera_vector(camera), poses)
-    k = np.array(camera.k)
-    for basis in GROWING_BASES if start is None else [_free_numbers(k)]:
-        model = Reprojection(kept, target, basis, k, discs=False)
-        geometry = _approach(model, geometry)
-    fitted, kept, disagreeing = _fit_views(kept, geometry, target, k, observers)
-    result = _result(fitted, kept, dropped | disagreeing, target, size)
-    if start is None:
-        _refuse_few(len(result.views), result.dropped)
-        _refuse_untold(result)
-    return result
-
-
-def _result(
-    fitted: Fit,
-    views: Sequence[View],
-    dropped: dict[str, str],
-    target: Target,
-    size: tuple[int, int],
-) -> GeometricFit:
-    geometry: Geometry = fitted.iterate.unknowns
-    used = fitted.iterate.used
-    residual = fitted.iterate.residual
+    """Calibrate a camera of the kind of `start`."""
+    views, poses, dropped = _first_poses(views, target, start)
+    _refuse_few(len(views), dropped, least=1)
+    begin = Geometry.of(camera_vector(start), poses)
+    fitted, views, disagreeing = _fit_views(views, begin, target, begin.vector[4:])
+    geometry: Geometry = fitted.unknowns
     cuts = np.cumsum([len(view.ids) for view in views])[:-1]
-    camera = camera_of(geometry.vector, *size)
     covariance = np.zeros((len(geometry.vector),) * 2)
     free = len(fitted.covariance.common)
     covariance[:free, :free] = fitted.covariance.common
-    errors = np.sqrt(np.diag(covariance)).tolist()
-    angles = Reprojection(views, target, covariance[:, :0], np.array(camera.k)).angles(
-        geometry
-    )
+    angles = Reprojection(views, target, 0, begin.vector[4:]).angles(geometry)
+    squares = np.sum(fitted.residual[fitted.used] ** 2, axis=1)
     return GeometricFit(
-        camera=camera,
+        camera=camera_of(geometry.vector, *size),
         views=tuple(views),
         poses=tuple(geometry.poses),
-        dropped=dropped,
-        residuals=tuple(np.split(residual, cuts)),
-        inliers=tuple(np.split(used, cuts)),
-        sigma=fitted.iterate.sigma,
-        rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
-        standard_errors=dict(zip(camera_names(camera), errors, strict=True)),
+        dropped=dropped | disagreeing,
+        residuals=tuple(np.split(fitted.residual, cuts)),
+        inliers=tuple(np.split(fitted.used, cuts)),
+        sigma=fitted.sigma,
+        rmse=float(np.sqrt(np.mean(squares))),
         covariance=covariance,
-        max_angle_seen=float(angles[used].max()),
+        max_angle_seen=float(angles[fitted.used].max()),
         status=fitted.status,
     )
 
 
-def _refuse_few(
-    count: int, dropped: dict[str, str], least: int = CAMERA_FIT.least_views
-) -> None:
+def _refuse_few(count: int, dropped: dict[str, str], least: int = LEAST_VIEWS) -> None:
     if count < least:
         why = f" ({_reasons(dropped)})" if dropped else ""
         raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
@@ -384,22 +325,23 @@ def _is_elsewhere(pose: Pose, other: Pose) -> bool:
 
 def _refuse_untold(result: GeometricFit) -> None:
     """Refuse a camera that its views do not tell."""
+    _refuse_few(len(result.views), result.dropped)
     places: list[Pose] = []
     for pose in result.poses:
         if all(_is_elsewhere(pose, place) for place in places):
             places.append(pose)
-    if len(places) < CAMERA_FIT.least_views:
+    if len(places) < LEAST_VIEWS:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
         raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)
     fact = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
-    if tilt < CAMERA_FIT.least_tilt:
+    if tilt < np.radians(5):
         square = "views square to the axis cannot tell the focal length from the distance"
         raise ValueError(f"{square}: {fact}; tilt the sheet by 20° or more in some views")
     focal = np.sqrt(result.camera.fx * result.camera.fy)
     for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]
-        if not error < CAMERA_FIT.largest_error * focal:
+        if not error < 0.05 * focal:
             lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
             why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
             ways = "add tilted views that fill the picture"

@@ -1,25 +1,16 @@
 """The pose of a flat target from the rays to its points: a start without a guess, at any field of view."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.numerics.arrays import FloatArray
 
-
-@dataclass(frozen=True)
-class PlaneRules:
-    """How a plane is sought among points of which some are wrong."""
-
-    subsets: int = 50  # with 30 % wrong points, one set in six is right
-    subset_size: int = 5  # points; four would do, but noise would rule
-    least_points: int = 8  # points of a view that count as evidence
-    # Of the rays' spread: a median miss beyond it is no view of a plane, whatever the lens.
-    disorder: float = 0.25
-
-
-PLANE = PlaneRules()
+# How a plane is sought among points of which some are wrong.
+SUBSETS = 50  # with 30 % wrong points, one set in six is right
+SUBSET_SIZE = 5  # points; four would do, but noise would rule
+LEAST_POINTS = 8  # points of a view that count as evidence
+# Of the rays' spread: a median miss beyond it is no view of a plane, whatever the lens.
+DISORDER = 0.25
 
 
 def _normal_matrices(rays: FloatArray, plane: FloatArray) -> FloatArray:
@@ -55,10 +46,8 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
     two columns are made orthonormal. ValueError if the points are too few, on a line or in disorder, or if
     the pose would show the paper from behind.
     """
-    if len(rays) < PLANE.least_points:
-        raise ValueError(
-            f"a pose needs {PLANE.least_points} points at least, got {len(rays)}"
-        )
+    if len(rays) < LEAST_POINTS:
+        raise ValueError(f"a pose needs {LEAST_POINTS} points at least, got {len(rays)}")
     middle = points[:, :2].mean(axis=0)
     centred = points[:, :2] - middle
     extent = np.linalg.svd(centred, compute_uv=False)
@@ -68,9 +57,7 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
     plane = np.column_stack([centred / size, np.ones(len(points))])
     matrices = _normal_matrices(rays, plane)
     random = np.random.default_rng(0)
-    sets = np.argsort(random.random((PLANE.subsets, len(rays))), axis=1)[
-        :, : PLANE.subset_size
-    ]
+    sets = np.argsort(random.random((SUBSETS, len(rays))), axis=1)[:, :SUBSET_SIZE]
     miss, _ = _misses(_solve(matrices[sets].sum(axis=1)), rays, plane)
     miss = miss[np.argmin(np.median(miss, axis=1))]
     for _ in range(3):
@@ -80,7 +67,7 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
         misses, sign = _misses(homography, rays, plane)
         miss = misses[0]
     spread = np.median(np.linalg.norm(rays - rays.mean(axis=0), axis=1))
-    if np.median(miss) > PLANE.disorder * spread:
+    if np.median(miss) > DISORDER * spread:
         raise ValueError("its points do not lie to each other as the target's do")
     homography = sign[0] * homography[0] / np.array([size, size, 1.0])
     if np.linalg.det(homography) <= 0:

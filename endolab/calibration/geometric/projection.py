@@ -12,28 +12,23 @@ pass there.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from endolab.calibration.geometric.pose import Pose
-from endolab.model.cameras import BrownConrady, KannalaBrandt, distort
+from endolab.model.cameras import BrownConrady, KannalaBrandt
 from endolab.numerics.arrays import FloatArray
 
 Lens = KannalaBrandt | BrownConrady
 CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 BROWN_NAMES = (*CAMERA_NAMES[:6], "p1", "p2", "k3", "k4", "k5", "k6")
-RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)  # of points on the rim of a disc
-
-
-def _rim_derivative() -> FloatArray:
-    """Return the matrix that differentiates a periodic function of the angle, given at `RIM_ANGLES`."""
-    count = len(RIM_ANGLES)
-    frequency = np.fft.fftfreq(count, 1 / count)
-    frequency[count // 2] = 0.0
-    waves = np.fft.fft(np.eye(count), axis=0)
-    return np.fft.ifft(1j * frequency[:, None] * waves, axis=0).real
-
-
-RIM_DERIVATIVE = _rim_derivative()
+# Points on the rim of a unit disc, (8, 3), and the matrix that differentiates a function of their angle.
+RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+RIM = np.stack([np.cos(RIM_ANGLES), np.sin(RIM_ANGLES), 0 * RIM_ANGLES], axis=-1)
+FREQUENCIES = np.array([0, 1, 2, 3, 0, -3, -2, -1])
+RIM_DERIVATIVE = np.fft.ifft(
+    1j * FREQUENCIES[:, None] * np.fft.fft(np.eye(8), axis=0), axis=0
+).real
 
 
 def camera_names(camera: Lens) -> tuple[str, ...]:
@@ -49,9 +44,80 @@ def camera_vector(camera: Lens) -> FloatArray:
 def camera_of(vector: FloatArray, width: int, height: int) -> Lens:
     """Return the camera of a vector (8,) or (12,) for pictures of a size, px."""
     fx, fy, cx, cy, *k = vector.tolist()
-    if len(k) == 4:
-        return KannalaBrandt(width, height, fx, fy, cx, cy, tuple(k))
-    return BrownConrady(width, height, fx, fy, cx, cy, tuple(k))
+    kind = KannalaBrandt if len(k) == 4 else BrownConrady
+    return kind(width, height, fx, fy, cx, cy, tuple(k))
+
+
+def to_pixels(
+    vector: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Project points (n, 3) of the camera frame.
+
+    Returns pixels (n, 2), and their derivatives by the camera's vector, (n, 2, p), and by the points,
+    (n, 2, 3).
+    """
+    focal = vector[:2]
+    centre = vector[2:4]
+    if len(vector) == 12:
+        matrix = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]])
+        still = np.zeros(3)
+        found = cv2.projectPoints(points, still, still, matrix, vector[4:])
+        pixels, slopes = (np.asarray(part, dtype=np.float64) for part in found)
+        slopes = slopes.reshape(len(points), 2, 18)  # by a turn, a shift, f, c, k
+        return pixels[:, 0], slopes[..., 6:], slopes[..., 3:6]
+    # cv2.fisheye takes what is behind the image plane for what is before it. In polar coordinates
+    #     pixel = f h(ϑ) d + c,  h = ϑ + k1 ϑ³ + …,  d = (x, y) / s,  ϑ = atan(s / z)
+    # s is never 0, so that on the axis h/s is 1/z.
+    xy = points[:, :2]
+    z = points[:, 2]
+    length = np.linalg.norm(points, axis=1)
+    s = np.hypot(np.linalg.norm(xy, axis=1), 1e-9 * length)
+    theta = np.arctan2(s, z)
+    direction = xy / s[:, None]
+    orders = np.array([1, 3, 5, 7, 9])
+    terms = np.append(1.0, vector[4:])
+    powers = theta[:, None] ** orders
+    ratio = (powers @ terms / s)[:, None, None]  # h/s
+    slope = (powers / theta[:, None] @ (orders * terms) / length**2)[:, None]  # h′/|P|²
+    by_point = np.empty((len(points), 2, 3))
+    across = direction[:, :, None] * direction[:, None]
+    by_point[..., :2] = (
+        ratio * np.eye(2) + ((slope * z[:, None])[..., None] - ratio) * across
+    )
+    by_point[..., 2] = -slope * xy
+    by_camera = np.zeros((len(points), 2, 8))
+    by_camera[..., 4:] = powers[:, None, 1:] * direction[..., None] * focal[:, None]
+    plane = ratio[:, 0] * xy
+    by_camera[:, [0, 1], [0, 1]] = plane
+    by_camera[:, [0, 1], [2, 3]] = 1.0
+    return plane * focal + centre, by_camera, by_point * focal[:, None]
+
+
+def _centroid(curves: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the centroids of what closed curves enclose, from points along them, (n, vertices, 2).
+
+    Returns them, (n, 2), and their derivatives by the points, (n, vertices, 2, 2). A curve of one vertex is
+    that point.
+    """
+    if curves.shape[1] == 1:
+        return curves[:, 0], np.eye(2)[None, None]
+    # About a point inside, for the sake of rounding.
+    middle = curves.mean(axis=1, keepdims=True)
+    x, y = np.moveaxis(curves - middle, -1, 0)
+    dx = x @ RIM_DERIVATIVE.T
+    dy = y @ RIM_DERIVATIVE.T
+    area = (x * dy).sum(axis=1, keepdims=True)
+    moments = (x * x * dy).sum(axis=1), -(y * y * dx).sum(axis=1)
+    offset = 0.5 * np.stack(moments, axis=-1) / area
+    # The derivatives do not depend on the origin; about the centroid the area's change has no effect.
+    x = x - offset[:, :1]
+    y = y - offset[:, 1:]
+    weights = np.empty((*x.shape, 2, 2))
+    weights[..., 0, 0] = x * dy
+    weights[..., 0, 1] = -0.5 * (x * x) @ RIM_DERIVATIVE.T
+    weights[..., 1, 0] = 0.5 * (y * y) @ RIM_DERIVATIVE.T
+    weights[..., 1, 1] = -y * dx
+    return middle[:, 0] + offset, weights / area[..., None, None]
 
 
 @dataclass(frozen=True)
@@ -60,104 +126,8 @@ class Projection:
 
     pixels: FloatArray  # (n, 2), column and row, px
     by_camera: FloatArray  # (n, 2, p), derivatives by the camera's vector
-    by_pose: (
-        FloatArray  # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ
-    )
-
-
-def _to_plane(
-    points: FloatArray, k: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Project points (3, vertices, n) on the camera's plane, before focal length and centre.
-
-    Returns x, y there, (2, vertices, n), and their derivatives by the points, (2, 3, vertices, n), and by
-    k, (2, 4 or 8, vertices, n).
-    """
-    if len(k) == 8:
-        return _to_distorted_plane(points, k)
-    xy = points[:2]
-    z = points[2]
-    side = np.hypot(points[0], points[1])
-    axial = side == 0
-    safe = np.where(axial, 1.0, side)
-    theta = np.arctan2(side, z)
-    t = theta * theta
-    k1, k2, k3, k4 = k
-    value = 1 + t * (k1 + t * (k2 + t * (k3 + t * k4)))  # h/ϑ
-    slope = 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))  # dh/dϑ
-    # On the axis ϑ/side → 1/z.
-    ratio = value * np.where(axial, 1 / np.where(axial, z, 1.0), theta / safe)
-    direction = xy / safe
-    direction[0][axial] = 1.0
-    fall = slope / (side * side + z * z)
-    by_point = np.empty((2, 3, *side.shape))
-    by_point[:, :2] = (fall * z - ratio) * direction[:, None] * direction
-    by_point[0, 0] += ratio
-    by_point[1, 1] += ratio
-    by_point[:, 2] = -fall * xy
-    by_k = np.empty((2, 4, *side.shape))
-    power = theta * direction
-    for number in range(4):
-        power = power * t
-        by_k[:, number] = power
-    return xy * ratio, by_point, by_k
-
-
-def _to_distorted_plane(
-    points: FloatArray, k: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Do the same for Brown and Conrady's distortion."""
-    z = np.where(points[2] == 0, np.finfo(float).eps, points[2])
-    x, y = xy = points[:2] / z
-    at = x + 1j * y
-    w, a, b = distort(at, k)
-    by_point = np.empty((2, 3, *z.shape))
-    by_point[0, 0] = (a + b.real) / z
-    by_point[0, 1] = by_point[1, 0] = b.imag / z
-    by_point[1, 1] = (a - b.real) / z
-    by_point[:, 2] = -by_point[:, 0] * xy[0] - by_point[:, 1] * xy[1]
-    s = x * x + y * y
-    k4, k5, k6 = k[5:]
-    denominator = 1 + s * (k4 + s * (k5 + s * k6))
-    above = at / denominator
-    below = -above * (1 + s * (k[0] + s * (k[1] + s * k[4]))) / denominator
-    by_p1 = 2 * y * at + 1j * s
-    by_p2 = 2 * x * at + s
-    powers = [above * s, above * s**2, by_p1, by_p2, above * s**3]
-    by_k = np.stack([*powers, below * s, below * s**2, below * s**3])
-    return np.stack([w.real, w.imag]), by_point, np.stack([by_k.real, by_k.imag])
-
-
-def _centroid(plane: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find the centroids of what closed curves enclose, from points along them, (2, vertices, n).
-
-    Returns them, (2, n), and their derivatives by the points, (2, 2, vertices, n). A curve of one vertex is
-    that point.
-    """
-    if plane.shape[1] == 1:
-        return plane[:, 0], np.eye(2)[..., None, None]
-    # About a point inside, for the sake of rounding.
-    middle = plane.mean(axis=1)
-    x, y = plane - middle[:, None]
-    dx = RIM_DERIVATIVE @ x
-    dy = RIM_DERIVATIVE @ y
-    area = (x * dy).sum(axis=0)
-    offset = 0.5 * np.stack([(x * x * dy).sum(axis=0), -(y * y * dx).sum(axis=0)]) / area
-    # The derivatives do not depend on the origin; about the centroid the area's change has no effect.
-    x = x - offset[0]
-    y = y - offset[1]
-    by_x = np.stack([x * dy, 0.5 * RIM_DERIVATIVE @ (y * y)])
-    by_y = np.stack([-0.5 * RIM_DERIVATIVE @ (x * x), -y * dx])
-    return middle + offset, np.stack([by_x, by_y], axis=1) / area
-
-
-def _rims(rotation: FloatArray, points: FloatArray, radii: FloatArray) -> FloatArray:
-    """Return points around discs, turned, or corners as they are: (3, vertices, n), mm."""
-    centre = np.einsum("nij,nj->in", rotation, points)[:, None]
-    if not radii.any():
-        return centre
-    right, down = rotation[:, :, :2].transpose(2, 1, 0)[:, :, None] * radii  # (3, 1, n)
-    return centre + right * np.cos(RIM_ANGLES)[:, None] + down * np.sin(RIM_ANGLES)[:, None]
+    # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ.
+    by_pose: FloatArray
 
 
 def project(
@@ -173,21 +143,18 @@ def project(
     from the target's frame to the camera's; `points` (n, 3) lie in the target's plane z = 0, mm; `radii`
     (n,), mm, are of their discs, all 0 for corners.
     """
-    turned = _rims(rotation, points, radii)
-    plane, by_point, by_k = _to_plane(turned + translation.T[:, None], vector[4:])
-    centroid, weights = _centroid(plane)
-    focal = vector[:2]
-    by_point = (weights[:, :, None] * by_point).sum(axis=1)
-    by_k = (weights[:, :, None] * by_k).sum(axis=1)
-    by_camera = np.zeros((len(points), 2, len(vector)))
-    by_camera[:, 0, 0], by_camera[:, 1, 1] = centroid
-    by_camera[:, 0, 2] = by_camera[:, 1, 3] = 1.0
-    by_camera[:, :, 4:] = by_k.sum(axis=2).T.swapaxes(1, 2) * focal[:, None]
-    # A turn ω moves the point by ω × (turned point).
-    by_turn = np.cross(turned, by_point, axisa=0, axisb=1, axisc=1)
-    by_pose = np.concatenate([by_turn, by_point], axis=1).sum(axis=2)
-    by_pose = by_pose.T.swapaxes(1, 2) * focal[:, None]
-    return Projection(centroid.T * focal + vector[2:4], by_camera, by_pose)
+    rim = RIM if radii.any() else np.zeros((1, 3))
+    turned = (points[:, None] + radii[:, None, None] * rim) @ np.swapaxes(rotation, 1, 2)
+    seen = (turned + translation[:, None]).reshape(-1, 3)
+    pixels, by_camera, by_point = (
+        part.reshape(len(points), len(rim), *part.shape[1:])
+        for part in to_pixels(vector, seen)
+    )
+    centroid, weights = _centroid(pixels)
+    by_turn = np.cross(turned[:, :, None], by_point)  # a turn ω moves a point by ω × turned
+    slopes = np.concatenate([by_camera, by_turn, by_point], axis=-1)
+    slopes = (weights @ slopes).sum(axis=1)
+    return Projection(centroid, slopes[..., :-6], slopes[..., -6:])
 
 
 def predict_view(
@@ -197,8 +164,8 @@ def predict_view(
 
     `points` (n, 3) lie in the target's plane z = 0, mm; `radii` (n,), mm, are all 0 for corners.
     """
-    n = len(points)
-    rotation = np.broadcast_to(pose.rotation, (n, 3, 3))
-    translation = np.broadcast_to(pose.translation, (n, 3))
+    each = (len(points), 1, 1)
+    rotation = np.tile(pose.rotation, each)
+    translation = np.tile(pose.translation, each[:2])
     pixels = project(camera_vector(camera), rotation, translation, points, radii).pixels
     return np.where(np.isfinite(camera.project(pose.transform(points))), pixels, np.nan)

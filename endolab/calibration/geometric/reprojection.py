@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import PLANE, pose_from_rays
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     Lens,
@@ -26,24 +26,17 @@ USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 USUAL_BROWN = np.array([1.0, 1.0, 0.02, 0.02, 1.0, 1.0, 1.0, 1.0])
 
 
-@dataclass(frozen=True)
-class PointErrors:
-    """How wrong the points of a panel are, beside their noise.
-
-    They are not off independently, but as the panel's light makes them, and all frames alike: poses are off
-    by `shared` times what independent points would give, and by more where few px lie between them.
-    """
-
-    shared: float = 2.0
-    # px between points, where errors have doubled; they grow with the fourth power.
-    doubled_at: float = 17.0
-    # Spacings from a fold, within which light and paper break, and sway a point.
-    beside_fold: float = 0.75
-    # px; detectors have systematic errors of that size, whatever the noise.
-    finest: float = 0.03
-
-
-POINT_ERRORS = PointErrors()
+# How wrong the points of a panel are, beside their noise.
+#
+# They are not off independently, but as the panel's light makes them, and all frames alike: poses are off
+# by `SHARED` times what independent points would give, and by more where few px lie between them.
+SHARED = 2.0
+# px between points, where errors have doubled; they grow with the fourth power.
+DOUBLED_AT = 17.0
+# Spacings from a fold, within which light and paper break, and sway a point.
+BESIDE_FOLD = 0.75
+# px; detectors have systematic errors of that size, whatever the noise.
+FINEST = 0.03
 
 
 @dataclass(frozen=True)
@@ -65,15 +58,14 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     panel = target.panel_of(points)
     if target.fold_x is not None:
         panel = np.where(
-            np.abs(points[:, 0] - target.fold_x)
-            < POINT_ERRORS.beside_fold * target.spacing,
+            np.abs(points[:, 0] - target.fold_x) < BESIDE_FOLD * target.spacing,
             -1,
             panel,
         )
     views = []
     for number in range(target.panels):
         on_panel = panel == number
-        if np.sum(on_panel) >= PLANE.least_points:
+        if np.sum(on_panel) >= LEAST_POINTS:
             ids = detection.ids[on_panel]
             views.append(View(name, number, ids, detection.pixels[on_panel]))
     return views
@@ -96,6 +88,12 @@ class Geometry:
             np.stack([p.translation for p in poses]),
         )
 
+    def only(self, kept: Sequence[bool]) -> Geometry:
+        """The camera with some of the poses."""
+        return Geometry(
+            self.vector, self.rotation[list(kept)], self.translation[list(kept)]
+        )
+
     @property
     def poses(self) -> list[Pose]:
         """The poses, one by one."""
@@ -110,25 +108,24 @@ class Geometry:
 class Reprojection:
     """The residuals of views as a `Model`.
 
-    The camera moves along the columns of `basis`, (8 or 12, p), from where it is.
+    The first `free` numbers of the camera's vector are fitted; its k are known to be near `usual`, (4 or 8,).
     """
 
     def __init__(
         self,
         views: Sequence[View],
         target: Target,
-        basis: FloatArray,
+        free: int,
         usual: FloatArray,
-        discs: bool = True,
     ) -> None:
         self.group: IntArray = np.repeat(
             np.arange(len(views)), [len(view.ids) for view in views]
         )
         ids = np.concatenate([view.ids for view in views])
         self.points = target.points[ids]
-        self.radii = target.radii[ids] * discs
+        self.radii = target.radii[ids]
         self.pixels = np.concatenate([view.pixels for view in views])
-        self.basis = basis
+        self.free = free
         self.usual = usual
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
@@ -140,16 +137,17 @@ class Reprojection:
             self.radii,
         )
         residual = self.pixels - projection.pixels
-        by_common = -projection.by_camera @ self.basis
+        by_common = -projection.by_camera[..., : self.free]
         spread = USUAL_K if len(self.usual) == 4 else USUAL_BROWN
         prior = (unknowns.vector[4:] - self.usual) / spread
-        by_prior = self.basis[4:] / spread[:, None]
+        by_prior = np.eye(len(unknowns.vector))[4:, : self.free] / spread[:, None]
         return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
 
     def take_step(  # noqa: D102
         self, unknowns: Geometry, common: FloatArray, own: FloatArray
     ) -> Geometry | None:
-        vector = unknowns.vector + self.basis @ common
+        vector = unknowns.vector.copy()
+        vector[: self.free] += common
         if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
             return None
         turn = scipy.spatial.transform.Rotation.from_rotvec(own[:, :3]).as_matrix()
@@ -190,24 +188,20 @@ def find_pose(
     be seen from behind.
     """
     pose = linear_pose(view, target, camera)
-    model = Reprojection(
-        [view], target, np.zeros((4 + len(camera.k), 0)), np.array(camera.k)
-    )
-    fitted = fit(
-        model, Geometry.of(camera_vector(camera), [pose]), smallest=POINT_ERRORS.finest
-    )
-    inliers = fitted.iterate.used
-    if inliers.sum() < max(PLANE.least_points, len(inliers) / 2):
+    model = Reprojection([view], target, 0, np.array(camera.k))
+    fitted = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
+    inliers = fitted.used
+    if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
         raise ValueError(
             f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
         )
-    pose = fitted.iterate.unknowns.poses[0]
+    pose = fitted.unknowns.poses[0]
     # Scale of the panel in the picture about its middle, where it is least, px/mm.
     middle = target.points[view.ids].mean(axis=0, keepdims=True)
     at = camera_vector(camera), pose.rotation[None], pose.translation[None], middle
     by_shift = project(*at, np.zeros(1)).by_pose[0, :, 3:]
     scale = np.linalg.svd(by_shift @ pose.rotation[:, :2], compute_uv=False)[-1]
     apart = scale * target.spacing
-    worse = POINT_ERRORS.shared * (1 + (POINT_ERRORS.doubled_at / apart) ** 4)
+    worse = SHARED * (1 + (DOUBLED_AT / apart) ** 4)
     pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
-    return pose, inliers, fitted.iterate.residual
+    return pose, inliers, fitted.residual

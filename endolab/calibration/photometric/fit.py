@@ -21,17 +21,22 @@ material, replace the BRDF by that of the material in 1/sr:
 the one factor by which the true paper is darker than that.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
+from endolab.calibration.least_squares import Covariance, Fit, fit
 from endolab.calibration.photometric import identifiability
 from endolab.calibration.photometric.identifiability import NotIdentifiableError, Strength
 from endolab.calibration.photometric.model import (
+    FIRST_GAMMA,
+    GAMMA_BOUNDS,
     GREY_LEVELS,
-    LIGHT_FIT,
+    LEAST_DEVIATION,
+    LEAST_REFLECTANCE,
+    LEAST_SAMPLES,
+    LEVELS,
     Known,
     LightModel,
     LightUnknowns,
@@ -57,7 +62,7 @@ def _check_known(
     if np.size(value) != 2:
         return number(name, value, low, high)
     mean, deviation = np.asarray(value).tolist()
-    sd = number(f"the standard deviation of {name}", deviation, LIGHT_FIT.least_deviation)
+    sd = number(f"the standard deviation of {name}", deviation, LEAST_DEVIATION)
     return number(name, mean, low, high), sd
 
 
@@ -67,14 +72,14 @@ def _check_gamma(gamma: float | tuple[float, float] | str) -> Known:
         if gamma != "free":
             raise unknown_name("gamma", gamma, ["free"], "a number")
         return None
-    return _check_known("gamma", gamma, *LIGHT_FIT.gamma_bounds)
+    return _check_known("gamma", gamma, *GAMMA_BOUNDS)
 
 
 def _log_reflectance(reflectance: Known) -> Known:
     """Return what is known of the logarithm of a reflectance; ValueError if it can be none."""
     if reflectance is None:
         return None
-    known = _check_known("reflectance", reflectance, LIGHT_FIT.least_reflectance)
+    known = _check_known("reflectance", reflectance, LEAST_REFLECTANCE)
     if isinstance(known, float):
         return float(np.log(known))
     return float(np.log(known[0])), known[1] / known[0]
@@ -86,7 +91,7 @@ def check_options(
     nodes: int = 15,
     gain: str = "free",
     reflectance: Sequence[Known] = (),
-    levels: tuple[float, float] = LIGHT_FIT.levels,
+    levels: tuple[float, float] = LEVELS,
 ) -> None:
     """Refuse options of `calibrate_light` that no samples could make right."""
     for name, value, choices in (
@@ -113,7 +118,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     low, high = model.levels
     good = model.geometry.valid & (samples.level > low) & (samples.level < high)
     vector = model.known_vector
-    vector[1] = gamma = vector[1] or LIGHT_FIT.first_gamma
+    vector[1] = gamma = vector[1] or FIRST_GAMMA
     loose = np.array([known is None for known in model.known])
     loose[1] = False
     # The gain of a frame whose samples are all out of range is read from these all the same.
@@ -142,8 +147,7 @@ def calibrate_light(
     nodes: int = 15,
     gain: str = "free",
     reflectance: Sequence[Known] = (),
-    levels: tuple[float, float] = LIGHT_FIT.levels,
-    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
+    levels: tuple[float, float] = LEVELS,
 ) -> PhotometricFit:
     """Calibrate light, response and gains from samples of known place and normal.
 
@@ -167,8 +171,6 @@ def calibrate_light(
     levels : (low, high)
         Stored values between which a sample's *predicted* value must lie for it to count; choose
         them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
-    observers : iterable of callables
-        Each is shown every iterate, a `FitIterate` of `LightUnknowns`; True stops the fit.
 
     Returns
     -------
@@ -216,7 +218,7 @@ def calibrate_light(
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
     stiff = identifiability.hold_unknowns(model, expected)
-    fitted = fit(stiff, begin, observers)
+    fitted = fit(stiff, begin)
     covariance = identifiability.widen(fitted.covariance.common, model, stiff)
     fitted = replace(fitted, covariance=Covariance(covariance, fitted.covariance.own))
     return _result(model, frames, expected, fitted)
@@ -228,10 +230,10 @@ def _nodes(
     """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
     geometry = SampleGeometry.of(samples)
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
-    if good.sum() < LIGHT_FIT.least_samples:
+    if good.sum() < LEAST_SAMPLES:
         lit = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
         ways = "change the exposure, or bring the sheet nearer: white paper must show"
-        needed = f"{LIGHT_FIT.least_samples} are needed"
+        needed = f"{LEAST_SAMPLES} are needed"
         raise NotIdentifiableError("light", f"{lit}, {needed}; {ways}")
     theta = geometry.theta[good]
     chosen = np.zeros(1)
@@ -248,7 +250,7 @@ def _nodes(
 
 def _check_bounds(unknowns: LightUnknowns, errors: dict[str, float]) -> None:
     """Refuse a fit that has run away."""
-    low, high = LIGHT_FIT.gamma_bounds
+    low, high = GAMMA_BOUNDS
     if unknowns.k < 0:
         ran = f"k ran to {unknowns.k:.3f} ± {errors['k']:.3f}, below 0"
         why = "these samples show no fall-off off the axis"
@@ -257,7 +259,7 @@ def _check_bounds(unknowns: LightUnknowns, errors: dict[str, float]) -> None:
         ran = f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}"
         raise NotIdentifiableError("gamma", f"{ran}; check the distances, or give gamma")
     error = unknowns.gamma * errors["k/gamma"]
-    most = identifiability.EVIDENCE.largest_k_error
+    most = identifiability.LARGEST_K_ERROR
     if error > most:
         why = f"these samples do not determine k: it is {unknowns.k:.2f} ± {error:.2f}"
         raise NotIdentifiableError("k", f"{why}, of which at most ± {most:g} is of use")
@@ -286,9 +288,9 @@ def _result(
     model: LightModel, frames: IntArray, expected: dict[str, Strength], fitted: Fit
 ) -> PhotometricFit:
     """Check a fit and put it into words."""
-    used = fitted.iterate.used
-    sigma = fitted.iterate.sigma
-    unknowns: LightUnknowns = fitted.iterate.unknowns
+    used = fitted.used
+    sigma = fitted.sigma
+    unknowns: LightUnknowns = fitted.unknowns
     covariance = fitted.covariance.common
     deviation = np.sqrt(np.diag(covariance))
     errors = _standard_errors(model, unknowns, covariance)
@@ -302,7 +304,7 @@ def _result(
     alike = len(frames) // len(unknowns.own)
     gains = np.repeat(np.exp(unknowns.own[:, 0]), alike)
     gain_errors = gains * np.repeat(np.sqrt(fitted.covariance.own[:, 0, 0]), alike)
-    residuals = fitted.iterate.residual[:, 0]
+    residuals = fitted.residual[:, 0]
     names = [name for name, free in zip(model.names, model.free, strict=True) if free]
     result = PhotometricFit(
         photometry=Photometry(

@@ -36,40 +36,32 @@ from endolab.calibration.photometric.model import (
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
-
-@dataclass(frozen=True)
-class EvidenceRules:
-    """What samples must show before k and γ are believed, and what is worth a sentence.
-
-    A signal is the part of s, and of log cos α, that only γ, or k, can explain: root mean square. Errors of
-    the poses make up some of it where there is none: 0.3 % of the distance and 0.1° of the normal, apart
-    for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give 0.02 of
-    log cos α.
-    """
-
-    rich_nodes: int = 60  # of the BRDF, in the regression
-    least_gamma_signal: float = 0.018
-    least_k_signal: float = 0.012
-    largest_gamma_error: float = 0.05  # relative
-    largest_k_error: float = 0.1
-    # Share of 1/r² cos θ: between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a
-    # room, 0. Below the first the light is refused, below the second the verdict remarks it.
-    least_fall_off: float = 0.6
-    usual_fall_off: float = 0.85
-    # Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
-    largest_sigma: float = 15.0
-    # A jump of the gain, in medians of the steps of so many frames around, and how many are named.
-    jump: float = 6.0
-    jump_window: int = 11
-    jumps_named: int = 5
-    held_to: float = 1e-3  # of its standard deviation, to which an unknown is held
-    # Standard deviations of the noise by which levels should stay inside the sensor's range.
-    clearance: float = 3.5
-    # Of the distances, for which the verdict says what it would do.
-    pose_error: float = 0.001
-
-
-EVIDENCE = EvidenceRules()
+# What samples must show before k and γ are believed, and what is worth a sentence.
+#
+# A signal is the part of s, and of log cos α, that only γ, or k, can explain: root mean square. Errors of
+# the poses make up some of it where there is none: 0.3 % of the distance and 0.1° of the normal, apart
+# for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give 0.02 of
+# log cos α.
+RICH_NODES = 60  # of the BRDF, in the regression
+LEAST_GAMMA_SIGNAL = 0.018
+LEAST_K_SIGNAL = 0.012
+LARGEST_GAMMA_ERROR = 0.05  # relative
+LARGEST_K_ERROR = 0.1
+# Share of 1/r² cos θ: between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a
+# room, 0. Below the first the light is refused, below the second the verdict remarks it.
+LEAST_FALL_OFF = 0.6
+USUAL_FALL_OFF = 0.85
+# Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
+LARGEST_SIGMA = 15.0
+# A jump of the gain, in medians of the steps of so many frames around, and how many are named.
+JUMP = 6.0
+JUMP_WINDOW = 11
+JUMPS_NAMED = 5
+HELD_TO = 1e-3  # of its standard deviation, to which an unknown is held
+# Standard deviations of the noise by which levels should stay inside the sensor's range.
+CLEARANCE = 3.5
+# Of the distances, for which the verdict says what it would do.
+POSE_ERROR = 0.001
 
 
 class NotIdentifiableError(ValueError):
@@ -127,7 +119,7 @@ def strengths(
     tiny = np.finfo(float).tiny
     columns = [np.zeros((len(used), 0))]
     if len(model.nodes) > 1:
-        count = int(np.clip(used.sum() // 10, len(model.nodes), EVIDENCE.rich_nodes))
+        count = int(np.clip(used.sum() // 10, len(model.nodes), RICH_NODES))
         rich = np.linspace(model.nodes[0], model.nodes[-1], count)
         columns.append(hats(rich, model.geometry.theta))
     roughly: list[FloatArray] = []
@@ -176,7 +168,7 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
     normals = model.samples.normals
     frames = len(np.unique(model.samples.frame))
     tabulated = len(model.nodes) > 1
-    if tabulated and k.signal < EVIDENCE.least_k_signal:
+    if tabulated and k.signal < LEAST_K_SIGNAL:
         raise NotIdentifiableError(
             "k",
             "these samples do not determine k: in all frames the incidence angle goes with the angle off "
@@ -188,23 +180,20 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
         error = "an error of its one pose would pass for fall-off"
         ways = "take more frames, or assume a matt sheet (lambertian BRDF)"
         raise NotIdentifiableError("k", f"{why}: {error}; {ways}")
-    if k.sd > EVIDENCE.largest_k_error:
+    if k.sd > LARGEST_K_ERROR:
         have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
         why = f"these samples do not determine k: its standard error would be {k.sd:.2g} with {have}"
         raise NotIdentifiableError("k", f"{why}; take more of them, over a wider field")
     if model.known[1] is not None:
         return
     gamma = evidence["gamma"]
-    if (
-        gamma.signal < EVIDENCE.least_gamma_signal
-        or gamma.sd > EVIDENCE.largest_gamma_error
-    ):
+    if gamma.signal < LEAST_GAMMA_SIGNAL or gamma.sd > LARGEST_GAMMA_ERROR:
         ways = "fold the sheet, print grey patches of known ratio, or lock the gain and vary the distance"
         raise NotIdentifiableError(
             "gamma",
             "these samples do not determine gamma, only k/gamma: a change of gamma is made up for by "
             f"k, the gains and the BRDF to {100 * gamma.signal:.2g} % of the light "
-            f"({100 * EVIDENCE.least_gamma_signal:g} % is needed; the standard error would be "
+            f"({100 * LEAST_GAMMA_SIGNAL:g} % is needed; the standard error would be "
             f"{100 * min(gamma.sd, 99):.2g} %); {ways}, or give gamma",
         )
 
@@ -243,13 +232,13 @@ def judge_light(
     ):  # a free γ would make up for it, and run out of its bounds
         share, error = fall_off_share(model, unknowns, used & (model.samples.level > 0))
         power = f"to the power {share:.2f} ± {error:.2f} of what a lamp at the lens does"
-        if share + 2 * error < EVIDENCE.least_fall_off:
+        if share + 2 * error < LEAST_FALL_OFF:
             why = "the brightness hardly falls with distance and tilt, as in a lit room"
             raise NotIdentifiableError("light", f"{why}: {power}; {ways}")
-        if share + 2 * error < EVIDENCE.usual_fall_off:
+        if share + 2 * error < USUAL_FALL_OFF:
             why = "there was another light, γ is larger, or the paper is rough"
             remarks.append(f"The brightness falls with distance and tilt {power}: {why}.")
-    if sigma > EVIDENCE.largest_sigma:
+    if sigma > LARGEST_SIGMA:
         why = (
             f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
         )
@@ -266,11 +255,11 @@ def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightMode
     if "gamma" not in evidence:
         return model
     known = list(model.known)
-    hold_gamma = evidence["gamma"].signal < EVIDENCE.least_gamma_signal
-    hold_reflectance = evidence["gamma"].alone < EVIDENCE.least_gamma_signal
+    hold_gamma = evidence["gamma"].signal < LEAST_GAMMA_SIGNAL
+    hold_reflectance = evidence["gamma"].alone < LEAST_GAMMA_SIGNAL
     for i, belief in enumerate(known):
         if isinstance(belief, tuple) and (hold_gamma if i == 1 else hold_reflectance):
-            known[i] = belief[0], EVIDENCE.held_to * belief[1]
+            known[i] = belief[0], HELD_TO * belief[1]
     return replace(model, known=tuple(known))
 
 
@@ -288,13 +277,13 @@ def widen(covariance: FloatArray, model: LightModel, stiff: LightModel) -> Float
 
 def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
     """Find the frames where the gain changes at once, far more than around: (frame, ratio), largest first."""
-    if len(gains) < EVIDENCE.jump_window:
+    if len(gains) < JUMP_WINDOW:
         return []
     # Gains follow the sheet, at times fast but smoothly; a jump stands out from the steps beside it.
     steps = np.diff(np.log(gains))
     excess = np.abs(steps - scipy.ndimage.median_filter(steps, size=5, mode="nearest"))
-    usual = scipy.ndimage.median_filter(excess, size=EVIDENCE.jump_window, mode="nearest")
-    jumps = np.flatnonzero(excess > np.maximum(EVIDENCE.jump * usual, np.log(1.3)))
+    usual = scipy.ndimage.median_filter(excess, size=JUMP_WINDOW, mode="nearest")
+    jumps = np.flatnonzero(excess > np.maximum(JUMP * usual, np.log(1.3)))
     jumps = jumps[np.argsort(-np.abs(steps[jumps]))]
     return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]
 
@@ -322,8 +311,8 @@ def _say_gamma(
         )
         if any(known is not None for known in model.reflectances[1:]):
             source = "the reflectances that are known"
-        bias = (2 * EVIDENCE.pose_error / expected["gamma"].signal) ** 2 * gamma
-        errs = f"Random errors of {100 * EVIDENCE.pose_error:g} % in the distances"
+        bias = (2 * POSE_ERROR / expected["gamma"].signal) ** 2 * gamma
+        errs = f"Random errors of {100 * POSE_ERROR:g} % in the distances"
         return [
             f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.",
             f"{errs} would raise γ by {bias:.2g}, and k with it.",
@@ -363,7 +352,7 @@ def describe_verdict(
         value = f"{fit.reflectance[material]:.4f} ± {error:.4f}"
         say(f"Material {material} reflects {value} of what material 0 does.")
     low, high = GREY_LEVELS * np.array(model.levels)
-    needed = EVIDENCE.clearance * fit.sigma
+    needed = CLEARANCE * fit.sigma
     if min(low, GREY_LEVELS - high) < needed:
         say(
             f"The residuals, of {fit.sigma:.1f} grey levels, reach out of the sensor's range from the levels "
@@ -375,7 +364,7 @@ def describe_verdict(
     known = np.isfinite(fit.gain_errors)
     jumps = gain_jumps(fit.frames[known], fit.gains[known])
     if jumps:
-        largest = sorted(jumps[: EVIDENCE.jumps_named])
+        largest = sorted(jumps[:JUMPS_NAMED])
         named = ", ".join(f"{frame} (×{jump:.2g})" for frame, jump in largest)
         rest = len(jumps) - len(largest)
         more = f" and {rest} more" if rest else ""

@@ -26,24 +26,18 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 GREY_LEVELS = 255.0  # of a stored value of 1
 
 
-@dataclass(frozen=True)
-class LightFitRules:
-    """Where the fit of the light begins, what it is given, and what it may not leave."""
-
-    # Predicted stored values that noise of 3 grey levels cannot clip.
-    levels: tuple[float, float] = (12 / 255, 240 / 255)
-    first_gamma: float = 2.2  # where the fit of a γ that is not known begins
-    gamma_bounds: tuple[float, float] = (0.5, 5.0)
-    least_samples: int = 10
-    # What can be known of a number at best, and the blackest black that is not the ink's.
-    least_deviation: float = 1e-9
-    least_reflectance: float = 1e-6
-    # Exponent that brings the BRDF's nodes closer together near θ = 0.
-    node_exponent: float = 1.15
-    least_support: int = 40  # samples between two nodes, or one of them is left out
-
-
-LIGHT_FIT = LightFitRules()
+# Where the fit of the light begins, what it is given, and what it may not leave.
+# Predicted stored values that noise of 3 grey levels cannot clip.
+LEVELS = (12 / 255, 240 / 255)
+FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
+GAMMA_BOUNDS = (0.5, 5.0)
+LEAST_SAMPLES = 10
+# What can be known of a number at best, and the blackest black that is not the ink's.
+LEAST_DEVIATION = 1e-9
+LEAST_REFLECTANCE = 1e-6
+# Exponent that brings the BRDF's nodes closer together near θ = 0.
+NODE_EXPONENT = 1.15
+LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
 
 Known = float | tuple[float, float] | None  # given, (mean, sd), or free
 
@@ -99,10 +93,10 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     """
     low = float(theta.min())
     high = float(theta.max())
-    nodes = low + (high - low) * np.linspace(0, 1, count) ** LIGHT_FIT.node_exponent
+    nodes = low + (high - low) * np.linspace(0, 1, count) ** NODE_EXPONENT
     while len(nodes) > 2:
         inside, _ = np.histogram(theta, nodes)
-        thin = np.flatnonzero(inside < LIGHT_FIT.least_support)
+        thin = np.flatnonzero(inside < LEAST_SUPPORT)
         if not thin.size:
             break
         # Joining a thin interval with its neighbour removes the node between them.

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from endolab.calibration.least_squares import ROBUST, robust_sigma
-from endolab.calibration.photometric.model import GREY_LEVELS, LIGHT_FIT
+from endolab.calibration.least_squares import OUTLIER, robust_sigma
+from endolab.calibration.photometric.model import GREY_LEVELS, LEVELS
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -78,7 +78,7 @@ class PhotometricFit:
         _, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
             group = np.zeros_like(group)
-        low, high = GREY_LEVELS * np.array(LIGHT_FIT.levels)
+        low, high = GREY_LEVELS * np.array(LEVELS)
         weight = ((measured > low) & (measured < high)).astype(float)
         for _ in range(10):
             total = np.bincount(group, weight * shape**2)
@@ -89,7 +89,7 @@ class PhotometricFit:
             if not inside.any():
                 raise ValueError("samples must hold some within the range of levels")
             sigma = robust_sigma(residual[:, None], inside, len(total))
-            weight = (inside & (np.abs(residual) < ROBUST.outlier * sigma)).astype(float)
+            weight = (inside & (np.abs(residual) < OUTLIER * sigma)).astype(float)
         used = weight > 0
         alpha = np.arccos(np.clip(samples.cos_alpha[used], -1, 1))
         edges = np.deg2rad(np.arange(0.0, 91.0, 10.0))

@@ -16,21 +16,14 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.numerics.checks import readonly_copy
 
-
-@dataclass(frozen=True)
-class SamplingRules:
-    """Which pixels of a sheet can be read, and how many of them."""
-
-    # px; in pictures as wide as this the light of 3x3 pixels is averaged.
-    large_picture: int = 960
-    # px between a window and the rim of the ink: half of rounding, the rest of blur.
-    rim: float = 1.5
-    grey_clearance: float = 0.8  # of a grey disc's radius, that is surely grey
-    # Samples of a frame; more would only make one frame count more than another.
-    most_of_a_frame: int = 200
-
-
-RULES = SamplingRules()
+# Which pixels of a sheet can be read, and how many of them.
+# px; in pictures as wide as this the light of 3x3 pixels is averaged.
+LARGE_PICTURE = 960
+# px between a window and the rim of the ink: half of rounding, the rest of blur.
+RIM = 1.5
+GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
+# Samples of a frame; more would only make one frame count more than another.
+MOST_OF_A_FRAME = 200
 
 
 @dataclass(frozen=True)
@@ -103,7 +96,7 @@ def sample_places(
     paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
     white = _white_places(target) if white is None else white
-    greys = target.grey_discs * [1, 1, RULES.grey_clearance, 1]
+    greys = target.grey_discs * [1, 1, GREY_CLEARANCE, 1]
     ratios = np.unique(-greys[:, 3])
     material = np.concatenate(
         [np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])]
@@ -131,7 +124,7 @@ def _on_panel(
     half = side // 2
     with np.errstate(invalid="ignore"):
         inside = np.all((nearest >= half) & (nearest < np.array(size) - half), axis=1)
-        good = np.flatnonzero(inside & (short >= RULES.rim + np.sqrt(2) * side / 2))
+        good = np.flatnonzero(inside & (short >= RIM + np.sqrt(2) * side / 2))
     rays = camera.unproject(nearest[good])
     facing = rays @ pose.normal
     points = rays * ((pose.translation @ pose.normal) / facing)[:, None]
@@ -147,7 +140,7 @@ def sample_sheet(
     *,
     frame: int = 0,
     gamma: float = 2.2,
-    most: int = RULES.most_of_a_frame,
+    most: int = MOST_OF_A_FRAME,
     places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
@@ -159,7 +152,7 @@ def sample_sheet(
     """
     spots, material = sample_places(target, places)
     height, width = image.shape
-    side = 3 if width >= RULES.large_picture else 1
+    side = 3 if width >= LARGE_PICTURE else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
     panel = target.panel_of(spots)
     parts = []

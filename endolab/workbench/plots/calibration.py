@@ -188,11 +188,11 @@ def show_frame_errors(
     *,
     unit: str = "px",
 ) -> Axes:
-    """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
+    """Show the errors of frames, by their names, as bars; those that are `marked` darker."""
     title = "Error of every located frame"
     ax = decorate(ax, title, "", f"root mean square [{unit}]")
     values = np.nan_to_num(list(errors.values()))
-    colours = [HOUSE.vermilion if name in marked else HOUSE.sky for name in errors]
+    colours = [HOUSE.blue if name in marked else HOUSE.sky for name in errors]
     ax.bar(list(errors), values, color=colours)
     # Where their names have room.
     ax.tick_params(axis="x", rotation=90, labelbottom=len(values) <= 40)

@@ -1,6 +1,7 @@
 """The report of a calibration: a page with pictures, and its numbers as JSON."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,6 +15,25 @@ from endolab.io.images import write_figure
 from endolab.io.video import Frames
 from endolab.workbench.plots import calibration as figures
 from endolab.workbench.plots.style import page
+
+
+def _frames_of(session: Session) -> list[dict[str, Any]]:
+    """Name, error, reason to be left out, and corners of the panels, mm, of each frame."""
+    left, top, width, height = session.target.sheet
+    fold = session.target.fold_x
+    edges = [left, left + width] if fold is None else [left, fold, left + width]
+    listed = []
+    for name in session.detections:
+        panels = []
+        for panel, pose in enumerate(session.poses.get(name, ())):
+            if pose is not None:
+                x = np.repeat(edges[panel : panel + 2], 2)
+                y = top + height * np.array([0, 1, 1, 0])
+                panels.append(pose.transform(np.stack([x, y, 0 * x], axis=-1)).tolist())
+        why = session.dropped.get(name, "")
+        error = session.errors.get(name)
+        listed.append({"name": name, "error": error, "why": why, "panels": panels})
+    return listed
 
 
 def write_report(
@@ -57,7 +77,12 @@ def write_report(
         environment.trim_blocks = environment.lstrip_blocks = True
         template = Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8")
         text = environment.from_string(template).render(
-            session=session, summary=summary, account=account, source=source, shown=name
+            session=session,
+            summary=summary,
+            account=account,
+            source=source,
+            shown=name,
+            frames=_frames_of(session),
         )
         write_atomically(folder / "report.html", text.encode())
     facts = summary.evidence(session, source, channel)

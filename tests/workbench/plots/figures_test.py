@@ -27,7 +27,7 @@ def drawn(colon):
     start, seen = colon
     problem = start.problem
     history = [{"k": k, "energy": 0.5**k, "regulariser": 0.0} for k in range(5)]
-    session, frames, _ = simulated()
+    session, frames = simulated()
     geometry = session.geometry
     light = session.light
     samples = session.samples

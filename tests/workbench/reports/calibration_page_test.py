@@ -61,7 +61,7 @@ def report(tmp_path):
 
 
 def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
-    session, frames, _ = simulated()
+    session, frames = simulated()
     page = report(session, frames)
     assert page.pictures == ["camera.png", "light.png", "uncertainty.png", "frames.png"]
     assert all((tmp_path / name).is_file() for name in page.pictures)
@@ -84,7 +84,7 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
 def test_without_light_and_with_a_given_camera_the_page_says_so_and_no_html_is_taken_in(
     report,
 ):
-    session, frames, _ = simulated()
+    session, frames = simulated()
     dropped = dict.fromkeys(LOST, "a <b> & c")
     session = replace(refused(session), geometry=None, dropped=dropped)
     page = report(session, frames)
