@@ -57,8 +57,8 @@ FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
 
 
-class Stage(StrEnum):
-    """How far an answer has come."""
+class AnswerKind(StrEnum):
+    """How an answer was found: some in passing, KEPT and ANEW to their end."""
 
     LOOK = "look"  # on few pixels, from the last answer
     ITERATE = "iterate"  # of a run that goes on, or of the last one
@@ -91,7 +91,7 @@ class Answer:
     """What the tuner found for one position of the knobs."""
 
     settings: Knobs
-    stage: Stage
+    kind: AnswerKind
     still: Still
     result: Result
     held: Held | None = None  # what it was solved with; None if all was found anew
@@ -123,7 +123,7 @@ class Answer:
     @property
     def is_final(self) -> bool:
         """Whether its solver has come to its end."""
-        return self.stage in (Stage.KEPT, Stage.ANEW)
+        return self.kind in (AnswerKind.KEPT, AnswerKind.ANEW)
 
     @property
     def uses_lam(self) -> bool:
@@ -151,7 +151,7 @@ def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()
     watch = [steps.add, *observers]
     result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
     path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
-    return Answer(wish, Stage.ANEW, Still.of(subject, result), result, path=path)
+    return Answer(wish, AnswerKind.ANEW, Still.of(subject, result), result, path=path)
 
 
 class Engine:
@@ -328,7 +328,7 @@ class Engine:
             self._last = iterate
             seconds = time.perf_counter() - started
             sofar = shown_as(iterate, seconds)
-            look = Answer(wish, Stage.LOOK, base.still, sofar, self._held)
+            look = Answer(wish, AnswerKind.LOOK, base.still, sofar, self._held)
             self.show(look)
             if not self._rests():
                 return None
@@ -356,7 +356,7 @@ class Engine:
                 if still is not None:
                     self._last = iterate
                 of = still or Still.of(subject, sofar)
-                self.show(Answer(wish, Stage.ITERATE, of, sofar, held))
+                self.show(Answer(wish, AnswerKind.ITERATE, of, sofar, held))
                 last_shown = time.perf_counter()
             return self.is_stale() and base is not None
 
@@ -385,7 +385,7 @@ class Engine:
         )
         if self.is_stale():
             return None
-        return Answer(wish, Stage.KEPT, base.still, result, held, steps.iterates)
+        return Answer(wish, AnswerKind.KEPT, base.still, result, held, steps.iterates)
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
@@ -459,5 +459,5 @@ def variants(
             steps = solve(held.problem_with(wish, known), start=start)
             result = run(steps)
             start = result.iterate.log_distance  # neighbours are near
-            found.append(Answer(wish, Stage.KEPT, answer.still, result, held))
+            found.append(Answer(wish, AnswerKind.KEPT, answer.still, result, held))
     return found

@@ -41,7 +41,7 @@ from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import (
     Answer,
     Engine,
-    Stage,
+    AnswerKind,
     shown_as,
     variants,
 )
@@ -287,7 +287,9 @@ class TunerBox(anywidget.AnyWidget):
         shown = answer
         if place < len(answer.path):
             passed = shown_as(answer.path[place - 1])
-            shown = replace(answer, stage=Stage.ITERATE, result=passed, uncertainty=None)
+            shown = replace(
+                answer, kind=AnswerKind.ITERATE, result=passed, uncertainty=None
+            )
         self._send_answer(shown, path=self._path(answer, place))
 
     def find_uncertainty(self) -> None:
@@ -420,11 +422,11 @@ class TunerBox(anywidget.AnyWidget):
         words: dict[str, Any] = {
             "label": f"{label}, {100 * answer.explained:.1f} % explained",
             "badge": "" if answer.held is None else "held",
-            "line": describe(answer.result, answer.explained, answer.stage, answer.errors),
+            "line": describe(answer.result, answer.explained, answer.kind, answer.errors),
             "tone": "",
             "curve": self._curve(answer),
         }
-        if answer.stage == Stage.ANEW and self._said:
+        if answer.kind == AnswerKind.ANEW and self._said:
             words["line"] = f"{self._said} · {words['line']}"
         if not answer.is_final:
             return words
@@ -438,7 +440,7 @@ class TunerBox(anywidget.AnyWidget):
             {"chip": re.split("[:;,]", one)[0].rstrip("."), "text": one}
             for one in warnings(answer.result)
         ]
-        if answer.stage == Stage.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
+        if answer.kind == AnswerKind.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
             share = f"{self._elsewhere:.2g} %"
             text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
             chip = f"not unique: {share} of pixels"

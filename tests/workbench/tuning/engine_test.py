@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.workbench.tuning.engine import Engine, Stage
+from endolab.workbench.tuning.engine import Engine, AnswerKind
 from endolab.workbench.tuning.source import Knobs, Source
 
 FIRST = Knobs(scene=0, width=160, channel="green", contours=False)
@@ -46,7 +46,7 @@ def test_what_is_asked_anew_is_what_reconstruct_gives(start, seen):
     cold = el.reconstruct(
         frame, calibration, width=160, channel="green", contours=False
     )
-    assert answers[0].stage is Stage.ANEW
+    assert answers[0].kind is AnswerKind.ANEW
     assert same(answers[0].result, cold)
     assert answers[0].errors[0] == pytest.approx(2, abs=2)  # %, of a tube
 
@@ -69,7 +69,7 @@ def test_a_kept_answer_depends_on_what_is_held_alone(start, turned):
     engine.ask(wish)
     engine.wait(60)
     by_hand = answers[-1]
-    assert [one.stage for one in answers[1:]] == [Stage.LOOK, Stage.KEPT]
+    assert [one.kind for one in answers[1:]] == [AnswerKind.LOOK, AnswerKind.KEPT]
     assert by_hand.held.problem.cuts is answers[0].result.problem.cuts
     engine.ask(replace(FIRST, lam=7.0))
     engine.wait(60)
@@ -86,10 +86,10 @@ def test_while_the_hand_moves_looks_follow_and_the_newest_wish_wins(start):
         engine.ask(replace(FIRST, lam=lam))
         time.sleep(0.04)
     engine.wait(60)
-    looks = [one for one in answers if one.stage is Stage.LOOK]
+    looks = [one for one in answers if one.kind is AnswerKind.LOOK]
     assert len(looks) >= 3
     assert {one.settings.lam for one in looks} <= set(lams)
-    assert answers[-1].stage is Stage.KEPT
+    assert answers[-1].kind is AnswerKind.KEPT
     assert answers[-1].settings.lam == lams[-1]
     kept = answers[-1].result
     moved = np.nanmean(np.abs(answers[0].result.distance / kept.distance - 1))
@@ -129,7 +129,7 @@ def test_the_papers_solver_shows_its_iterates_and_goes_on_from_them(start):
     engine.ask(replace(paper, lam=0.5))
     engine.wait(60)
     shown = answers[1:]
-    assert shown[-1].stage is Stage.KEPT
+    assert shown[-1].kind is AnswerKind.KEPT
     assert {one.settings.solver for one in shown} == {"primal_dual"}
     assert {one.settings.solver for one in engine.curve_of(shown[-1])} == {
         "primal_dual"
@@ -143,7 +143,7 @@ def test_who_asks_anew_and_turns_on_is_answered_anew(start):
     time.sleep(0.02)
     engine.ask(replace(FIRST, lam=0.5))
     engine.wait(60)
-    assert answers[-1].stage is Stage.ANEW
+    assert answers[-1].kind is AnswerKind.ANEW
     assert answers[-1].settings.lam == 0.5
 
 
