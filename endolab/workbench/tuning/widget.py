@@ -40,8 +40,8 @@ from endolab.workbench.reports.result import save_result
 from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import (
     Answer,
-    Engine,
     AnswerKind,
+    Engine,
     shown_as,
     variants,
 )

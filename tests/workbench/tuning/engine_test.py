@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.workbench.tuning.engine import Engine, AnswerKind
+from endolab.workbench.tuning.engine import AnswerKind, Engine
 from endolab.workbench.tuning.source import Knobs, Source
 
 FIRST = Knobs(scene=0, width=160, channel="green", contours=False)
