@@ -236,8 +236,10 @@ def _descend(
     return unknowns, lin, Status.MAX_ITERATIONS
 
 
-def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
-    """Fit a model from its unknowns `start`.
+def fit(
+    model: Model, start: Any, smallest: float = SMALLEST_SIGMA, near: bool = False
+) -> Fit:
+    """Fit a model from its unknowns `start`, in one stage if that is `near`.
 
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
@@ -246,7 +248,7 @@ def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
     lin = model.linearise(start)
     loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
     count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
-    for is_near in (False, True):
+    for is_near in (True,) if near else (False, True):
         used = np.zeros(len(model.group), bool)
         tolerance = 1e-4 if is_near else 1.0  # the Huber penalty only has to come near
         settled = 1e-3 if is_near else 0.1

@@ -130,14 +130,18 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
 
 
 def _fit_views(
-    views: Sequence[View], geometry: Geometry, target: Target, usual: FloatArray
+    views: Sequence[View],
+    geometry: Geometry,
+    target: Target,
+    usual: FloatArray,
+    near: bool = False,
 ) -> tuple[Fit, list[View], dict[str, str]]:
     """Fit, leave out the views of which fewer than half the points agree, until all agree."""
     dropped: dict[str, str] = {}
     while True:
         _refuse_few(len(views), dropped, least=1)
         model = Reprojection(views, target, min(4 + len(usual), 9), usual)
-        fitted = fit(model, geometry, FINEST)
+        fitted = fit(model, geometry, FINEST, near)
         geometry = fitted.unknowns
         good = []
         for number, view in enumerate(views):
@@ -260,7 +264,8 @@ def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float
         views = list(compress(fitted.views, known))
         size = fitted.camera.width, fitted.camera.height
         try:
-            there = _fit_views(views, geometry.only(known), target, geometry.vector[4:])[0]
+            begin = geometry.only(known)
+            there = _fit_views(views, begin, target, begin.vector[4:], near=True)[0]
             vector = there.unknowns.vector
             for view, is_known in zip(fitted.views, known, strict=True):
                 if not is_known:

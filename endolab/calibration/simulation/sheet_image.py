@@ -155,31 +155,33 @@ def _paper(
     """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
     left, top, width, height = target.sheet
     plane = np.column_stack([pose.rotation[:, :2], pose.translation])
-    rays: Numbers = cv2.resize(rays_of(camera), None, fx=RAYS, fy=RAYS)
+    rays = rays_of(camera)
     x, y, facing = np.moveaxis(rays @ np.linalg.inv(plane).T.astype(np.float32), -1, 0)
     with nan_if_undefined():
-        x = x / facing - np.float32(left)
-        y = y / facing - np.float32(top)
-    inside = (facing > 0) & (x > 0) & (x < width) & (y > 0) & (y < height)
-    if target.fold_x is not None:
-        inside &= (x > target.fold_x - left) == panel
+        ahead = np.where(facing > 0, facing, np.nan)
+        x = np.nan_to_num(x / ahead - left, nan=-width)
+        y = np.nan_to_num(y / ahead - top, nan=-height)
     white, step = rasterise(target)
     # Averaged over what one ray stands for.
-    both = inside[1:, 1:] & inside[:-1, :-1]
+    on_sheet = (x > 0) & (x < width) & (y > 0) & (y < height)
+    both = on_sheet[1:, 1:] & on_sheet[:-1, :-1]
     apart = np.hypot(np.diff(x, axis=1)[1:][both], np.diff(y, axis=1)[1:][both])
-    half = int(np.nanmedian(apart) / step / 2) if len(apart) else 0
-    blurred = cv2.blur(white, (2 * half + 1, 2 * half + 1))
-    column, row = (np.where(inside, a / np.float32(step), 0) - 0.5 for a in (x, y))
-    seen = cv2.remap(
+    half = int(np.median(apart) / RAYS / step / 2) if len(apart) else 0
+    blurred = cv2.blur(white, (2 * half + 1, 2 * half + 1)) if half else white
+    x, y = (cv2.resize(one.astype(np.float32), None, fx=RAYS, fy=RAYS) for one in (x, y))
+    inside = (x > 0) & (x < width) & (y > 0) & (y < height)
+    if target.fold_x is not None:
+        inside &= (x > target.fold_x - left) == panel
+    share = inside.astype(np.float32)
+    column, row = (one * np.float32(1 / step) - np.float32(0.5) for one in (x, y))
+    seen = share * cv2.remap(
         blurred, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return _pixel_means(seen * inside), _pixel_means(inside)
-
-
-def _pixel_means(values: Numbers) -> Numbers:
-    """Average the rays of each pixel."""
-    height, width = values.shape
-    return values.reshape(height // RAYS, RAYS, width // RAYS, RAYS).mean(axis=(1, 3))
+    size = camera.width, camera.height
+    return (
+        cv2.resize(seen, size, interpolation=cv2.INTER_AREA),
+        cv2.resize(share, size, interpolation=cv2.INTER_AREA),
+    )
 
 
 def _spots(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> Numbers:
