@@ -46,6 +46,8 @@ WIDEST_BROWN = 1.2
 # Another lens than the fisheye has to predict views held out better by this share: six views of
 # `chessboard_storz` gain 2 %, and its published focal length is nearer to the fisheye's.
 LEAST_GAIN = 0.05
+# A Brown-Conrady lens is not tried if it is farther off from a fisheye, in root mean square errors of that.
+FARTHEST_BROWN = 3.0
 HOLD_OUT = 6  # parts of the views, of which each is held out once
 
 
@@ -186,7 +188,7 @@ def calibrate_camera(
         Of the pictures, px.
     lens : {"fisheye", "brown", "auto"}
         `KannalaBrandt`, `BrownConrady`, or what predicts views that were held out
-        best; a fisheye where they go beyond 69° off the axis.
+        best; a fisheye where they go beyond 69° off the axis, or the other is far from what it sees.
     start : KannalaBrandt or BrownConrady, optional
         A camera near the truth, whose kind is fitted whatever the `lens`. Then one view is enough, and
         what it cannot tell shows in the
@@ -212,9 +214,11 @@ def calibrate_camera(
     _refuse_few(len(views), {})
     fitted = _calibrate(views, target, size, _start(views, target, *size))
     _refuse_untold(fitted)
-    if lens == "fisheye" or (lens == "auto" and fitted.max_angle_seen > WIDEST_BROWN):
+    begin, off = _begin_brown(fitted)
+    is_wide = fitted.max_angle_seen > WIDEST_BROWN or not off < FARTHEST_BROWN * fitted.rmse
+    if lens == "fisheye" or (lens == "auto" and is_wide):
         return _hold_out(fitted, target)[0]
-    brown = _calibrate(views, target, size, _begin_brown(fitted))
+    brown = _calibrate(views, target, size, begin)
     _refuse_untold(brown)
     brown, error = _hold_out(brown, target)
     if lens == "brown":
@@ -229,8 +233,11 @@ def calibrate_camera(
     return replace(fitted, held_out=errors)
 
 
-def _begin_brown(fitted: GeometricFit) -> BrownConrady:
-    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen."""
+def _begin_brown(fitted: GeometricFit) -> tuple[BrownConrady, float]:
+    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen.
+
+    And how far off it is along a row, rms, px; nan if it has no such rays.
+    """
     camera = fitted.camera
     theta = np.linspace(0.02, min(fitted.max_angle_seen, WIDEST_BROWN), 100)
     ray = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
@@ -240,7 +247,9 @@ def _begin_brown(fitted: GeometricFit) -> BrownConrady:
     k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0].tolist()
     size = camera.width, camera.height
     focal = camera.fx, camera.fy, camera.cx, camera.cy
-    return BrownConrady(*size, *focal, (k1, k2, 0.0, 0.0, k3))
+    likest = BrownConrady(*size, *focal, (k1, k2, 0.0, 0.0, k3))
+    off = likest.project(ray) - camera.project(ray)
+    return likest, float(np.sqrt(np.mean(off**2)))
 
 
 def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float]:
