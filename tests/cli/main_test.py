@@ -267,17 +267,6 @@ def test_nobody_needs_to_read_what_is_printed(work, process):
         assert running.stderr.read() == b""
 
 
-def test_the_first_run_says_that_it_compiles_and_no_other(sim, tmp_path, process):
-    known = f"--calibration {sim}/endoscope.json --solver facing --out"
-    for lines in (1, 0):
-        cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-        with process(
-            f"reconstruct {sim}/frame.png {known} {lines}", **cache
-        ) as running:
-            _, error = running.communicate(timeout=200)
-        assert (running.returncode, error.count(b"\n")) == (0, lines)
-
-
 def test_help_is_quick_and_loads_nothing_large(process):
     with process("--help", PYTHONPROFILEIMPORTTIME="1") as running:
         out, error = running.communicate(timeout=60)
