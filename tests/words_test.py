@@ -122,9 +122,9 @@ def run(*words):
 def test_every_command_of_the_readme_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("endoscope.json").write_text(blocks("json")[0])
-    colon = ("colon", "--calibration", "endoscope.json", "--width", "1440")
+    colon = ("colon", "--calibration", "endoscope.json", "--width", "640")
     run("simulate", *colon, "--out", "sim")
-    sheet = ("sheet", "--target", "vicalib_folded", "--frames", "60", "--video")
+    sheet = ("sheet", "--target", "vicalib_folded", "--frames", "24", "--video")
     run("simulate", *sheet, "--out", "sheet")
     Path("sim/frame.png").rename("frame.png")
     next(Path("sheet").glob("*.mkv")).rename("video.mp4")

@@ -6,7 +6,7 @@ import pytest
 from endolab.model.cameras import Pinhole
 from tests.tools.cavities import Cavity, Fold, Polyp
 
-PINHOLE = Pinhole(48, 36, 30.0, 30.0, 23.5, 17.5)
+PINHOLE = Pinhole(24, 18, 15.0, 15.0, 11.5, 8.5)
 RINGS = tuple(
     Fold(s, 7.0, 3.5, 0.9 * s, reach=1.5, lean=4.0) for s in (-30.0, 22.0, 45.0, 70.0)
 )
