@@ -281,9 +281,7 @@ def _separate_as_before(
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
-    in_tissue = (
-        steepness == constants.TISSUE_STEEPNESS
-    )  # as one that was taken up knows, too
+    in_tissue = steepness == constants.TISSUE_STEEPNESS
     guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
     lines = Found(
         trial=Trial(before.iterate),
@@ -524,17 +522,13 @@ def cut_at_contours(
 
 
 def nearest_pixels(old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the pixels of one grid in which the centres of another's lie, as an index of maps.
-
-    Of two, it is the nearer to the picture's middle.
-    """
-    places = (
-        np.floor(
-            size / 2 + (1 - 1e-9) * size / count * (np.arange(count) + 0.5 - count / 2)
+    """Return the pixels of one grid in which the centres of another's lie, as an index of maps."""
+    return np.ix_(
+        *(
+            (size / count * (np.arange(count) + 0.5)).astype(int)
+            for size, count in zip(old, new, strict=True)
         )
-        for size, count in zip(old, new, strict=True)
     )
-    return np.ix_(*(place.astype(int) for place in places))
 
 
 def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:

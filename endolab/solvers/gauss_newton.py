@@ -11,12 +11,12 @@ quadratic penalty on slopes there, as large as the slopes of the last steps were
 steps become short, it vanishes.
 
 A fast march (`fast_marching`: one pass from the nearest points outwards) explains the frame, but takes the
-surface to face the camera where it enters the picture, at the border and behind contours. The true values
-there are whatever makes the surface smoothest, and what is smooth is seen on a coarse grid as well as on a
-fine one. So the frame is solved on ever finer grids: on the coarsest λ falls to its value from ten times
-that; every finer one marches from the values that the coarser one found where the march enters (or takes
-over the coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's own
-pixels is to be done in two or three.
+surface to face the camera where it enters the picture, at the border and behind contours: the *inflow*. The
+true values there are whatever makes the surface smoothest, and what is smooth is seen on a coarse grid as
+well as on a fine one. So the frame is solved on ever finer grids: on the coarsest λ falls to its value from
+ten times that; every finer one marches from the values that the coarser one found where the march enters (or
+takes over the coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's
+own pixels is to be done in two or three.
 
 A start is taken as it is if it is near, as after a small change of λ. If it is not, as in a video
 whose camera moves, a grid of fewer pixels tells at little cost, and the finer ones take up what it
