@@ -1,4 +1,4 @@
-"""`run` and a solver that does what it is rows_of."""
+"""`run`, with a solver that follows a script."""
 
 from unittest.mock import Mock
 
@@ -21,7 +21,7 @@ def problem():
     return Problem(rendered.image, MASK, CAMERA, rendered.photometry, lam=0.0)
 
 
-def script(problem, rows_of, *steps):
+def script(problem, made, *steps):
     """A solver that yields the truth plus each offset; it returns a status, and raises an exception."""
     previous = None
     try:
@@ -31,13 +31,13 @@ def script(problem, rows_of, *steps):
             if isinstance(step, type):
                 raise step
             v = TRUTH + step
-            scalars = {"step": float(len(rows_of))}
+            scalars = {"step": float(len(made))}
             previous = el.Iterate.of(problem, v, previous, scalars=scalars)
-            rows_of.append(previous)
+            made.append(previous)
             yield previous
         return el.Status.CONVERGED
     finally:
-        rows_of.append("closed")
+        made.append("closed")
 
 
 def watcher(*answers):
@@ -50,14 +50,14 @@ def seen_by(observer):
 
 
 def test_converged_gives_the_last_iterate(problem):
-    rows_of = []
+    made = []
     first = watcher()
-    result = el.run(script(problem, rows_of, 0.5, 0.1, 0.3), [first, lambda _: False])
+    result = el.run(script(problem, made, 0.5, 0.1, 0.3), [first, lambda _: False])
     assert result.status is el.Status.CONVERGED
-    assert result.iterate is rows_of[2]
+    assert result.iterate is made[2]
     assert (result.iterations, first.close.call_count) == (2, 1)
     assert seen_by(first) == [0, 1, 2]
-    assert result.energy > rows_of[1].energy
+    assert result.energy > made[1].energy
 
 
 @pytest.mark.parametrize(
@@ -75,22 +75,19 @@ def test_converged_gives_the_last_iterate(problem):
 def test_any_other_end_gives_the_iterate_of_least_energy(
     problem, status, then, answer, limit
 ):
-    rows_of = []
+    made = []
     first, second = watcher(None, None, answer), watcher()
     # Kept, so that it is not closed for want of a name.
-    solver = script(problem, rows_of, 0.5, 0.1, 0.3, then)
+    solver = script(problem, made, 0.5, 0.1, 0.3, then)
     with np.errstate(over="ignore", invalid="ignore"):
         result = el.run(solver, [first, second], limit)
     assert result.status is status
-    assert result.iterate is rows_of[1]
+    assert result.iterate is made[1]
     assert [row["k"] for row in result.history] == [0, 1, 2]
     assert seen_by(first) == [0, 1, 2]
     assert seen_by(second) == [0, 1, 2][: 2 if answer is KeyboardInterrupt else 3]
     assert (
-        first.close.call_count
-        == second.close.call_count
-        == rows_of.count("closed")
-        == 1
+        first.close.call_count == second.close.call_count == made.count("closed") == 1
     )
 
 
@@ -107,23 +104,20 @@ def test_any_other_end_gives_the_iterate_of_least_energy(
 def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(
     problem, steps, answers, error
 ):
-    rows_of = []
+    made = []
     first, second = watcher(*answers), watcher()
-    solver = script(problem, rows_of, *steps)
+    solver = script(problem, made, *steps)
     with pytest.raises(error):
         el.run(solver, [first, second])
     assert (
-        first.close.call_count
-        == second.close.call_count
-        == rows_of.count("closed")
-        == 1
+        first.close.call_count == second.close.call_count == made.count("closed") == 1
     )
 
 
 def test_history_tells_each_step(problem):
-    rows_of = []
-    result = el.run(script(problem, rows_of, 0.5, 0.1, 0.3))
-    for row, iterate in zip(result.history, rows_of[:3], strict=True):
+    made = []
+    result = el.run(script(problem, made, 0.5, 0.1, 0.3))
+    for row, iterate in zip(result.history, made[:3], strict=True):
         terms = energy_terms(problem, iterate.log_distance)
         assert {key: row[key] for key in terms} == terms
         assert row["energy"] == sum(terms.values()) == iterate.energy
