@@ -42,7 +42,7 @@ LEAST_CORNERS = 6  # of a ChArUco board
 # Half the side of what a corner is refined by, as a share of the way to the next one.
 WINDOW = 0.45
 # Of the roughness of refined corners, below which those that were found are better.
-SPOILT = 0.7
+SPOILT = 0.8
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ TURNS = MATRICES[np.round(np.linalg.det(MATRICES)) == 1]
 
 
 def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray | None:
-    """Move places of a lattice, (n, 2), onto the sheet by their sizes, as `read_bits` gives; None if not clear.
+    """Move places of a lattice, (n, 2), onto the sheet by their sizes (`read_bits`); None if not clear.
 
     All turns, shears and shifts of a piece are tried, never mirrored; it must lie within the padded sheet.
     """
