@@ -90,7 +90,7 @@ def see_board(image: Numbers) -> tuple[int, int] | None:
 
 def _grey(image: Numbers) -> Numbers:
     """Average the colours, to float32."""
-    grey = image.astype(np.float32)
+    grey: Numbers = image.astype(np.float32)
     if grey.ndim == 3:
         grey = cv2.transform(grey, np.full((1, grey.shape[2]), 1 / grey.shape[2]))
     if grey.ndim != 2 or not (grey.min() >= -0.01 and grey.max() <= 1.01):
@@ -114,7 +114,7 @@ def _enlarge(picture: Numbers) -> Numbers:
     return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
 
 
-def _rescale(pixels: FloatArray, from_: Numbers, to: Numbers) -> FloatArray:
+def _rescale(pixels: Numbers, from_: Numbers, to: Numbers) -> FloatArray:
     """Where places (..., 2), px, of a picture are in another one of the same scene and another size."""
     return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
 
@@ -208,7 +208,7 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> tuple[IntArray, 
     return ids, grid.reshape(-1, 2)[ids]
 
 
-def _roughness(grid: FloatArray) -> float:
+def _roughness(grid: Numbers) -> float:
     """How far corners lie from smooth rows, in px: the sum of their fourth differences."""
     return float(np.abs(np.diff(grid, 4, axis=1)).sum())
 
