@@ -110,8 +110,8 @@ def _measure(
         depth = total(inner * weight) / area
         # Where the darkness is flat, inside and outside, noise and uneven light must not count.
         cover = np.clip((weight / depth[number - 1] - 0.1) / 0.8, 0, 1)
-        centres = np.column_stack([total(cover * x), total(cover * y)])
-        centres /= total(cover)[:, None]
+        moments = np.column_stack([total(cover * x), total(cover * y)])
+        centres = moments / total(cover)[:, None]
         number = number[inner]
         x = x[inner]
         y = y[inner]
