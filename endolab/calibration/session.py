@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.calibration.detection.detect import Detection, detect, see_board
-from endolab.calibration.detection.dots import no_features
+from endolab.calibration.detection.detect import Detection, detect, no_features, see_board
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens, camera_vector, predict_view
@@ -132,9 +131,9 @@ def detect_all(
     total = length_hint(frames)
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
-            detections[name] = Detection(*no_features(LEFT_OUT_REASON))
+            detections[name] = no_features(LEFT_OUT_REASON)
         elif image is None:
-            detections[name] = Detection(*no_features("it cannot be read"))
+            detections[name] = no_features("it cannot be read")
         else:
             found = image.shape[1], image.shape[0]
             if size is None:

@@ -12,14 +12,14 @@ from typing import Annotated, ClassVar, Literal, Self
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.numerics.checked_types import OneOf, Whole, checked
 
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
+Count = Annotated[Whole, Field(ge=4, le=100)]
 
 
 def _lattice(columns: int, rows: int) -> FloatArray:
@@ -35,31 +35,32 @@ class Target:
     endolab_target: Literal[1] = field(default=1, kw_only=True, repr=False)  # of the file
     kind: str = field(kw_only=True, repr=False)
     # Of dots, or of squares (chessboard, ChArUco).
-    columns: Annotated[Whole, Field(ge=2, le=100)]
-    rows: Annotated[Whole, Field(ge=2, le=100)]
+    columns: Count
+    rows: Count
     spacing: Length  # between neighbours, or the side of a square, mm
     margin: Length = 10.0  # white paper around the features, mm
-    # The sheet is folded between this many columns on the left and the rest.
-    fold: Annotated[Whole, Field(ge=0)] | None = None
+    # A sheet of dots is folded between this many columns on the left and the rest.
+    fold: Whole | None = None
 
     found_whole: ClassVar[bool] = False  # or not at all
+    inner: ClassVar[int] = 0  # features are so many fewer than columns, and than rows
 
     @model_validator(mode="after")
     def _check_fold(self) -> Self:
-        if self.fold is not None and self.found_whole:
-            raise ValueError("fold is of dots and ChArUco, other targets are flat")
-        right = self.panel_of(np.unique(self.points[:, 0])[:, None])
-        if self.fold is not None and min(np.sum(right == 0), np.sum(right)) < 2:
+        if self.fold is None:
+            return self
+        if self.kind != "dots" or not 2 <= self.fold <= self.columns - 2:
             raise ValueError(
-                f"fold must leave two columns of features on each side, got {self.fold} "
-                f"of {self.columns} columns"
+                f"fold must leave two columns of dots on each side, got {self.fold} "
+                f"of {self.columns} columns of a {self.kind} target"
             )
         return self
 
-    @property
+    @cached_property
     def points(self) -> FloatArray:
         """Features in the target's frame, (n, 3), mm; their row is their id."""
-        raise NotImplementedError
+        places = _lattice(self.columns - self.inner, self.rows - self.inner)
+        return np.insert(places * self.spacing, 2, 0, axis=1)
 
     @property
     def radii(self) -> FloatArray:
@@ -81,20 +82,9 @@ class Target:
         """Printed black squares, (n, 3): left, top and side, mm."""
         return np.zeros((0, 3))
 
-    @property
-    def bare(self) -> FloatArray:
-        """Bare discs of paper between the features, (n, 3), as if the sheet were flat: x, y, radius, mm."""
-        raise NotImplementedError
-
     def white_places(self) -> FloatArray:
         """Places where bare paper can be read, (n, 3): x, y, and the radius that is bare, mm."""
-        return self._off_fold(self.bare)
-
-    def _off_fold(self, discs: FloatArray) -> FloatArray:
-        """Those discs that the fold does not cross."""
-        if self.fold_x is None:
-            return discs
-        return discs[np.abs(discs[:, 0] - self.fold_x) > 0.99 * discs[:, 2]]
+        raise NotImplementedError
 
     @property
     def fold_x(self) -> float | None:
@@ -103,7 +93,7 @@ class Target:
 
     def panel_of(self, xy: ArrayLike) -> IntArray:
         """Panel of places on the sheet, (..., 2 or 3), mm: 0, or 1 to the right of the fold."""
-        x = np.asarray(xy, dtype=np.float64)[..., 0]
+        x = np.asarray(xy)[..., 0]
         return (x > (np.inf if self.fold_x is None else self.fold_x)).astype(int)
 
     @property
@@ -145,78 +135,49 @@ class DotGrid(Target):
     def code(self) -> IntArray:
         """1 where the dot is large, (rows, columns)."""
         random = np.random.RandomState(self.seed)
-        words = np.frombuffer(random.bytes(4 * self.rows * self.columns), "<u4")
-        return (words >> 31).astype(int).reshape(self.rows, self.columns)
-
-    @cached_property
-    def points(self) -> FloatArray:  # noqa: D102
-        return np.pad(_lattice(self.columns, self.rows), ((0, 0), (0, 1))) * self.spacing
+        words = random.randint(2**32, size=(self.rows, self.columns), dtype=np.uint32)
+        return (words >> 31).astype(int)
 
     @cached_property
     def radii(self) -> FloatArray:  # noqa: D102
         return np.where(self.code.ravel() == 1, self.large, self.small)
 
-    @property
-    def _cells(self) -> tuple[FloatArray, BoolArray]:
-        """Middles between four dots, (n, 2), mm, and which of these places are for grey."""
+    def _between(self, grey: bool) -> FloatArray:
+        """Largest discs between four dots that are, or are not, for grey, (n, 3); none on the fold."""
         cells = _lattice(self.columns - 1, self.rows - 1)
-        for_grey = (cells.sum(axis=1) % 2 == 0) & (self.greys is not None)
-        return (cells + 0.5) * self.spacing, for_grey
-
-    @property
-    def _grey_radius(self) -> float:
-        """Of grey discs, mm; 0 if there are none."""
-        free = self.spacing / np.sqrt(2) - self.large
-        return 0.0 if self.greys is None else 0.75 * float(free)
+        is_grey = (cells.sum(axis=1) % 2 == 0) & (self.greys is not None)
+        cells = cells[(is_grey == grey) & (cells[:, 0] != (self.fold or 0) - 1)]
+        radius = self.spacing / np.sqrt(2) - self.large
+        return np.insert((cells + 0.5) * self.spacing, 2, radius, axis=1)
 
     @cached_property
     def discs(self) -> FloatArray:  # noqa: D102
-        dots = np.column_stack([self.points[:, :2], self.radii, 0 * self.radii])
-        centres, for_grey = self._cells
-        greys = np.insert(centres, 2, [[self._grey_radius], [self.greys or 1]], axis=1)
-        return np.concatenate([dots, self._off_fold(greys[for_grey])])
+        dots = np.column_stack([self.points[:, :2], self.radii])
+        greys = self._between(grey=True) * [1, 1, 0.75]
+        return np.concatenate(
+            [np.insert(dots, 3, 0, axis=1), np.insert(greys, 3, self.greys or 0, axis=1)]
+        )
 
-    @cached_property
-    def bare(self) -> FloatArray:  # noqa: D102
-        centres, for_grey = self._cells
-        size = self.radii.reshape(self.code.shape)
-        largest = sliding_window_view(size, (2, 2)).max(axis=(2, 3)).ravel()
-        radius = self.spacing / np.sqrt(2) - largest
-        places = [np.column_stack([centres, radius])[~for_grey]]
-        grid = self.points[:, :2].reshape(*size.shape, 2)
-        for one, next_ in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-            largest = np.maximum(size[one], size[next_]).clip(self._grey_radius)
-            middle = (grid[one] + grid[next_]) / 2
-            places.append(np.dstack([middle, self.spacing / 2 - largest]).reshape(-1, 3))
-        return np.concatenate(places)
+    def white_places(self) -> FloatArray:  # noqa: D102
+        return self._between(grey=False)
 
 
 @checked
 class Board(Target):
     """Black and white squares, `columns` × `rows`; the features are their inner corners."""
 
-    columns: Annotated[Whole, Field(ge=4, le=100)]
-    rows: Annotated[Whole, Field(ge=4, le=100)]
+    inner: ClassVar[int] = 1
 
     @property
     def first_black(self) -> int:
         """Of the first row, which square is the first black one."""
         return 0
 
-    @property
-    def fold_x(self) -> float | None:  # noqa: D102
-        return None if self.fold is None else (self.fold - 1) * self.spacing
-
-    @cached_property
-    def points(self) -> FloatArray:  # noqa: D102
-        corners = _lattice(self.columns - 1, self.rows - 1)
-        return np.pad(corners, ((0, 0), (0, 1))) * self.spacing
-
     def _squares_of(self, colour: int) -> FloatArray:
         """Left, top and side, mm, of the black squares, 0, or of the white ones, 1."""
         places = _lattice(self.columns, self.rows)
         chosen = places[(places.sum(axis=1) + self.first_black) % 2 == colour]
-        return np.pad(chosen - 1, ((0, 0), (0, 1)), constant_values=1) * self.spacing
+        return np.insert(chosen - 1, 2, 1, axis=1) * self.spacing
 
     @cached_property
     def squares(self) -> FloatArray:  # noqa: D102
@@ -231,8 +192,7 @@ class Chessboard(Board):
 
     found_whole: ClassVar[bool] = True
 
-    @cached_property
-    def bare(self) -> FloatArray:  # noqa: D102
+    def white_places(self) -> FloatArray:  # noqa: D102
         return self._squares_of(1) + np.array([1, 1, -1]) * self.spacing / 2
 
 
@@ -259,8 +219,8 @@ class Charuco(Board):
             raise ValueError(
                 f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}"
             )
-        needed = self.first_id + self.columns * self.rows // 2
         most = len(self._markers.bytesList)
+        needed = self.first_id + self.columns * self.rows // 2
         if needed > most:
             raise ValueError(
                 f"dictionary {self.dictionary} has {most} markers, the board needs {needed} "
@@ -297,14 +257,10 @@ class Charuco(Board):
             parts.append(np.insert(corner + cell * black, 2, cell, axis=1))
         return np.concatenate(parts)
 
-    @cached_property
-    def bare(self) -> FloatArray:
-        """Beside each corner, where the white around a marker is widest: in the lower white square."""
+    def white_places(self) -> FloatArray:
+        """In the upper left of each white square, where the white around its marker is widest."""
         radius = (self.spacing - self.marker) / 2 * (2 - np.sqrt(2))
-        column, row = _lattice(self.columns - 1, self.rows - 1).T
-        side = np.where((column + row + self.first_black) % 2 == 0, -1, 1)
-        beside = np.column_stack([side, np.ones(len(side))]) * radius
-        return np.insert(self.points[:, :2] + beside, 2, radius, axis=1)
+        return np.insert(self._squares_of(1)[:, :2] + radius, 2, radius, axis=1)
 
 
 _SMALL = DotGrid(19, 10, 4.2238, 8.0, small=0.8471, large=1.2661)

@@ -21,7 +21,6 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
     "target",
     [
         *TARGETS.values(),
-        Charuco(9, 6, 5.0, fold=4, marker=3.7),
         Charuco(6, 4, 5.0, marker=3.7, legacy=True),
     ],
 )

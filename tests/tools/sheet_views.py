@@ -20,7 +20,7 @@ BROWN = BrownConrady(
 OTHER_TARGETS = [  # than those with a name
     DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
     Chessboard(9, 6, 5.5),
-    Charuco(9, 6, 5.5, fold=4, marker=4.0, dictionary="DICT_4X4_50"),
+    Charuco(9, 6, 5.5, marker=4.0, dictionary="DICT_4X4_50"),
     Charuco(7, 6, 5.5, marker=4.0, first_id=9, legacy=True),
 ]
 

@@ -59,7 +59,6 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     window = small.shape[1] // 40 * 2 + 1
     median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), window)
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
-    shrink = width / small.shape[1]
     gain = cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height))
     level = cv2.multiply(image, gain)
     least = GREY_DARKNESS if greys else LEAST_DARKNESS
@@ -70,34 +69,20 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
     good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
-    row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
-    last = np.array(white.shape) - 1
-    good &= white[np.minimum(row, last[0]), np.minimum(column, last[1])] > LEAST_WHITE
+    column, row = np.nan_to_num(centroids).astype(int).T
+    good &= gain[row, column] < 1 / LEAST_WHITE
     good[0] = False
-    if not good.any():
-        return Blobs(np.zeros((0, 2)), np.zeros(0))
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
-    return _measure(
-        level,
-        _bare_level(level, dark, small.shape),
-        number[labels],
-        greys,
-    )
+    return _measure(level, _bare_level(level, dark), number[labels], greys)
 
 
-def _bare_level(
-    level: Numbers,
-    dark: Numbers,
-    shape: tuple[int, int],
-) -> Numbers:
+def _bare_level(level: Numbers, dark: Numbers) -> Numbers:
     """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
-    size = shape[::-1]
-    small = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
-    wide = cv2.dilate(dark, np.ones((5, 5), np.uint8))
-    covered = cv2.resize(wide, size, interpolation=cv2.INTER_AREA)
-    bare = ((covered == 0) & (small > 0.85) & (small < 1.1)).astype(np.float32)
-    light, weight = (cv2.GaussianBlur(a, (0, 0), 4.0) for a in (small * bare, bare))
-    return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
+    ink = cv2.dilate(dark, np.ones((5, 5), np.uint8)) > 0
+    bare = (~ink & (level > 0.85) & (level < 1.1)).astype(np.float32)
+    side = level.shape[1] // 60 * 2 + 1
+    light, weight = (cv2.blur(a, (side, side)) for a in (level * bare, bare))
+    return (light + 0.01) / (weight + 0.01)
 
 
 def _measure(
@@ -125,8 +110,8 @@ def _measure(
         depth = total(inner * weight) / area
         # Where the darkness is flat, inside and outside, noise and uneven light must not count.
         cover = np.clip((weight / depth[number - 1] - 0.1) / 0.8, 0, 1)
-        centres = np.column_stack([total(cover * x), total(cover * y)])
-        centres /= total(cover)[:, None]
+        moments = np.column_stack([total(cover * x), total(cover * y)])
+        centres = moments / total(cover)[:, None]
         number = number[inner]
         x = x[inner]
         y = y[inner]

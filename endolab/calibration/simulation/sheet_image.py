@@ -116,12 +116,7 @@ def automatic_gain(
     points, normals = on_sheet(target, poses, target.points)
     light = linear_light(photometry, points, normals)
     light[~in_view(camera, points, normals)] = np.nan
-    known = np.flatnonzero(np.isfinite(light).any(axis=1))
-    if not len(known):
-        raise ValueError("the sheet is in none of the frames, so no gain suits them")
-    bright = np.nanpercentile(light[known], 80, axis=1)
-    wanted = np.log(WHITE**photometry.gamma / bright)
-    wanted = np.interp(np.arange(len(poses)), known, wanted)
+    wanted = np.log(WHITE**photometry.gamma / np.nanpercentile(light, 80, axis=1))
     half = 0 if locked else np.log(GAINS) / 2
     middle = np.median(wanted)
     return np.exp(np.clip(wanted, middle - half, middle + half))
@@ -163,11 +158,10 @@ def _paper(
         y = np.nan_to_num(y / ahead - top, nan=-height)
     white, step = rasterise(target)
     # Averaged over what one ray stands for.
-    on_sheet = (x > 0) & (x < width) & (y > 0) & (y < height)
-    both = on_sheet[1:, 1:] & on_sheet[:-1, :-1]
-    apart = np.hypot(np.diff(x, axis=1)[1:][both], np.diff(y, axis=1)[1:][both])
+    inside = (x > 0) & (x < width) & (y > 0) & (y < height)
+    apart = np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1))[inside]
     half = int(np.median(apart) / RAYS / step / 2) if len(apart) else 0
-    blurred = cv2.blur(white, (2 * half + 1, 2 * half + 1)) if half else white
+    blurred = cv2.blur(white, (2 * half + 1, 2 * half + 1))
     x, y = (cv2.resize(one.astype(np.float32), None, fx=RAYS, fy=RAYS) for one in (x, y))
     inside = (x > 0) & (x < width) & (y > 0) & (y < height)
     if target.fold_x is not None:
@@ -184,13 +178,11 @@ def _paper(
     )
 
 
-def _spots(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> Numbers:
-    """Blots of 2 to 5 px that cover a share of the picture, as their opacity in [0, 1]."""
-    blots = np.zeros(shape, np.uint8)
-    for _ in range(int(share * blots.size / (np.pi * 4.3**2)) + (share > 0)):
-        place = [int(rng.integers(side)) for side in shape[::-1]]
-        cv2.circle(blots, place, int(rng.integers(2, 6)), 255, -1, cv2.LINE_AA)
-    return blots / 255
+def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Numbers:
+    """Blots of 7 px that cover a share of the picture: 1 there, else 0."""
+    blot = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
+    seeds = rng.random(shape) < share / blot.sum()
+    return cv2.dilate(seeds.astype(np.float32), blot)
 
 
 def _plane_light(
