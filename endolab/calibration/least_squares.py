@@ -234,10 +234,8 @@ def _descend(
     return unknowns, Status.MAX_ITERATIONS
 
 
-def fit(
-    model: Model, start: Any, smallest: float = SMALLEST_SIGMA, near: bool = False
-) -> Fit:
-    """Fit a model from its unknowns `start`, without a Huber penalty if that is `near`.
+def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
+    """Fit a model from its unknowns `start`.
 
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
@@ -248,6 +246,7 @@ def fit(
     count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
     used = np.zeros(len(model.group), bool)
     sigma = np.inf
+    near = False
     choices: set[bytes] = set()
     for _ in range(30):
         good = model.usable(unknowns)

@@ -82,32 +82,17 @@ class Session:
         that says itself how sure something is.
         """
         rows: list[Row] = []
-        facts: list[tuple[str, float, str]] = []
-        geometry = self.geometry
-        light = self.light
-        if geometry is not None:
-            seen = geometry.max_angle_seen
-            rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
-            known = values_within(rays, geometry.camera, seen)
-            rows += geometry.table()
-            facts += [
-                ("reprojection", geometry.rmse, "px"),
-                ("seen to", np.rad2deg(seen), "°"),
-                ("σ of a ray", np.median(known), "mrad"),
-            ]
-            for lens, error in geometry.held_out.items():
-                facts.append((f"{lens}, held out", error, "px"))
-        if light is not None:
-            edge = light.alpha_range[1]
-            fall_off = -np.log(np.cos(edge)) * light.standard_errors["k"]
-            rows += light.table()
-            facts += [
-                ("residual of the light", light.sigma, "grey levels"),
-                ("light seen to", np.rad2deg(edge), "°"),
-                ("σ of the light there", 100 * fall_off, "%"),
-                ("light off by", 100 * light.errors_by_angle(self.samples).largest, "%"),
-            ]
-        return rows + [(name, float(value), np.nan, unit) for name, value, unit in facts]
+        if self.geometry is not None:
+            seen = self.geometry.max_angle_seen
+            rays = ray_uncertainty(self.camera, self.geometry.covariance, max_angle=seen)
+            known = values_within(rays, self.camera, seen)
+            rows += self.geometry.table()
+            rows.append(("σ of a ray", float(np.median(known)), np.nan, "mrad"))
+        if self.light is not None:
+            off = 100 * self.light.errors_by_angle(self.samples).largest
+            rows += self.light.table()
+            rows.append(("light off by", off, np.nan, "%"))
+        return rows
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -320,7 +305,7 @@ def calibrate(
     """
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
-    gamma = LightOptions(**light).gamma
+    LightOptions(**light)  # checks them, before a long search
     check_int("every", every, 1)
     if detections is None:
         detections, size = detect_all(
@@ -346,14 +331,12 @@ def calibrate(
     check_size("a frame", size, camera, "camera")
     poses, errors, dropped = locate(kept, target, camera, progress)
     dropped |= dict.fromkeys(leave_out, LEFT_OUT_REASON)
-    # To average over pixels a rough γ will do.
-    rough = 2.2 if gamma == "free" else float(np.ravel(gamma)[0])
     parts: list[Samples] = []
     for name, image in frames:
         if image is not None and name in poses:
             grey = channel_of(image, channel)
-            how: dict[str, Any] = {"frame": list(poses).index(name), "gamma": rough}
-            parts.append(sample_sheet(grey, target, poses[name], camera, **how))
+            frame = list(poses).index(name)
+            parts.append(sample_sheet(grey, target, poses[name], camera, frame=frame))
             progress("sampling", len(parts), len(poses))
     samples = Samples.concatenate(parts)
     fit = None

@@ -81,13 +81,22 @@ class GeometricFit:
         return dict(zip(camera_names(self.camera), errors, strict=True))
 
     def table(self) -> list[tuple[str, float, float, str]]:
-        """Name, value, standard error and unit of the camera's numbers; inf of what is not told."""
+        """Name, value, standard error and unit of what was found; of how well it fits, without error (nan).
+
+        An error of inf is that of a number that the views do not tell.
+        """
         values = camera_vector(self.camera).tolist()
-        rows = zip(self.standard_errors.items(), values, strict=True)
-        return [
+        rows = [
             (name, value, error, "" if name[0] in "kp" else "px")
-            for (name, error), value in rows
+            for (name, error), value in zip(
+                self.standard_errors.items(), values, strict=True
+            )
         ]
+        rows.append(("reprojection", self.rmse, np.nan, "px"))
+        for lens, held_out in self.held_out.items():
+            rows.append((f"{lens}, held out", held_out, np.nan, "px"))
+        seen = float(np.rad2deg(self.max_angle_seen))
+        return [*rows, ("seen to", seen, np.nan, "°")]
 
     @property
     def agreement(self) -> float:
@@ -205,13 +214,12 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
 def _calibrate(
     views: Sequence[View], target: Target, start: Lens, poses: Sequence[Pose] = ()
 ) -> GeometricFit:
-    """Fit a camera of the kind of `start`, from linear poses or from given ones, which are near.
+    """Fit a camera of the kind of `start`, from given poses or from linear ones.
 
     Views of which fewer than half the points agree are left out, until all agree.
     """
-    near = len(poses) > 0
     dropped: dict[str, str] = {}
-    if not near:
+    if not poses:
         views, poses, dropped = _first_poses(views, target, start)
     camera = start
     good = [False]
@@ -220,7 +228,7 @@ def _calibrate(
         begin = Geometry.of(camera, poses)
         free = min(len(begin.vector), 9)
         model = Reprojection(views, target, start, free)
-        fitted = fit(model, begin, FINEST, near)
+        fitted = fit(model, begin, FINEST)
         geometry: Geometry = fitted.unknowns
         camera = camera_of(geometry.vector, start.width, start.height)
         cuts = np.cumsum([len(view.ids) for view in views])[:-1]

@@ -39,7 +39,6 @@ from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LEVELS,
     LightModel,
-    LightUnknowns,
     hats,
     place_nodes,
 )
@@ -156,14 +155,13 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
         ("light", good.sum() < LEAST_SAMPLES, f"{lit}, {LEAST_SAMPLES} are needed; {ways}")
     )
     model = _model(samples, good, how)
-    of_k, of_gamma, without = signals(model, good)
+    of_k, of_gamma = signals(model, good)
     _refuse_untold(model, of_k, of_gamma)
-    # What is roughly known is held at its value where the samples cannot tell it. Left to the fit, it would
-    # follow the error of interpolating the BRDF between few nodes, and would seem to be known.
-    signal = np.full(len(model.sd), without)
-    signal[1] = of_gamma
-    roughly = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
-    held = roughly & (signal < LEAST_GAMMA_SIGNAL)
+    # What is roughly known is held at its value: a γ that the samples cannot tell, and beside a γ that is
+    # sought reflectances. Left to the fit, they would follow the error of interpolating the BRDF between few
+    # nodes, and would seem to be known.
+    held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
+    held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
     fitted = fit(stiff, _start(model, good))
     covariance = fitted.covariance
@@ -195,36 +193,27 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
     return LightModel(samples, group, nodes, mean, sd)
 
 
-def _start(model: LightModel, good: BoolArray) -> LightUnknowns:
+def _start(model: LightModel, good: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Begin at the means, with the gains that the good samples of each frame show with these."""
     level = np.maximum(model.samples.level, 1e-3)
     own = np.zeros((int(model.group[-1]) + 1, model.own_columns.shape[1]))
-    light, _ = model.shine(LightUnknowns(model.mean, own))
+    light, _ = model.shine((model.mean, own))
     # The gain of a frame without good samples is read from the others.
     weight = level**2 * np.maximum(good, 1e-9)
     missing = np.bincount(model.group, weight * (model.mean[1] * np.log(level) - light))
     own[:, 0] = missing / np.bincount(model.group, weight)
-    return LightUnknowns(model.mean, own)
+    return model.mean, own
 
 
 def _refuse_untold(model: LightModel, of_k: float, of_gamma: float) -> None:
     """Refuse samples whose signals do not tell k, or a γ that is to be found from them alone."""
-    tabulated = len(model.nodes) > 1
-    flat = np.all(np.std(model.samples.normals, axis=0) < 1e-3)
-    matt = "or assume a matt sheet (lambertian BRDF)"
     refuse(
         (
             "k",
-            tabulated and of_k < LEAST_K_SIGNAL,
+            len(model.nodes) > 1 and of_k < LEAST_K_SIGNAL,
             "these samples do not determine k: in all frames the incidence angle goes with the angle off "
             "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
-            f"tilt the sheet, {matt}",
-        ),
-        (
-            "k",
-            tabulated and flat and np.ptp(model.samples.frame) == 0,
-            "a single frame of a flat sheet does not determine k: an error of its one pose would pass for "
-            f"fall-off; take more frames, {matt}",
+            "tilt the sheet, or assume a matt sheet (lambertian BRDF)",
         ),
         (
             "gamma",
@@ -241,7 +230,7 @@ def _refuse_run_away(
     model: LightModel, fitted: Fit, errors: dict[str, float], power: tuple[float, float]
 ) -> None:
     """Refuse what was fitted if it is of no use, or of no endoscope's light."""
-    k, gamma = fitted.unknowns.vector[:2].tolist()
+    k, gamma = fitted.unknowns[0][:2].tolist()
     error = gamma * errors["k/gamma"]
     low, high = GAMMA_BOUNDS
     most = LARGEST_GAMMA_ERROR
@@ -293,8 +282,7 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
     """Check a fit and name what it found."""
-    vector = fitted.unknowns.vector
-    own = fitted.unknowns.own[:, 0]
+    vector, own = fitted.unknowns
     errors = _standard_errors(model, vector, fitted.covariance)
     power = np.nan, np.nan
     # A free γ would make up for another light, and run out of its bounds.
@@ -315,7 +303,7 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
     # One gain for each frame, though it may be the same for all.
     frames = np.unique(model.samples.frame)
     alike = len(frames) // len(own)
-    gains = np.repeat(np.exp(own), alike)
+    gains = np.repeat(np.exp(own[:, 0]), alike)
     locked = float(gains[0]) if alike > 1 else None
     counted = model.samples[fitted.used]
     return PhotometricFit(
@@ -332,7 +320,6 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
         sigma=fitted.sigma,
         alpha_range=_range(np.arccos(np.minimum(counted.cos_alpha, 1.0))),
         theta_range=_range(counted.theta),
-        distance_range=_range(counted.distance),
         power=power,
         doubts=[doubt for doubt, is_so in doubts.items() if is_so],
         status=fitted.status,

@@ -64,26 +64,23 @@ def remainder(
     return target - others @ solved - constant[model.group, 0]
 
 
-def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
-    """Measure what the good samples know of k, of γ, and of γ if rough reflectances are not believed."""
+def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
+    """Measure what the good samples know of k, and of γ; what is roughly known is believed."""
     weight = np.where(good, model.samples.level**2, 0.0)
-    sd = model.sd[model.of_brdf.stop :]
-    others = model.materials[:, np.isinf(sd)].astype(float)
+    material = slice(model.of_brdf.stop, None)
+    others = model.materials[:, np.isinf(model.sd[material])].astype(float)
     if len(model.nodes) > 1:
         count = int(np.clip(good.sum() // 10, len(model.nodes), RICH_NODES))
-        rich = hats(
-            np.linspace(model.nodes[0], model.nodes[-1], count), model.samples.theta
-        )
-        others = np.column_stack([rich, others])
+        rich = np.linspace(model.nodes[0], model.nodes[-1], count)
+        others = np.column_stack([hats(rich, model.samples.theta), others])
     k = model.log_cos_alpha
-    with_k = np.column_stack([others, k])
-    gamma = model.falloff + model.materials @ model.mean[model.of_brdf.stop :]
-    unbelieved = np.column_stack([with_k, model.materials[:, sd > 0]])
-    found = []
-    for target, imitators in ((k, others), (gamma, with_k), (gamma, unbelieved)):
-        left = remainder(model, target, imitators, weight)
-        found.append(float(np.sqrt(weight @ left**2 / weight.sum())))
-    return found[0], found[1], found[2]
+    gamma = model.falloff + model.materials @ model.mean[material]
+    left = (
+        remainder(model, k, others, weight),
+        remainder(model, gamma, np.column_stack([others, k]), weight),
+    )
+    of_k, of_gamma = (float(np.sqrt(np.average(one**2, weights=weight))) for one in left)
+    return of_k, of_gamma
 
 
 def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[float, float]:

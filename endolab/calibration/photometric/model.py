@@ -32,14 +32,9 @@ NODE_EXPONENT = 1.15
 LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
 
 
-@dataclass(frozen=True)
-class LightUnknowns:
-    """What is fitted, and what is given with it."""
-
-    vector: FloatArray  # (p,): k, γ, log f at the nodes, log a of the materials
-    # (groups, 1 + b): the logarithm of the gain of each frame, or a single one if the gain is locked;
-    # errors of the poses, in standard deviations.
-    own: FloatArray
+# What is fitted, and what is given with it: the vector, (p,); and of each group, (groups, 1 + b), the log
+# of its gain, and errors of the poses, in standard deviations. If the gain is locked, there is one group.
+Unknowns = tuple[FloatArray, FloatArray]
 
 
 def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
@@ -120,35 +115,37 @@ class LightModel:
         """Derivatives of L by the own unknowns, (n, 1 + b)."""
         return np.column_stack([np.ones(len(self.samples)), self.samples.slack])
 
-    def shine(self, unknowns: LightUnknowns) -> tuple[FloatArray, FloatArray]:
+    def shine(self, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
         """Return L, the logarithm of the light, (n,), and its derivatives by the vector, (n, p), γ apart."""
+        vector, own = unknowns
         columns = self.columns.copy()
-        share = columns[:, self.of_brdf] * np.exp(unknowns.vector[self.of_brdf])
+        share = columns[:, self.of_brdf] * np.exp(vector[self.of_brdf])
         f = share.sum(axis=1, keepdims=True)
         columns[:, self.of_brdf] = share / f
         others = np.delete(np.arange(len(self.mean)), self.of_brdf)
-        light = columns[:, others] @ unknowns.vector[others] + np.log(f[:, 0])
-        own = np.einsum("nb,nb->n", self.own_columns, unknowns.own[self.group])
-        return light + self.falloff + own, columns
+        light = self.falloff + columns[:, others] @ vector[others] + np.log(f[:, 0])
+        light += np.einsum("nb,nb->n", self.own_columns, own[self.group])
+        return light, columns
 
     def level(self, light: FloatArray, gamma: float) -> FloatArray:
         """Grey level of light whose logarithm is given, (n,); 0 where none can come from."""
         # A wild step must not overflow.
         return GREY_LEVELS * np.exp(np.minimum(light / gamma, 50.0)) * self.samples.lit
 
-    def usable(self, unknowns: LightUnknowns) -> BoolArray:
+    def usable(self, unknowns: Unknowns) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
 
         Choosing by the measured level would keep what noise has moved into the range and drop
         what it has moved out: a bias of k and γ.
         """
         light, _ = self.shine(unknowns)
-        level = self.level(light, unknowns.vector[1]) / GREY_LEVELS
+        level = self.level(light, unknowns[0][1]) / GREY_LEVELS
         return (level > LEVELS[0]) & (level < LEVELS[1])
 
-    def linearise(self, unknowns: LightUnknowns) -> Linearised:
+    def linearise(self, unknowns: Unknowns) -> Linearised:
         """Residuals and their derivatives."""
-        gamma = unknowns.vector[1]
+        vector, own = unknowns
+        gamma = vector[1]
         light, columns = self.shine(unknowns)
         columns[:, 1] = -light / gamma
         level = self.level(light, gamma)
@@ -157,19 +154,19 @@ class LightModel:
             (GREY_LEVELS * self.samples.level - level)[:, None],
             (slope * columns[:, self.free])[:, None],
             (slope * self.own_columns)[:, None],
-            (unknowns.vector - self.mean)[self.free],
+            (vector - self.mean)[self.free],
             self.sd[self.free] ** -2.0,
-            unknowns.own,
+            own,
             # Nothing is known of the gain.
             np.append(0.0, np.ones(self.samples.slack.shape[1])),
         )
 
     def take_step(
-        self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray
-    ) -> LightUnknowns | None:
+        self, unknowns: Unknowns, common: FloatArray, own: FloatArray
+    ) -> Unknowns | None:
         """Return the unknowns after a step; None where γ would lose its meaning."""
-        vector = unknowns.vector.copy()
+        vector = unknowns[0].copy()
         vector[self.free] += common
         if not 0.1 < vector[1] < 20:
             return None
-        return LightUnknowns(vector, unknowns.own + own)
+        return vector, unknowns[1] + own

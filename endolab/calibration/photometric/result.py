@@ -67,7 +67,6 @@ class PhotometricFit:
     sigma: float  # standard deviation of the residuals used, grey levels
     alpha_range: tuple[float, float]  # of the samples used, rad
     theta_range: tuple[float, float]  # likewise, rad
-    distance_range: tuple[float, float]  # likewise, mm
     # Power of the fall-off of a lamp at the lens that the brightness shows, and its standard error: 1 of
     # such a lamp, 0 of a lit room; nan if γ was sought.
     power: tuple[float, float]
@@ -91,12 +90,21 @@ class PhotometricFit:
         return self.covariance / np.outer(deviation, deviation)
 
     def table(self) -> list[Row]:
-        """Name, value, standard error and unit of what was found; an error of 0 is that of a given number."""
+        """Name, value, standard error and unit of what was found; of how well it fits, without error (nan).
+
+        An error of 0 is that of a given number.
+        """
         values = {"k": self.k, "gamma": self.photometry.gamma, "k/gamma": self.ratio}
         for material in range(1, len(self.reflectance)):
             values[f"reflectance {material}"] = float(self.reflectance[material])
+        rows = [(name, values[name], self.standard_errors[name], "") for name in values]
+        edge = self.alpha_range[1]
+        at_edge = -100 * float(np.log(np.cos(edge))) * self.standard_errors["k"]
         return [
-            (name, value, self.standard_errors[name], "") for name, value in values.items()
+            *rows,
+            ("residual of the light", self.sigma, np.nan, "grey levels"),
+            ("light seen to", float(np.rad2deg(edge)), np.nan, "°"),
+            ("σ of the light there", at_edge, np.nan, "%"),
         ]
 
     def relative_brdf(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -19,6 +19,7 @@ from endolab.numerics.checks import readonly_copy
 # Which pixels of a sheet can be read, and how many of them.
 # px; in pictures as wide as this the light of 3x3 pixels is averaged.
 LARGE_PICTURE = 960
+ROUGH_GAMMA = 2.2  # makes values linear enough, as the light hardly changes within
 # px between a window and the rim of the ink: half of rounding, the rest of blur.
 RIM = 1.5
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
@@ -140,20 +141,17 @@ def sample_sheet(
     camera: Camera,
     *,
     frame: int = 0,
-    gamma: float = 2.2,
     most: int = MOST_OF_A_FRAME,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
 
     Each sample lies at the centre of a pixel; its point is where the pixel's ray meets the panel. It is the
-    mean of a square of pixels, 3 × 3 in a large picture, else 1; `gamma` makes the values linear before they
-    are averaged: a rough one will do, since the light hardly changes within. At most `most` are kept, at
-    random.
+    mean of a square of pixels, 3 × 3 in a large picture, else 1. At most `most` are kept, at random.
     """
     spots, material = sample_places(target)
     height, width = image.shape
     side = 3 if width >= LARGE_PICTURE else 1
-    linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
+    linear = cv2.blur(image.astype(np.float32) ** ROUGH_GAMMA, (side, side))
     panel = target.panel_of(spots)
     parts = []
     for number, pose in enumerate(poses):
@@ -164,7 +162,7 @@ def sample_sheet(
             spots[on_panel], pose, camera, (width, height), side
         )
         column, row = pixels.astype(int).T
-        level = linear[row, column].astype(np.float64) ** (1 / gamma)
+        level = linear[row, column].astype(np.float64) ** (1 / ROUGH_GAMMA)
         plane = pose.normal / (pose.normal @ pose.translation)
         errors = pose.plane_errors()
         slack = np.zeros((len(read), 3 * target.panels))

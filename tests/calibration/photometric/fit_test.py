@@ -10,7 +10,6 @@ from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LightModel,
-    LightUnknowns,
     place_nodes,
 )
 from endolab.calibration.photometric.samples import Samples
@@ -29,7 +28,7 @@ def test_every_derivative_agrees_with_finite_differences(rng):
     sd[4] = 0.0
     model = LightModel(samples, samples.frame, nodes, mean, sd)
     own = np.column_stack([rng.normal(8, 0.3, 6), rng.normal(size=(6, 2))])
-    unknowns = LightUnknowns(mean + 0.1 * model.free, own)
+    unknowns = mean + 0.1 * model.free, own
     lin = model.linearise(unknowns)
     for _ in range(10):
         step = rng.normal(size=model.free.sum()), rng.normal(size=own.shape)

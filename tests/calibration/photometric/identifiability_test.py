@@ -97,9 +97,7 @@ def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_
         assert abs(fit.k - 2.5) < 4 * fit.standard_errors["k"] < 0.16
 
 
-def test_a_single_frame_and_too_few_samples_are_refused_by_name():
-    samples = video()
-    refused("k", samples[samples.frame == 10], "single frame")
+def test_too_few_samples_are_refused_by_name():
     refused("k", video(count=3, per_frame=12, seed=1), "36 samples", nodes=4)
 
 
