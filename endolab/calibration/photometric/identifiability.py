@@ -54,14 +54,18 @@ def refuse(*cases: tuple[str, Any, str]) -> None:
             raise NotIdentifiableError(unknown, reason)
 
 
-def remainder(
-    model: LightModel, target: FloatArray, others: FloatArray, weight: FloatArray
-) -> FloatArray:
-    """What is left of a target, (n,), after a regression on columns, (n, p), and a constant per frame."""
+def regress(
+    model: LightModel, target: FloatArray, columns: FloatArray, weight: FloatArray
+) -> tuple[FloatArray, FloatArray, Arrow]:
+    """Explain a target, (n,), by columns, (n, p), and a constant per frame.
+
+    Returns the coefficients, what is left, (n,), and the equations.
+    """
     ones = np.ones((len(target), 1, 1))
-    lin = Linearised(target[:, None], -others[:, None], -ones)
-    solved, constant = Arrow(lin, weight, model.group).solve(0.0)
-    return target - others @ solved - constant[model.group, 0]
+    lin = Linearised(target[:, None], -columns[:, None], -ones)
+    arrow = Arrow(lin, weight, model.group)
+    solved, constant = arrow.solve(0.0)
+    return solved, target - columns @ solved - constant[model.group, 0], arrow
 
 
 def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
@@ -75,12 +79,10 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
         others = np.column_stack([hats(rich, model.samples.theta), others])
     k = model.log_cos_alpha
     gamma = model.falloff + model.materials @ model.mean[material]
-    left = (
-        remainder(model, k, others, weight),
-        remainder(model, gamma, np.column_stack([others, k]), weight),
-    )
-    of_k, of_gamma = (float(np.sqrt(np.average(one**2, weights=weight))) for one in left)
-    return of_k, of_gamma
+    _, of_k, _ = regress(model, k, others, weight)
+    _, of_gamma, _ = regress(model, gamma, np.column_stack([others, k]), weight)
+    squares = np.average([of_k**2, of_gamma**2], axis=1, weights=weight)
+    return float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
 
 
 def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[float, float]:
@@ -92,12 +94,11 @@ def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[flo
     """
     level = np.where(used, model.samples.level, 1.0)
     weight = np.where(used, level**2, 0.0)
-    loose = model.sd[model.of_brdf.stop :] > 0
-    others = np.column_stack([model.log_cos_alpha, model.materials[:, loose]])
-    given = model.materials @ np.where(loose, 0.0, model.mean[model.of_brdf.stop :])
-    light = remainder(model, gamma * np.log(level) - given, others, weight)
-    lamp = remainder(model, model.falloff, others, weight)
-    information = float(weight @ lamp**2) + np.finfo(float).tiny
-    power = float(weight @ (lamp * light)) / information
-    rest = float(weight @ (light - power * lamp) ** 2) / (int(used.sum()) + 1)
-    return power, float(np.sqrt(rest / information))
+    material = slice(model.of_brdf.stop, None)
+    loose = model.sd[material] > 0
+    lamp = model.falloff, model.log_cos_alpha, model.materials[:, loose]
+    given = model.materials @ np.where(loose, 0.0, model.mean[material])
+    light = gamma * np.log(level) - given
+    solved, left, arrow = regress(model, light, np.column_stack(lamp), weight)
+    rest = np.sum(weight * left**2) / (used.sum() + 1)
+    return float(solved[0]), float(np.sqrt(rest * arrow.covariance()[0][0, 0]))
