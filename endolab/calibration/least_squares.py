@@ -3,11 +3,12 @@
 The unknowns are a few *common* ones c (the camera, or k, γ and the BRDF) and, for each group g of
 residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). What is minimised is
 
-    Σ ρ(|r| / σ) + ½ |prior(c)|² + ½ Σ o_gᵀ S o_g        over all measurements, S: `own_stiffness`
+    Σ ρ(|r| / σ) + ½ Σ P (c - c₀)² + ½ Σ S o_g²        over all measurements
 
-No two groups' own unknowns meet, so that the normal equations have the shape of an arrow:
+with P and S the `certainty` of what is known beforehand. No two groups' own unknowns meet, so that the
+normal equations have the shape of an arrow:
 
-    | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`, with the priors
+    | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`
     | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: of one group
     | C₂        B₂     | · | δo₂ |  =  - | b₂ |        C_g  `cross`
     | …             …  |   |  …  |       | …  |        a, b_g  the gradients
@@ -18,10 +19,9 @@ No two groups' own unknowns meet, so that the normal equations have the shape of
 
 A Huber penalty brings the start near; then the residuals below `OUTLIER` standard deviations count all
 alike, and the others not at all, because a Huber penalty is still pulled by them. σ and the choice of
-residuals are frozen while a cost is minimised; rounds repeat until the choice no longer changes.
+residuals are frozen while a cost is minimised; rounds repeat until a choice comes up again.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -45,12 +45,10 @@ class Linearised:
     residual: FloatArray  # (n, m)
     by_common: FloatArray  # (n, m, p), derivatives by the common unknowns
     by_own: FloatArray  # (n, m, b), by the unknowns of the measurement's own group
-    prior: FloatArray  # (q,), residuals of what is known beforehand, in standard deviations
-    prior_by_common: FloatArray  # (q, p)
-    # (groups, b), the own unknowns that are known to be near 0 ...
-    own: FloatArray | float = 0.0
-    # (b,), ... and the inverse of their variance, 0 of the others.
-    own_stiffness: FloatArray | float = 0.0
+    off: FloatArray | float = 0.0  # (p,), c - c₀: common unknowns less what they should be
+    certainty: FloatArray | float = 0.0  # (p,), the inverse of the variance of that
+    own: FloatArray | float = 0.0  # (groups, b), own unknowns that should be 0
+    own_certainty: FloatArray | float = 0.0  # (b,), likewise
 
 
 class Model(Protocol):
@@ -87,14 +85,6 @@ def _square(a: FloatArray) -> FloatArray:
     return square
 
 
-@dataclass(frozen=True)
-class Covariance:
-    """Uncertainty of a fit, at its end; inf on the diagonal of what the data do not tell."""
-
-    common: FloatArray  # (p, p)
-    own: FloatArray  # (groups, b, b), the common unknowns' uncertainty included
-
-
 class Arrow:
     """Normal equations of a linearised model with weights, own unknowns eliminated."""
 
@@ -106,13 +96,12 @@ class Arrow:
         across = np.swapaxes(b, 1, 2)
         first = np.searchsorted(group, np.arange(group[-1] + 1))
         self.common = _square(a.reshape(r.size, -1))
-        self.common += lin.prior_by_common.T @ lin.prior_by_common
-        self.common_gradient = np.einsum("nmp,nmi->p", a, r)
-        self.common_gradient += lin.prior_by_common.T @ lin.prior
+        self.common += np.eye(a.shape[-1]) * lin.certainty
+        self.gradient = np.einsum("nmp,nmi->p", a, r) + lin.certainty * lin.off
         self.own = np.add.reduceat(across @ b, first)
-        self.own += np.eye(b.shape[-1]) * lin.own_stiffness
+        self.own += np.eye(b.shape[-1]) * lin.own_certainty
         self.own_gradient = np.add.reduceat(across @ r, first)[..., 0]
-        self.own_gradient += lin.own_stiffness * lin.own
+        self.own_gradient += lin.own_certainty * lin.own
         self.cross = np.add.reduceat(across @ a, first)  # (groups, b, p)
 
     def _eliminate(
@@ -136,14 +125,15 @@ class Arrow:
     def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
         """Solve for the step of Levenberg and Marquardt."""
         alone, gain, reduced, scale = self._eliminate(damping)
-        right = self.common_gradient - np.einsum("gbi,gb->i", gain, self.own_gradient)
+        right = self.gradient - np.einsum("gbi,gb->i", gain, self.own_gradient)
         step = -scale * np.linalg.lstsq(reduced, right * scale, rcond=1e-14)[0]
         return step, -np.einsum("gij,gj->gi", alone, self.own_gradient) - gain @ step
 
-    def covariance(self) -> Covariance:
-        """Invert the normal equations; unknowns that they do not tell get inf.
+    def covariance(self) -> tuple[FloatArray, FloatArray]:
+        """Invert the normal equations: (p, p), and (groups, b, b), common uncertainty included.
 
-        Such have a variance of 1e11 times that which they would have alone, or more.
+        Unknowns that they do not tell get inf on the diagonal. Such have a variance of 1e11 times that
+        which they would have alone, or more.
         """
         alone, gain, reduced, scale = self._eliminate(1e-13)
         common = np.linalg.inv(reduced) * scale * scale[:, None]
@@ -152,7 +142,7 @@ class Arrow:
             variance = np.einsum("...ii->...i", matrix)
             inflation = variance * np.einsum("...ii->...i", equations)
             variance[~((inflation > 0) & (inflation < 1e11))] = np.inf
-        return Covariance(common, own)
+        return common, own
 
 
 # The fit --------------------------------------------------------------------------------
@@ -164,7 +154,8 @@ class Fit:
     residual: FloatArray  # (n, m)
     used: BoolArray  # (n,), measurements that count
     sigma: float  # standard deviation of one number of a residual
-    covariance: Covariance
+    covariance: FloatArray  # (p, p), of the common unknowns; inf on the diagonal of what is not told
+    own_covariance: FloatArray  # (groups, b, b), the common unknowns' uncertainty included
     status: Status
 
 
@@ -188,109 +179,93 @@ def robust_sigma(
     limit = OUTLIER**2 / 2
     kept = scipy.special.gammainc(m / 2 + 1, limit) / scipy.special.gammainc(m / 2, limit)
     for _ in range(30):
-        inner = size < OUTLIER * sigma
-        count = m * inner.sum()
-        if sigma <= smallest or count <= unknowns:
-            break
-        sigma = float(np.sqrt(np.sum(size[inner] ** 2) / (count - unknowns) / kept))
-    return max(sigma, smallest)
+        inner = size[size < OUTLIER * sigma]
+        count = max(m * len(inner) - unknowns, 1)
+        sigma = max(float(np.sqrt(np.sum(inner**2) / count / kept)), smallest)
+    return sigma
+
+
+def _weigh(
+    lin: Linearised, used: BoolArray, sigma: float, limit: float
+) -> tuple[float, FloatArray]:
+    """Return a cost that is linear beyond `limit` σ, and weights of squares that have its gradient."""
+    size = np.linalg.norm(lin.residual, axis=1) / sigma
+    known = np.sum(lin.certainty * np.square(lin.off))
+    known += np.sum(lin.own_certainty * np.square(lin.own))
+    cost = np.sum(huber(size[used], limit)) + 0.5 * known
+    return float(cost), used * np.minimum(1, limit / np.maximum(size, 1e-9)) / sigma**2
 
 
 def _descend(
     model: Model,
     unknowns: Any,
-    weigh: Callable[[Linearised], tuple[float, FloatArray]],
+    used: BoolArray,
+    sigma: float,
+    limit: float,
     tolerance: float,
-) -> tuple[Any, Linearised, Status]:
-    """Minimise a cost, which `weigh` gives with its weights, by Levenberg-Marquardt steps.
+) -> tuple[Any, Status]:
+    """Minimise the cost of `_weigh` by steps of Levenberg and Marquardt.
 
     A step is the last if it moves no unknown by more than `tolerance` of its standard error.
     """
     lin = model.linearise(unknowns)
-    cost, weight = weigh(lin)
+    cost, weight = _weigh(lin, used, sigma, limit)
     damping = 1e-10
     for _ in range(200):
         arrow = Arrow(lin, weight, model.group)
-        while True:
-            step = arrow.solve(damping)
-            # Undamped, a step's length in standard errors, squared, is how far it goes down the gradient.
-            fall = -step[0] @ arrow.common_gradient - np.sum(step[1] * arrow.own_gradient)
-            # A step that is short because it was damped proves nothing.
-            is_last = damping < 1e-3 and fall < tolerance**2
-            there = model.take_step(unknowns, *step)
-            if there is not None:
-                ahead = model.linearise(there)
-                lower, weight = weigh(ahead)
-                # An increase that is nothing against the tolerance is rounding.
-                if lower <= cost * (1 + 1e-12) + 5e-9:
-                    break
-            if is_last:
-                return unknowns, lin, Status.CONVERGED
+        step = arrow.solve(damping)
+        # Undamped, a step's length in standard errors, squared, is how far it goes down the gradient.
+        fall = -step[0] @ arrow.gradient - np.sum(step[1] * arrow.own_gradient)
+        # A step that is short because it was damped proves nothing.
+        is_last = damping < 1e-3 and fall < tolerance**2
+        there = model.take_step(unknowns, *step)
+        ahead = lin if there is None else model.linearise(there)
+        lower, weight_ahead = _weigh(ahead, used, sigma, limit)
+        # An increase that is nothing against the tolerance is rounding.
+        if there is not None and lower <= cost * (1 + 1e-12) + 5e-9:
+            unknowns, lin, cost, weight = there, ahead, lower, weight_ahead
+            damping = max(damping / 10, 1e-10)
+        else:
             damping = max(10 * damping, 1e-6)
-            if damping > 1e12:
-                return unknowns, lin, Status.STALLED
-        unknowns, lin, cost = there, ahead, lower
         if is_last:
-            return unknowns, lin, Status.CONVERGED
-        damping = max(damping / 10, 1e-10)
-    return unknowns, lin, Status.MAX_ITERATIONS
+            return unknowns, Status.CONVERGED
+        if damping > 1e12:
+            return unknowns, Status.STALLED
+    return unknowns, Status.MAX_ITERATIONS
 
 
-def fit(
-    model: Model, start: Any, smallest: float = SMALLEST_SIGMA, near: bool = False
-) -> Fit:
-    """Fit a model from its unknowns `start`, in one stage if that is `near`.
+def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
+    """Fit a model from its unknowns `start`.
 
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
     """
     unknowns = start
     lin = model.linearise(start)
-    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
+    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_certainty)
     count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
-    for is_near in (True,) if near else (False, True):
-        used = np.zeros(len(model.group), bool)
-        tolerance = 1e-4 if is_near else 1.0  # the Huber penalty only has to come near
-        settled = 1e-3 if is_near else 0.1
-        seen: list[tuple[float, BoolArray]] = []
-        while True:
-            good = model.usable(unknowns)
+    used = np.zeros(len(model.group), bool)
+    sigma = np.inf
+    near = False
+    choices: set[bytes] = set()
+    for _ in range(30):
+        good = model.usable(unknowns)
+        before = sigma
+        sigma = robust_sigma(lin.residual, good, count, smallest)
+        near = near or abs(before - sigma) < 0.1 * sigma
+        if near:
             size = np.linalg.norm(lin.residual, axis=1)
-            sigma = robust_sigma(lin.residual, good, count, smallest)
-            if is_near:
-                # A measurement on the border would go in and out for ever: who is in stays a little longer.
-                good = good & (size < np.where(used, 1.01, 1.0) * OUTLIER * sigma)
-            # A choice that recurs is the last.
-            if any(
-                abs(before - sigma) < settled * before
-                and (not is_near or np.array_equal(one, good))
-                for before, one in seen
-            ):
+            # A measurement on the border would go in and out for ever: who is in stays a little longer.
+            good = good & (size < np.where(used, 1.01, 1.0) * OUTLIER * sigma)
+            if good.tobytes() in choices:
                 break
-            if len(seen) == 20:
-                status = Status.STALLED
-                break
-            used = good
-            seen.append((sigma, used))
-
-            def weigh(
-                lin: Linearised,
-                used: BoolArray = used,
-                sigma: float = sigma,
-                is_near: bool = is_near,
-            ) -> tuple[float, FloatArray]:
-                size = np.linalg.norm(lin.residual, axis=1)[used] / sigma
-                rho = 0.5 * size**2 if is_near else huber(size, HUBER)
-                known = np.sum(lin.prior**2) + np.sum(
-                    lin.own_stiffness * np.square(lin.own)
-                )
-                weight = used / sigma**2
-                if not is_near:
-                    weight[used] *= np.minimum(1, HUBER / np.maximum(size, 1e-9))
-                return float(np.sum(rho) + 0.5 * known), weight
-
-            unknowns, lin, status = _descend(model, unknowns, weigh, tolerance)
-    sigma, used = seen[-1]
-    _, weight = weigh(lin)
-    covariance = Arrow(lin, weight, model.group).covariance()
-    return Fit(unknowns, lin.residual, used, sigma, covariance, status)
+            choices.add(good.tobytes())
+        used = good
+        # The Huber penalty only has to come near.
+        limit, tolerance = (1e9, 1e-4) if near else (HUBER, 1.0)
+        unknowns, status = _descend(model, unknowns, used, sigma, limit, tolerance)
+        lin = model.linearise(unknowns)
+    else:
+        status = Status.STALLED
+    covariance = Arrow(lin, used / sigma**2, model.group).covariance()
+    return Fit(unknowns, lin.residual, used, sigma, *covariance, status)

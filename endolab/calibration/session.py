@@ -1,8 +1,9 @@
 """A calibration from end to end: frames of a target in, the endoscope's camera and light out."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from itertools import islice
 from operator import length_hint
 from typing import Any
@@ -12,12 +13,13 @@ import numpy as np
 from endolab.calibration.detection.detect import Detection, detect, no_features, see_board
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import Lens, camera_vector, predict_view
+from endolab.calibration.geometric.projection import Lens
 from endolab.calibration.geometric.reprojection import FINEST, find_pose, views_of
-from endolab.calibration.photometric.fit import calibrate_light, check_options
-from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.fit import LightOptions, calibrate_light
+from endolab.calibration.photometric.result import PhotometricFit, Row
 from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Charuco, Chessboard, Target
+from endolab.calibration.uncertainty import ray_uncertainty, values_within
 from endolab.frames.frame import check_size
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.numerics.arrays import FloatArray
@@ -28,12 +30,23 @@ Progress = Callable[[str, int, int], None]
 Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
-
-
 # Frames that the geometry should have; with fewer, more than one in `every` go into it.
 ENOUGH_VIEWS = 15
 # A frame whose points are so many times as far off as usual does not belong to the others.
 ALIEN = 10.0
+# Share of the points that agree with a camera which suits its lens; of simulated ones, all but 2 to 8 %.
+LEAST_AGREEMENT = 0.85
+
+
+class Verdict(Enum):
+    """What can be used of a calibration."""
+
+    USE = "It can be used."
+    CAMERA_ALONE = "Use the camera alone: the light could not be told."
+    USELESS = (
+        "Do not use it: many points do not agree with the camera. The lens is of another kind, or the "
+        "sheet was not flat."
+    )
 
 
 @dataclass(frozen=True)
@@ -49,56 +62,39 @@ class Session:
     samples: Samples  # of all located frames
     light: PhotometricFit | None  # None if the samples could not tell it
     refused: str = ""  # why not; empty if they could
-    scores: HeldOut | None = None  # how well frames are predicted that the fit has not seen
     # Frames that were not used, and why.
     dropped: dict[str, str] = field(default_factory=dict)
-    # Of located frames, rms of what counts, px.
+    # Of located frames, rms of what counts, px, on the worse panel.
     errors: dict[str, float] = field(default_factory=dict)
 
-    def table(self) -> list[tuple[str, float, float, str]]:
-        """Name, value, standard error and unit of all numbers that were found: the camera's, the light's.
+    @property
+    def verdict(self) -> Verdict:
+        """What can be used of it."""
+        if self.geometry is not None and self.geometry.agreement < LEAST_AGREEMENT:
+            return Verdict.USELESS
+        return Verdict.CAMERA_ALONE if self.light is None else Verdict.USE
 
-        An error of 0 is that of a number that was given, inf of one that the frames do not tell.
+    def table(self) -> list[Row]:
+        """Name, value, standard error and unit of all that was found: the camera, the light, how they fit.
+
+        An error of 0 is that of a number that was given, inf of one that the frames do not tell, nan of one
+        that says itself how sure something is.
         """
-        rows = []
+        rows: list[Row] = []
         if self.geometry is not None:
-            errors = self.geometry.standard_errors
-            vector = camera_vector(self.camera).tolist()
-            for name, value in zip(errors, vector, strict=True):
-                rows.append((name, value, errors[name], "" if name[0] in "kp" else "px"))
+            seen = self.geometry.max_angle_seen
+            rays = ray_uncertainty(self.camera, self.geometry.covariance, max_angle=seen)
+            known = values_within(rays, self.camera, seen)
+            rows += self.geometry.table()
+            rows.append(("σ of a ray", float(np.median(known)), np.nan, "mrad"))
         if self.light is not None:
-            light = self.light
-            values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
-            for material, value in enumerate(light.reflectance.tolist()):
-                values[f"reflectance {material}"] = value
-            del values["reflectance 0"]  # 1, as all are relative to it
-            for name, value in values.items():
-                rows.append((name, value, light.standard_errors[name], ""))
+            off = 100 * self.light.errors_by_angle(self.samples).largest
+            rows += self.light.table()
+            rows.append(("light off by", off, np.nan, "%"))
         return rows
 
-    def predict_pixels(self, name: str) -> FloatArray:
-        """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""
-        ids = self.detections[name].ids
-        points = self.target.points[ids]
-        radii = self.target.radii[ids]
-        pixels = np.full((len(ids), 2), np.nan)
-        for panel, pose in enumerate(self.poses[name]):
-            on_panel = self.target.panel_of(points) == panel
-            if pose is not None:
-                pixels[on_panel] = predict_view(
-                    self.camera,
-                    pose,
-                    points[on_panel],
-                    radii[on_panel],
-                )
-        return pixels
 
-
-def silent(
-    stage: str,
-    done: int,
-    total: int,
-) -> None:
+def silent(stage: str, done: int, total: int) -> None:
     """Say nothing of the progress."""
 
 
@@ -125,8 +121,8 @@ def detect_all(
     name, and width and height, px, which all frames must share, and which must be those of the `camera` that
     is to look at them; None if none could be read. Those that `leave_out` names are not looked at.
     """
-    size = None
-    first = ""
+    first = "the camera"
+    size = None if camera is None else (camera.width, camera.height)
     detections: dict[str, Detection] = {}
     total = length_hint(frames)
     for number, (name, image) in enumerate(frames):
@@ -137,16 +133,8 @@ def detect_all(
         else:
             found = image.shape[1], image.shape[0]
             if size is None:
-                size = found
-                first = name
-                if camera is not None:
-                    check_size(
-                        name,
-                        size,
-                        camera,
-                        "camera",
-                    )
-            elif found != size:
+                first, size = name, found
+            if found != size:
                 raise ValueError(
                     f"the frames differ in size: {first} is {size[0]}x{size[1]} px, {name} is "
                     f"{found[0]}x{found[1]} px; leave_out (--leave-out) can name those to do without"
@@ -157,13 +145,11 @@ def detect_all(
 
 
 def choose_views(detections: Mapping[str, Detection], every: int = 20) -> list[str]:
-    """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
-    names = list(detections)
-    seen = [name for name in names if len(detections[name].ids)]
+    """Name frames for the geometry, in order: the best of each `every` that show the target; more if few."""
+    seen = [name for name in detections if len(detections[name].ids)]
     every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
-    groups = (names[start : start + every] for start in range(0, len(names), every))
-    fullest = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
-    return [name for name in fullest if len(detections[name].ids)]
+    groups = (seen[start : start + every] for start in range(0, len(seen), every))
+    return [max(group, key=lambda name: len(detections[name].ids)) for group in groups]
 
 
 def locate(
@@ -175,76 +161,54 @@ def locate(
     """Find the poses of the target's panels in every frame.
 
     Returns, of the frames where at least one panel was located, the poses and the root mean square distance
-    of the points that count, px; and why the others are dropped. A frame does not belong to the others if
-    the points of one of its panels are ten times as far off as those of the median panel.
+    of the points that count, px, of the panel where it is largest; and why the others are dropped. A frame
+    does not belong to the others if that is ten times the median.
     """
     poses: dict[str, Panels] = {}
     errors: dict[str, float] = {}
-    worst: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
         placed: list[Pose | None] = [None] * target.panels
         reason = detection.reason or "too few points"
-        squares = []
+        far = []
         for view in views_of(name, detection, target):
             try:
                 placed[view.panel], inliers, residual = find_pose(view, target, camera)
-                squares.append(np.sum(residual[inliers] ** 2, axis=1))
+                squares = np.sum(residual[inliers] ** 2, axis=1)
+                far.append(float(np.sqrt(np.mean(squares))))
             except ValueError as error:
                 reason = str(error)
-        if squares:
+        if far:
             poses[name] = tuple(placed)
-            errors[name] = float(np.sqrt(np.mean(np.concatenate(squares))))
-            worst[name] = float(np.sqrt(max(map(np.mean, squares))))
+            errors[name] = max(far)
         else:
             dropped[name] = reason
         progress("locating", number + 1, len(detections))
-    usual = float(np.median(list(worst.values()) or [0.0]))
-    for name, far in worst.items():
-        if far > ALIEN * max(usual, FINEST):
-            del poses[name], errors[name]
-            dropped[name] = (
-                f"its points are {far:.3g} px off, of other frames {usual:.2g} px"
-            )
-    return poses, errors, dropped
+    usual = float(np.median(list(errors.values()) or [0.0]))
+    for name, off in errors.items():
+        if off > ALIEN * max(usual, FINEST):
+            del poses[name]
+            why = f"its points are {off:.3g} px off, of other frames {usual:.2g} px"
+            dropped[name] = why
+    return poses, {name: errors[name] for name in poses}, dropped
 
 
-def sample_all(
-    frames: Named,
-    target: Target,
-    poses: Mapping[str, Sequence[Pose | None]],
-    camera: Lens,
-    *,
-    channel: str = "grey",
-    gamma: float = 2.2,
-    progress: Progress = silent,
-) -> Samples:
-    """Read the brightness of the paper in every frame that has a pose."""
-    numbers = list(poses)
-    places = target.white_places()
-    parts = []
-    for name, image in frames:
-        if image is None or name not in poses:
-            continue
-        grey = channel_of(image, channel)
-        number = numbers.index(name)
-        parts.append(
-            sample_sheet(
-                grey, target, poses[name], camera, frame=number, gamma=gamma, places=places
-            )
-        )
-        progress("sampling", len(parts), len(poses))
-    return Samples.concatenate(parts)
+def by_reason(dropped: Mapping[str, str]) -> list[str]:
+    """Say which frames were dropped and why, one line a reason, most frequent first."""
+    lines = []
+    for reason, count in Counter(dropped.values()).most_common():
+        names = [name for name in dropped if dropped[name] == reason]
+        more = f" and {count - 8} more" if count > 8 else ""
+        lines.append(f"{count}: {reason} ({', '.join(names[:8])}{more})")
+    return lines
 
 
 def _reasons(detections: Mapping[str, Detection]) -> str:
     """Say in how many frames the target was found, and why not in the others."""
-    reasons = Counter(found.reason for found in detections.values() if found.reason)
-    why = ", ".join(f"{reason} in {n}" for reason, n in reasons.most_common())
-    count = sum(len(found.ids) > 0 for found in detections.values()) or "none"
-    return f"the target was found in {count} of {len(detections)} frames" + (
-        f": {why}" if why else ""
-    )
+    lost = {name: found.reason for name, found in detections.items() if found.reason}
+    count = len(detections) - len(lost) or "none"
+    why = [f"the target was found in {count} of {len(detections)} frames", *by_reason(lost)]
+    return "; ".join(why)
 
 
 def _nothing_found_error(
@@ -259,13 +223,9 @@ def _nothing_found_error(
                 f"found none of {target.columns}×{target.rows} squares; these pictures show "
                 f"{columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE"
             )
+    how = "the whole of it in view" if target.found_whole else "a part of it is enough"
     return ValueError(
-        f"{_reasons(detections)}; looked for {describe_target(target)}"
-        + (
-            ", the whole of it in view"
-            if target.found_whole
-            else ", a part of it is enough"
-        )
+        f"{_reasons(detections)}; looked for {describe_target(target)}, {how}"
     )
 
 
@@ -344,7 +304,7 @@ def calibrate(
     """
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
-    check_options(**light)
+    LightOptions(**light)  # checks them, before a long search
     check_int("every", every, 1)
     if detections is None:
         detections, size = detect_all(
@@ -367,62 +327,23 @@ def calibrate(
         except ValueError as error:
             raise ValueError(f"{error}; {_reasons(kept)}") from None
         camera = geometry.camera
-    else:
-        check_size(
-            "a frame",
-            size,
-            camera,
-            "camera",
-        )
-    poses, errors, dropped = locate(
-        kept,
-        target,
-        camera,
-        progress,
-    )
+    check_size("a frame", size, camera, "camera")
+    poses, errors, dropped = locate(kept, target, camera, progress)
     dropped |= dict.fromkeys(leave_out, LEFT_OUT_REASON)
-    gamma = light.get("gamma", 2.2)
-    guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
-    samples = sample_all(
-        frames,
-        target,
-        poses,
-        camera,
-        channel=channel,
-        gamma=guess,
-        progress=progress,
-    )
+    parts: list[Samples] = []
+    for name, image in frames:
+        if image is not None and name in poses:
+            grey = channel_of(image, channel)
+            frame = list(poses).index(name)
+            parts.append(sample_sheet(grey, target, poses[name], camera, frame=frame))
+            progress("sampling", len(parts), len(poses))
+    samples = Samples.concatenate(parts)
     fit = None
-    scores = None
     refused = ""
     # Whatever fails from here on, be it arithmetic, the camera is not lost.
     try:
         fit = calibrate_light(samples, **light)
     except (ValueError, ArithmeticError) as error:
         refused = str(error)
-    else:
-        scores = score(samples, **light)
-    return Session(
-        target,
-        dict(detections),
-        geometry,
-        camera,
-        poses,
-        samples,
-        fit,
-        refused,
-        scores,
-        dropped,
-        errors,
-    )
-
-
-def score(samples: Samples, **light: Any) -> HeldOut | None:
-    """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
-    if len(np.unique(samples.frame)) < ENOUGH_VIEWS:
-        return None
-    kept = samples.frame % 10 == 5
-    try:
-        return calibrate_light(samples[~kept], **light).score_held_out(samples[kept])
-    except (ValueError, ArithmeticError):  # what all frames together could just tell
-        return None
+    found = geometry, camera, poses, samples, fit, refused, dropped, errors
+    return Session(target, dict(detections), *found)

@@ -9,28 +9,12 @@ turn, its targets turn along with it, and no surface changes its shape by it. It
 pixels move least: rays near the end of a lens's range, which move wildly, have little say.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from endolab.calibration.geometric.projection import Lens, camera_vector, to_pixels
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-
-
-@dataclass(frozen=True)
-class RayUncertainty:
-    """Root mean square of how far rays are off, over the places `pixels`; nan where there is no ray.
-
-    inf where it hangs on a number of the camera that the views do not tell.
-    """
-
-    pixels: FloatArray  # (h, w, 2), column and row, px
-    px: FloatArray  # (h, w), of the pixel of a ray
-    mrad: FloatArray  # (h, w), of the ray of a pixel
-    mrad_shape: FloatArray  # (h, w), the same without the turn that all rays share
-    mrad_turn: float  # that turn
 
 
 def places(camera: Camera, columns: int = 120) -> FloatArray:
@@ -56,8 +40,8 @@ def ray_uncertainty(
     covariance: FloatArray,
     pixels: FloatArray | None = None,
     max_angle: float = np.pi,
-) -> RayUncertainty:
-    """Bring the covariance of a camera's numbers to the rays of its picture.
+) -> FloatArray:
+    """Bring the covariance of a camera's numbers to the rays of its picture, without a turn that all share.
 
     Parameters
     ----------
@@ -69,6 +53,12 @@ def ray_uncertainty(
     max_angle : float
         Off the axis, rad, up to which rays tell the turn that all share: beyond what the views have seen
         they may be wild.
+
+    Returns
+    -------
+    (h, w) float array
+        Root mean square of how far the ray of a pixel is off, mrad; nan where there is no ray, inf where it
+        hangs on a number of the camera that the views do not tell.
     """
     pixels = places(camera) if pixels is None else pixels
     lost = ~np.isfinite(np.diag(covariance))
@@ -81,28 +71,14 @@ def ray_uncertainty(
     inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)
     design = by_turn[inside].reshape(-1, 3)
-    turn = np.linalg.pinv(design.T @ design) @ (
-        design.T @ by_camera[inside].reshape(-1, len(covariance))
-    )
+    turn = np.linalg.lstsq(design, by_camera[inside].reshape(len(design), -1))[0]
     # A pixel moves by no change of a ray's length, so that the least change that undoes it is a turn.
-    back = -np.linalg.pinv(by_ray)
-
-    def spread(slopes: FloatArray) -> FloatArray:
-        """Root of the trace of the covariance, as a map."""
-        square = np.einsum("nip,pq,niq->n", slopes, finite, slopes)
-        untold = (slopes[..., lost] != 0).any(axis=(1, 2))
-        sigma = np.full(seen.shape, np.nan)
-        sigma[seen] = np.where(untold, np.inf, np.sqrt(np.maximum(square, 0.0)))
-        return sigma
-
-    turns = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
-    return RayUncertainty(
-        pixels=pixels,
-        px=spread(by_camera),
-        mrad=1e3 * spread(back @ by_camera),
-        mrad_shape=1e3 * spread(back @ (by_camera - by_turn @ turn)),
-        mrad_turn=np.inf if turn[:, lost].any() else 1e3 * turns,
-    )
+    slopes = np.linalg.pinv(by_ray) @ (by_camera - by_turn @ turn)
+    square = np.einsum("nip,pq,niq->n", slopes, finite, slopes)
+    untold = (slopes[..., lost] != 0).any(axis=(1, 2))
+    mrad = np.full(seen.shape, np.nan)
+    mrad[seen] = np.where(untold, np.inf, 1e3 * np.sqrt(np.maximum(square, 0.0)))
+    return mrad
 
 
 def fall_off_uncertainty(light: PhotometricFit, camera: Camera) -> FloatArray:

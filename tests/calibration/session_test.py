@@ -90,7 +90,7 @@ def test_a_known_camera_is_kept(video):
     [
         (np.zeros_like, "dark nor saturated", 2.2),
         (lambda image: np.full_like(image, 0.5), "lit room", 2.2),
-        (lambda image: np.where(image < 0.25, 0.0, 1.0), "do not determine k", 2.2),
+        (lambda image: np.where(image < 0.25, 0.0, 1.0), "too large for a lamp", 2.2),
         (lambda image: None, "samples", 2.2),
         (np.asarray, "gamma", "free"),
     ],
@@ -100,7 +100,7 @@ def test_a_light_that_cannot_be_fitted_leaves_the_camera(video, expose, word, ga
     frames, _, detections = video
     bad = [(name, expose(image)) for name, image in frames]
     found = calibrate(bad, SHEET, detections=detections, size=SIZE, gamma=gamma)
-    assert (found.light, found.scores) == (None, None)
+    assert found.light is None
     assert word in found.refused
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
     assert evidence(found)["photometry"] == {"refused": found.refused, "nominal": True}
@@ -125,7 +125,7 @@ def test_what_is_seen_instead_is_said():
     with pytest.raises(ValueError, match="part"):
         calibrate(frames, SHEET)
     frames.append(("dark.png", np.zeros((400, 520))))
-    with pytest.raises(ValueError, match=r"got 2.*2 of 3 frames.* in 1"):
+    with pytest.raises(ValueError, match=r"got 2.*2 of 3 frames; 1: "):
         calibrate(frames, Chessboard(10, 7, 3.0))
 
 

@@ -5,11 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.calibration.summary import (
-    evidence,
-    plus_minus,
-    verdict,
-)
+from endolab.calibration.session import Verdict
+from endolab.calibration.summary import evidence, plus_minus
 from endolab.io.atomic import as_json
 from tests.tools.simulated_session import COUNT, simulated
 
@@ -24,9 +21,10 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
     camera, light, frames = (known[name] for name in ("camera", "photometry", "frames"))
     points = sum(len(view.ids) for view in session.geometry.views)
     assert camera["points"] + camera["outliers"] == points
-    steepest = -np.log(np.cos(session.light.alpha_range[1]))
-    at_rim = 100 * steepest * session.light.standard_errors["k"]
-    assert light["fall_off_percent"]["largest"] == pytest.approx(at_rim, rel=0.05)
+    rows = {row["name"]: (row["value"], row["error"]) for row in known["table"]}
+    error = session.light.standard_errors["k"]
+    assert (rows["k"], rows["gamma"]) == ((session.light.k, error), (2.2, 0.0))
+    assert rows["reprojection"] == (session.geometry.rmse, None)
     # frame_3 was not located
     assert light["gains"]["frame_4"] == session.light.gains[3]
     assert (frames["dropped"], len(frames["used"])) == (session.dropped, COUNT)
@@ -34,7 +32,7 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is(session):
 
 def test_what_is_not_finite_is_null(session):
     light = replace(session.light, gain_errors=np.full(COUNT, np.inf))
-    known = evidence(replace(session, light=light, scores=None))
+    known = evidence(replace(session, light=light))
     as_json(known)  # strict
     assert set(known["photometry"]["gain_errors"].values()) == {None}
 
@@ -47,8 +45,8 @@ def test_values_have_the_digits_of_their_error():
 
 
 def test_the_verdict_says_what_can_be_used(session):
-    assert "can be used" in verdict(session)
-    assert verdict(replace(session, light=None)).startswith("Use the camera alone")
+    assert session.verdict is Verdict.USE
+    assert replace(session, light=None).verdict is Verdict.CAMERA_ALONE
     inliers = [np.arange(len(good)) % 2 == 0 for good in session.geometry.inliers]
     wrong = replace(session, geometry=replace(session.geometry, inliers=inliers))
-    assert verdict(wrong).startswith("Do not use it")
+    assert wrong.verdict is Verdict.USELESS

@@ -43,38 +43,29 @@ def turned_back(camera, true, rays):
 
 
 def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
-    """2000 cameras: the ray of each pixel, the pixel of each ray, and what is left after the best turn."""
+    """What is left of 300 cameras after the turn that brings them nearest to the true one."""
     sure = covariance()
     pixels = places(PAPER, 16)[1:-1, 2:-2]
-    found = ray_uncertainty(PAPER, sure, pixels)
     rays = PAPER.unproject(pixels)
-    drawn = np.random.default_rng(1).multivariate_normal(
-        camera_vector(PAPER), sure, 2000
-    )
-    cameras = [camera_of(vector, 160, 120) for vector in drawn]
-    others = np.array([camera.unproject(pixels) for camera in cameras])
-    assert found.mrad == pytest.approx(1e3 * rms(others - rays), rel=0.06)
-    assert found.px == pytest.approx(
-        rms(np.array([c.project(rays) for c in cameras]) - pixels), rel=0.06
-    )
-    some = [turned_back(camera, PAPER, rays) for camera in cameras[:300]]
-    turned = np.array(
-        [turn.apply(o.reshape(-1, 3)) for turn, o in zip(some, others, strict=False)]
-    )
-    ratio = found.mrad_shape.ravel() / (1e3 * rms(turned - rays.reshape(-1, 3)))
+    random = np.random.default_rng(1)
+    left = []
+    for vector in random.multivariate_normal(camera_vector(PAPER), sure, 300):
+        camera = camera_of(vector, 160, 120)
+        turn = turned_back(camera, PAPER, rays)
+        others = turn.apply(camera.unproject(pixels).reshape(-1, 3))
+        left.append(others - rays.reshape(-1, 3))
+    found = ray_uncertainty(PAPER, sure, pixels)
+    ratio = found.ravel() / (1e3 * rms(np.array(left)))
     assert np.median(ratio) == pytest.approx(1, rel=0.05)
     assert ratio == pytest.approx(1, rel=0.2)
-    size = np.sqrt(np.mean([turn.magnitude() ** 2 for turn in some]))
-    assert found.mrad_turn == pytest.approx(1e3 * size, rel=0.1)
 
 
 def test_what_is_not_told_is_unknown_and_what_no_ray_has_is_nan():
     seen = np.isfinite(PAPER.unproject(places(PAPER))[..., 0])
     assert 0 < seen.sum() < seen.size
     lost = covariance()
-    lost[2, 2] = np.inf
+    lost[4, 4] = np.inf
     for known, value in ((lost, np.inf), (covariance(), 0)):
         found = ray_uncertainty(PAPER, known)
-        for values in (found.px, found.mrad):
-            assert np.array_equal(np.isnan(values), ~seen)
-            assert np.all(values[seen] >= value)
+        assert np.array_equal(np.isnan(found), ~seen)
+        assert np.all(found[seen] >= value)

@@ -9,7 +9,7 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.session import calibrate, score
+from endolab.calibration.session import calibrate
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.sheet_views import centroids_on_panels
@@ -51,7 +51,6 @@ def simulated(name="vicalib_small", **light):
     session = calibrate(pictures, target, lens="fisheye", **how)
     lit = {
         "light": calibrate_light(samples, **light),
-        "scores": score(samples, **light),
         "samples": samples,
     }
     return replace(session, refused="", **lit), pictures
@@ -60,4 +59,4 @@ def simulated(name="vicalib_small", **light):
 def refused(session):
     """Return the session as if the light could not be told."""
     reason = "γ cannot be told from <one> flat sheet & free gains"
-    return replace(session, light=None, scores=None, refused=reason)
+    return replace(session, light=None, refused=reason)

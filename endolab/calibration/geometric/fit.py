@@ -12,9 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import compress
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     CAMERA_NAMES,
@@ -28,12 +26,13 @@ from endolab.calibration.geometric.reprojection import (
     Geometry,
     Reprojection,
     View,
+    disagree,
     find_pose,
     linear_pose,
 )
-from endolab.calibration.least_squares import Fit, fit
+from endolab.calibration.least_squares import fit
 from endolab.calibration.targets import Target
-from endolab.model.cameras import BrownConrady, KannalaBrandt
+from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
@@ -81,91 +80,28 @@ class GeometricFit:
         errors = np.sqrt(np.diag(self.covariance)).tolist()
         return dict(zip(camera_names(self.camera), errors, strict=True))
 
+    def table(self) -> list[tuple[str, float, float, str]]:
+        """Name, value, standard error and unit of what was found; of how well it fits, without error (nan).
+
+        An error of inf is that of a number that the views do not tell.
+        """
+        values = camera_vector(self.camera).tolist()
+        rows = [
+            (name, value, error, "" if name[0] in "kp" else "px")
+            for (name, error), value in zip(
+                self.standard_errors.items(), values, strict=True
+            )
+        ]
+        rows.append(("reprojection", self.rmse, np.nan, "px"))
+        for lens, held_out in self.held_out.items():
+            rows.append((f"{lens}, held out", held_out, np.nan, "px"))
+        seen = float(np.rad2deg(self.max_angle_seen))
+        return [*rows, ("seen to", seen, np.nan, "°")]
+
     @property
     def agreement(self) -> float:
         """Share of the points that count; below 0.95 or so, the lens is of another kind or the sheet bent."""
         return float(np.mean(np.concatenate(self.inliers)))
-
-
-def _label(view: View, target: Target) -> str:
-    return view.name if target.panels == 1 else f"{view.name}, panel {view.panel}"
-
-
-def _first_poses(
-    views: Sequence[View], target: Target, camera: Lens
-) -> tuple[list[View], list[Pose], dict[str, str]]:
-    """Linear poses of the views that have one; why others have none."""
-    kept = []
-    poses = []
-    dropped = {}
-    for view in views:
-        try:
-            poses.append(linear_pose(view, target, camera))
-            kept.append(view)
-        except ValueError as error:
-            dropped[_label(view, target)] = str(error)
-    return kept, poses, dropped
-
-
-def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
-    """Return the equidistant camera that explains a dozen of the views best, by its focal length."""
-    some = views[:: -(-len(views) // 12)]
-    best = np.inf
-    for focal in width * np.geomspace(0.2, 3.0, 10):
-        camera = KannalaBrandt(
-            width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
-        )
-        kept, poses, dropped = _first_poses(some, target, camera)
-        misses = np.full(len(some), np.inf)
-        if kept:
-            model = Reprojection(kept, target, 0, np.zeros(4))
-            geometry = Geometry.of(camera_vector(camera), poses)
-            misses[: len(kept)] = model.medians(geometry)
-        # The lower median: half of the views may be useless.
-        miss = np.sort(misses)[(len(some) - 1) // 2]
-        if miss < best:
-            best = miss
-            start = camera
-    if np.isinf(best):
-        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
-    return start
-
-
-def _fit_views(
-    views: Sequence[View],
-    geometry: Geometry,
-    target: Target,
-    usual: FloatArray,
-    near: bool = False,
-) -> tuple[Fit, list[View], dict[str, str]]:
-    """Fit, leave out the views of which fewer than half the points agree, until all agree."""
-    dropped: dict[str, str] = {}
-    while True:
-        _refuse_few(len(views), dropped, least=1)
-        model = Reprojection(views, target, min(4 + len(usual), 9), usual)
-        fitted = fit(model, geometry, FINEST, near)
-        geometry = fitted.unknowns
-        good = []
-        for number, view in enumerate(views):
-            used = fitted.used[model.group == number]
-            why = ""
-            if not geometry.facing[number]:
-                why = "it shows the paper from behind"
-            elif used.sum() < max(LEAST_POINTS, len(used) / 2):
-                share = f"{used.sum()} of its {len(used)}"
-                why = f"only {share} points agree with the other views"
-            good.append(not why)
-            if why:
-                dropped[_label(view, target)] = why
-        views = list(compress(views, good))
-        if all(good):
-            return fitted, views, dropped
-        geometry = geometry.only(good)
-
-
-def _reasons(dropped: dict[str, str]) -> str:
-    shown = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
-    return shown + ("; …" if len(dropped) > 3 else "")
 
 
 def calibrate_camera(
@@ -208,51 +144,137 @@ def calibrate_camera(
     """
     if lens not in LENSES:
         raise unknown_name("lens", lens, LENSES)
-    size = width, height
     if start is not None:
-        return _calibrate(views, target, size, start)
+        return _calibrate(views, target, start)
     _refuse_few(len(views), {})
-    fitted = _calibrate(views, target, size, _start(views, target, *size))
-    _refuse_untold(fitted)
-    begin, off = _begin_brown(fitted)
-    is_wide = fitted.max_angle_seen > WIDEST_BROWN or not off < FARTHEST_BROWN * fitted.rmse
-    if lens == "fisheye" or (lens == "auto" and is_wide):
-        return _hold_out(fitted, target)[0]
-    brown = _calibrate(views, target, size, begin)
+    fisheye = _calibrate(views, target, _start(views, target, width, height))
+    _refuse_untold(fisheye)
+    begin, off = _begin_brown(fisheye)
+    is_near = fisheye.max_angle_seen < WIDEST_BROWN and off < FARTHEST_BROWN * fisheye.rmse
+    if lens == "fisheye" or (lens == "auto" and not is_near):
+        return _hold_out(fisheye, target)
+    brown = _calibrate(views, target, begin)
     _refuse_untold(brown)
-    brown, error = _hold_out(brown, target)
+    brown = _hold_out(brown, target)
     if lens == "brown":
         return brown
-    fitted, other = _hold_out(fitted, target)
-    errors = {"fisheye": other, "brown": error}
-    if error < (1 - LEAST_GAIN) * other:
+    fisheye = _hold_out(fisheye, target)
+    errors = fisheye.held_out | brown.held_out
+    ratio = errors["brown"] / errors["fisheye"]
+    if ratio < 1 - LEAST_GAIN:
         return replace(brown, held_out=errors)
-    if error < (1 + LEAST_GAIN) * other:
-        apart = camera_vector(brown.camera)[:4] - camera_vector(fitted.camera)[:4]
-        fitted.covariance[:4, :4] += np.outer(apart, apart)
-    return replace(fitted, held_out=errors)
+    if ratio < 1 + LEAST_GAIN:
+        apart = camera_vector(brown.camera)[:4] - camera_vector(fisheye.camera)[:4]
+        fisheye.covariance[:4, :4] += np.outer(apart, apart)
+    return replace(fisheye, held_out=errors)
 
 
-def _begin_brown(fitted: GeometricFit) -> tuple[BrownConrady, float]:
+def _label(view: View, target: Target) -> str:
+    return view.name if target.panels == 1 else f"{view.name}, panel {view.panel}"
+
+
+def _first_poses(
+    views: Sequence[View], target: Target, camera: Lens
+) -> tuple[list[View], list[Pose], dict[str, str]]:
+    """Linear poses of the views that have one; why others have none."""
+    kept = []
+    poses = []
+    dropped = {}
+    for view in views:
+        try:
+            poses.append(linear_pose(view, target, camera))
+            kept.append(view)
+        except ValueError as error:
+            dropped[_label(view, target)] = str(error)
+    return kept, poses, dropped
+
+
+def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
+    """Return the equidistant camera that explains a dozen of the views best, by its focal length."""
+    some = views[:: -(-len(views) // 12)]
+    best = np.inf
+    for focal in width * np.geomspace(0.2, 3.0, 10):
+        centre = (width - 1) / 2, (height - 1) / 2
+        camera = KannalaBrandt(width, height, focal, focal, *centre)
+        kept, poses, dropped = _first_poses(some, target, camera)
+        misses = [np.inf] * len(dropped)
+        for view, pose in zip(kept, poses, strict=True):
+            off = camera.project(pose.transform(target.points[view.ids])) - view.pixels
+            misses.append(float(np.nanmedian(np.linalg.norm(off, axis=1))))
+        # The lower median: half of the views may be useless.
+        miss = sorted(misses)[(len(some) - 1) // 2]
+        if miss < best:
+            best = miss
+            start = camera
+    if np.isinf(best):
+        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
+    return start
+
+
+def _calibrate(
+    views: Sequence[View], target: Target, start: Lens, poses: Sequence[Pose] = ()
+) -> GeometricFit:
+    """Fit a camera of the kind of `start`, from given poses or from linear ones.
+
+    Views of which fewer than half the points agree are left out, until all agree.
+    """
+    dropped: dict[str, str] = {}
+    if not poses:
+        views, poses, dropped = _first_poses(views, target, start)
+    camera = start
+    good = [False]
+    while not all(good):
+        _refuse_few(len(views), dropped, least=1)
+        begin = Geometry.of(camera, poses)
+        free = min(len(begin.vector), 9)
+        model = Reprojection(views, target, start, free)
+        fitted = fit(model, begin, FINEST)
+        geometry: Geometry = fitted.unknowns
+        camera = camera_of(geometry.vector, start.width, start.height)
+        cuts = np.cumsum([len(view.ids) for view in views])[:-1]
+        inliers = np.split(fitted.used, cuts)
+        for view, used in zip(views, inliers, strict=True):
+            if why := disagree(used):
+                dropped[_label(view, target)] = why
+        good = [_label(view, target) not in dropped for view in views]
+        views = list(compress(views, good))
+        poses = list(compress(geometry.poses, good))
+    covariance = np.zeros((len(geometry.vector),) * 2)
+    covariance[:free, :free] = fitted.covariance
+    return GeometricFit(
+        camera=camera,
+        views=tuple(views),
+        poses=tuple(poses),
+        dropped=dropped,
+        residuals=tuple(np.split(fitted.residual, cuts)),
+        inliers=tuple(inliers),
+        sigma=fitted.sigma,
+        rmse=float(np.sqrt(np.mean(np.sum(fitted.residual[fitted.used] ** 2, axis=1)))),
+        covariance=covariance,
+        max_angle_seen=float(model.angles(geometry)[fitted.used].max()),
+        status=fitted.status,
+    )
+
+
+def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
     """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen.
 
-    And how far off it is along a row, rms, px; nan if it has no such rays.
+    And how far off it is along a row, rms, px.
     """
     camera = fitted.camera
+    vector = camera_vector(camera)
     theta = np.linspace(0.02, min(fitted.max_angle_seen, WIDEST_BROWN), 100)
-    ray = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
-    h = (camera.project(ray)[:, 0] - camera.cx) / camera.fx
+    h = theta + theta[:, None] ** [3, 5, 7, 9] @ vector[4:]
     r = np.tan(theta)
     odd = r[:, None] ** [3, 5, 7]
-    k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0].tolist()
-    size = camera.width, camera.height
-    focal = camera.fx, camera.fy, camera.cx, camera.cy
-    likest = BrownConrady(*size, *focal, (k1, k2, 0.0, 0.0, k3))
-    off = likest.project(ray) - camera.project(ray)
-    return likest, float(np.sqrt(np.mean(off**2)))
+    k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0]
+    off = vector[0] * (r + odd @ [k1, k2, k3] - h)
+    likest = np.concatenate([vector[:4], [k1, k2, 0, 0, k3, 0, 0, 0]])
+    rms = float(np.sqrt(np.mean(off**2)))
+    return camera_of(likest, camera.width, camera.height), rms
 
 
-def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float]:
+def _hold_out(fitted: GeometricFit, target: Target) -> GeometricFit:
     """Hold views out, in turn, and widen the standard errors to how far the cameras of the others are apart.
 
     A detector's errors are not independent within a view, so that the covariance C of the fit is too small.
@@ -260,68 +282,42 @@ def _hold_out(fitted: GeometricFit, target: Target) -> tuple[GeometricFit, float
 
         q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
 
-    times that variance: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit, and the root
-    mean square error, px, of the views as others predict them, but for the worst points; inf if they cannot.
+    times that variance: the median of χ² of p degrees of freedom is p - 2/3. The error of the views as others
+    predict them leaves out the worst points; it is inf if they cannot.
     """
-    geometry = Geometry.of(camera_vector(fitted.camera), fitted.poses)
-    names = list(dict.fromkeys(view.name for view in fitted.views))
-    parts = min(HOLD_OUT, len(names))
+    name = "fisheye" if isinstance(fitted.camera, KannalaBrandt) else "brown"
+    frames = list(dict.fromkeys(view.name for view in fitted.views))
+    parts = min(HOLD_OUT, len(frames))
     squares = []
-    cameras = []
+    off = []
     for part in range(parts):
-        known = [view.name not in names[part::parts] for view in fitted.views]
+        held = [view.name in frames[part::parts] for view in fitted.views]
+        known = np.logical_not(held)
         views = list(compress(fitted.views, known))
-        size = fitted.camera.width, fitted.camera.height
+        poses = list(compress(fitted.poses, known))
         try:
-            begin = geometry.only(known)
-            there = _fit_views(views, begin, target, begin.vector[4:], near=True)[0]
-            vector = there.unknowns.vector
-            for view, is_known in zip(fitted.views, known, strict=True):
-                if not is_known:
-                    residual = find_pose(view, target, camera_of(vector, *size))[2]
-                    squares.append(np.sum(residual**2, axis=1))
+            camera = _calibrate(views, target, fitted.camera, poses).camera
+            for view in compress(fitted.views, held):
+                residual = find_pose(view, target, camera)[2]
+                squares.append(np.sum(residual**2, axis=1))
         except (ValueError, ArithmeticError):
-            return fitted, np.inf
-        cameras.append(vector)
-    determined = np.diag(fitted.covariance) > 0
-    determined &= np.isfinite(np.diag(fitted.covariance))
+            return replace(fitted, held_out={name: np.inf})
+        off.append(camera_vector(camera) - camera_vector(fitted.camera))
+    variance = np.diag(fitted.covariance)
+    determined = (variance > 0) & np.isfinite(variance)
     inverse = np.linalg.inv(fitted.covariance[np.ix_(determined, determined)])
-    off = (np.array(cameras) - geometry.vector)[:, determined]
-    lengths = np.sum(off @ inverse * off, axis=1)
+    apart = np.array(off)[:, determined]
+    lengths = np.sum(apart @ inverse * apart, axis=1)
     q = float((parts - 1) * np.median(lengths) / (determined.sum() - 2 / 3))
     ordered = np.sort(np.concatenate(squares))
     error = float(np.sqrt(np.mean(ordered[: int(0.95 * len(ordered))])))
-    return replace(fitted, covariance=max(1.0, q) * fitted.covariance), error
+    wider = max(1.0, q) * fitted.covariance
+    return replace(fitted, covariance=wider, held_out={name: error})
 
 
-def _calibrate(
-    views: Sequence[View], target: Target, size: tuple[int, int], start: Lens
-) -> GeometricFit:
-    """Calibrate a camera of the kind of `start`."""
-    views, poses, dropped = _first_poses(views, target, start)
-    _refuse_few(len(views), dropped, least=1)
-    begin = Geometry.of(camera_vector(start), poses)
-    fitted, views, disagreeing = _fit_views(views, begin, target, begin.vector[4:])
-    geometry: Geometry = fitted.unknowns
-    cuts = np.cumsum([len(view.ids) for view in views])[:-1]
-    covariance = np.zeros((len(geometry.vector),) * 2)
-    free = len(fitted.covariance.common)
-    covariance[:free, :free] = fitted.covariance.common
-    angles = Reprojection(views, target, 0, begin.vector[4:]).angles(geometry)
-    squares = np.sum(fitted.residual[fitted.used] ** 2, axis=1)
-    return GeometricFit(
-        camera=camera_of(geometry.vector, *size),
-        views=tuple(views),
-        poses=tuple(geometry.poses),
-        dropped=dropped | disagreeing,
-        residuals=tuple(np.split(fitted.residual, cuts)),
-        inliers=tuple(np.split(fitted.used, cuts)),
-        sigma=fitted.sigma,
-        rmse=float(np.sqrt(np.mean(squares))),
-        covariance=covariance,
-        max_angle_seen=float(angles[fitted.used].max()),
-        status=fitted.status,
-    )
+def _reasons(dropped: dict[str, str]) -> str:
+    shown = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
+    return shown + ("; …" if len(dropped) > 3 else "")
 
 
 def _refuse_few(count: int, dropped: dict[str, str], least: int = LEAST_VIEWS) -> None:
@@ -330,20 +326,16 @@ def _refuse_few(count: int, dropped: dict[str, str], least: int = LEAST_VIEWS) -
         raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
 
 
-def _is_elsewhere(pose: Pose, other: Pose) -> bool:
-    """Whether two poses differ by a degree, or a fiftieth of the distance."""
-    shift = np.linalg.norm(pose.translation - other.translation)
-    turn = Rotation.from_matrix(pose.rotation.T @ other.rotation).magnitude()
-    return bool(turn > np.radians(1) or shift > 0.02 * np.linalg.norm(pose.translation))
-
-
 def _refuse_untold(result: GeometricFit) -> None:
     """Refuse a camera that its views do not tell."""
     _refuse_few(len(result.views), result.dropped)
-    places: list[Pose] = []
+    # Places that differ by a degree, or by a fiftieth of the distance.
+    places: list[FloatArray] = []
     for pose in result.poses:
-        if all(_is_elsewhere(pose, place) for place in places):
-            places.append(pose)
+        far = np.linalg.norm(pose.translation)
+        place = np.append(pose.rotation * far / np.sqrt(2), pose.translation)
+        if all(np.linalg.norm(place - other) > 0.02 * far for other in places):
+            places.append(place)
     if len(places) < LEAST_VIEWS:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
         raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
@@ -352,10 +344,9 @@ def _refuse_untold(result: GeometricFit) -> None:
     if tilt < np.radians(5):
         square = "views square to the axis cannot tell the focal length from the distance"
         raise ValueError(f"{square}: {fact}; tilt the sheet by 20° or more in some views")
-    focal = np.sqrt(result.camera.fx * result.camera.fy)
     for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]
-        if not error < 0.05 * focal:
+        if not error < 0.05 * result.camera.fx:
             lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
             why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
             ways = "add tilted views that fill the picture"

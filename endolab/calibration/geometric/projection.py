@@ -10,8 +10,6 @@ The camera is a vector here, in the order of `camera_names`: of 8 numbers for `K
 pass there.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -68,28 +66,25 @@ def to_pixels(
     # cv2.fisheye takes what is behind the image plane for what is before it. In polar coordinates
     #     pixel = f h(ϑ) d + c,  h = ϑ + k1 ϑ³ + …,  d = (x, y) / s,  ϑ = atan(s / z)
     # s is never 0, so that on the axis h/s is 1/z.
-    xy = points[:, :2]
     z = points[:, 2]
     length = np.linalg.norm(points, axis=1)
-    s = np.hypot(np.linalg.norm(xy, axis=1), 1e-9 * length)
+    s = np.hypot(np.linalg.norm(points[:, :2], axis=1), 1e-9 * length)
     theta = np.arctan2(s, z)
-    direction = xy / s[:, None]
+    direction = points[:, :2] / s[:, None]
     orders = np.array([1, 3, 5, 7, 9])
     terms = np.append(1.0, vector[4:])
     powers = theta[:, None] ** orders
-    ratio = (powers @ terms / s)[:, None, None]  # h/s
-    slope = (powers / theta[:, None] @ (orders * terms) / length**2)[:, None]  # h′/|P|²
-    by_point = np.empty((len(points), 2, 3))
-    across = direction[:, :, None] * direction[:, None]
-    by_point[..., :2] = (
-        ratio * np.eye(2) + ((slope * z[:, None])[..., None] - ratio) * across
-    )
-    by_point[..., 2] = -slope * xy
+    h = powers @ terms
+    slope = (powers / theta[:, None]) @ (orders * terms)  # ∂h/∂ϑ
+    by_theta = np.column_stack([z[:, None] * direction, -s]) / length[:, None] ** 2
+    by_point = direction[:, :, None] * (slope[:, None] * by_theta)[:, None]
+    across = np.eye(2) - direction[:, :, None] * direction[:, None]
+    by_point[..., :2] += (h / s)[:, None, None] * across
+    plane = h[:, None] * direction
     by_camera = np.zeros((len(points), 2, 8))
-    by_camera[..., 4:] = powers[:, None, 1:] * direction[..., None] * focal[:, None]
-    plane = ratio[:, 0] * xy
     by_camera[:, [0, 1], [0, 1]] = plane
     by_camera[:, [0, 1], [2, 3]] = 1.0
+    by_camera[..., 4:] = powers[:, None, 1:] * (direction * focal)[..., None]
     return plane * focal + centre, by_camera, by_point * focal[:, None]
 
 
@@ -102,32 +97,20 @@ def _centroid(curves: FloatArray) -> tuple[FloatArray, FloatArray]:
     if curves.shape[1] == 1:
         return curves[:, 0], np.eye(2)[None, None]
     # About a point inside, for the sake of rounding.
-    middle = curves.mean(axis=1, keepdims=True)
-    x, y = np.moveaxis(curves - middle, -1, 0)
+    middle = curves.mean(axis=1)
+    x, y = np.moveaxis(curves - middle[:, None], -1, 0)
     dx = x @ RIM_DERIVATIVE.T
     dy = y @ RIM_DERIVATIVE.T
-    area = (x * dy).sum(axis=1, keepdims=True)
-    moments = (x * x * dy).sum(axis=1), -(y * y * dx).sum(axis=1)
-    offset = 0.5 * np.stack(moments, axis=-1) / area
+    area = np.sum(x * dy, axis=1)
+    moments = np.sum([x * x * dy, -y * y * dx], axis=2)
+    offset = (0.5 * moments / area).T
     # The derivatives do not depend on the origin; about the centroid the area's change has no effect.
     x = x - offset[:, :1]
     y = y - offset[:, 1:]
-    weights = np.empty((*x.shape, 2, 2))
-    weights[..., 0, 0] = x * dy
-    weights[..., 0, 1] = -0.5 * (x * x) @ RIM_DERIVATIVE.T
-    weights[..., 1, 0] = 0.5 * (y * y) @ RIM_DERIVATIVE.T
-    weights[..., 1, 1] = -y * dx
-    return middle[:, 0] + offset, weights / area[..., None, None]
-
-
-@dataclass(frozen=True)
-class Projection:
-    """Features as a camera sees them."""
-
-    pixels: FloatArray  # (n, 2), column and row, px
-    by_camera: FloatArray  # (n, 2, p), derivatives by the camera's vector
-    # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ.
-    by_pose: FloatArray
+    by_x = [x * dy, 0.5 * (y * y) @ RIM_DERIVATIVE.T]
+    by_y = [-0.5 * (x * x) @ RIM_DERIVATIVE.T, -y * dx]
+    weights = np.stack([np.stack(by_x, -1), np.stack(by_y, -1)], axis=-1)
+    return middle + offset, weights / area[:, None, None, None]
 
 
 def project(
@@ -136,12 +119,15 @@ def project(
     translation: FloatArray,
     points: FloatArray,
     radii: FloatArray,
-) -> Projection:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Predict where features are measured, with derivatives.
 
     `vector` is the camera's; `rotation` (n, 3, 3) and `translation` (n, 3), mm, bring each feature
     from the target's frame to the camera's; `points` (n, 3) lie in the target's plane z = 0, mm; `radii`
     (n,), mm, are of their discs, all 0 for corners.
+
+    Returns pixels (n, 2), and their derivatives by the vector, (n, 2, p), and by the pose, (n, 2, 6): a turn
+    ω, rad, and a shift, mm, R ← exp(ω) R, t ← t + δ.
     """
     rim = RIM if radii.any() else np.zeros((1, 3))
     turned = (points[:, None] + radii[:, None, None] * rim) @ np.swapaxes(rotation, 1, 2)
@@ -150,11 +136,11 @@ def project(
         part.reshape(len(points), len(rim), *part.shape[1:])
         for part in to_pixels(vector, seen)
     )
-    centroid, weights = _centroid(pixels)
     by_turn = np.cross(turned[:, :, None], by_point)  # a turn ω moves a point by ω × turned
     slopes = np.concatenate([by_camera, by_turn, by_point], axis=-1)
+    centroid, weights = _centroid(pixels)
     slopes = (weights @ slopes).sum(axis=1)
-    return Projection(centroid, slopes[..., :-6], slopes[..., -6:])
+    return centroid, slopes[..., :-6], slopes[..., -6:]
 
 
 def predict_view(
@@ -164,8 +150,7 @@ def predict_view(
 
     `points` (n, 3) lie in the target's plane z = 0, mm; `radii` (n,), mm, are all 0 for corners.
     """
-    each = (len(points), 1, 1)
-    rotation = np.tile(pose.rotation, each)
-    translation = np.tile(pose.translation, each[:2])
-    pixels = project(camera_vector(camera), rotation, translation, points, radii).pixels
+    rotation = np.broadcast_to(pose.rotation, (len(points), 3, 3))
+    translation = np.broadcast_to(pose.translation, points.shape)
+    pixels, *_ = project(camera_vector(camera), rotation, translation, points, radii)
     return np.where(np.isfinite(camera.project(pose.transform(points))), pixels, np.nan)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
@@ -19,6 +19,7 @@ from endolab.calibration.geometric.projection import (
 )
 from endolab.calibration.least_squares import Linearised, fit
 from endolab.calibration.targets import Target
+from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
@@ -80,43 +81,26 @@ class Geometry:
     translation: FloatArray  # (views, 3), mm
 
     @classmethod
-    def of(cls, vector: FloatArray, poses: Sequence[Pose]) -> Geometry:
+    def of(cls, camera: Lens, poses: Sequence[Pose]) -> Geometry:
         """Put a camera and poses together."""
-        return cls(
-            vector,
-            np.stack([p.rotation for p in poses]),
-            np.stack([p.translation for p in poses]),
-        )
-
-    def only(self, kept: Sequence[bool]) -> Geometry:
-        """The camera with some of the poses."""
-        return Geometry(
-            self.vector, self.rotation[list(kept)], self.translation[list(kept)]
-        )
+        rotation = np.stack([pose.rotation for pose in poses])
+        translation = np.stack([pose.translation for pose in poses])
+        return cls(camera_vector(camera), rotation, translation)
 
     @property
     def poses(self) -> list[Pose]:
         """The poses, one by one."""
         return [Pose(r, t) for r, t in zip(self.rotation, self.translation, strict=True)]
 
-    @property
-    def facing(self) -> BoolArray:
-        """Which panels show their printed side, (views,)."""
-        return np.einsum("gi,gi->g", self.rotation[:, :, 2], self.translation) > 0
-
 
 class Reprojection:
     """The residuals of views as a `Model`.
 
-    The first `free` numbers of the camera's vector are fitted; its k are known to be near `usual`, (4 or 8,).
+    The first `free` numbers of the camera's vector are fitted; its k are known to be near those of `usual`.
     """
 
     def __init__(
-        self,
-        views: Sequence[View],
-        target: Target,
-        free: int,
-        usual: FloatArray,
+        self, views: Sequence[View], target: Target, usual: Lens, free: int
     ) -> None:
         self.group: IntArray = np.repeat(
             np.arange(len(views)), [len(view.ids) for view in views]
@@ -126,22 +110,21 @@ class Reprojection:
         self.radii = target.radii[ids]
         self.pixels = np.concatenate([view.pixels for view in views])
         self.free = free
-        self.usual = usual
+        self.usual = camera_vector(usual)[:free]
+        spread = USUAL_K if isinstance(usual, KannalaBrandt) else USUAL_BROWN
+        self.certainty = np.append(np.zeros(4), spread**-2)[:free]
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
-        projection = project(
+        pixels, by_camera, by_pose = project(
             unknowns.vector,
             unknowns.rotation[self.group],
             unknowns.translation[self.group],
             self.points,
             self.radii,
         )
-        residual = self.pixels - projection.pixels
-        by_common = -projection.by_camera[..., : self.free]
-        spread = USUAL_K if len(self.usual) == 4 else USUAL_BROWN
-        prior = (unknowns.vector[4:] - self.usual) / spread
-        by_prior = np.eye(len(unknowns.vector))[4:, : self.free] / spread[:, None]
-        return Linearised(residual, by_common, -projection.by_pose, prior, by_prior)
+        off = unknowns.vector[: self.free] - self.usual
+        by_common = -by_camera[..., : self.free]
+        return Linearised(self.pixels - pixels, by_common, -by_pose, off, self.certainty)
 
     def take_step(  # noqa: D102
         self, unknowns: Geometry, common: FloatArray, own: FloatArray
@@ -150,7 +133,7 @@ class Reprojection:
         vector[: self.free] += common
         if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
             return None
-        turn = scipy.spatial.transform.Rotation.from_rotvec(own[:, :3]).as_matrix()
+        turn = Rotation.from_rotvec(own[:, :3]).as_matrix()
         return Geometry(vector, turn @ unknowns.rotation, unknowns.translation + own[:, 3:])
 
     def angles(self, unknowns: Geometry) -> FloatArray:
@@ -159,16 +142,18 @@ class Reprojection:
         x, y, z = (turned + unknowns.translation[self.group]).T
         return np.arctan2(np.hypot(x, y), z)
 
-    def medians(self, unknowns: Geometry) -> FloatArray:
-        """Median length of the residuals of each view, px."""
-        size = np.linalg.norm(self.linearise(unknowns).residual, axis=1)
-        return np.array(
-            [np.median(size[self.group == g]) for g in range(len(unknowns.rotation))]
-        )
-
     def usable(self, unknowns: Geometry) -> BoolArray:  # noqa: D102
         largest = camera_of(unknowns.vector, 1, 1).max_angle
-        return (self.angles(unknowns) < largest) & unknowns.facing[self.group]
+        # Panels that show their printed side.
+        turned = np.einsum("gi,gi->g", unknowns.rotation[:, :, 2], unknowns.translation)
+        return (self.angles(unknowns) < largest) & (turned > 0)[self.group]
+
+
+def disagree(used: BoolArray) -> str:
+    """Say that too few points of a view are used, if so."""
+    if used.sum() >= max(LEAST_POINTS, len(used) / 2):
+        return ""
+    return f"only {used.sum()} of its {len(used)} points agree with the others"
 
 
 def linear_pose(view: View, target: Target, camera: Lens) -> Pose:
@@ -187,21 +172,18 @@ def find_pose(
     less predicted, px. ValueError if the points are too few, or fewer than half agree, or the paper would
     be seen from behind.
     """
-    pose = linear_pose(view, target, camera)
-    model = Reprojection([view], target, 0, np.array(camera.k))
-    fitted = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
+    start = Geometry.of(camera, [linear_pose(view, target, camera)])
+    fitted = fit(Reprojection([view], target, camera, 0), start, smallest=FINEST)
     inliers = fitted.used
-    if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
-        raise ValueError(
-            f"only {inliers.sum()} of its {len(inliers)} points agree with one pose"
-        )
-    pose = fitted.unknowns.poses[0]
+    if why := disagree(inliers):
+        raise ValueError(why)
+    found: Geometry = fitted.unknowns
     # Scale of the panel in the picture about its middle, where it is least, px/mm.
     middle = target.points[view.ids].mean(axis=0, keepdims=True)
-    at = camera_vector(camera), pose.rotation[None], pose.translation[None], middle
-    by_shift = project(*at, np.zeros(1)).by_pose[0, :, 3:]
-    scale = np.linalg.svd(by_shift @ pose.rotation[:, :2], compute_uv=False)[-1]
-    apart = scale * target.spacing
+    at = found.vector, found.rotation, found.translation, middle, np.zeros(1)
+    by_shift = project(*at)[2][0, :, 3:] @ found.rotation[0, :, :2]
+    apart = target.spacing * np.linalg.svd(by_shift, compute_uv=False)[-1]
     worse = SHARED * (1 + (DOUBLED_AT / apart) ** 4)
-    pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
+    covariance = worse**2 * fitted.own_covariance[0]
+    pose = Pose(found.rotation[0], found.translation[0], covariance)
     return pose, inliers, fitted.residual

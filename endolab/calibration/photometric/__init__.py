@@ -1,4 +1,4 @@
 """The light, from how bright the paper is.
 
-Read `samples`, `model`, `fit`, `result`, `identifiability`.
+Read `samples`, `model`, `identifiability`, `result`, `fit`.
 """

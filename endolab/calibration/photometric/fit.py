@@ -7,7 +7,7 @@ r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF,
            \ / θ                + log a + log g          the patch, and the frame's gain
       ------x------ sheet
 
-    `_start` (linear in log I) -> `strengths`, `refuse` -> `fit` -> `_result` (checks, verdict)
+    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `_result` (checks, doubts)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
@@ -21,140 +21,65 @@ material, replace the BRDF by that of the material in 1/sr:
 the one factor by which the true paper is darker than that.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from endolab.calibration.least_squares import Covariance, Fit, fit
-from endolab.calibration.photometric import identifiability
-from endolab.calibration.photometric.identifiability import NotIdentifiableError, Strength
+from endolab.calibration.least_squares import Fit, fit
+from endolab.calibration.photometric.identifiability import (
+    LEAST_GAMMA_SIGNAL,
+    LEAST_K_SIGNAL,
+    power_of_lamp,
+    refuse,
+    signals,
+)
 from endolab.calibration.photometric.model import (
-    FIRST_GAMMA,
-    GAMMA_BOUNDS,
     GREY_LEVELS,
-    LEAST_DEVIATION,
-    LEAST_REFLECTANCE,
-    LEAST_SAMPLES,
     LEVELS,
-    Known,
     LightModel,
-    LightUnknowns,
-    SampleGeometry,
     hats,
     place_nodes,
 )
-from endolab.calibration.photometric.result import PhotometricFit
+from endolab.calibration.photometric.result import Doubt, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import check_int, number, unknown_name
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checked_types import Whole, checked
 from endolab.numerics.iteration import Status
 
 LOG_MATT = -float(np.log(np.pi))  # log f_r of a perfectly white sheet
+# Where the fit begins, and what it may not leave.
+FIRST_K = 2.0
+FIRST_GAMMA = 2.2
+GAMMA_BOUNDS = (0.5, 5.0)
+LEAST_SAMPLES = 10
+LARGEST_GAMMA_ERROR = 0.05  # relative
+LARGEST_K_ERROR = 0.1
+# Power of 1/d² cos θ: between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a
+# room, 0. Below the first the light is refused, below the second it is in doubt.
+LEAST_POWER = 0.6
+USUAL_POWER = 0.85
+# Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
+LARGEST_SIGMA = 15.0
+HELD_TO = 1e-3  # of its standard deviation, to which an unknown is held
+# Standard deviations of the noise by which levels should stay inside the sensor's range.
+CLEARANCE = 3.5
+
+Gamma = Annotated[float, Field(ge=GAMMA_BOUNDS[0], le=GAMMA_BOUNDS[1])]
+Reflectance = Annotated[float, Field(ge=1e-6)]
+Deviation = Annotated[float, Field(ge=1e-9)]
+Known = Reflectance | tuple[Reflectance, Deviation] | None
 
 
-def _check_known(
-    name: str, value: float | tuple[float, float], low: float, high: float = np.inf
-) -> float | tuple[float, float]:
-    """Return a number, or its mean and standard deviation; else ValueError."""
-    if np.size(value) != 2:
-        return number(name, value, low, high)
-    mean, deviation = np.asarray(value).tolist()
-    sd = number(f"the standard deviation of {name}", deviation, LEAST_DEVIATION)
-    return number(name, mean, low, high), sd
-
-
-def _check_gamma(gamma: float | tuple[float, float] | str) -> Known:
-    """Return what is known of γ, None if it is free; ValueError if it can be none."""
-    if isinstance(gamma, str):
-        if gamma != "free":
-            raise unknown_name("gamma", gamma, ["free"], "a number")
-        return None
-    return _check_known("gamma", gamma, *GAMMA_BOUNDS)
-
-
-def _log_reflectance(reflectance: Known) -> Known:
-    """Return what is known of the logarithm of a reflectance; ValueError if it can be none."""
-    if reflectance is None:
-        return None
-    known = _check_known("reflectance", reflectance, LEAST_REFLECTANCE)
-    if isinstance(known, float):
-        return float(np.log(known))
-    return float(np.log(known[0])), known[1] / known[0]
-
-
-def check_options(
-    gamma: float | tuple[float, float] | str = 2.2,
-    brdf: str = "tabulated",
-    nodes: int = 15,
-    gain: str = "free",
-    reflectance: Sequence[Known] = (),
-    levels: tuple[float, float] = LEVELS,
-) -> None:
-    """Refuse options of `calibrate_light` that no samples could make right."""
-    for name, value, choices in (
-        ("brdf", brdf, ("tabulated", "lambertian")),
-        ("gain", gain, ("free", "locked")),
-    ):
-        if value not in choices:
-            raise unknown_name(name, value, choices)
-    check_int("nodes", nodes, 2)
-    if not 0 <= levels[0] < levels[1]:
-        raise ValueError(f"levels must ascend from 0 or above, got {levels}")
-    _check_gamma(gamma)
-    for known in reflectance:
-        _log_reflectance(known)
-
-
-def _start(model: LightModel) -> tuple[LightUnknowns, float]:
-    """Solve in the logarithm of the light, where all but γ is linear; return σ in grey levels too.
-
-    Noise of σ grey levels is γσ/I in log I^γ, hence weights I². Outliers fade by a few
-    reweightings. What is saturated is told from the measured level here, for want of a better one.
-    """
-    samples = model.samples
-    low, high = model.levels
-    good = model.geometry.valid & (samples.level > low) & (samples.level < high)
-    vector = model.known_vector
-    vector[1] = gamma = vector[1] or FIRST_GAMMA
-    loose = np.array([known is None for known in model.known])
-    loose[1] = False
-    # The gain of a frame whose samples are all out of range is read from these all the same.
-    level = np.maximum(samples.level, 1e-3)
-    target = gamma * np.log(level) - model.geometry.falloff - model.given_log_reflectance
-    weight = level**2 * good
-    for _ in range(5):
-        solved, constant, residual = identifiability.regress(
-            model.columns[:, loose], target, np.maximum(weight, 1e-9), model.group
-        )
-        grey = GREY_LEVELS * level * residual / gamma
-        sigma = 1.4826 * float(np.median(np.abs(grey[good]))) + 1e-12
-        weight = level**2 * good / (1 + (grey / (3 * sigma)) ** 2) ** 2
-    vector[loose] = np.clip(solved, -10, 10)
-    vector[2 : 2 + len(model.nodes)] += LOG_MATT * loose[2 : 2 + len(model.nodes)]
-    own = np.zeros((len(constant), model.own_columns.shape[1]))
-    own[:, 0] = constant - LOG_MATT
-    return model.unknowns(vector, own), sigma
-
-
-def calibrate_light(
-    samples: Samples,
-    *,
-    gamma: float | tuple[float, float] | str = 2.2,
-    brdf: str = "tabulated",
-    nodes: int = 15,
-    gain: str = "free",
-    reflectance: Sequence[Known] = (),
-    levels: tuple[float, float] = LEVELS,
-) -> PhotometricFit:
-    """Calibrate light, response and gains from samples of known place and normal.
+@checked
+class LightOptions:
+    """How a light is calibrated.
 
     Parameters
     ----------
-    samples : Samples
-        Of a calibration sheet, or of any surface that is known.
     gamma : float, (mean, sd) or "free"
         The response exponent: given, roughly known, or to be found. It can be found from a folded
         sheet, from patches of known reflectance, under a locked gain, or on known geometry that
@@ -168,14 +93,36 @@ def calibrate_light(
     reflectance : sequence
         Of materials 1 and up, relative to material 0: a number, (value, sd), or None if free.
         They share the shape of the BRDF.
-    levels : (low, high)
-        Stored values between which a sample's *predicted* value must lie for it to count; choose
-        them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
+    """
+
+    gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = FIRST_GAMMA
+    brdf: Literal["tabulated", "lambertian"] = "tabulated"
+    nodes: Annotated[Whole, Field(ge=2)] = 15
+    gain: Literal["free", "locked"] = "free"
+    reflectance: tuple[Known, ...] = ()
+
+
+def _belief(known: Any, first: float) -> tuple[float, float]:
+    """Mean and standard deviation of what is known: the latter 0 if it is given, inf if it is free."""
+    if isinstance(known, tuple):
+        return known
+    return (first, np.inf) if known in (None, "free") else (known, 0.0)
+
+
+def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
+    """Calibrate light, response and gains from samples of known place and normal.
+
+    Parameters
+    ----------
+    samples : Samples
+        Of a calibration sheet, or of any surface that is known.
+    **options
+        Of `LightOptions`: gamma, brdf, nodes, gain, reflectance.
 
     Returns
     -------
     PhotometricFit
-        Light, gains, residuals and standard errors; `verdict` says what they are worth.
+        Light, gains, residuals and standard errors; `doubts` say what may be wrong with them.
 
     Raises
     ------
@@ -196,140 +143,184 @@ def calibrate_light(
     >>> abs(fit.k - 2.5) < 3 * fit.standard_errors["k"]
     True
     """
-    check_options(gamma, brdf, nodes, gain, reflectance, levels)
-    numbers = np.column_stack([samples.level, samples.points, samples.normals])
-    finite = np.isfinite(numbers).all(axis=1)
-    if not finite.all():
-        raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
-    theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
-    materials = np.unique(samples.material)
-    if materials[0] < 0 or materials[-1] != len(reflectance):
-        each = f"each of materials 1 to {materials[-1]} of the samples"
-        raise ValueError(f"reflectance must have an entry for {each}, got {reflectance}")
-    frames, group = np.unique(samples.frame, return_inverse=True)
-    if gain == "locked":  # then the frames have no unknowns of their own
+    how = LightOptions(**options)
+    if samples.material.max(initial=0) != len(how.reflectance):
+        each = f"each of materials 1 to {samples.material.max()} of the samples"
+        given = f"got {len(how.reflectance)}"
+        raise ValueError(f"reflectance must have an entry for {each}, {given}")
+    good = samples.lit & (samples.level > LEVELS[0]) & (samples.level < LEVELS[1])
+    lit = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
+    ways = "change the exposure, or bring the sheet nearer: white paper must show"
+    refuse(
+        ("light", good.sum() < LEAST_SAMPLES, f"{lit}, {LEAST_SAMPLES} are needed; {ways}")
+    )
+    model = _model(samples, good, how)
+    of_k, of_gamma = signals(model, good)
+    _refuse_untold(model, of_k, of_gamma)
+    # What is roughly known is held at its value: a γ that the samples cannot tell, and beside a γ that is
+    # sought reflectances. Left to the fit, they would follow the error of interpolating the BRDF between few
+    # nodes, and would seem to be known.
+    held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
+    held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
+    stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
+    fitted = fit(stiff, _start(model, good))
+    covariance = fitted.covariance
+    # Its uncertainty is given back, and with it that of what hangs on it.
+    for row, i in enumerate(np.flatnonzero(model.free)):
+        if held[i]:
+            variance = covariance[row, row]
+            along = covariance[:, row] / variance  # d(all)/d(held)
+            covariance = covariance + (model.sd[i] ** 2 - variance) * np.outer(along, along)
+    return _result(model, replace(fitted, covariance=covariance))
+
+
+def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
+    """Put what is known and what is sought into a model; the node with the most light is pinned."""
+    _, group = np.unique(samples.frame, return_inverse=True)
+    if how.gain == "locked":  # then the frames have no unknowns of their own
         group = np.zeros(len(samples), int)
         samples = replace(samples, slack=np.zeros((0, 0)))
-    known: list[Known] = [None, _check_gamma(gamma), *[None] * len(theta), 0.0]
-    known[2 + pinned] = LOG_MATT
-    known += [_log_reflectance(value) for value in reflectance]
-    model = LightModel(samples, group, theta, tuple(known), levels)
-    begin, sigma = _start(model)
-    expected = identifiability.strengths(model, begin, sigma)
-    identifiability.refuse(model, expected)
-    stiff = identifiability.hold_unknowns(model, expected)
-    fitted = fit(stiff, begin)
-    covariance = identifiability.widen(fitted.covariance.common, model, stiff)
-    fitted = replace(fitted, covariance=Covariance(covariance, fitted.covariance.own))
-    return _result(model, frames, expected, fitted)
+    theta = samples.theta[good]
+    nodes = place_nodes(theta, 1 if how.brdf == "lambertian" else how.nodes)
+    pinned = int(np.argmax(hats(nodes, theta).T @ samples.level[good] ** 2))
+    known = [(FIRST_K, np.inf), _belief(how.gamma, FIRST_GAMMA)]
+    known += [(LOG_MATT, np.inf)] * len(nodes) + [(0.0, 0.0)]
+    known[2 + pinned] = LOG_MATT, 0.0
+    for one in how.reflectance:
+        value, sd = _belief(one, 1.0)
+        known.append((float(np.log(value)), sd / value))
+    mean, sd = np.array(known).T
+    return LightModel(samples, group, nodes, mean, sd)
 
 
-def _nodes(
-    samples: Samples, count: int, levels: tuple[float, float]
-) -> tuple[FloatArray, int]:
-    """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
-    geometry = SampleGeometry.of(samples)
-    good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
-    if good.sum() < LEAST_SAMPLES:
-        lit = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
-        ways = "change the exposure, or bring the sheet nearer: white paper must show"
-        needed = f"{LEAST_SAMPLES} are needed"
-        raise NotIdentifiableError("light", f"{lit}, {needed}; {ways}")
-    theta = geometry.theta[good]
-    chosen = np.zeros(1)
-    if count > 1:
-        if np.ptp(theta) < 1e-3:
-            why = "samples that all lie at one incidence angle do not determine the BRDF"
-            ways = "tilt the sheet, or assume a matt sheet (lambertian BRDF)"
-            angle = f"{np.rad2deg(theta[0]):.1f}°"
-            raise NotIdentifiableError("brdf", f"{why}, {angle}; {ways}")
-        chosen = place_nodes(theta, count)
-    light = samples.level[good] ** 2
-    return chosen, int(np.argmax(hats(chosen, theta).T @ light))
+def _start(model: LightModel, good: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Begin at the means, with the gains that the good samples of each frame show with these."""
+    level = np.maximum(model.samples.level, 1e-3)
+    own = np.zeros((int(model.group[-1]) + 1, model.own_columns.shape[1]))
+    light, _ = model.shine((model.mean, own))
+    # The gain of a frame without good samples is read from the others.
+    weight = level**2 * np.maximum(good, 1e-9)
+    missing = np.bincount(model.group, weight * (model.mean[1] * np.log(level) - light))
+    own[:, 0] = missing / np.bincount(model.group, weight)
+    return model.mean, own
 
 
-def _check_bounds(unknowns: LightUnknowns, errors: dict[str, float]) -> None:
-    """Refuse a fit that has run away."""
+def _refuse_untold(model: LightModel, of_k: float, of_gamma: float) -> None:
+    """Refuse samples whose signals do not tell k, or a γ that is to be found from them alone."""
+    refuse(
+        (
+            "k",
+            len(model.nodes) > 1 and of_k < LEAST_K_SIGNAL,
+            "these samples do not determine k: in all frames the incidence angle goes with the angle off "
+            "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
+            "tilt the sheet, or assume a matt sheet (lambertian BRDF)",
+        ),
+        (
+            "gamma",
+            np.isinf(model.sd[1]) and of_gamma < LEAST_GAMMA_SIGNAL,
+            "these samples do not determine gamma, only k/gamma: a change of gamma is made up for by "
+            f"k, the gains and the BRDF to {100 * of_gamma:.2g} % of the light "
+            f"({100 * LEAST_GAMMA_SIGNAL:g} % is needed); fold the sheet, print grey patches of known ratio, "
+            "or lock the gain and vary the distance, or give gamma",
+        ),
+    )
+
+
+def _refuse_run_away(
+    model: LightModel, fitted: Fit, errors: dict[str, float], power: tuple[float, float]
+) -> None:
+    """Refuse what was fitted if it is of no use, or of no endoscope's light."""
+    k, gamma = fitted.unknowns[0][:2].tolist()
+    error = gamma * errors["k/gamma"]
     low, high = GAMMA_BOUNDS
-    if unknowns.k < 0:
-        ran = f"k ran to {unknowns.k:.3f} ± {errors['k']:.3f}, below 0"
-        why = "these samples show no fall-off off the axis"
-        raise NotIdentifiableError("k", f"{ran}: {why}")
-    if not low <= unknowns.gamma <= high:
-        ran = f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}"
-        raise NotIdentifiableError("gamma", f"{ran}; check the distances, or give gamma")
-    error = unknowns.gamma * errors["k/gamma"]
-    most = identifiability.LARGEST_K_ERROR
-    if error > most:
-        why = f"these samples do not determine k: it is {unknowns.k:.2f} ± {error:.2f}"
-        raise NotIdentifiableError("k", f"{why}, of which at most ± {most:g} is of use")
+    most = LARGEST_GAMMA_ERROR
+    frames = len(np.unique(model.samples.frame))
+    ways = "use the endoscope's own light, and no other"
+    refuse(
+        (
+            "light",
+            power[0] + 2 * power[1] < LEAST_POWER,
+            "the brightness hardly falls with distance and tilt, as in a lit room: to the power "
+            f"{power[0]:.2f} ± {power[1]:.2f} of what a lamp at the lens does; {ways}",
+        ),
+        (
+            "light",
+            fitted.sigma > LARGEST_SIGMA,
+            f"residuals of {fitted.sigma:.0f} grey levels are too large for a lamp at the lens; {ways}",
+        ),
+        (
+            "k",
+            not (k >= 0 and error <= LARGEST_K_ERROR),
+            f"{len(model.samples)} samples of {frames} frames do not determine k: it is {k:.2f} ± "
+            f"{error:.2g}, of which ± {LARGEST_K_ERROR:g} at most is of use; take more, over a wider field",
+        ),
+        (
+            "gamma",
+            np.isinf(model.sd[1])
+            and not (low <= gamma <= high and errors["gamma"] <= most * gamma),
+            f"gamma ran to {gamma:.2f} ± {errors['gamma']:.2g}, of {low:g} to {high:g} ± {100 * most:g} % at "
+            "most; check the distances, or give gamma",
+        ),
+    )
 
 
 def _standard_errors(
-    model: LightModel, unknowns: LightUnknowns, covariance: FloatArray
+    model: LightModel, vector: FloatArray, covariance: FloatArray
 ) -> dict[str, float]:
     """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
-    unit = np.ones(len(model.known))
-    unit[2:] = np.exp(unknowns.vector[2:])
-    errors = np.zeros(len(model.known))
-    errors[model.free] = unit[model.free] * np.sqrt(np.diag(covariance))
-    slope = np.zeros(len(model.known))  # of k/γ
-    slope[:2] = 1 / unknowns.gamma, -unknowns.k / unknowns.gamma**2
-    slope = slope[model.free]
-    ratio = {"k/gamma": float(np.sqrt(slope @ covariance @ slope))}
-    return dict(zip(model.names, errors.tolist(), strict=True)) | ratio
+    slopes = np.eye(len(vector) + 1, len(vector))
+    slopes[:, 2:] *= np.exp(vector[2:])  # of logarithms
+    slopes[-1, :2] = 1 / vector[1], -vector[0] / vector[1] ** 2  # of k/γ
+    slopes = slopes[:, model.free]
+    errors = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
+    return dict(zip([*model.names, "k/gamma"], errors.tolist(), strict=True))
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _result(
-    model: LightModel, frames: IntArray, expected: dict[str, Strength], fitted: Fit
-) -> PhotometricFit:
-    """Check a fit and put it into words."""
-    used = fitted.used
-    sigma = fitted.sigma
-    unknowns: LightUnknowns = fitted.unknowns
-    covariance = fitted.covariance.common
-    deviation = np.sqrt(np.diag(covariance))
-    errors = _standard_errors(model, unknowns, covariance)
-    remarks = identifiability.judge_light(model, unknowns, used, sigma)
-    _check_bounds(unknowns, errors)
-    f = np.exp(unknowns.log_brdf)
+def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
+    """Check a fit and name what it found."""
+    vector, own = fitted.unknowns
+    errors = _standard_errors(model, vector, fitted.covariance)
+    power = np.nan, np.nan
+    # A free γ would make up for another light, and run out of its bounds.
+    if np.isfinite(model.sd[1]):
+        power = power_of_lamp(model, vector[1], fitted.used & (model.samples.level > 0))
+    _refuse_run_away(model, fitted, errors, power)
+    clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
+    doubts = {
+        Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
+        Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
+        Doubt.MATT: len(model.nodes) == 1,
+        Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,
+    }
+    f = tuple(np.exp(vector[model.of_brdf]).tolist())
     surface: BRDF = Lambertian(1.0)
     if len(f) > 1:
-        surface = TabulatedBRDF(tuple(model.nodes), tuple(f))
-    # One for each frame, though it may be the same for all.
-    alike = len(frames) // len(unknowns.own)
-    gains = np.repeat(np.exp(unknowns.own[:, 0]), alike)
-    gain_errors = gains * np.repeat(np.sqrt(fitted.covariance.own[:, 0, 0]), alike)
-    residuals = fitted.residual[:, 0]
-    names = [name for name, free in zip(model.names, model.free, strict=True) if free]
-    result = PhotometricFit(
-        photometry=Photometry(
-            unknowns.k, unknowns.gamma, float(gains[0]) if alike > 1 else None, surface
-        ),
+        surface = TabulatedBRDF(tuple(model.nodes), f)
+    # One gain for each frame, though it may be the same for all.
+    frames = np.unique(model.samples.frame)
+    alike = len(frames) // len(own)
+    gains = np.repeat(np.exp(own[:, 0]), alike)
+    locked = float(gains[0]) if alike > 1 else None
+    counted = model.samples[fitted.used]
+    return PhotometricFit(
+        photometry=Photometry(float(vector[0]), float(vector[1]), locked, surface),
         frames=frames,
         gains=gains,
-        gain_errors=gain_errors,
-        reflectance=np.exp(unknowns.log_reflectance),
-        names=names,
-        covariance=covariance,
-        correlation=covariance / np.outer(deviation, deviation),
+        gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
+        reflectance=np.exp(vector[model.of_brdf.stop :]),
+        names=[name for name, free in zip(model.names, model.free, strict=True) if free],
+        covariance=fitted.covariance,
         standard_errors=errors,
-        ratio=unknowns.k / unknowns.gamma,
-        residuals=residuals,
-        used=used,
-        sigma=sigma,
-        mean=float(residuals[used].mean()),
-        alpha_range=_range(np.arccos(np.minimum(model.samples.cos_alpha[used], 1.0))),
-        theta_range=_range(model.geometry.theta[used]),
-        distance_range=_range(model.samples.distance[used]),
-        verdict=[],
+        residuals=fitted.residual[:, 0],
+        used=fitted.used,
+        sigma=fitted.sigma,
+        alpha_range=_range(np.arccos(np.minimum(counted.cos_alpha, 1.0))),
+        theta_range=_range(counted.theta),
+        power=power,
+        doubts=[doubt for doubt, is_so in doubts.items() if is_so],
         status=fitted.status,
     )
-    verdict = identifiability.describe_verdict(model, result, expected) + remarks
-    if fitted.status is not Status.CONVERGED:
-        verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")
-    return replace(result, verdict=verdict)

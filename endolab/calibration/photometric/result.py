@@ -1,36 +1,57 @@
-"""What a photometric calibration returns: the model, its uncertainties, and its score on other frames."""
+"""What a photometric calibration returns: the model, its uncertainties, and how far it is off."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
-from endolab.calibration.least_squares import OUTLIER, robust_sigma
-from endolab.calibration.photometric.model import GREY_LEVELS, LEVELS
+from endolab.calibration.photometric.model import GREY_LEVELS
 from endolab.calibration.photometric.samples import Samples
+from endolab.model.brdf import TabulatedBRDF
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
+
+LEAST_SCORED = 10  # samples of a bin of angles that are worth a word
+Row = tuple[str, float, float, str]  # name, value, its standard error, unit
+
+
+class Doubt(Enum):
+    """Why a light that was found may not be the right one."""
+
+    UNFINISHED = "The fit of the light did not end as it should."
+    OTHER_LIGHT = (
+        "The brightness falls less with distance and tilt than a lamp's at the lens: there was another "
+        "light, γ is larger, or the paper is rough."
+    )
+    MATT = "The surface was taken to be matt (Lambertian): a sheen would show as wrong k and γ."
+    CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """How well a calibration predicts frames that it has not seen, against the angle off the axis."""
+class AngleErrors:
+    """How far the fall-off of a calibration is off, against the angle off the axis."""
 
     edges: FloatArray  # (m + 1,), bins of α, rad
     error: FloatArray  # (m,), measured over modelled μ′ - 1, averaged over the bin; nan where no samples are
     standard_error: FloatArray  # (m,), of that, by noise alone
     count: IntArray  # (m,), samples
-    sigma: float  # standard deviation of measured - predicted, grey levels
+
+    @property
+    def largest(self) -> float:
+        """Largest error of the bins that have enough samples; nan without any."""
+        known = np.abs(self.error[self.count >= LEAST_SCORED])
+        return float(known.max()) if known.size else np.nan
 
 
 @dataclass(frozen=True)
 class PhotometricFit:
     """A photometric calibration with its evidence.
 
-    `covariance` and `correlation`, (p, p), are of the unknowns that all frames share, `names`: "k", "gamma",
-    "brdf j", "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors` are
-    of the values themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only
-    known beforehand, `gain_errors` are those at its given value.
+    `covariance`, (p, p), is of the unknowns that all frames share, `names`: "k", "gamma", "brdf j",
+    "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors` are of the values
+    themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only known beforehand,
+    `gain_errors` are those at its given value.
     """
 
     photometry: Photometry  # its gain is None, or the one that all frames share
@@ -40,18 +61,16 @@ class PhotometricFit:
     reflectance: FloatArray  # (materials,), relative to material 0
     names: list[str]
     covariance: FloatArray
-    correlation: FloatArray
     standard_errors: dict[str, float]
-    ratio: float  # k/γ, the one thing that every set-up determines
     residuals: FloatArray = field(repr=False)  # (n,), measured - predicted, grey levels
     used: BoolArray = field(repr=False)  # (n,), samples that counted in the end
     sigma: float  # standard deviation of the residuals used, grey levels
-    mean: float  # of the same, grey levels
     alpha_range: tuple[float, float]  # of the samples used, rad
     theta_range: tuple[float, float]  # likewise, rad
-    distance_range: tuple[float, float]  # likewise, mm
-    # What is determined, by what, how well, and what is not, in sentences.
-    verdict: list[str]
+    # Power of the fall-off of a lamp at the lens that the brightness shows, and its standard error: 1 of
+    # such a lamp, 0 of a lit room; nan if γ was sought.
+    power: tuple[float, float]
+    doubts: list[Doubt]
     status: Status
 
     @property
@@ -59,45 +78,67 @@ class PhotometricFit:
         """Joint exponent of light and vignetting."""
         return self.photometry.k
 
-    def _shape(self, samples: Samples) -> FloatArray:
-        """Stored values at a gain of 1."""
-        unit_gain = replace(self.photometry, gain=1.0)
-        level = unit_gain.intensity(samples.points, samples.normals)
-        return level * self.reflectance[samples.material] ** (1 / self.photometry.gamma)
+    @property
+    def ratio(self) -> float:
+        """k/γ, the one thing that every set-up determines."""
+        return self.k / self.photometry.gamma
 
-    def score_held_out(self, samples: Samples) -> HeldOut:
-        """Score the calibration on frames that it has not seen, in bins of α of 10°.
+    @property
+    def correlation(self) -> FloatArray:
+        """Of the unknowns that all frames share, (p, p)."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(deviation, deviation)
 
-        Only the gain of each frame (one for all, if it is locked) is fitted to it, as it has to be; an error
-        that all samples of a frame share stays unseen. The error of μ′ at α is the factor, less 1, by which
-        the linear light of the samples in a bin exceeds the model's. It is the least-squares factor of their
-        grey levels to the power γ: a mean of measured light itself would be biased by noise, which γ bends.
+    def table(self) -> list[Row]:
+        """Name, value, standard error and unit of what was found; of how well it fits, without error (nan).
+
+        An error of 0 is that of a given number.
         """
-        measured = GREY_LEVELS * samples.level
-        shape = GREY_LEVELS * self._shape(samples)
-        _, group = np.unique(samples.frame, return_inverse=True)
-        if self.photometry.gain is not None:
-            group = np.zeros_like(group)
-        low, high = GREY_LEVELS * np.array(LEVELS)
-        weight = ((measured > low) & (measured < high)).astype(float)
-        for _ in range(10):
-            total = np.bincount(group, weight * shape**2)
-            factor = np.bincount(group, weight * shape * measured)
-            predicted = (factor / np.where(total > 0, total, 1))[group] * shape
-            residual = measured - predicted
-            inside = (predicted > low) & (predicted < high)
-            if not inside.any():
-                raise ValueError("samples must hold some within the range of levels")
-            sigma = robust_sigma(residual[:, None], inside, len(total))
-            weight = (inside & (np.abs(residual) < OUTLIER * sigma)).astype(float)
-        used = weight > 0
-        alpha = np.arccos(np.clip(samples.cos_alpha[used], -1, 1))
-        edges = np.deg2rad(np.arange(0.0, 91.0, 10.0))
-        count, _ = np.histogram(alpha, edges)
-        power, _ = np.histogram(alpha, edges, weights=predicted[used] ** 2)
-        excess, _ = np.histogram(alpha, edges, weights=(predicted * residual)[used])
+        values = {"k": self.k, "gamma": self.photometry.gamma, "k/gamma": self.ratio}
+        for material in range(1, len(self.reflectance)):
+            values[f"reflectance {material}"] = float(self.reflectance[material])
+        rows = [(name, values[name], self.standard_errors[name], "") for name in values]
+        edge = self.alpha_range[1]
+        at_edge = -100 * float(np.log(np.cos(edge))) * self.standard_errors["k"]
+        return [
+            *rows,
+            ("residual of the light", self.sigma, np.nan, "grey levels"),
+            ("light seen to", float(np.rad2deg(edge)), np.nan, "°"),
+            ("σ of the light there", at_edge, np.nan, "%"),
+        ]
+
+    def relative_brdf(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the BRDF's nodes θ, rad, its values relative to the node that is not fitted, their errors.
+
+        Two nodes of 1 ± 0 at the ends of the range if the surface was taken to be matt.
+        """
+        brdf = self.photometry.brdf
+        if not isinstance(brdf, TabulatedBRDF):
+            return np.array(self.theta_range), np.ones(2), np.zeros(2)
+        values = np.array(brdf.values)
+        errors = np.array(
+            [self.standard_errors[f"brdf {node}"] for node in range(len(values))]
+        )
+        pinned = values[np.argmin(errors)]
+        return np.array(brdf.theta), values / pinned, errors / pinned
+
+    def errors_by_angle(self, samples: Samples) -> AngleErrors:
+        """Measure how far the fall-off is off, in bins of α of 10°, by the samples of the fit.
+
+        The error of μ′ at α is the factor, less 1, by which the linear light of the samples in a bin exceeds
+        the model's. It is the least-squares factor of their grey levels to the power γ: a mean of measured
+        light itself would be biased by noise, which γ bends.
+        """
         gamma = self.photometry.gamma
-        with np.errstate(invalid="ignore", divide="ignore"):
+        residual = self.residuals[self.used]
+        counted = samples[self.used]
+        predicted = GREY_LEVELS * counted.level - residual
+        edges = np.deg2rad(np.arange(0.0, 91.0, 10.0))
+        count, power, excess = (
+            np.histogram(np.arccos(np.minimum(counted.cos_alpha, 1)), edges, weights=w)[0]
+            for w in (None, predicted**2, predicted * residual)
+        )
+        with nan_if_undefined():
             error = (1 + excess / power) ** gamma - 1
-            standard_error = np.where(count > 0, gamma * sigma / np.sqrt(power), np.nan)
-        return HeldOut(edges, error, standard_error, count, sigma)
+            standard_error = gamma * self.sigma / np.sqrt(power)
+        return AngleErrors(edges, error, standard_error, count)

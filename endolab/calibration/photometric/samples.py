@@ -19,6 +19,7 @@ from endolab.numerics.checks import readonly_copy
 # Which pixels of a sheet can be read, and how many of them.
 # px; in pictures as wide as this the light of 3x3 pixels is averaged.
 LARGE_PICTURE = 960
+ROUGH_GAMMA = 2.2  # makes values linear enough, as the light hardly changes within
 # px between a window and the rim of the ink: half of rounding, the rest of blur.
 RIM = 1.5
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
@@ -54,11 +55,10 @@ class Samples:
 
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
-        """Join samples, in the order of their frames."""
+        """Join samples, whose frames are in order."""
         parts = [part for part in parts if len(part)] or [NO_SAMPLES]
-        order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
         columns = ([getattr(part, column.name) for part in parts] for column in fields(cls))
-        return cls(*(np.concatenate(column)[order] for column in columns))
+        return cls(*map(np.concatenate, columns))
 
     @property
     def distance(self) -> FloatArray:
@@ -75,6 +75,16 @@ class Samples:
         """Cosine of the angle between the normal and the direction to the camera, (n,)."""
         return -np.einsum("ni,ni->n", self.points, self.normals) / self.distance
 
+    @property
+    def theta(self) -> FloatArray:
+        """Angle of incidence, (n,), rad; 90° where no light can come from."""
+        return np.arccos(np.clip(self.cos_theta, 0.0, 1.0))
+
+    @property
+    def lit(self) -> BoolArray:
+        """Which are in front of the camera, and face it, (n,)."""
+        return (self.cos_alpha > 0) & (self.cos_theta > 0)
+
 
 NO_SAMPLES = Samples(
     np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int)
@@ -82,26 +92,18 @@ NO_SAMPLES = Samples(
 
 
 @lru_cache(maxsize=8)
-def _white_places(target: Target) -> FloatArray:
-    """White places of a sheet, which take as long to find as a small fit."""
-    return readonly_copy(target.white_places())
-
-
-def sample_places(
-    target: Target, white: FloatArray | None = None
-) -> tuple[FloatArray, IntArray]:
+def sample_places(target: Target) -> tuple[FloatArray, IntArray]:
     """Places of a sheet whose brightness tells of the light: bare paper and grey patches.
 
     Returns (n, 4): x, y and the radius of one reflectance around, mm, and the reflectance relative to the
     paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
-    white = _white_places(target) if white is None else white
+    white = target.white_places()
+    white = np.column_stack([white, np.ones(len(white))])
     greys = target.grey_discs * [1, 1, GREY_CLEARANCE, 1]
-    ratios = np.unique(-greys[:, 3])
-    material = np.concatenate(
-        [np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])]
-    )
-    return np.concatenate([np.column_stack([white, np.ones(len(white))]), greys]), material
+    spots = np.concatenate([white, greys])
+    _, material = np.unique(-spots[:, 3], return_inverse=True)
+    return readonly_copy(spots), material
 
 
 def _on_panel(
@@ -139,21 +141,17 @@ def sample_sheet(
     camera: Camera,
     *,
     frame: int = 0,
-    gamma: float = 2.2,
     most: int = MOST_OF_A_FRAME,
-    places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
 
     Each sample lies at the centre of a pixel; its point is where the pixel's ray meets the panel. It is the
-    mean of a square of pixels, 3 × 3 in a large picture, else 1; `gamma` makes the values linear before they
-    are averaged: a rough one will do, since the light hardly changes within. At most `most` are kept, at
-    random. `places` is `target.white_places()`, if at hand.
+    mean of a square of pixels, 3 × 3 in a large picture, else 1. At most `most` are kept, at random.
     """
-    spots, material = sample_places(target, places)
+    spots, material = sample_places(target)
     height, width = image.shape
     side = 3 if width >= LARGE_PICTURE else 1
-    linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
+    linear = cv2.blur(image.astype(np.float32) ** ROUGH_GAMMA, (side, side))
     panel = target.panel_of(spots)
     parts = []
     for number, pose in enumerate(poses):
@@ -164,16 +162,15 @@ def sample_sheet(
             spots[on_panel], pose, camera, (width, height), side
         )
         column, row = pixels.astype(int).T
-        level = linear[row, column].astype(np.float64) ** (1 / gamma)
-        normals = np.tile(pose.normal, (len(read), 1))
+        level = linear[row, column].astype(np.float64) ** (1 / ROUGH_GAMMA)
         plane = pose.normal / (pose.normal @ pose.translation)
         errors = pose.plane_errors()
         slack = np.zeros((len(read), 3 * target.panels))
         # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
-        slack[:, 3 * number : 3 * number + 3] = 3 * points @ errors - plane @ errors / (
-            plane @ plane
-        )
+        change = 3 * points @ errors - plane @ errors / (plane @ plane)
+        slack[:, 3 * number : 3 * number + 3] = change
         frames = np.full(len(read), frame)
+        normals = np.tile(pose.normal, (len(read), 1))
         which = material[on_panel[read]]
         parts.append(Samples(frames, level, points, normals, which, slack))
     samples = Samples.concatenate(parts)

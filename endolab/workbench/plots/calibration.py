@@ -4,7 +4,6 @@ As in `maps`, every function but the pages draws into the axes ``ax`` it is give
 new ones, under ``title``, and returns the axes. The figures of the light are in `light`.
 """
 
-from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Session
-from endolab.calibration.summary import count_of, light_errors, mean_distances
+from endolab.calibration.summary import count_of, mean_distances
 from endolab.calibration.targets import Target
 from endolab.calibration.uncertainty import (
     fall_off_uncertainty,
@@ -30,7 +29,6 @@ from endolab.workbench.plots.scales import common_limit, round_length
 from endolab.workbench.plots.style import (
     HOUSE,
     AxesOrNew,
-    decorate,
     house,
     legend_below,
     page,
@@ -53,11 +51,6 @@ def best_frame(session: Session) -> str:
         return float(np.prod(np.ptp(pixels, axis=0))) if len(pixels) else 0.0
 
     return max(session.poses or session.detections, key=reach)
-
-
-def worst_frames(session: Session) -> list[str]:
-    """Name the four frames whose features lie farthest from where they are expected, the worst first."""
-    return sorted(session.errors, key=lambda name: -session.errors[name])[:4]
 
 
 def samples_of(session: Session, name: str) -> BoolArray:
@@ -180,61 +173,6 @@ def show_coverage(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     return ax
 
 
-@house()
-def show_frame_errors(
-    errors: Mapping[str, float],
-    marked: Collection[str] = (),
-    ax: AxesOrNew = None,
-    *,
-    unit: str = "px",
-) -> Axes:
-    """Show the errors of frames, by their names, as bars; those that are `marked` darker."""
-    title = "Error of every located frame"
-    ax = decorate(ax, title, "", f"root mean square [{unit}]")
-    values = np.nan_to_num(list(errors.values()))
-    colours = [HOUSE.blue if name in marked else HOUSE.sky for name in errors]
-    ax.bar(list(errors), values, color=colours)
-    # Where their names have room.
-    ax.tick_params(axis="x", rotation=90, labelbottom=len(values) <= 40)
-    # One frame that is far off must not make the others small: its bar ends at the top, with its number.
-    top = 4 * float(np.median(values))
-    if 0 < top < values.max(initial=0):
-        ax.set_ylim(0, top)
-        for high in np.flatnonzero(values > top).tolist():
-            ax.text(high, top, f"{values[high]:.3g} ", ha="right", va="top")
-    return ax
-
-
-@house()
-def show_features(
-    image: FloatArray, session: Session, name: str, ax: AxesOrNew = None
-) -> Axes:
-    """Show the part of a located frame with its features: where they are expected and where they were found.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        The frame, stored values in [0, 1].
-    session : Session
-    name : str
-        Of the frame.
-    """
-    expected = session.predict_pixels(name)
-    found = session.detections[name].pixels
-    error = max(session.errors[name], 1e-6)
-    room = 0.1 * np.ptp(found, axis=0).max() + 10
-    magnify = round_length(0.4 * room / error)
-    ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
-    ax.plot(*expected.T, "o", ms=8, mfc="none", mec=HOUSE.orange, mew=1.4, label="expected")
-    ax.plot(*found.T, "o", ms=3, color=HOUSE.sky, label="found")
-    _show_arrows(ax, expected, found - expected, magnify, color=HOUSE.vermilion)
-    left, top = found.min(axis=0) - room
-    right, bottom = found.max(axis=0) + room
-    ax.axis((left, right, bottom, top))
-    legend_below(ax)
-    return ax
-
-
 def _show_sigma(
     name: str,
     values: FloatArray,
@@ -276,7 +214,7 @@ def show_ray_uncertainty(
     camera = geometry.camera
     seen = geometry.max_angle_seen
     known = ray_uncertainty(camera, geometry.covariance, max_angle=seen)
-    return _show_sigma("σ of rays", known.mrad_shape, camera, seen, ax, limit, title)
+    return _show_sigma("σ of rays", known, camera, seen, ax, limit, title)
 
 
 @house()
@@ -295,30 +233,6 @@ def show_fall_off_uncertainty(
 
 
 # Pages ------------------------------------------------------------------------------------
-def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figure:
-    """Draw the errors of all located frames, and some frames with what was found over what was expected.
-
-    Parameters
-    ----------
-    session : Session
-    pictures : mapping of str to (H, W) or (H, W, 3) float array
-        Frames to show, as `worst_frames` names them; stored values in [0, 1].
-    """
-    rows = {"px": session.errors}
-    if session.light is not None:
-        rows["grey levels"] = light_errors(session)
-    shown = [*pictures, ".", ".", "."]
-    mosaic: Any = [[unit, unit] for unit in rows] + [shown[:2], shown[2:4]]
-    heights = [4] * len(rows) + [5.5, 5.5]
-    with page(16, sum(heights)) as figure:
-        axes = figure.subplot_mosaic(mosaic, height_ratios=heights)
-        for unit, errors in rows.items():
-            show_frame_errors(errors, pictures, axes[unit], unit=unit)
-        for name, picture in pictures.items():
-            show_features(picture, session, name, axes[name])
-    return figure
-
-
 def geometry_figure(session: Session, image: FloatArray) -> Figure:
     """Draw the evidence for a camera on one page, of 1600 x 1120 px when saved.
 
@@ -346,7 +260,7 @@ def geometry_figure(session: Session, image: FloatArray) -> Figure:
 
 
 def light_figure(session: Session, image: FloatArray) -> Figure:
-    """Draw the evidence for a light on one page: the paper's five panels, and the frames held out.
+    """Draw the evidence for a light on one page: the paper's five panels, and the fall-off's error.
 
     Parameters as of `geometry_figure`; 1800 x 1000 px when saved; ValueError if the light was refused.
     """
@@ -365,10 +279,7 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
         distance = mean_distances(samples, light.frames)
         of_light.show_gains(light, gains, frames=frames, distance=distance)
         of_light.show_brdf(light, brdf, samples=samples)
-        if session.scores is None:
-            scores.set_axis_off()
-        else:
-            of_light.show_scores(session.scores, scores)
+        of_light.show_scores(light.errors_by_angle(samples), scores)
     return figure
 
 

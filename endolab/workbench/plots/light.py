@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.stats import norm
 
-from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.result import LEAST_SCORED, AngleErrors, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
-from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
+from endolab.calibration.summary import count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.workbench.plots.maps import show_picture
@@ -107,7 +107,9 @@ def show_light_residuals(light: PhotometricFit, ax: AxesOrNew = None) -> Axes:
     left_out = np.count_nonzero(~light.used)
     title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
     label = count_of(len(values), "sample")
-    return histogram(ax, title, "grey levels", values, light.mean, light.sigma, label)
+    return histogram(
+        ax, title, "grey levels", values, float(np.mean(values)), light.sigma, label
+    )
 
 
 @house()
@@ -195,7 +197,7 @@ def show_brdf(
         Those of the fit; how many lie at each angle is then drawn below.
     """
     ax = decorate(ax, title, "incidence θ [°]", "$f_r$ relative to the pinned node")
-    theta, relative, errors = brdf_of(light)
+    theta, relative, errors = light.relative_brdf()
     degrees = np.rad2deg(theta)
     _shade_unseen(ax, degrees[0], degrees[-1])
     ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
@@ -212,9 +214,9 @@ def show_brdf(
 
 
 @house()
-def show_scores(scores: HeldOut, ax: AxesOrNew = None) -> Axes:
-    """Show by how much the light of frames that the fit has not seen differs from the model's."""
-    title = "Frames held out, with samples"
+def show_scores(scores: AngleErrors, ax: AxesOrNew = None) -> Axes:
+    """Show by how much the measured fall-off differs from the model's, and by how many samples."""
+    title = "Error of the fall-off, with samples"
     what = "measured/modelled light - 1 [%]"
     ax = decorate(ax, title, "angle α off the axis [°]", what)
     edges = np.rad2deg(scores.edges)

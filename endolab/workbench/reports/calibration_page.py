@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -13,12 +14,17 @@ from endolab.io.atomic import as_json, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
 from endolab.io.video import Frames
+from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots import calibration as figures
+from endolab.workbench.plots.scales import in_colour
 from endolab.workbench.plots.style import page
+
+WIDTH = 480  # px, of the small picture of a frame
 
 
 def _frames_of(session: Session) -> list[dict[str, Any]]:
-    """Name, error, reason to be left out, and corners of the panels, mm, of each frame."""
+    """Name, errors, reason to be left out, and corners of the panels, mm, of each frame."""
+    greys = summary.light_errors(session)
     left, top, width, height = session.target.sheet
     fold = session.target.fold_x
     edges = [left, left + width] if fold is None else [left, fold, left + width]
@@ -30,10 +36,26 @@ def _frames_of(session: Session) -> list[dict[str, Any]]:
                 x = np.repeat(edges[panel : panel + 2], 2)
                 y = top + height * np.array([0, 1, 1, 0])
                 panels.append(pose.transform(np.stack([x, y, 0 * x], axis=-1)).tolist())
-        why = session.dropped.get(name, "")
-        error = session.errors.get(name)
-        listed.append({"name": name, "error": error, "why": why, "panels": panels})
+        listed.append(
+            {
+                "name": name,
+                "error": session.errors.get(name),
+                "grey": np.nan_to_num(greys.get(name, 0.0)),
+                "why": session.dropped.get(name, ""),
+                "panels": panels,
+            }
+        )
     return listed
+
+
+def _write_small(path: Path, image: FloatArray, points: FloatArray) -> None:
+    """Write a small JPEG of a frame, with rings around the points that were found in it."""
+    scale = WIDTH / image.shape[1]
+    stored = np.asarray(255 * in_colour(image)[..., ::-1], np.uint8)
+    small = cv2.resize(stored, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    for x, y in np.round(scale * points).astype(int).tolist():
+        cv2.circle(small, (x, y), 4, (0, 94, 213), 1, cv2.LINE_AA)
+    write_atomically(path, cv2.imencode(".jpg", small)[1].tobytes())
 
 
 def write_report(
@@ -41,18 +63,19 @@ def write_report(
 ) -> None:
     """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder that is there.
 
-    `frames` are those that were calibrated from: one is shown. `channel` is the one whose response was
-    calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
+    `frames` are those that were calibrated from: each becomes a small picture, too. `channel` is the one
+    whose response was calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
     name = figures.best_frame(session)
-    worst = figures.worst_frames(session)
-    # Black where one can no longer be read.
-    black = np.zeros((session.camera.height, session.camera.width))
-    pictures = dict.fromkeys({name, *worst}, black)
-    read = frames.read(sorted(pictures)) if isinstance(frames, Frames) else frames
-    pictures |= {one: image for one, image in read if one in pictures and image is not None}
-    image = pictures[name]
+    # Black where it can no longer be read.
+    image = np.zeros((session.camera.height, session.camera.width))
+    numbers = {one: number for number, one in enumerate(session.detections)}
+    for one, picture in frames:
+        if picture is not None and one in numbers:
+            path = folder / f"frame_{numbers[one]}.jpg"
+            _write_small(path, picture, session.detections[one].pixels)
+            image = picture if one == name else image
     drawn: dict[str, Figure] = {}
     if session.geometry is None:
         with page(10, 8) as drawn["detection"]:
@@ -60,16 +83,12 @@ def write_report(
             figures.show_detection(image, session.detections[name], session.target, ax)
     else:
         drawn["camera"] = figures.geometry_figure(session, image)
-    if worst:
-        of_worst = {name: pictures[name] for name in worst}
-        drawn["frames"] = figures.frames_figure(session, of_worst)
     if session.light is not None:
         drawn["light"] = figures.light_figure(session, image)
     if session.geometry is not None or session.light is not None:
         drawn["uncertainty"] = figures.uncertainty_figure(session)
     for title, figure in drawn.items():
         write_figure(folder / f"{title}.png", figure)
-    account = summary.account(session)
     if not lacking("jinja2"):
         from jinja2 import Environment, StrictUndefined
 
@@ -79,13 +98,11 @@ def write_report(
         text = environment.from_string(template).render(
             session=session,
             summary=summary,
-            account=account,
             source=source,
             shown=name,
             frames=_frames_of(session),
         )
         write_atomically(folder / "report.html", text.encode())
     facts = summary.evidence(session, source, channel)
-    content = as_json({"endolab": 1, **facts, "account": account})
-    write_atomically(folder / "report.json", content)
+    write_atomically(folder / "report.json", as_json({"endolab": 1, **facts}))
     write_camera(session.camera, folder / "camera.json")

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.photometric.identifiability import (
-    NotIdentifiableError,
-    gain_jumps,
-)
+from endolab.calibration.photometric.identifiability import NotIdentifiableError
+from endolab.calibration.photometric.result import Doubt
 from tests.tools import shooting
 from tests.tools.shooting import TRUTH
 
@@ -99,9 +97,7 @@ def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_
         assert abs(fit.k - 2.5) < 4 * fit.standard_errors["k"] < 0.16
 
 
-def test_a_single_frame_and_too_few_samples_are_refused_by_name():
-    samples = video()
-    refused("k", samples[samples.frame == 10], "single frame")
+def test_too_few_samples_are_refused_by_name():
     refused("k", video(count=3, per_frame=12, seed=1), "36 samples", nodes=4)
 
 
@@ -110,9 +106,9 @@ def test_unknowns_at_their_bounds_are_refused():
         "vicalib_folded", fold=0.6, outliers=0.0, light=replace(TRUTH, k=0.5)
     )
     brighter = replace(samples, level=samples.level * samples.cos_alpha ** (-0.8 / 2.2))
-    refused("k", brighter, "below 0")
+    refused("k", brighter, "it is -")
     steep = video("vicalib_folded", fold=0.6, light=replace(TRUTH, gamma=6.0))
-    refused("gamma", steep, "out of 0.5 to 5", gamma="free")
+    refused("gamma", steep, "ran to 5|ran to 6", gamma="free")
 
 
 def shine(samples, lamp):
@@ -179,18 +175,10 @@ def test_a_lamp_at_the_lens_is_accepted_whatever_its_beam(k):
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_some_light_of_the_room_is_named(share):
     fit = calibrate_light(shine(video(count=40), room(share)))
-    assert ("another light" in " ".join(fit.verdict)) is (share > 0)
+    assert (Doubt.OTHER_LIGHT in fit.doubts) is (share > 0)
 
 
 def test_residuals_that_no_lamp_at_the_lens_leaves_are_refused():
     samples = video(count=100)
     stains = np.random.default_rng(1).normal(0, 25 / 255, len(samples))
     refused("light", replace(samples, level=samples.level + stains), r"2\d grey levels")
-
-
-def test_jumps_stand_out_from_fast_but_smooth_motion():
-    frames = np.arange(0, 200, 2)
-    gains = np.exp(1.2 * np.sin(frames / 9))
-    assert gain_jumps(frames, gains) == []
-    found = dict(gain_jumps(frames, gains * np.where(frames >= 120, 1.9, 1.0)))
-    assert found == {120: pytest.approx(1.9, rel=0.3)}

@@ -14,9 +14,8 @@ from endolab.workbench.plots import calibration
 from tests.tools.simulated_session import refused, simulated
 
 PAGES = {"overview": 6, "prepare_figure": 4, "geometry_figure": 4, "light_figure": 6}
-PAGES |= {"uncertainty_figure": 2, "frames_figure": 6}  # panels of each
+PAGES |= {"uncertainty_figure": 2}  # panels of each
 FIGURES = [name for name in dir(plots) if name.startswith("show_")]
-FIGURES += ["show_features", "show_frame_errors"]  # of a page
 WITHOUT_UNIT = {"", "iteration", "frame", "$f_r$ relative to the pinned node", "γ"}
 WITHOUT_UNIT |= {"share of the light on the axis"}
 
@@ -34,7 +33,6 @@ def drawn(colon):
     name, image = frames[0]
     detection = session.detections[name]
     known = el.Calibration(problem.camera, problem.photometry)
-    worst = calibration.worst_frames(session)
     return {
         "show_picture": (seen.image,),
         "show_depth": (start,),
@@ -52,21 +50,18 @@ def drawn(colon):
         "show_coverage": (geometry,),
         "show_ray_uncertainty": (geometry,),
         "show_fall_off_uncertainty": (light, session.camera),
-        "show_features": (image, session, name),
-        "show_frame_errors": (session.errors, worst),
         "show_sampling": (image, samples[samples.frame == 0], session.camera),
         "show_light_residuals": (light,),
         "show_fall_off": (light,),
         "show_gains": (light,),
         "show_brdf": (light,),
-        "show_scores": (session.scores,),
+        "show_scores": (light.errors_by_angle(samples),),
         "show_ridge": ([calibrate_light(samples, gamma=g) for g in (2.0, 2.4)],),
         "overview": (el.Result(start, el.Status.CONVERGED, history, 0.1),),
         "prepare_figure": (el.prepare(el.Frame(seen.image, seen.mask), known),),
         "geometry_figure": (session, image),
         "light_figure": (session, image),
         "uncertainty_figure": (session,),
-        "frames_figure": (session, {name: dict(frames)[name] for name in worst}),
     }
 
 

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 
 import endolab as el
-from endolab.calibration.summary import account, plus_minus, verdict
+from endolab.calibration.summary import plus_minus
 from endolab.io.cameras.formats import read_camera
 from endolab.io.descriptions import make_calibration
 from endolab.model.photometry import NOMINAL
@@ -63,12 +63,12 @@ def report(tmp_path):
 def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
     session, frames = simulated()
     page = report(session, frames)
-    assert page.pictures == ["camera.png", "light.png", "uncertainty.png", "frames.png"]
-    assert all((tmp_path / name).is_file() for name in page.pictures)
+    assert page.pictures == ["camera.png", "light.png", "uncertainty.png"]
+    of_frames = [f"frame_{number}.jpg" for number in range(len(frames))]
+    assert all((tmp_path / name).is_file() for name in page.pictures + of_frames)
     k = plus_minus(session.light.k, session.light.standard_errors["k"])
     for part in (
-        verdict(session),
-        *session.light.verdict,
+        session.verdict.value,
         "frame_9",
         "too few points",
         "1 (pinned)",
@@ -76,7 +76,7 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
     ):
         assert part in page.text
     facts = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
-    assert facts["account"] == account(session)
+    assert facts["verdict"] == session.verdict.value
     assert facts["frames"]["errors_px"] == session.errors
     assert read_camera(tmp_path / "camera.json") == session.camera
 
@@ -88,6 +88,6 @@ def test_without_light_and_with_a_given_camera_the_page_says_so_and_no_html_is_t
     dropped = dict.fromkeys(LOST, "a <b> & c")
     session = replace(refused(session), geometry=None, dropped=dropped)
     page = report(session, frames)
-    assert page.pictures == ["detection.png", "frames.png"]
+    assert page.pictures == ["detection.png"]
     assert "a <b> & c" in page.text
     assert session.refused in page.text
