@@ -55,6 +55,8 @@ class Knobs(Settings):
     )
     # Of the wall, red, green, blue, that it believes in.
     albedo: Sequence[float] | None = None
+    # Rectangles that are no wall: left, top, right, bottom, in widths and heights of the frame.
+    left_out: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:
         """Options are checked when they are solved with: what is wrong is said as all else that is."""
@@ -140,16 +142,20 @@ class Source:
         self._making = threading.Lock()
         self._rendered = lru_cache(6)(self._render)
         self._opened = lru_cache(2)(self._open)
+        self._masked = lru_cache(2)(_leave_out)
 
     def subject(self, settings: Knobs) -> Subject:
         """The frame that the settings call for; OSError or ValueError, in one sentence, if there is none."""
         scene = settings.scene
         with self._making:  # two threads that ask at once get the same subject
             if isinstance(scene, str):
-                return self._rendered(scene, settings.width, settings.noise)
-            if self._given is None:
+                subject = self._rendered(scene, settings.width, settings.noise)
+            elif self._given is None:
                 raise ValueError("there is no frame to look at: choose a scene")
-            return self._opened(scene) if scene else self._given
+            else:
+                subject = self._opened(scene) if scene else self._given
+            rectangles = tuple(map(tuple, settings.left_out))
+            return self._masked(subject, rectangles) if rectangles else subject
 
     def _open(self, number: int) -> Subject:
         path = self.pictures[number]
@@ -168,3 +174,16 @@ class Source:
         shown = render(SCENES[scene], camera, light, noise=noise, bits=16)
         known = replace(self.calibration, camera=camera, photometry=shown.photometry)
         return Subject(Frame(shown.image, shown.mask, scene), known, shown.distance)
+
+
+def _leave_out(subject: Subject, rectangles: Sequence[Sequence[float]]) -> Subject:
+    """Leave rectangles out of what a subject's frame shows."""
+    frame = subject.frame
+    mask = frame.pixels_to_use().copy()
+    row, column = np.ogrid[: frame.height, : frame.width]
+    x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
+    for left, top, right, bottom in rectangles:
+        mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
+    if not mask.any():
+        raise ValueError("the rectangles leave nothing of the frame; press U to undo the last")
+    return replace(subject, frame=replace(frame, mask=mask))

@@ -57,7 +57,7 @@ function render({ model, el }) {
   const root = add("div", "endolab-tuner", el), facts = model.get("facts");
   const palettes = Object.fromEntries(Object.entries(facts.palettes).map(([name, colours]) => [name, Uint32Array.from(colours)]));
   const now = root.endolab = { arrays: {}, maps: {}, knobs: {}, chips: [] }; // all that is known; tests read it here
-  let kept, box, cursor, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 }, scales = {}, held = {};
+  let kept, box, cursor, corner,  zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 }, scales = {}, held = {};
   const send = (action, ...given) => model.send({ do: action, given });
 
   // Above the panels
@@ -87,6 +87,8 @@ function render({ model, el }) {
   const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
   button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
     async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
+  const cover = button("leave out", "Then drag a rectangle on a map: what it covers is no wall, and all is asked anew; undo takes it back.",
+    () => cover.classList.toggle("endolab-on"), live);
   button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
   button("?", "Keys.", () => { keys.hidden = !keys.hidden; });
   // What comes and goes stands behind what stays.
@@ -117,6 +119,7 @@ function render({ model, el }) {
     canvas.onpointermove = (event) => hover(panel, event);
     canvas.onpointerleave = () => { cursor = undefined; point(); };
     canvas.onpointerdown = (event) => press(panel, event);
+    canvas.onpointerup = () => leave_out();
     canvas.ondblclick = () => { zoom = [0, 0, 1, 1]; draw(); };
     canvas.addEventListener("wheel", (event) => wheel(panel, event), { passive: false });
     return panel;
@@ -225,6 +228,11 @@ function render({ model, el }) {
       Object.assign(pen, { strokeStyle: RED, lineWidth: 1.5 });
       path(pen, cut.is_row ? [0, width] : [place + 0.5, place + 0.5], cut.is_row ? [place + 0.5, place + 0.5] : [0, height], at);
     }
+    if (corner && cursor) {
+      const [l, t, r, b] = covered();
+      Object.assign(pen, { strokeStyle: GREEN, lineWidth: 2 });
+      pen.strokeRect(...at(l, t), scale * (r - l), scale * (b - t));
+    }
     pen.restore();
     if (map.values) draw_bar(pen, [wide - 50, 8, 10, tall - 16], map, ink);
     (map.keys ?? []).forEach(([text, colour], i) => {
@@ -319,11 +327,12 @@ function render({ model, el }) {
     if (!panel.map || panel.map.empty) { cursor = undefined; point(); return; }
     const [u, v] = [x + (event.offsetX - left) / scale, y + (event.offsetY - top) / scale];
     cursor = u >= x && u < x + w && v >= y && v < y + h ? [Math.floor(u), Math.floor(v)] : undefined;
-    if (event.buttons && !event.shiftKey && cursor) lay_section();
+    if (event.buttons && !event.shiftKey && cursor && !corner) lay_section();
     if (event.buttons && event.shiftKey) {
       const by = [event.movementX / scale / w * (zoom[2] - zoom[0]), event.movementY / scale / h * (zoom[3] - zoom[1])];
       see(zoom.map((end, i) => end - by[i % 2]));
     }
+    if (corner) draw();
     point();
   };
   const point = () => {
@@ -357,9 +366,26 @@ function render({ model, el }) {
     cut.share = cut.is_row ? (cursor[1] + 0.5) / now.still.height : (cursor[0] + 0.5) / now.still.width;
     draw();
   };
+  // The rectangle from the corner to the cursor, px: left, top, right, bottom.
+  const covered = () => [0, 1].map((i) => Math.min(corner[i], cursor[i])).concat([0, 1].map((i) => Math.max(corner[i], cursor[i]) + 1));
+  const leave_out = () => {
+    if (corner && cursor) {
+      const { width, height } = now.still, rectangle = covered().map((end, i) => end / (i % 2 ? height : width));
+      now.knobs = { ...now.knobs, left_out: [...now.knobs.left_out, rectangle] };
+      send("turn", now.knobs);
+    }
+    corner = undefined;
+    cover.classList.remove("endolab-on");
+    draw();
+  };
   const press = (panel, event) => {
     if (event.shiftKey) return;
-    if (panel.map && cursor) { panel.canvas.setPointerCapture(event.pointerId); lay_section(); return; }
+    if (panel.map && cursor) {
+      panel.canvas.setPointerCapture(event.pointerId);
+      if (cover.classList.contains("endolab-on")) corner = cursor;
+      else lay_section();
+      return;
+    }
     if (panel.name === "section") { cut.is_row = !cut.is_row; draw(); }
     if (panel.name !== "λ curve" || !panel.axes) return;
     const away = ({ x, y }) => Math.hypot(panel.axes.to_x(x) - event.offsetX, panel.axes.to_y(y) - event.offsetY);

@@ -94,8 +94,9 @@ def test_each_map_that_a_panel_can_show_is_numbers_or_a_picture_of_the_frames_si
         ("file", {"lam": 0.2, "k": 2.2, "regulariser": "first"}),
         ("scene", {"noise": 2.0, "gain": 1.5}),
         ("nominal", {"fov": 100}),
+        ("nominal", {"left_out": [[0.5, 0.0, 0.7, 0.4]]}),
     ],
-    ids=["anew", "held", "scene", "fov"],
+    ids=["anew", "held", "scene", "fov", "rectangle"],
 )
 def test_what_is_exported_is_what_is_shown_to_the_bit(
     tune, seen, tmp_path, what, turned
@@ -112,6 +113,7 @@ def test_what_is_exported_is_what_is_shown_to_the_bit(
         turn(box, **turned)
     out = box.export(tmp_path / "out", board=b"png")
     shown = np.where(box.answer.result.mask, box.answer.result.distance, np.nan)
+    assert np.isnan(shown[20, 100]) == ("left_out" in turned)
     by_code = runpy.run_path(str(out / "result.py"))["result"]
     assert np.array_equal(by_code.distance, shown, equal_nan=True)
     picture = "f.png" if what == "file" else "frame.png"
