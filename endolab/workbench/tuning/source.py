@@ -185,5 +185,7 @@ def _leave_out(subject: Subject, rectangles: Sequence[Sequence[float]]) -> Subje
     for left, top, right, bottom in rectangles:
         mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
     if not mask.any():
-        raise ValueError("the rectangles leave nothing of the frame; press U to undo the last")
+        raise ValueError(
+            "the rectangles leave nothing of the frame; press U to undo the last"
+        )
     return replace(subject, frame=replace(frame, mask=mask))

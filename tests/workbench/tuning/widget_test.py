@@ -52,7 +52,8 @@ def test_scales_and_contours_are_held_until_all_is_asked_anew(tune):
     turn(box, gamma=1.9)
     sent = [message["maps"]["distance"] for message, _ in messages if "maps" in message]
     assert {(one["low"], one["high"]) for one in sent} == limits
-    assert messages[-1][0].get("badge") == "held"
+    badges = [message["badge"] for message, _ in messages if "badge" in message]
+    assert badges[-1] == "held"
     box.turn({"gamma": 1.8})
     box.ask_anew()  # though no answer was kept since
     box.engine.wait(60)
