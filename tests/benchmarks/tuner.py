@@ -13,6 +13,7 @@ from statistics import median, quantiles
 from playwright.sync_api import sync_playwright
 
 STEP = 0.055  # s from one move to the next: eighteen a second
+RESTS = 0.5  # s, until a picture has come for sure
 OTHERS = 4  # s in which the other λ of the curve are solved
 # 3D is drawn as well where no graphics card helps.
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -53,6 +54,7 @@ def drag(page, name):
     for place in MOVES[name]:
         page.evaluate(TURN, [name, place])
         time.sleep(STEP)
+    time.sleep(RESTS)
     wait(page, FINAL)
     moves, pictures = page.evaluate("() => [window.moves, window.pictures]")
     seen = sum(at < moves[-1] for at, _ in pictures)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ class Knobs(Settings):
     # Of the wall, red, green, blue, that it believes in.
     albedo: Sequence[float] | None = None
     # Rectangles that are no wall: left, top, right, bottom, in widths and heights of the frame.
-    left_out: Sequence[Sequence[float]] = ()
+    left_out: Sequence[Sequence[float]] = field(default_factory=list)  # as JSON has them
 
     def __post_init__(self) -> None:
         """Options are checked when they are solved with: what is wrong is said as all else that is."""
