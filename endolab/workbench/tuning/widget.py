@@ -319,9 +319,14 @@ class TunerBox(anywidget.AnyWidget):
         self._say_wrong(sentence)
 
     def _show(self, answer: Answer) -> None:
-        """Show an answer, once the page has painted the one before; in the engine's thread."""
-        if not answer.is_final:
+        """Show an answer, once the page has painted the one before; in the engine's thread.
+
+        What is old by then is passed over: a look at the newest wish takes less than painting does.
+        """
+        if not answer.is_final and not self._free.is_set():
             self._free.wait(PAINTING)
+            if self.engine.is_stale():
+                return
         is_new = self.answer is None or answer.still is not self.answer.still
         self.answer = answer
         if is_new:
