@@ -1,7 +1,6 @@
 """The model's bench and a film in a page without a kernel: they are `el.render`'s, and follow the hand."""
 
 import numpy as np
-import pytest
 from matplotlib import pyplot
 
 import endolab as el
@@ -15,8 +14,6 @@ SETTINGS = [
     {"k": 1, "m": 1.5, "gamma": 2.2, "lamp": 0, "tilt": 20, "depth": 60},
     {"k": 0, "m": 2, "gamma": 1, "lamp": 6, "tilt": -40, "depth": 25},
     {"k": 3, "m": 0, "gamma": 2.8, "lamp": -4, "tilt": 0, "depth": 120},
-    {"k": 0.5, "m": 4, "gamma": 1.6, "lamp": 10, "tilt": 55, "depth": 40},
-    {"k": 2.5, "m": 0, "gamma": 2, "lamp": 0, "tilt": 10, "depth": 15},
 ]
 TURN = """knobs => Object.entries(knobs).forEach(([name, value]) => {
   const slider = document.querySelector(`input[name=${name}]`);
@@ -88,12 +85,13 @@ def test_the_bench_draws_what_the_model_renders(browser, tmp_path):
     page.close()
 
 
-@pytest.mark.parametrize("values", [range(4), {str(i): i for i in range(4)}])
-def test_a_film_plays_and_follows_its_sliders(browser, tmp_path, values):
+def test_a_film_plays_and_follows_its_sliders(browser, tmp_path):
     def draw(step, side=1):
         pyplot.subplots(figsize=(3, 2))[1].plot([0, step], [side, 0])
 
-    page = open_page(browser, tmp_path, film(draw, step=values, side=[0, 1]))
+    page = open_page(
+        browser, tmp_path, film(draw, step=range(4), side={"0": 0, "1": 1})
+    )
     seen = [page.locator("img").get_attribute("src")]
     assert page.locator("output").all_text_contents() == ["0", "1"]
     page.get_by_role("button").click()

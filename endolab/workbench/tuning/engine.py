@@ -18,13 +18,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from skimage.measure import label
 
 from endolab.metrics.depth_errors import resample_truth
-from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limit_threads
@@ -36,11 +34,11 @@ from endolab.reconstruction.contrast import (
 )
 from endolab.reconstruction.held import Held
 from endolab.reconstruction.pipeline import reconstruct
+from endolab.reconstruction.report import warnings
 from endolab.reconstruction.uncertainty import Uncertainty, noise_left, uncertainty_of
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
-from endolab.solvers.result import Iterate, Observer, Result, run
-from endolab.solvers.solvers import solve
+from endolab.solvers.result import Iterate, Observer, Result
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 REST = 0.15  # s without a wish, after which the hand rests
@@ -119,6 +117,11 @@ class Answer:
         error = 100 * np.abs(self.result.distance / self.still.truth - 1)
         known = error[np.isfinite(error)]
         return float(known.mean()), float(np.median(known))
+
+    @cached_property
+    def doubts(self) -> Sequence[str]:
+        """What is doubtful about the surface, a sentence each."""
+        return warnings(self.result)
 
     @property
     def is_final(self) -> bool:
@@ -281,19 +284,17 @@ class Engine:
         ):
             answer = self._find_anew(wish, subject)
         else:
-            known = self.recall(wish)
-            if known is not None and self._look is not None:
-                self._look.follow(known.result.problem)  # looks go on from there
-            answer = known or self._follow(wish)
+            answer = self.recall(wish) or self._follow(wish)
         if answer is None:
             return
-        if self.recall(wish) is None:
+        if answer not in self.tried:
             self.tried.append(answer)
         self._last = answer.result.iterate
-        if self._look is not None:
-            self._look.start_from(self._last)
         self.show(answer)
-        if answer.uses_lam:
+        if self._look is not None:
+            self._look.follow(answer.result.problem)
+            self._look.start_from(self._last)
+        if answer.uses_lam and self._rests():
             self._try_others(answer)
 
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
@@ -333,7 +334,8 @@ class Engine:
             if not self._rests():
                 return None
         tell = self._show_long(wish, base.still.subject, base.still, self._held)
-        return self.solve_held(wish, [tell])
+        answer = self.solve_held(wish, [tell])
+        return None if self.is_stale() else answer
 
     def _show_long(
         self, wish: Knobs, subject: Subject, still: Still | None, held: Held | None = None
@@ -362,17 +364,17 @@ class Engine:
 
         return watch
 
-    def solve_held(self, wish: Knobs, observers: Iterable[Observer] = ()) -> Answer | None:
-        """Solve with what is held; None if a newer wish came.
+    def solve_held(self, wish: Knobs, observers: Iterable[Observer] = ()) -> Answer:
+        """Solve with what is held.
 
         Gauss-Newton begins where light and contours were found; the paper's path is slow, and goes on from
         what is shown.
         """
         base = self.base
-        assert base is not None
-        assert self._held is not None
-        saved = wish.solving_settings(base.still.subject)
         held = self._held
+        assert base is not None
+        assert held is not None
+        saved = wish.solving_settings(base.still.subject)
         if wish.solver == "primal_dual" and self._last is not None:
             held = replace(held, start=self._last.log_distance)
         steps = Path()
@@ -383,8 +385,6 @@ class Engine:
             observers=[*observers, steps.add],
             **saved.keywords,
         )
-        if self.is_stale():
-            return None
         return Answer(wish, AnswerKind.KEPT, base.still, result, held, steps.iterates)
 
     def _rests(self) -> bool:
@@ -401,13 +401,12 @@ class Engine:
             return self.is_stale()
 
         while wanted:
-            lam = float(f"{wanted.pop(0):.2g}")
-            other = replace(wish, lam=lam)
-            if not 0 < lam <= LARGEST_LAM:
+            other = replace(wish, lam=float(f"{wanted.pop(0):.2g}"))
+            if not 0 < other.lam <= LARGEST_LAM:
                 continue
             if self.recall(other) is None:
                 found = self.solve_held(other, [stop])
-                if found is None:
+                if self.is_stale():
                     return
                 found.path = ()
                 self.tried.append(found)
@@ -441,23 +440,3 @@ class Path:
         if len(self.iterates) > PATH_LENGTH:
             self.iterates = self.iterates[:-1:2] + self.iterates[-1:]
             self._step *= 2
-
-
-def variants(
-    answer: Answer, lams: Iterable[float], regularisers: Iterable[str]
-) -> list[Answer]:
-    """Solve for each regulariser and λ with an answer's light and contours."""
-    problem = answer.result.problem
-    known = Calibration(problem.camera, problem.photometry)
-    held = Held(problem, known.photometry, answer.result.iterate.log_distance)
-    found = []
-    for regulariser in regularisers:
-        start = held.start
-        for lam in lams:
-            changes: dict[str, Any] = {"lam": lam, "regulariser": regulariser}
-            wish = replace(answer.settings, **changes)
-            steps = solve(held.problem_with(wish, known), start=start)
-            result = run(steps)
-            start = result.iterate.log_distance  # neighbours are near
-            found.append(Answer(wish, AnswerKind.KEPT, answer.still, result, held))
-    return found

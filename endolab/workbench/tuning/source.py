@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ class Knobs(Settings):
     # Of the wall, red, green, blue, that it believes in.
     albedo: Sequence[float] | None = None
     # Rectangles that are no wall: left, top, right, bottom, in widths and heights of the frame.
-    left_out: Sequence[Sequence[float]] = ()
+    left_out: Sequence[Sequence[float]] = field(default_factory=list)  # as JSON has them
 
     def __post_init__(self) -> None:
         """Options are checked when they are solved with: what is wrong is said as all else that is."""
@@ -185,5 +185,7 @@ def _leave_out(subject: Subject, rectangles: Sequence[Sequence[float]]) -> Subje
     for left, top, right, bottom in rectangles:
         mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
     if not mask.any():
-        raise ValueError("the rectangles leave nothing of the frame; press U to undo the last")
+        raise ValueError(
+            "the rectangles leave nothing of the frame; press U to undo the last"
+        )
     return replace(subject, frame=replace(frame, mask=mask))

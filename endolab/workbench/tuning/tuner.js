@@ -11,6 +11,7 @@ const HELP = { Enter: "ask anew: light, contours, scales as the knobs are now", 
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
 const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"];
 const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
+const SLOW = 60; // ms that a surface of few points may take while the hand moves
 const RESTS = 250; // ms without a picture, after which the hand rests
 const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97];
 
@@ -285,7 +286,8 @@ function render({ model, el }) {
       y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, colours);
   };
 
-  // The surface may take long where no graphics card helps: it is fine at rest; while pictures come it is drawn in a fifth of the time.
+  // The surface may take long where no graphics card helps: it is fine at rest; while pictures come it is drawn in a fifth of the time,
+  // or not at all if all else would wait for it.
   let drawn = 0, took = 0, came = 0, rest;
   const draw_surface = (panel) => {
     if (view.parentNode !== panel.body) { pen_of(panel); panel.body.append(view); }
@@ -293,7 +295,7 @@ function render({ model, el }) {
     clearTimeout(rest);
     const moves = started < came + RESTS;
     if (moves) rest = setTimeout(() => { if (panel.name === "3D") draw_surface(panel); }, RESTS);
-    if (!surface.gl || (moves && started < drawn + 5 * took)) return;
+    if (!surface.gl || (moves && (took > SLOW || started < drawn + 5 * took))) return;
     const step = Math.ceil(Math.max(width, height) / (moves ? 160 : 320)), on = now.knobs.texture ?? "frame";
     if (laid?.cuts !== cuts || laid.step !== step) surface.lay({ rays, cuts, width, height }, step);
     if (laid?.cuts !== cuts || laid.on !== on || on !== "frame") {
@@ -304,7 +306,8 @@ function render({ model, el }) {
     box ??= box_of(distance, rays);
     surface.show(distance, box);
     surface.draw();
-    [drawn, took] = [performance.now(), performance.now() - started];
+    drawn = performance.now();
+    took = (drawn - started) / (moves ? 1 : 4); // at rest there are four times as many points
     panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
     size_of_box.textContent = `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${now.still.unit}, the near 95 %`;
   };

@@ -32,7 +32,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, check_kinds, unknown_name
 from endolab.reconstruction.contrast import suggest_lam
 from endolab.reconstruction.pipeline import reconstruct
-from endolab.reconstruction.report import advice, describe, warnings, what_changed
+from endolab.reconstruction.report import advice, describe, what_changed
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
@@ -43,7 +43,6 @@ from endolab.workbench.tuning.engine import (
     AnswerKind,
     Engine,
     shown_as,
-    variants,
 )
 from endolab.workbench.tuning.maps import (
     NEED_UNCERTAINTY,
@@ -320,9 +319,14 @@ class TunerBox(anywidget.AnyWidget):
         self._say_wrong(sentence)
 
     def _show(self, answer: Answer) -> None:
-        """Show an answer, once the page has painted the one before; in the engine's thread."""
-        if not answer.is_final:
+        """Show an answer, once the page has painted the one before; in the engine's thread.
+
+        What is old by then is passed over: a look at the newest wish takes less than painting does.
+        """
+        if not answer.is_final and not self._free.is_set():
             self._free.wait(PAINTING)
+            if self.engine.is_stale():
+                return
         is_new = self.answer is None or answer.still is not self.answer.still
         self.answer = answer
         if is_new:
@@ -355,7 +359,7 @@ class TunerBox(anywidget.AnyWidget):
         self._free.set()
         answer = self.answer
         if answer is not None:
-            self._send_answer(answer, still=True)
+            self._send_answer(answer, still=True, knobs=self.knobs)
         else:
             self._send_frame()
 
@@ -380,11 +384,14 @@ class TunerBox(anywidget.AnyWidget):
         message = more | self._words(answer)
         arrays: dict[str, NDArray] = {}
         if answer.is_final:
+            message["chips"] = self._chips(answer)
             message |= {"path": self._path(answer, len(answer.path))}
-            message["energy"] = _energy(answer)
+            columns = ("k", "data", "regulariser", "energy")
+            rows = answer.result.history
+            message["energy"] = {name: [row[name] for row in rows] for name in columns}
         if still:
             facts, arrays = still_of(answer.result.problem, answer.still.truth)
-            message |= {"still": facts, "anew": not self._limits, "knobs": self.knobs}
+            message |= {"still": facts, "anew": not self._limits}
         maps = {}
         wanted = {"distance", "model - frame", *self.panels, self.knobs["texture"]}
         for name in wanted - OWN_PANELS:
@@ -396,66 +403,52 @@ class TunerBox(anywidget.AnyWidget):
         message |= {
             "maps": maps,
             "number": self._number,
-            "asked": self._asked_for(answer),
+            "asked": vars(answer.settings),
             "moving": not answer.is_final,
         }
         self._send_arrays(message, arrays)
 
-    def _asked_for(self, answer: Answer) -> dict[str, float]:
-        """Numbers of the knobs that an answer is of."""
-        known = answer.still.subject.calibration.photometry
-        asked = answer.settings
-        light = {"k": asked.k, "gamma": asked.gamma}
-        found = {
-            name: getattr(known, name) if value is None else value
-            for name, value in light.items()
-        }
-        if asked.fov is not None:
-            found["fov"] = asked.fov
-        return {"lam": asked.lam, "gain": asked.gain, **found}
-
     def _words(self, answer: Answer) -> dict[str, Any]:
-        """What is said of an answer: its line, badge, label and warnings."""
+        """What is said of an answer: its line, badge and label, and the λ curve."""
         order = answer.result.problem.regulariser
-        label = f"λ {answer.settings.lam:.3g}, {order}" if answer.uses_lam else ""
-        label = label or answer.settings.solver.replace("_", " ")
-        words: dict[str, Any] = {
-            "label": f"{label}, {100 * answer.explained:.1f} % explained",
+        name = answer.settings.solver.replace("_", " ")
+        if answer.uses_lam:
+            name = f"λ {answer.settings.lam:.3g}, {order}"
+        line = describe(answer.result, answer.explained, answer.kind, answer.errors)
+        if answer.kind == AnswerKind.ANEW and self._said:
+            line = f"{self._said} · {line}"
+        return {
+            "label": f"{name}, {100 * answer.explained:.1f} % explained",
             "badge": "" if answer.held is None else "held",
-            "line": describe(answer.result, answer.explained, answer.kind, answer.errors),
+            "line": line,
             "tone": "",
             "curve": self._curve(answer),
         }
-        if answer.kind == AnswerKind.ANEW and self._said:
-            words["line"] = f"{self._said} · {words['line']}"
-        if not answer.is_final:
-            return words
-        best, _ = self._best_lam(answer)
-        advised = advice(answer.explained, best)
-        text = "A smaller λ follows the picture more closely; click to take it."
+
+    def _chips(self, answer: Answer) -> list[dict[str, Any]]:
+        """What asks for something: advice, warnings, and where the surface is not unique."""
         chips: list[dict[str, Any]] = []
+        best, _ = self.engine.best_lam(answer)
+        advised = advice(answer.explained, best)
         if advised:
+            text = "A smaller λ follows the picture more closely; click to take it."
             chips.append({"chip": advised, "text": text, "lam": float(f"{best:.2g}")})
         chips += [
-            {"chip": re.split("[:;,]", one)[0].rstrip("."), "text": one}
-            for one in warnings(answer.result)
+            {"chip": re.split("[:;,]", text)[0].rstrip("."), "text": text}
+            for text in answer.doubts
         ]
         if answer.kind == AnswerKind.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
             share = f"{self._elsewhere:.2g} %"
             text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
             chip = f"not unique: {share} of pixels"
             chips.append({"chip": chip, "text": text, "panel": "spread over λ"})
-        words["chips"] = chips
-        return words
-
-    def _best_lam(self, answer: Answer) -> tuple[float | None, bool]:
-        """Which λ explains enough, and whether more might; nothing of a solver that has none."""
-        return self.engine.best_lam(answer) if answer.uses_lam else (None, True)
+        return chips
 
     def _note(self) -> None:
         """Send what is known of λ now."""
-        if self.answer is not None:
-            self.send(self._words(self.answer))
+        answer = self.answer
+        if answer is not None:
+            self.send({"curve": self._curve(answer), "chips": self._chips(answer)})
 
     def _curve(self, answer: Answer) -> dict[str, Any]:
         """What each λ explains that was tried with the solver, the light and the contours of an answer."""
@@ -464,7 +457,7 @@ class TunerBox(anywidget.AnyWidget):
         tried = self.engine.curve_of(answer)
         if not tried:
             return {"title": ""}
-        best, at_least = self._best_lam(answer)
+        best, at_least = self.engine.best_lam(answer)
         tells = len(tried) > 3  # of fewer nothing follows
         errors = [one.errors for one in tried]
         return {
@@ -565,7 +558,11 @@ class TunerBox(anywidget.AnyWidget):
         if answer.settings.solver != "gauss_newton":
             raise ValueError("only Gauss-Newton's answers are played over λ")
         lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
-        answers = variants(answer, lams, REGULARISERS)
+        answers = []
+        for order in REGULARISERS:
+            for lam in lams:
+                played: dict[str, Any] = {"lam": lam, "regulariser": order}
+                answers.append(self.engine.solve_held(replace(answer.settings, **played)))
         held = self._limits
         residual, _ = map_of("model - frame", answer, self.engine, held)
         distance, _ = map_of("distance", answer, self.engine, held)
@@ -606,14 +603,3 @@ def _curve_title(best: float | None, at_least: bool) -> str:
     if best is None:
         return "no λ tried explains 99 %: wet or noisy walls, or another light"
     return f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
-
-
-def _energy(answer: Answer) -> dict[str, list[float]] | None:
-    """The course of the energy, if more than one step was taken."""
-    history = answer.result.history
-    if len(history) < 2:
-        return None
-    return {
-        name: [row[name] for row in history]
-        for name in ("k", "data", "regulariser", "energy")
-    }
