@@ -66,7 +66,9 @@ def page(width: float, height: float) -> Iterator[Figure]:
     """
     size = (12 / 13 * width, 12 / 13 * height)
     with house():
-        inner = ConstrainedLayoutEngine(rect=(0.01, 0.01, 0.98, 0.98))  # nothing at the edge
+        inner = ConstrainedLayoutEngine(
+            rect=(0.01, 0.01, 0.98, 0.98)
+        )  # nothing at the edge
         yield Figure(size, dpi=100 * 13 / 12, layout=inner)
 
 
