@@ -76,17 +76,18 @@ def film(
         for name, values in positions.items()
     }
     pictures = []
-    places: list[Any] = []
+    places: dict[int, list[Any]] = {}  # of axes, by how many there are
     for given in itertools.product(*(slider.values() for slider in sliders.values())):
         draw(**dict(zip(sliders, given, strict=True)))
         figure = pyplot.gcf()
         figure.set_dpi(100)
-        if not places:
+        count = len(figure.axes)
+        if count not in places:
             figure.draw_without_rendering()
-            places = [ax.get_position(original=True) for ax in figure.axes]
+            places[count] = [ax.get_position(original=True) for ax in figure.axes]
         # As in the first, so that nothing jumps; to lay each out anew takes half of the time.
         figure.set_layout_engine("none")
-        for ax, place in zip(figure.axes, places, strict=True):
+        for ax, place in zip(figure.axes, places[count], strict=True):
             ax.set_position(place)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()  # once; `savefig` draws twice
