@@ -130,10 +130,10 @@ def reconstructions(runs: Sequence[Shown]) -> rrb.Blueprint:
         _curves(title, [shown.at(curve) for shown in runs], not alone)
         for title, curve in curves.items()
     ]
-    told = rrb.Vertical(rrb.Tabs(*plots, active_tab=0), rrb.Tabs(*words, active_tab=0))
+    beside = rrb.Vertical(rrb.Tabs(*plots, active_tab=0), rrb.Tabs(*words, active_tab=0))
     shares = [2.0] if alone else [1.0] * len(runs)
     return _open_at(
-        ITERATIONS, rrb.Horizontal(*columns, told, column_shares=[*shares, 1.0])
+        ITERATIONS, rrb.Horizontal(*columns, beside, column_shares=[*shares, 1.0])
     )
 
 

@@ -52,17 +52,17 @@ def paint(
         "depth": (depth_map(iterate.distance[thin], problem.metric),),
         "distance": (distance_codes(iterate.distance[thin]),),
         "normals": (rr.Image(facing),),
-        "residual": _signed(residual[thin], LARGEST_RESIDUAL, "/255"),
+        "residual": _signed_map(residual[thin], LARGEST_RESIDUAL, "/255"),
         "section/estimate": (_section(iterate.points, OKABE_ITO.vermilion),),
         "world/cloud": (rr.Points3D.from_fields(positions=points),),
     }
     if truth is not None:
         error = error_percent(iterate, truth)[thin]
-        pictures["error"] = _signed(error, LARGEST_ERROR, " %")
+        pictures["error"] = _signed_map(error, LARGEST_ERROR, " %")
     return pictures
 
 
-def _signed(values: FloatArray, end: float, unit: str) -> tuple[rr.AsComponents, ...]:
+def _signed_map(values: FloatArray, end: float, unit: str) -> tuple[rr.AsComponents, ...]:
     """A map of what may be below 0 and above, with colours up to an end of either sign."""
     steps = np.linspace(-end, end, len(SHADES))
     colours = {

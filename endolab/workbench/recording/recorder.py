@@ -144,11 +144,13 @@ class Recorder:
             self._begin_stage(iterate)
         self._last = iterate
         self._sink.at(ITERATIONS, self._place)
-        told = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
-        told |= iterate.scalars
+        scalars = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        scalars |= iterate.scalars
         if self._truth is not None:
-            told["error"] = float(np.nanmean(np.abs(error_percent(iterate, self._truth))))
-        self._sink.log_scalars(f"{self._run}/plots", told)
+            scalars["error"] = float(
+                np.nanmean(np.abs(error_percent(iterate, self._truth)))
+            )
+        self._sink.log_scalars(f"{self._run}/plots", scalars)
         # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
         self._sink.log_scalars(self._run, _logarithms(iterate))
         # Ever fewer, that a recording stays small.
