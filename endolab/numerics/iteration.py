@@ -20,7 +20,7 @@ class Status(Enum):
     """Why a run ended."""
 
     CONVERGED = "The solver reached its goal."
-    SETTLED = "The surface has come to rest; its energy still falls slowly."
+    SETTLED = "The surface has come to rest."
     MAX_ITERATIONS = "The solver ran out of iterations before it converged."
     STOPPED = "An observer or the user stopped the run."
     STALLED = "The solver could not improve the result any more, short of its goal."

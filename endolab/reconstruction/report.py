@@ -271,7 +271,7 @@ def _warnings(result: Result) -> Iterator[str]:
     median = float(np.median(result.distance[mask]))
     if result.metric and not DISTANCES[0] <= median <= DISTANCES[1]:
         yield (
-            f"The median distance is {median:.3g} mm, where endoscopes see {DISTANCES[0]:g} to "
+            f"The median distance is {median:.4g} mm, where endoscopes see {DISTANCES[0]:g} to "
             f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
         )
     explained = explained_contrast(result)

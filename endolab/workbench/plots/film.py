@@ -9,8 +9,11 @@ from collections.abc import Callable, Iterable, Mapping
 from html import escape
 from typing import Any
 
+import numpy as np
 from IPython.display import HTML
 from matplotlib import pyplot
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
 
 SLIDER = """<label style="flex: 1; display: flex; gap: 6px">{name}
 <input type="range" max="{last}" value="{first}" style="flex: 1">
@@ -73,13 +76,24 @@ def film(
         for name, values in positions.items()
     }
     pictures = []
+    places: dict[int, list[Any]] = {}  # of axes, by how many there are
     for given in itertools.product(*(slider.values() for slider in sliders.values())):
         draw(**dict(zip(sliders, given, strict=True)))
         figure = pyplot.gcf()
+        figure.set_dpi(100)
+        count = len(figure.axes)
+        if count not in places:
+            figure.draw_without_rendering()
+            places[count] = [ax.get_position(original=True) for ax in figure.axes]
+        # As in the first, so that nothing jumps; to lay each out anew takes half of the time.
+        figure.set_layout_engine("none")
+        for ax, place in zip(figure.axes, places[count], strict=True):
+            ax.set_position(place)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()  # once; `savefig` draws twice
         stream = io.BytesIO()
-        figure.savefig(
-            stream, format="webp", dpi=100, pil_kwargs={"quality": 80, "method": 0}
-        )
+        shown = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        shown.save(stream, format="webp", quality=80, method=0)
         pyplot.close(figure)
         pictures.append(base64.b64encode(stream.getvalue()).decode())
     usual = inspect.signature(draw).parameters

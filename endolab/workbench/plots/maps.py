@@ -327,7 +327,8 @@ def overview(
         show_depth(iterate, panels[0, 1], unit=unit)
         show_normals(iterate.normals, panels[0, 2])
         show_cloud(iterate.points, problem.shown, panels[1, 0], unit=unit)
-        show_section(curves, problem.field, panels[1, 1], unit=unit)
+        section = show_section(curves, problem.field, panels[1, 1], unit=unit)
+        section.legend(loc="center left", bbox_to_anchor=(1, 0.5), handlelength=1)
         show_values("model - frame", residual, panels[1, 2])
         if uncertainty is not None:
             show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])

@@ -70,8 +70,9 @@ MAPS = {
     "σ of μ′": Scale("Light's fall-off μ′", "σ of μ′", "%", "viridis", "from 0"),
     "any": Scale("", "value", "1", "viridis", "linear"),
 }
-# Of 255: grey levels of model - frame at which a recording's colours end.
+# Where a recording's colours end: of model - frame in grey levels of 255, of errors in %.
 LARGEST_RESIDUAL = 10.0
+LARGEST_ERROR = 20.0
 
 
 def _known_values(maps: Iterable[FloatArray]) -> FloatArray:
@@ -134,6 +135,11 @@ def round_length(length: float) -> float:
     power = 10 ** np.floor(np.log10(length))
     round_ones = power * np.array([1, 2, 5])
     return float(round_ones[round_ones <= length * (1 + 1e-9)].max())
+
+
+def three_digits(value: float) -> str:
+    """Write three digits, 1000 rather than 1e+03."""
+    return f"{float(f'{value:.3g}'):g}"
 
 
 def isoline_levels(low: float, high: float) -> FloatArray:

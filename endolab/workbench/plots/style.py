@@ -19,6 +19,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.workbench.plots import scales
@@ -65,7 +66,10 @@ def page(width: float, height: float) -> Iterator[Figure]:
     """
     size = (12 / 13 * width, 12 / 13 * height)
     with house():
-        yield Figure(size, dpi=100 * 13 / 12, layout="constrained")
+        inner = ConstrainedLayoutEngine(
+            rect=(0.01, 0.01, 0.98, 0.98)
+        )  # nothing at the edge
+        yield Figure(size, dpi=100 * 13 / 12, layout=inner)
 
 
 def use() -> None:

@@ -1,7 +1,6 @@
 """How the Rerun viewer opens a recording: what is shown, and where.
 
-`reconstruction` shows everything about a run, `comparison` several runs side by side, `sequence` a
-video's frames.
+`reconstructions` shows everything about a run, or several side by side, `sequence` a video's frames.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun.blueprint as rrb
 
-from endolab.workbench.plots.scales import LARGEST_RESIDUAL
+from endolab.workbench.plots.scales import LARGEST_ERROR, LARGEST_RESIDUAL, three_digits
 
 ITERATIONS = "iteration"  # a timeline
 FRAMES = "frame"  # another
@@ -25,6 +24,7 @@ class Shown:
     run: str  # its name, which its entities begin with; empty if the run is alone
     unit: str  # of distances
     limits: tuple[float, float]  # of distances
+    truth: bool = False  # whether it is shown
     sigma: float | None = None  # %, where the colours of σ end; None if it was not recorded
 
     def at(self, entity: str) -> str:
@@ -42,10 +42,6 @@ class Shown:
             origin=self.at(""), contents=contents, name=self.title(title)
         )
 
-    def words(self, entity: str) -> rrb.TextDocumentView:
-        """A text that is called as its entity is."""
-        return rrb.TextDocumentView(origin=self.at(entity), name=entity.capitalize())
-
 
 def _open_at(timeline: str, layout: rrb.Container) -> rrb.Blueprint:
     """A layout with the timeline to open on, and without panels beside it."""
@@ -59,24 +55,9 @@ def _open_at(timeline: str, layout: rrb.Container) -> rrb.Blueprint:
 
 
 def _depth(shown: Shown) -> rrb.Spatial2DView:
-    nearest, farthest = shown.limits
-    title = f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}"
+    nearest, farthest = map(three_digits, shown.limits)
+    title = f"Distance, {nearest} to {farthest} {shown.unit}"
     return shown.view(title, "distance")
-
-
-def _residual(shown: Shown) -> rrb.Spatial2DView:
-    end = f"{LARGEST_RESIDUAL:g}"
-    return shown.view(f"Residual, blue -{end} to red +{end}/255", "residual")
-
-
-def _sigma(shown: Shown) -> list[rrb.View]:
-    """How far the run's end can be trusted, if it was recorded."""
-    if shown.sigma is None:
-        return []
-    return [
-        shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask"),
-        shown.view("What determined each pixel", "uncertainty/dominant_source"),
-    ]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
@@ -93,50 +74,67 @@ def _surface(shown: Shown) -> rrb.Spatial3DView:
     )
 
 
-def _curves(title: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
+def _curves(title: str, contents: Sequence[str], legend: bool = True) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin="/",
         contents=contents,
         name=title,
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
         # A few iterates make no line.
         interaction=rrb.PlotInteraction(points_display="always"),
     )
 
 
-def _change(runs: Sequence[Shown]) -> rrb.TimeSeriesView:
-    changes = [shown.at("log10/change") for shown in runs]
-    return _curves("log₁₀ change of log-distance", changes)
+def _maps(shown: Shown) -> rrb.Tabs:
+    """How far the answer is from the truth and from the frame, and how far it can be trusted."""
+    views = [
+        shown.view(
+            f"Residual, -{LARGEST_RESIDUAL:g} to +{LARGEST_RESIDUAL:g}/255", "residual"
+        ),
+        shown.view("Normals", "normals"),
+    ]
+    if shown.truth:
+        title = f"Error, -{LARGEST_ERROR:g} to +{LARGEST_ERROR:g} %"
+        views.insert(0, shown.view(title, "error"))
+    if shown.sigma is not None:
+        views += [
+            shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask"),
+            shown.view("What determined each pixel", "uncertainty/dominant_source"),
+        ]
+    return rrb.Tabs(*views, active_tab=0)
 
 
-def reconstruction(shown: Shown) -> rrb.Blueprint:
-    """Pictures above, the surface, curves and words below."""
-    sigma = _sigma(shown)
-    pictures = rrb.Horizontal(
-        shown.view("Frame", "input", "prepared", "mask"),
-        _depth(shown),
-        rrb.Tabs(*sigma[:1], shown.view("Normals", "normals"), active_tab=0),
-        rrb.Tabs(_residual(shown), *sigma[1:], active_tab=0),
-    )
-    contents = [shown.at("log10/**"), f"- {shown.at('log10/change')}"]
-    energy = _curves("log₁₀ energy", contents)
-    stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
-    curves = rrb.Vertical(energy, stages, row_shares=[2, 1])
-    words = rrb.Tabs(shown.words("settings"), shown.words("end"), _change([shown]))
-    below = rrb.Horizontal(_surface(shown), curves, words, column_shares=[1.7, 1.4, 1.1])
-    return _open_at(ITERATIONS, rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
-
-
-def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
-    """Each run a column of pictures and its surface; energies and changes of all in one plot each."""
+def reconstructions(runs: Sequence[Shown]) -> rrb.Blueprint:
+    """Pictures and surface of each run, side by side; curves, stages and words of all beside them."""
+    alone = len(runs) == 1
     columns = []
+    curves = {"log₁₀ energy": "log10/energy/**", "log₁₀ change of log d": "log10/change/**"}
+    if any(shown.truth for shown in runs):
+        curves["Mean error [%]"] = "plots/error"
+    words: list[rrb.View] = [
+        rrb.TextLogView(
+            origin="/", contents=[one.at("stage") for one in runs], name="Stages"
+        )
+    ]
     for shown in runs:
-        below = rrb.Tabs(_residual(shown), *_sigma(shown))
-        columns.append(rrb.Vertical(_depth(shown), below, _surface(shown)))
-    curves = ("log10/energy", "log10/begins/**")
-    contents = [shown.at(name) for shown in runs for name in curves]
-    plots = rrb.Vertical(_curves("log₁₀ energy", contents), _change(runs))
-    return _open_at(ITERATIONS, rrb.Horizontal(*columns, plots))
+        frame = shown.view("Frame", "input", "prepared", "mask")
+        section = shown.view("Section: truth grey, estimate orange", "section/**")
+        surface = rrb.Tabs(_surface(shown), section, active_tab=0)
+        views = (frame, _depth(shown), _maps(shown), surface)
+        columns.append(rrb.Grid(*views, grid_columns=2 if alone else 1))
+        for text in ("settings", "end"):
+            title = shown.title(text.capitalize())
+            words.append(rrb.TextDocumentView(origin=shown.at(text), name=title))
+    plots = [
+        # Of one run the list of stages is the legend.
+        _curves(title, [shown.at(curve) for shown in runs], not alone)
+        for title, curve in curves.items()
+    ]
+    beside = rrb.Vertical(rrb.Tabs(*plots, active_tab=0), rrb.Tabs(*words, active_tab=0))
+    shares = [2.0] if alone else [1.0] * len(runs)
+    return _open_at(
+        ITERATIONS, rrb.Horizontal(*columns, beside, column_shares=[*shares, 1.0])
+    )
 
 
 def sequence(unit: str, limits: tuple[float, float], curves: Curves) -> rrb.Blueprint:

@@ -16,6 +16,7 @@ from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import (
+    OKABE_ITO,
     SOURCE_COLOURS,
     common_limit,
     common_limits,
@@ -25,14 +26,14 @@ from endolab.workbench.recording import layouts
 from endolab.workbench.recording.layouts import ITERATIONS, Shown
 from endolab.workbench.recording.pictures import (
     OPAQUE_BLACK,
-    RESIDUAL_COLOURS,
+    Painted,
     distance_classes,
+    error_percent,
     paint,
     paint_preparation,
+    paint_truth,
 )
 from endolab.workbench.recording.stream import (
-    THIN,
-    TRUTH_COLOUR,
     Sink,
     as_bytes,
     camera_shape,
@@ -41,6 +42,9 @@ from endolab.workbench.recording.stream import (
     every,
     markdown,
 )
+
+# Stages that search, whether there is anything or not, and the colours of their curves.
+SEARCHES = {"bounced light": OKABE_ITO.sky, "contours": OKABE_ITO.orange}
 
 if TYPE_CHECKING:
     from endolab.reconstruction.uncertainty import Uncertainty
@@ -59,7 +63,8 @@ def record(
     path : path
         The recording to write, ``.rrd``. An old one is replaced when the recording is closed.
     truth : (H, W) float array, optional
-        True distance, mm, to show beside the result; nan where unknown.
+        True distance, mm, to show beside the result, with the error and a section; nan where unknown.
+        It is resampled if the frame is shrunk, and takes the scale of a result that has no unit.
     max_width : int
         Pictures and point clouds wider than this, px, are thinned.
 
@@ -93,14 +98,15 @@ class Recorder:
     """An observer that logs iterates to a recording, as they come; see `record`.
 
     When a stage of the run begins: ``stage`` (its name), ``input``, ``mask``, ``prepared`` (highlights,
-    saturated pixels and contours), ``settings``, ``world/camera``, ``world/truth``. Per iterate: ``depth``,
-    ``distance`` (the same in logarithmic colours, with lines where it is round), ``normals`` ((n + 1)/2),
-    ``residual`` (model - image), ``world/cloud``, ``plots/<name>``, ``log10/<name>`` of energy, terms and
-    change, and ``log10/begins/<stage>`` where one begins. Scalars are logged for every iterate, pictures for
-    the first 20 of the solution, its last, and between them each time k has grown by half; of the stages
-    before it only for the first and the last, as there may be a dozen. The timeline "iteration" runs on over
-    all stages. At the end, static: ``end`` (what was done about indirect light and contours), and of how far
-    it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
+    saturated pixels and contours), ``settings``, ``world/camera``. Per iterate: ``depth``, ``distance`` (the
+    same in logarithmic colours, with lines where it is round), ``normals`` ((n + 1)/2), ``residual`` (model -
+    image), ``section/estimate`` (of the middle column), ``world/cloud``, ``plots/<name>``, and
+    ``log10/energy/<stage>`` and ``log10/change/<stage>``. With a truth also ``error`` (%), the mean of
+    its size, ``plots/error``, ``section/truth`` and ``world/truth``. Scalars are logged for every iterate,
+    pictures for the first 20 of the solution, its last, and between them each time k has grown by half; of
+    the stages before it only for the first and the last, as there may be a dozen. The timeline "iteration"
+    runs on over all stages. At the end, static: ``end`` (what was done about indirect light and contours),
+    and of how far it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
     ``uncertainty/dominant_source``. Of several runs all names begin with the run's.
     """
 
@@ -138,11 +144,15 @@ class Recorder:
             self._begin_stage(iterate)
         self._last = iterate
         self._sink.at(ITERATIONS, self._place)
-        falling = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
-        self._sink.log_scalars(f"{self._run}/plots", {**falling, **iterate.scalars})
+        scalars = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        scalars |= iterate.scalars
+        if self._truth is not None:
+            scalars["error"] = float(
+                np.nanmean(np.abs(error_percent(iterate, self._truth)))
+            )
+        self._sink.log_scalars(f"{self._run}/plots", scalars)
         # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
-        logarithms = {name: np.log10(value) for name, value in falling.items() if value > 0}
-        self._sink.log_scalars(f"{self._run}/log10", logarithms)
+        self._sink.log_scalars(self._run, _logarithms(iterate))
         # Ever fewer, that a recording stays small.
         often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
         if begins or (often and iterate.stage == SOLUTION):
@@ -205,11 +215,10 @@ class Recorder:
                 one._end_stage(last, limits)
                 remarks = "\n".join(f"- {note}" for note in notes(last))
                 one._log("end", markdown(f"## End\n\n{remarks}"), static=True)
-                shown.append(Shown(one._run, unit, limits, one._sigma))
-            if self._runs:
-                self._sink.arrange(layouts.comparison(shown))
-            elif shown:
-                self._sink.arrange(layouts.reconstruction(*shown))
+                truth = one._truth is not None
+                shown.append(Shown(one._run, unit, limits, truth, one._sigma))
+            if shown:
+                self._sink.arrange(layouts.reconstructions(shown))
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
@@ -224,51 +233,29 @@ class Recorder:
         self._sink.at(ITERATIONS, self._place)
         if last is None:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
-            shades = classes(np.zeros((1, 1)), RESIDUAL_COLOURS)[0]
-            self._log("residual", shades, static=True)
+        # Where there are several runs, each has colours of its own.
+        colour = None if self._run else SEARCHES.get(iterate.stage, OKABE_ITO.vermilion)
         round = f", round {iterate.round}" if iterate.round else ""
-        self._log("stage", rr.TextLog(iterate.stage + round))
-        # A mark on the curve of the energy.
-        mark = iterate.stage.replace(" ", "_")
-        name = f"{self._run} {iterate.stage} begins".strip()
-        look = rr.SeriesPoints(names=name, markers="diamond", marker_sizes=6)
-        self._log(f"log10/begins/{mark}", look, static=True)
-        if iterate.energy > 0:
-            height = {mark: np.log10(iterate.energy)}
-            self._sink.log_scalars(f"{self._run}/log10/begins", height)
+        self._log("stage", rr.TextLog(_title(iterate) + round, color=colour))
+        look = rr.SeriesLines(names=f"{self._run} {_title(iterate)}".strip(), colors=colour)
+        for curve in _logarithms(iterate):
+            self._log(curve, look, static=True)
+            self._log(curve, rr.Scalars(np.nan))  # a gap between rounds
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
             self._log("input", rr.Image(picture[self._thin]))
-        for entity, what in paint_preparation(problem, self._thin).items():
-            self._log(entity, *what)
+        self._log_all(paint_preparation(problem, self._thin))
         self._log("settings", markdown(_settings(iterate)))
         colours = picture[self._sparse][problem.mask[self._sparse]]
         radii = rr.Radius.ui_points(2.5)
         self._log("world/cloud", rr.Points3D.from_fields(colors=colours, radii=radii))
         size = 0.35 * float(np.nanmedian(iterate.distance))
         self._log("world/camera", camera_shape(problem.camera, size))
-        if self._truth is not None:
-            self._log_truth(iterate, self._truth)
-
-    def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
-        """Log the true surface, in the unit of an iterate; not on the smaller grid of a stage before."""
-        shape = iterate.mask.shape
-        if truth.shape != shape:
-            if iterate.stage == SOLUTION:
-                raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
-            return
-        known = iterate.mask & (truth > 0)
-        if not iterate.problem.metric:
-            truth = truth * np.nanmedian((iterate.distance / truth)[known])
-        points = truth[..., None] * iterate.problem.field.rays
-        points = points[self._thin][known[self._thin]].astype(np.float32)
-        self._log("world/truth", rr.Points3D(points, colors=TRUTH_COLOUR, radii=THIN))
 
     def _log_pictures(self, iterate: Iterate) -> None:
         """Log the pictures of the last iterate, there."""
         self._sink.at(ITERATIONS, self._place)
-        for entity, what in paint(iterate, self._thin, self._sparse).items():
-            self._log(entity, what)
+        self._log_all(paint(iterate, self._truth, self._thin, self._sparse))
         self._pictured = iterate.k
 
     def _end_stage(self, last: Iterate, limits: tuple[float, float]) -> None:
@@ -278,9 +265,30 @@ class Recorder:
         self._sink.at(ITERATIONS, self._begun)
         self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
         self._log("distance", distance_classes(limits, last.problem.unit))
+        if self._truth is not None:
+            self._log_all(paint_truth(last, self._truth, self._sparse))
+
+    def _log_all(self, painted: Painted) -> None:
+        for entity, what in painted.items():
+            self._log(entity, *what)
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self._sink.log(f"{self._run}/{entity}", *what, static=static)
+
+
+def _title(iterate: Iterate) -> str:
+    searches = iterate.stage in SEARCHES
+    return f"search for {iterate.stage}" if searches else iterate.stage
+
+
+def _logarithms(iterate: Iterate) -> dict[str, float]:
+    """Energy and change by the names of their curves, which are each stage's own."""
+    stage = iterate.stage.replace(" ", "_")
+    values = {"energy": iterate.energy, "change": iterate.change}
+    return {
+        f"log10/{name}/{stage}": np.log10(value) if value > 0 else np.nan
+        for name, value in values.items()
+    }
 
 
 def _settings(iterate: Iterate) -> str:

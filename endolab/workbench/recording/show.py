@@ -7,7 +7,6 @@ so it needs no network.
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from endolab.io.atomic import PathLike
@@ -39,19 +38,15 @@ def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
     path = recording if isinstance(recording, str | os.PathLike) else recording.path
     check_int("height", height, 100)
     kept = read_recording(path)
-    if front_end():
-        _embed(kept.path, height)
-    else:
+    if not front_end():
         print(f"`rerun {kept.path.name}` opens the recording.")
-
-
-def _embed(path: Path, height: int) -> None:
+        return
     from IPython.display import display
     from ipywidgets import HTML, VBox
 
     viewer = notebook_viewer().Viewer(width="auto", height=height)
-    viewer.send_rrd(path.read_bytes())  # waits until the page is ready
+    viewer.send_rrd(kept.path.read_bytes())  # waits until the page is ready
     needs = "The viewer needs a browser with WebGL 2, and a kernel on this machine"
-    other = f"<code>rerun {path.name}</code> opens it outside"
+    other = f"<code>rerun {kept.path.name}</code> opens it outside"
     hint = HTML(f"<small>Empty? {needs}; {other}.</small>")
     display(VBox([viewer, hint]))

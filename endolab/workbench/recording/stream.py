@@ -18,7 +18,6 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import OKABE_ITO
 
-TRUTH_COLOUR = (160, 160, 160)
 Thinned = tuple[slice, slice]  # rows and columns
 THIN = rr.Radius.ui_points(1.5)
 

@@ -70,8 +70,12 @@ def test_what_is_read_back_is_the_run(solved):
 
 
 def test_the_viewer_sees_the_same(solved):
-    """Cloud, residual and the limits of colours, as they lie in the file."""
+    """Cloud, residual, error and the limits of colours, as they lie in the file."""
     steps, recording = solved
+    start, end = steps[0].log_distance, steps[-1].log_distance
+    off = np.exp(start - (start + (end - start) / (1 - 0.7**3))) - 1  # of the start
+    error = recording.table()["error"][0]
+    assert error == pytest.approx(100 * np.nanmean(np.abs(off)))
     file = Recorded(recording.path)
     assert "| solver | by hand |" in file.text("/settings", "text", 0)
     last = steps[-1]
@@ -129,6 +133,10 @@ def test_stages_runs_and_uncertainty_are_read_back(tmp_path):
         assert np.array_equal(known, steps[k].mask)
     file = Recorded(path)
     assert list(file.numbers("/one/stage", "text")) == [0, 4, 8, 12]
+    # A stage's curve begins anew with each round, after a gap.
+    curve = file.numbers("/one/log10/energy/bounced_light", "scalars")
+    assert list(curve) == list(range(8))
+    assert list(file.numbers("/one/log10/energy/scaled", "scalars")) == [12]
     percent = 100 * uncertainty.sigma / last.distance
     stored = file.at("/one/uncertainty/sigma", "buffer", None).view(np.float32)
     assert np.allclose(stored, percent.ravel(), rtol=1e-6, equal_nan=True)
@@ -168,7 +176,7 @@ def never_begins(recorder, steps):
 
 def has_another_truth(recorder, steps):
     with recorder:
-        recorder(towards(PAPER.resize(40, 30), 1)[0][0])
+        recorder(towards(Pinhole(32, 32, 24.0, 24.0, 15.5, 15.5), 1)[0][0])
 
 
 @pytest.mark.parametrize("what", [fails, fails_beside, never_begins, has_another_truth])
