@@ -4,12 +4,12 @@
     ChArUco   OpenCV's markers and corners -> check_places
     squares   OpenCV's two searches -> turned so that the first square is black -> check_places
 
-All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. From the
-three places before it the next one is predicted, and among its neighbours each must fit:
+All work from neighbour to neighbour in the picture (`lattice`), so that no camera is needed. The places
+within two steps foretell the next one, and each must lie where its neighbours put it:
 
     o   o   o   o   o
-    o  p₃  p₂  p₁  (?)     p = p₁ + (p₁ - p₂) |p₁ - p₂| / |p₂ - p₃|, mean over the eight directions
-    o   o   o   o   o      |p - q| ≤ min(3 usual + slack, most_miss), q: the median over the directions
+    o   o   o   o  (?)     q(row, column): a quadratic fitted, robustly, to the places around
+    o   o   o   o   o      |p - q| ≤ min(3 usual + slack, most_miss), of neighbours on the same panel
 """
 
 from collections.abc import Callable
