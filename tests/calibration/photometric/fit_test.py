@@ -110,7 +110,7 @@ def test_saturation_is_told_by_the_predicted_level():
         chosen = samples[(samples.level > 24 / 255) & (samples.level < 225 / 255)]
         errors.append([calibrate_light(one).k - 2.5 for one in (samples, chosen)])
     by_predicted, by_measured = np.transpose(errors)
-    assert abs(by_predicted.mean()) < 0.006
+    assert abs(by_predicted.mean()) < 0.008
     assert np.all(by_measured < by_predicted - 0.003)
 
 
