@@ -1,6 +1,7 @@
 """How fast the tuner's picture follows the hand, in a browser: `python -m tests.benchmarks.tuner FRAME ...`
 
-What follows is given to `endolab tune`. Needs Chromium and an idle machine; asserts nothing.
+What follows is given to `endolab tune`. Needs Chromium and an idle machine; asserts nothing. Without a graphics
+card 3D is not drawn.
 """
 
 import re
@@ -15,8 +16,6 @@ from playwright.sync_api import sync_playwright
 STEP = 0.055  # s from one move to the next: eighteen a second
 RESTS = 0.5  # s, until a picture has come for sure
 OTHERS = 4  # s in which the other λ of the curve are solved
-# 3D is drawn as well where no graphics card helps.
-FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 # Places of the handles, from one move to the next.
 MOVES = {
     "lam": [round(-0.9 + 0.1 * number, 1) for number in range(25)],
@@ -28,9 +27,10 @@ SURFACE = f"() => {HELD}?.arrays?.distance"
 FINAL = f"() => {HELD}?.moving === false && {HELD}?.curve?.lams?.length > 2"
 WATCH = """(name) => {
     const root = document.querySelector('.endolab-tuner');
-    window.moves = []; window.pictures = [];
+    const pictures = window.pictures = [];
+    window.moves = [];
     root.addEventListener('painted', ({detail}) => {
-        window.pictures.push([performance.now(), detail.asked[name] ?? 0]);
+        pictures.push([performance.now(), detail.asked[name] ?? 0]);
     });
 }"""
 TURN = """([name, value]) => {
@@ -72,7 +72,7 @@ def measure(link):
     """Measure one tuner."""
     with sync_playwright() as playwright:
         chromium = shutil.which("chromium")
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=chromium)
         size = {"width": 1366, "height": 768}
         page = browser.new_page(viewport=size, bypass_csp=True)
         page.goto(link, wait_until="commit")
