@@ -277,8 +277,7 @@ class Recorder:
 
 
 def _title(iterate: Iterate) -> str:
-    searches = iterate.stage in SEARCHES
-    return f"search for {iterate.stage}" if searches else iterate.stage
+    return f"{iterate.stage}?" if iterate.stage in SEARCHES else iterate.stage
 
 
 def _logarithms(iterate: Iterate) -> dict[str, float]:

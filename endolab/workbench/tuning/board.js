@@ -161,9 +161,13 @@ function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = []
   const to_y = (value, axis = y) => pad[1] + h * (down ? share(axis, value) : 1 - share(axis, value));
   const ticks = (axis, count) => axis.ticks ?? rounds(axis.low, axis.high, count, axis.log).map((value) => [value, short(value)]);
   Object.assign(pen, { strokeStyle: faint, fillStyle: ink, lineWidth: 1, textAlign: "center", textBaseline: "top" });
+  let end = 0; // of the last label
   for (const [value, text] of ticks(x, Math.floor(w / 50))) {
+    const half = pen.measureText(text).width / 2;
     pen.strokeRect(to_x(value), pad[1], 0, h);
+    if (to_x(value) - half < end) continue;
     pen.fillText(text, to_x(value), pad[1] + h + 3);
+    end = to_x(value) + half + 5;
   }
   pen.fillText(x.label, pad[0] + w / 2, tall - 14);
   for (const [axis, left, align] of [[y, pad[0] - 4, "right"], ...(right ? [[right, pad[0] + w + 4, "left"]] : [])]) {
