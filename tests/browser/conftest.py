@@ -74,7 +74,8 @@ CLOSE = """async () => {
 class OpenNotebook:
     """A notebook that is open in JupyterLab, with an idle kernel, in a page cut off from the world.
 
-    `outside` lists the addresses other than this machine's that the page asked for, and was not given.
+    `outside` lists the addresses other than this machine's that the page asked for, and was not given; of
+    the viewer, which may be open in another tab, whether there is a newer one is not counted.
     """
 
     def __init__(self, page, outside, name, cells=None, width=1400, height=9000):
@@ -204,7 +205,8 @@ def lab_page(lab, browser):
     outside = []
 
     def refuse(route):
-        outside.append(route.request.url)
+        if route.request.url != NEWER:
+            outside.append(route.request.url)
         route.abort()
 
     page = browser.new_page()
