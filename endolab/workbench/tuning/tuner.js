@@ -58,7 +58,7 @@ function render({ model, el }) {
   const root = add("div", "endolab-tuner", el), facts = model.get("facts");
   const palettes = Object.fromEntries(Object.entries(facts.palettes).map(([name, colours]) => [name, Uint32Array.from(colours)]));
   const now = root.endolab = { arrays: {}, maps: {}, knobs: {}, chips: [] }; // all that is known; tests read it here
-  let kept, box, cursor, corner,  zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 }, scales = {}, held = {};
+  let kept, box, cursor, corner, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 }, scales = {}, held = {};
   const send = (action, ...given) => model.send({ do: action, given });
 
   // Above the panels
@@ -120,7 +120,7 @@ function render({ model, el }) {
     canvas.onpointermove = (event) => hover(panel, event);
     canvas.onpointerleave = () => { cursor = undefined; point(); };
     canvas.onpointerdown = (event) => press(panel, event);
-    canvas.onpointerup = () => leave_out();
+    canvas.onpointerup = () => { if (corner) leave_out(); };
     canvas.ondblclick = () => { zoom = [0, 0, 1, 1]; draw(); };
     canvas.addEventListener("wheel", (event) => wheel(panel, event), { passive: false });
     return panel;
@@ -372,7 +372,7 @@ function render({ model, el }) {
   // The rectangle from the corner to the cursor, px: left, top, right, bottom.
   const covered = () => [0, 1].map((i) => Math.min(corner[i], cursor[i])).concat([0, 1].map((i) => Math.max(corner[i], cursor[i]) + 1));
   const leave_out = () => {
-    if (corner && cursor) {
+    if (cursor) {
       const { width, height } = now.still, rectangle = covered().map((end, i) => end / (i % 2 ? height : width));
       now.knobs = { ...now.knobs, left_out: [...now.knobs.left_out, rectangle] };
       send("turn", now.knobs);
