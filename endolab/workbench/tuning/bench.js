@@ -61,11 +61,11 @@ function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }) {
   act("matt", "the same f_r at all angles", () => brdf.fill(brdf[0]));
   act("paper", "the sheen of printed paper", () => sheet.forEach((value, i) => { brdf[i] = value; }));
   const panel = (wide, tall, to) => {
-    const box = add("div", "", to), title = add("div", "", box, { style: "font-weight: bold; white-space: nowrap" });
+    const box = add("div", "", to, { style: "min-width: 0" }), title = add("div", "", box, { style: "font-weight: bold" });
     const canvas = add("canvas", "", box, { width: wide, height: tall, style: "background: #B8B8B8; max-width: 100%" });
     return { title, canvas, pen: canvas.getContext("2d") };
   };
-  const row = () => add("div", "", host, { style: "display: flex; gap: 10px; margin-top: 8px" });
+  const row = () => add("div", "", host, { style: "display: flex; align-items: flex-end; gap: 10px; margin-top: 8px" });
   const upper = row(), lower = row(), small = Math.round(186 * height / width), tall = Math.round(340 * height / width);
   const factors = FACTORS.map(([title, scale]) => {
     const one = panel(186, small, upper);
