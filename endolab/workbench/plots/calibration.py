@@ -22,10 +22,10 @@ from endolab.calibration.uncertainty import (
     values_within,
 )
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.workbench.plots import light as of_light
 from endolab.workbench.plots.maps import show_picture
-from endolab.workbench.plots.scales import common_limit, round_length
+from endolab.workbench.plots.scales import limits, round_length
 from endolab.workbench.plots.style import (
     HOUSE,
     AxesOrNew,
@@ -34,6 +34,8 @@ from endolab.workbench.plots.style import (
     page,
     show_values,
 )
+
+FARTHEST: Any = {"colors": HOUSE.vermilion, "linewidths": 2.2, "linestyles": "--"}
 
 
 # What a session knows ---------------------------------------------------------------------
@@ -44,25 +46,9 @@ def points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray
 
 
 def best_frame(session: Session) -> str:
-    """Name the frame to show: of those that were located, the one whose features reach farthest."""
-
-    def reach(name: str) -> float:
-        pixels = session.detections[name].pixels
-        return float(np.prod(np.ptp(pixels, axis=0))) if len(pixels) else 0.0
-
-    return max(session.poses or session.detections, key=reach)
-
-
-def samples_of(session: Session, name: str) -> BoolArray:
-    """Tell which of a session's samples were read in a frame, (n,)."""
-    number = list(session.poses).index(name) if name in session.poses else -1
-    return session.samples.frame == number
-
-
-def video_frames(session: Session) -> IntArray:
-    """Numbers, in the video, of the frames that were located: those that ``samples.frame`` counts."""
-    names = list(session.detections)
-    return np.array([names.index(name) for name in session.poses], dtype=int)
+    """Name the frame to show: of those that were located, the one with most features."""
+    found = session.detections
+    return max(session.poses or found, key=lambda name: len(found[name].ids))
 
 
 # Figures ----------------------------------------------------------------------------------
@@ -71,24 +57,6 @@ def _show_empty(ax: AxesOrNew, title: str, camera: Camera) -> Axes:
     ax = show_picture(np.ones((camera.height, camera.width)), ax, title)
     ax.autoscale(enable=False)
     return ax
-
-
-def _show_ring(ax: Axes, camera: Camera, angle: float, **look: Any) -> FloatArray:
-    """Draw where rays of an angle off the axis, rad, are seen, and return it: (241, 2), px."""
-    turn = np.linspace(0, 2 * np.pi, 241)
-    x = np.sin(angle) * np.cos(turn)
-    y = np.sin(angle) * np.sin(turn)
-    ring = camera.project(np.stack([x, y, np.full(241, np.cos(angle))], axis=-1))
-    ax.plot(*ring.T, **{"color": HOUSE.vermilion, "lw": 2.2, "ls": "--"} | look)
-    return ring
-
-
-def _show_arrows(
-    ax: Axes, at: FloatArray, off: FloatArray, magnify: float, **look: Any
-) -> None:
-    """Draw differences of pixels longer than they are by a factor."""
-    look |= {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0025}
-    ax.quiver(*at.T, *off.T, **look)
 
 
 @house()
@@ -118,10 +86,6 @@ def show_detection(
         of_row = np.flatnonzero(row == number)
         of_row = of_row[np.argsort(column[of_row])]
         ax.plot(*pixels[of_row].T, "o-", lw=1.3, ms=2.6)
-    if len(ids):
-        look: Any = {"ms": 13, "mfc": "none", "mec": HOUSE.vermilion, "mew": 2}
-        ax.plot(*pixels[0], "o", label=f"id {ids[0]}", **look)
-        legend_below(ax)
     return ax
 
 
@@ -129,18 +93,18 @@ def show_detection(
 def show_reprojection(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     """Show measured less predicted pixels of all views as arrows, where they are in the picture.
 
-    Arrows of one standard deviation are about 2 % of the picture's width. Of more than 800 inliers some,
-    taken by chance, are left out.
+    Arrows of one standard deviation are about 2 % of the picture's width. Of many inliers some are left out.
     """
     pixels, residuals, inliers = points_of(geometry)
-    magnify = round_length(0.02 * geometry.camera.width / max(geometry.sigma, 1e-6))
-    ax = _show_empty(ax, f"Reprojection, arrows × {magnify:g}", geometry.camera)
+    longer = round_length(0.02 * geometry.camera.width / max(geometry.sigma, 1e-6))
+    ax = _show_empty(ax, f"Reprojection, arrows × {longer:g}", geometry.camera)
     bad = pixels[~inliers]
     ax.plot(*bad.T, "x", ms=4, color=HOUSE.vermilion, label=count_of(len(bad), "outlier"))
-    label = count_of(int(inliers.sum()), "inlier")
-    some = np.random.default_rng(0).permutation(np.flatnonzero(inliers))[:800]
-    look = {"color": HOUSE.blue, "label": label}
-    _show_arrows(ax, pixels[some], residuals[some], magnify, **look)
+    good = np.flatnonzero(inliers)
+    some = good[:: 1 + len(good) // 800]
+    look: Any = {"color": HOUSE.blue, "label": count_of(len(good), "inlier")}
+    look |= {"angles": "xy", "scale_units": "xy", "scale": 1 / longer, "width": 0.0025}
+    ax.quiver(*pixels[some].T, *residuals[some].T, **look)
     legend_below(ax)
     return ax
 
@@ -149,27 +113,23 @@ def show_reprojection(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
 def show_reprojection_histogram(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
     _, residuals, inliers = points_of(geometry)
-    values = residuals[inliers].ravel()
-    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
-    label = f"{count_of(len(values) // 2, 'point')}, u and v"
-    return of_light.histogram(ax, title, "px", values, 0.0, float(np.std(values)), label)
+    title = f"Reprojection, u and v: RMSE {geometry.rmse:.3f} px"
+    return of_light.histogram(ax, title, "px", residuals[inliers].ravel())
 
 
 @house()
 def show_coverage(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
-    """Show where in the picture features were seen, with circles of equal angle off the axis."""
+    """Show where in the picture features were seen, and how far off the axis; the farthest is dashed."""
     pixels, _, inliers = points_of(geometry)
     camera = geometry.camera
-    seen = np.rad2deg(geometry.max_angle_seen)
-    ax = _show_empty(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
+    farthest = geometry.max_angle_seen
+    title = f"Field covered: to {np.rad2deg(farthest):.0f}° off the axis"
+    ax = _show_empty(ax, title, camera)
     ax.plot(*pixels[inliers].T, ".", color=HOUSE.blue, ms=3, alpha=0.5, mew=0)
-    words: Any = {"ha": "center", "va": "center", "size": "small"}
-    for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
-        ring = _show_ring(ax, camera, np.deg2rad(angle), color="0.35", lw=0.8, ls="-")
-        # Further around with each ring, so that no number lies on another.
-        ax.annotate(f"{angle}°", ring[angle // 2], backgroundcolor="white", **words)
-    _show_ring(ax, camera, geometry.max_angle_seen, label="farthest feature")
-    legend_below(ax)
+    off = np.rad2deg(np.arccos(camera.field.cos_alpha))
+    rings = ax.contour(off, range(10, 180, 10), colors="0.35", linewidths=0.8)
+    ax.clabel(rings, fmt="%d°")
+    ax.contour(off, [np.rad2deg(farthest)], **FARTHEST)
     return ax
 
 
@@ -182,14 +142,14 @@ def _show_sigma(
     limit: float | None = None,
     title: str | None = None,
 ) -> Axes:
-    """Show a map with the ring of the largest angle seen."""
-    # Colours end at the 90th percentile of what lies within the angles seen: the rim is far worse.
-    limit = limit or common_limit([values_within(values, camera, seen)], 90)
+    """Show a map with the largest angle seen, rad."""
+    # The rim is far worse than all else.
+    limit = limit or limits(name, values_within(values, camera, 0.9 * seen))[1]
     picture = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
     ax = show_values(name, values, ax, title, limits=(0.0, limit), extent=picture)
-    _show_ring(ax, camera, seen, label=f"farthest seen, {np.rad2deg(seen):.0f}°")
+    ring = ax.contour(camera.field.cos_alpha, [np.cos(seen)], **FARTHEST)
+    ax.clabel(ring, fmt=f"seen to {np.rad2deg(seen):.0f}°")
     ax.axis(picture)
-    legend_below(ax)
     return ax
 
 
@@ -268,16 +228,15 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
     samples = session.samples
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
-    here = samples_of(session, best_frame(session))
+    here = samples.frame == list(session.poses).index(best_frame(session))
     with page(18, 10) as figure:
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
         used = light.used[here]
         of_light.show_sampling(image, samples[here], session.camera, sampling, used=used)
         of_light.show_light_residuals(light, residuals)
         of_light.show_fall_off(light, fall_off)
-        frames = video_frames(session)[light.frames]
         distance = mean_distances(samples, light.frames)
-        of_light.show_gains(light, gains, frames=frames, distance=distance)
+        of_light.show_gains(light, gains, distance=distance)
         of_light.show_brdf(light, brdf, samples=samples)
         of_light.show_scores(light.errors_by_angle(samples), scores)
     return figure

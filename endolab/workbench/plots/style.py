@@ -145,11 +145,6 @@ def colour_bar(
         _tick_isolines(bar, *shown.get_clim())
     else:
         place.locator_params(nbins=5)
-    # The bar lies outside the axes, on the figure's colour.
-    ink = ax.yaxis.label.get_color()
-    place.yaxis.label.set_color(ink)
-    place.tick_params(colors=ink)
-    bar.outline.set_edgecolor(ink)
     return bar
 
 
