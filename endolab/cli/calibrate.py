@@ -20,7 +20,7 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
     """Draw a calibration sheet to print, at true size.
 
     - endolab target vicalib_folded --out sheet.pdf
-    - endolab target target.json --out sheet.svg
+    - endolab target target.json --out sheet.pdf
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
         vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard; a board as it is
         bought, printed squares: chessboard:14x9:3mm, charuco:11x8:15mm:11mm:4X4_50; or TARGET.json.
     out : path
-        A PDF or SVG.
+        A PDF.
     overwrite : bool
         Replace what is there.
     """

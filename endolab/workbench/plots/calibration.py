@@ -194,28 +194,24 @@ def show_fall_off_uncertainty(
 
 # Pages ------------------------------------------------------------------------------------
 def geometry_figure(session: Session, image: FloatArray) -> Figure:
-    """Draw the evidence for a camera on one page, of 1600 x 1120 px when saved.
+    """Draw the evidence for a camera on one page, of 1600 x 1120 px when saved; for a given one, a frame.
 
     Parameters
     ----------
     session : Session
     image : (H, W) or (H, W, 3) float array
         The `best_frame`, stored values in [0, 1].
-
-    Raises
-    ------
-    ValueError
-        If the session's camera was given.
     """
-    if session.geometry is None:
-        raise ValueError("session has no geometry to draw: its camera was given")
+    geometry = session.geometry
+    count = 1 if geometry is None else 2
     detection = session.detections[best_frame(session)]
     with page(16, 11.2) as figure:
-        ((detected, arrows), (covered, spread)) = figure.subplots(2, 2)
-        show_detection(image, detection, session.target, detected)
-        show_reprojection(session.geometry, arrows)
-        show_coverage(session.geometry, covered)
-        show_reprojection_histogram(session.geometry, spread)
+        panels = figure.subplots(count, count, squeeze=False)
+        show_detection(image, detection, session.target, panels[0, 0])
+        if geometry is not None:
+            show_reprojection(geometry, panels[0, 1])
+            show_coverage(geometry, panels[1, 0])
+            show_reprojection_histogram(geometry, panels[1, 1])
     return figure
 
 

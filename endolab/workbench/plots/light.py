@@ -44,7 +44,7 @@ def histogram(ax: AxesOrNew, title: str, unit: str, values: FloatArray) -> Axes:
     return ax
 
 
-def _over_angles(ax: AxesOrNew, title: str, x: str, y: str, seen: FloatArray) -> Axes:
+def _over_angles(ax: AxesOrNew, title: str, x: str, y: str, seen: Any) -> Axes:
     """Give axes over angles of 0 to 90°; those beyond what was `seen`, rad, are shaded."""
     ax = decorate(ax, title, x, y)
     low, high = np.rad2deg(seen)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,10 +31,10 @@ from endolab.workbench.plots.scales import (
     OKABE_ITO,
     SOURCE_COLOURS,
     in_colour,
-    isoline_levels,
 )
 from endolab.workbench.plots.style import (
     HOUSE,
+    ROUND,
     AxesOrNew,
     crop,
     decorate,
@@ -90,7 +91,7 @@ def show_depth(
         An array is taken to be cut where it jumps, see `metrics.depth_cuts`.
     limits : two positive floats, optional
         Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
-        need the same: see `common_limits`.
+        need the same: ``plots.limits("distance", one, other)``.
     """
     distance, cuts = _distance_and_cuts(surface)
     limits = limits or scales.limits("distance", distance)
@@ -100,10 +101,8 @@ def show_depth(
         cuts = depth_cuts(distance)
     if cuts is not None:
         distance = np.where(cuts.any(axis=0), np.nan, distance)
-    known = distance[np.isfinite(distance)]
-    levels = isoline_levels(*limits)
-    crossed = (levels > known.min(initial=np.inf)) & (levels < known.max(initial=0))
-    if crossed.any():  # else Matplotlib warns
+    with catch_warnings(action="ignore"):  # there may be none
+        levels = ROUND.tick_values(*limits)
         ax.contour(distance, levels, colors="white", linewidths=0.7, alpha=0.65)
     return ax
 
@@ -234,23 +233,18 @@ def show_section(
     colours = {"truth": "black", "start": HOUSE.sky, "estimate": HOUSE.vermilion}
     ax.set_prop_cycle(color=HOUSE.curve_colours)  # of others
     ax.plot(0, 0, ">", color="black", ms=7, label="camera")
-    near = [np.zeros((1, 2))]
     for name, surface in distances.items():
         distance, cuts = _distance_and_cuts(surface)
         points = distance[:, column, None] * field.rays[:, column, [2, 1]]
         if cuts is not None:
             after = np.flatnonzero(cuts[1, :-1, column]) + 1
             points = np.insert(points, after, np.nan, axis=0)
+        around = ax.dataLim.frozen()
         ax.plot(*points.T, color=colours.get(name), label=name)
         # The start may have spikes many times as far as all else.
-        if name != "start" or len(distances) == 1:
-            near.append(points)
-    shown = np.concatenate(near)
-    low = np.nanmin(shown, axis=0)
-    high = np.nanmax(shown, axis=0)
-    room = 0.15 * (high - low)
-    ax.dataLim.set_points(np.stack([low - room, high + room]))
-    ax.autoscale_view()
+        if name == "start" and len(distances) > 1:
+            ax.dataLim.set(around)
+    ax.margins(0.15)
     ax.set_aspect("equal", adjustable="datalim")
     ax.yaxis.set_inverted(True)  # as in the picture, y points down
     ax.legend(loc="best")
@@ -269,13 +263,9 @@ def show_history(
     """
     ax = decorate(ax, title, "iteration", "energy [1]")
     k = [entry["k"] for entry in history]
-    ax.set_prop_cycle(color=["black", HOUSE.blue, HOUSE.vermilion], ls=["-", "--", ":"])
-    for name in ("energy", "data", "regulariser"):
-        values = np.array([entry.get(name, np.nan) for entry in history])
-        # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
-        if np.any(values > 0):
-            ax.plot(k, np.where(values > 0, values, np.nan), label=name)
-    ax.set_yscale("log")
+    for name, look in (("energy", "k-"), ("data", "C0--"), ("regulariser", "C1:")):
+        values = [entry.get(name, np.nan) for entry in history]
+        ax.semilogy(k, values, look, label=name)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
     return ax
@@ -300,52 +290,44 @@ def overview(
         1600 x 900 px when saved, 2100 x 900 px with uncertainty. It is not one of pyplot's: nothing to close.
     """
     iterate = result.iterate
-    problem = iterate.problem
+    problem = result.problem
     unit = problem.unit
+    distance = result.distance
     start = np.exp(np.where(problem.mask, problem.log_d0, np.nan))
-    curves: dict[str, Surface] = {"start": start, "estimate": iterate}
+    curves: dict[str, Surface] = {"start": start, "estimate": result}
     if truth is not None:
-        scale = (
-            1 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
-        )
-        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+        known = np.where(problem.mask, truth, np.nan)
+        scale = 1 if problem.metric else np.nanmedian(distance / known)
+        curves = {"truth": scale * known, **curves}
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    channel = iterate.report.channel
+    channel = result.report.channel
     words = [
         result.status.name.lower().replace("_", " "),
-        channel and f"channel {channel}",
+        f"channel {channel}" if channel else "",
         f"λ {problem.lam:g}, {problem.regulariser}",
         f"iteration {iterate.k}",
         f"energy {iterate.energy:.4g}",
         "" if problem.metric else "relative units",
     ]
+    doubts = [line for one in warnings(result) for line in wrap(one, 160)]
     columns = 3 if uncertainty is None else 4
-    with page(1 + 5 * columns, 9) as figure:
+    with page(1 + 5 * columns, 9, 2 + len(doubts)) as figure:
         panels = figure.subplots(2, columns)
         show_picture(problem.shown, panels[0, 0])
         crop(panels[0, 0], problem.mask)
-        show_depth(iterate, panels[0, 1], unit=unit)
-        show_normals(iterate.normals, panels[0, 2])
-        show_cloud(iterate.points, problem.shown, panels[1, 0], unit=unit)
+        show_depth(result, panels[0, 1], unit=unit)
+        show_normals(result.normals, panels[0, 2])
+        show_cloud(result.points, problem.shown, panels[1, 0], unit=unit)
         section = show_section(curves, problem.field, panels[1, 1], unit=unit)
         section.legend(loc="center left", bbox_to_anchor=(1, 0.5), handlelength=1)
         show_values("model - frame", residual, panels[1, 2])
         if uncertainty is not None:
-            show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
+            show_sigma(100 * uncertainty.sigma / distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
-        doubts = [line for one in warnings(result) for line in wrap(one, 160)]
-        title = "  ·  ".join(filter(None, words))
-        # Keeps the room, and a line more.
-        heading = figure.suptitle("\n".join([title, *doubts, ""]), alpha=0, size="large")
-        for number, line in enumerate((title, *doubts)):
-            figure.text(
-                *heading.get_position(),
-                "\n" * number + line,
-                size=heading.get_fontsize(),
-                color=HOUSE.vermilion if number else None,
-                ha="center",
-                va="top",
-            )
+        place: Any = {"va": "top", "ha": "center", "size": "large"}
+        figure.text(0.5, 0.98, "  ·  ".join(filter(None, words)), **place)
+        lines = "\n".join(["", *doubts])
+        figure.text(0.5, 0.98, lines, color=HOUSE.vermilion, **place)
         figure.supxlabel(meaning(result)[0], size="medium")
     return figure
 
@@ -358,23 +340,23 @@ def prepare_figure(prepared: Prepared) -> Figure:
     Figure
         Four panels, 1600 px wide when saved; not one of pyplot's.
     """
-    image = prepared.original.image
+    original = prepared.original.image
     inside = prepared.field_of_view
-    masked = np.where(inside[..., None], in_colour(image), np.nan)
+    masked = np.where(inside[..., None], in_colour(original), np.nan)
     ready = prepared.frame
     solved = np.where(ready.mask[..., None], in_colour(ready.image), np.nan)
-    tall = min(image.shape[0] / image.shape[1], 2.0)  # that a page stays one
+    tall = min(original.shape[0] / original.shape[1], 2.0)  # that a page stays one
     with page(16, 14 * tall + 2.4) as figure:
-        ((original, canonical), (masks, used)) = figure.subplots(2, 2)
-        show_picture(image, original, "Original")
-        show_picture(prepared.canonical, canonical, "Canonical")
-        for name, colour in (("lumen", OKABE_ITO.blue), ("highlights", OKABE_ITO.green)):
+        panels = figure.subplots(2, 2)
+        show_picture(original, panels[0, 0], "Original")
+        show_picture(prepared.canonical, panels[0, 1], "Canonical")
+        for name, colour in (("lumen", "blue"), ("highlights", "green")):
             part = getattr(prepared, name)
-            paint = np.array(colour) / 255
+            paint = np.array(getattr(OKABE_ITO, colour)) / 255
             masked[part] = 0.25 * masked[part] + 0.75 * paint
             label = f"{name}, {100 * part[inside].mean():.2g} %"
-            masks.plot([], [], "s", ms=10, color=paint, label=label)
-        show_picture(masked, masks, "Masks")
-        legend_below(masks)
-        show_picture(solved, used, "Pixels to be solved")
+            panels[1, 0].plot([], [], "s", ms=10, color=paint, label=label)
+        show_picture(masked, panels[1, 0], "Masks")
+        legend_below(panels[1, 0])
+        show_picture(solved, panels[1, 1], "Pixels to be solved")
     return figure

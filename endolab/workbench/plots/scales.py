@@ -1,6 +1,5 @@
 """What figures, recordings and the tuner share: colours, each map's words, palette and limits, lengths."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, Literal
@@ -75,44 +74,19 @@ LARGEST_RESIDUAL = 10.0
 LARGEST_ERROR = 20.0
 
 
-def _known_values(maps: Iterable[FloatArray]) -> FloatArray:
-    return np.concatenate([np.empty(0), *(values[np.isfinite(values)] for values in maps)])
-
-
-def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
-    """Limits that suit several maps: 1st and 99th percentile of all their values, 0 and 1 of none.
-
-    Parameters
-    ----------
-    maps : iterable of arrays of one unit; nan where unknown
-    """
-    seen = _known_values(maps)
-    low, high = np.percentile(seen, [1, 99]) if seen.size else (0.0, 1.0)
-    return float(low), float(high)
-
-
-def common_limit(errors: Iterable[FloatArray], percentile: float = 98) -> float:
-    """Limit that suits several maps of signed errors: a percentile of all their sizes, 1 if that is 0.
-
-    Parameters
-    ----------
-    errors : iterable of arrays of one unit; nan where unknown
-    """
-    seen = np.abs(_known_values(errors))
-    return float(np.percentile(seen, percentile)) or 1.0 if seen.size else 1.0
-
-
 def limits(name: str, *maps: FloatArray) -> tuple[float, float]:
     """Where the colours of one of `MAPS` end, such that they suit several maps, nan where unknown.
 
     Of a scale through or from 0 where 98 % of the values' sizes lie within, of others at the 1st and 99th
-    percentile.
+    percentile; of nothing at 1.
     """
+    seen = np.concatenate([values[np.isfinite(values)] for values in maps])
+    seen = seen if seen.size else np.ones(1)
     kind = MAPS[name].kind
     if kind in ("signed", "from 0"):
-        end = common_limit(maps)
+        end = float(np.percentile(np.abs(seen), 98)) or 1.0
         return (-end if kind == "signed" else 0.0), end
-    low, high = common_limits(maps)
+    low, high = np.percentile(seen, [1, 99]).tolist()
     if kind == "log":
         low = max(low, 1e-3 * high)
     return low, max(high, low + 0.01 * abs(low))
@@ -140,12 +114,6 @@ def round_length(length: float) -> float:
 def three_digits(value: float) -> str:
     """Write three digits, 1000 rather than 1e+03."""
     return f"{float(f'{value:.3g}'):g}"
-
-
-def isoline_levels(low: float, high: float) -> FloatArray:
-    """Return round distances between two others, for lines on a map: every 10 mm from 20 to 150."""
-    step = 1 / round_length(15 / (high - low))  # which rounds a 15th of the range up
-    return np.arange(np.ceil(low / step), high / step) * step
 
 
 def brighten(picture: FloatArray) -> FloatArray:

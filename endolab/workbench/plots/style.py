@@ -2,8 +2,7 @@
 
 Colours are safe for colour-blind readers (Okabe and Ito's), text is large enough to be read at
 half the figure's size, and paper is white and opaque, so that a figure looks the same on a dark
-page. Where a caller's axes lie on a dark figure, what is drawn inside them still lies on white
-paper, and what is written outside them keeps the caller's ink.
+page. Axes that a caller gives get white paper, too.
 """
 
 from collections.abc import Iterator
@@ -20,10 +19,11 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.workbench.plots import scales
-from endolab.workbench.plots.scales import COLOURS, MAPS, isoline_levels
+from endolab.workbench.plots.scales import COLOURS, MAPS
 
 # Colours as Matplotlib reads them; `left_out` is of what is unknown in a map.
 HOUSE = SimpleNamespace(left_out=(0.72, 0.72, 0.72), **COLOURS)
@@ -48,6 +48,8 @@ STYLE: Any = {
     "lines.linewidth": 1.8,
 }
 
+# Round distances: ticks of their colour bars, and lines on their maps.
+ROUND = LogLocator(subs=(1, 2, 3, 5, 7))
 AxesOrNew = Axes | None  # none: those of a new figure
 
 
@@ -59,17 +61,15 @@ def house() -> Iterator[None]:
 
 
 @contextmanager
-def page(width: float, height: float) -> Iterator[Figure]:
-    """Give a figure for many panels, in units of 100 px, that is none of pyplot's.
+def page(width: float, height: float, lines: int = 0) -> Iterator[Figure]:
+    """Give a figure for many panels, in units of 100 px, none of pyplot's, with room for some lines above.
 
     Pages are shown smaller, so that all on them is drawn a twelfth larger.
     """
     size = (12 / 13 * width, 12 / 13 * height)
+    room = (0.01, 0.01, 0.98, 0.98 - 0.3 * lines / height)  # nothing at the edge
     with house():
-        inner = ConstrainedLayoutEngine(
-            rect=(0.01, 0.01, 0.98, 0.98)
-        )  # nothing at the edge
-        yield Figure(size, dpi=100 * 13 / 12, layout=inner)
+        yield Figure(size, dpi=100 * 13 / 12, layout=ConstrainedLayoutEngine(rect=room))
 
 
 def use() -> None:
@@ -140,25 +140,11 @@ def colour_bar(
     """Put a colour bar beside a picture, as high as the picture; `extend` says which ends are exceeded."""
     # An inset is as high as the picture; a bar beside the axes is as high as their slot.
     place = ax.inset_axes((1.03, 0, 0.045, 1))
-    bar = ax.figure.colorbar(shown, cax=place, label=label, extend=extend)
-    if isinstance(shown.norm, LogNorm):
-        _tick_isolines(bar, *shown.get_clim())
-    else:
-        place.locator_params(nbins=5)
-    return bar
-
-
-def _tick_isolines(bar: Colorbar, low: float, high: float) -> None:
-    """Tick a logarithmic colour bar where maps have isolines; numbers only where there is room."""
-    levels = isoline_levels(low, high)
-    labels = []
-    free = low
-    for level in levels:
-        labels.append(f"{level:g}" if level >= free else "")
-        if level >= free:
-            free = level * (high / low) ** 0.09  # of the bar, from one number to the next
-    bar.set_ticks(levels.tolist(), labels=labels)
+    ticks = ROUND if isinstance(shown.norm, LogNorm) else MaxNLocator(5)
+    look: Any = {"label": label, "extend": extend, "ticks": ticks, "format": "%g"}
+    bar = ax.figure.colorbar(shown, cax=place, **look)
     bar.minorticks_off()
+    return bar
 
 
 def legend_below(ax: Axes, **what: Any) -> None:

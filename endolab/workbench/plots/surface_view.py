@@ -63,37 +63,34 @@ def show_cloud(
     turn = Rotation.from_euler("yx", [-angle, elevation], degrees=True).as_matrix()
     points = points[::step, ::step] @ turn.T
     # Patches between four pixels, (h, w, 4, 3), clockwise for the camera; so they must be for the viewer.
-    above = [points[:-1, :-1], points[:-1, 1:]]
-    below = [points[1:, 1:], points[1:, :-1]]
-    patches = np.stack(above + below, axis=2)
+    corners = (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1])
+    patches = np.stack(corners, axis=2)
     diagonals = patches[:, :, 2:] - patches[:, :, :2]
     normals = np.cross(diagonals[:, :, 0], diagonals[:, :, 1])
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     distances = np.linalg.norm(patches, axis=-1)
     farthest = distances.max(axis=-1)
-    sight = patches.mean(axis=2)
-    cosine = np.abs(np.sum(normals * sight, axis=-1)) / farthest
+    cosine = np.abs(np.sum(normals * patches[:, :, 0], axis=-1)) / farthest
     joined = (farthest < JUMP * distances.min(axis=-1)) & (cosine > EDGE_ON)
     seen = joined & (normals[..., 2] > 0)
     if not seen.any():
         return ax
-    order = np.argsort(-sight[seen][:, 2])  # the farthest first
+    shown = patches[seen]
+    order = np.argsort(-shown[:, 0, 2])  # the farthest first
     faces = in_colour(np.clip(colours[::step, ::step], 0, 1))[:-1, :-1][seen]
     faces = brighten(faces) if lift else faces
     faces = faces * (0.4 + 0.6 * np.clip(normals[seen] @ TO_LAMP, 0, 1))[:, None]
     # An array: Matplotlib takes several times as long over a list.
-    flat: Any = patches[seen][order, :, :2]
+    flat: Any = shown[order, :, :2]
     drawn = PolyCollection(flat, facecolors=faces[order], edgecolors="face")
     drawn.set(linewidths=0.4, rasterized=True)
     ax.add_collection(drawn, autolim=False)
     # A plane that runs to the horizon must not make what is near small.
-    near = patches[seen & (farthest <= FARTHEST * np.median(farthest[seen]))]
-    left, top, _ = near.min(axis=(0, 1), initial=0)
-    right, bottom, _ = near.max(axis=(0, 1), initial=0)
-    room = 0.12 * (bottom - top)  # for the camera's name above, and for the bar below
-    ax.update_datalim([(left, top - room), (right, bottom + room)])
+    near = shown[farthest[seen] <= FARTHEST * np.median(farthest[seen]), :, :2]
+    ax.update_datalim(near.reshape(-1, 2))
+    ax.margins(y=0.12)  # for the camera's name above, and for the bar below
     ax.autoscale_view()
-    length = round_length((right - left) / 4)
+    length = round_length(np.ptp(near[..., 0]) / 4)
     bar = (ax.transData, length, f"{length:g} {unit}", "lower left")
     ax.add_artist(AnchoredSizeBar(*bar, frameon=False, color="white", pad=0.8, sep=4))
     return ax

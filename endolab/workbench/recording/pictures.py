@@ -1,10 +1,15 @@
-"""What a recording shows of an iterate, as it is logged: maps and a cloud of points."""
+"""What a recording shows, as it is logged: maps, a section and clouds of points.
+
+Maps are numbers of classes, of which the viewer is told names and colours: those of `FIXED`, and for each of
+`ENDS` equal steps from one end to the other.
+"""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from endolab.metrics.depth_errors import resample_truth
 from endolab.numerics.arrays import FloatArray
@@ -12,80 +17,140 @@ from endolab.solvers.energy import model_image
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 from endolab.workbench.plots.scales import (
-    LARGEST_ERROR,
-    LARGEST_RESIDUAL,
+    MAPS,
     OKABE_ITO,
+    SOURCE_COLOURS,
     Colour,
+    in_colour,
     palette,
-    round_length,
     three_digits,
 )
-from endolab.workbench.recording.stream import THIN, Thinned, classes, depth_map
+from endolab.workbench.recording.stream import Painted
 
-OPAQUE_BLACK = (0, 0, 0, 255)
-CLEAR = (0, 0, 0, 0)
-Painted = dict[str, tuple[rr.AsComponents, ...]]  # what to log, by entity
+Ends = tuple[float, float]
+THIN = rr.Radius.ui_points(1.5)
 TRUTH_COLOUR = (160, 160, 160)
-SHADES = palette("error")[np.linspace(0, 255, 65).astype(int)].tolist()
-# A class for each hundredth of log distance, from a thousandth of a unit to 900 of them, and one for lines.
-STEPS, NEAREST, LINE = 100, 1e-3, 1400
-ROUNDS = np.outer(10.0 ** np.arange(-3, 3), [1, 2, 3, 5, 7]).ravel()
-USED_COLOURS = {"left out": OPAQUE_BLACK, "used": CLEAR}
-# The first three in the order of `Problem.evidence`.
-FINDING_COLOURS = {
-    "as it is": CLEAR,
+NAMED = {
+    "left out": (0, 0, 0, 255),
+    "as it is": (0, 0, 0, 0),
+    # In the order of `Problem.evidence`.
     "saturated": OKABE_ITO.yellow,
     "highlight": OKABE_ITO.sky,
     "contour": OKABE_ITO.vermilion,
+    "a round distance": (255, 255, 255),
+    **SOURCE_COLOURS,
 }
+FIXED = [(k, *one) for k, one in enumerate(NAMED.items())]
+CONTOUR = 4
+LINE = 5  # the sources follow
+FIRST = len(FIXED)  # of the steps
+# Of log distance a step is a hundredth.
+STEPS = {"distance": 1400, "model - frame": 200, "error": 200, "σ": 200}
+ENDS: dict[str, Ends] = {
+    "distance": (np.log(1e-3), np.log(1e3)),
+    "model - frame": (-10.0, 10.0),
+    "error": (-20.0, 20.0),
+    "σ": (0.0, 20.0),
+}
+DIFFERENCES = {"error": "error", "residual": "model - frame", "sigma": "σ"}  # entities
+ROUNDS = np.outer(10.0 ** np.arange(-3, 3), [1, 2, 3, 5, 7]).ravel()
 
 
-def paint(
-    iterate: Iterate, truth: FloatArray | None, thin: Thinned, sparse: Thinned
-) -> Painted:
-    """Make the pictures of an iterate, and the cloud of its sparse pixels, by their entities."""
-    problem = iterate.problem
-    residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    facing = cv2.convertScaleAbs(iterate.normals[thin], alpha=127.5, beta=127.5)
-    points = iterate.points[sparse][problem.mask[sparse]].astype(np.float32)
-    pictures: Painted = {
-        "depth": (depth_map(iterate.distance[thin], problem.metric),),
-        "distance": (distance_codes(iterate.distance[thin]),),
-        "normals": (rr.Image(facing),),
-        "residual": _signed_map(residual[thin], LARGEST_RESIDUAL, "/255"),
-        "section/estimate": (_section(iterate.points, OKABE_ITO.vermilion),),
-        "world/cloud": (rr.Points3D.from_fields(positions=points),),
-    }
-    if truth is not None:
-        error = error_percent(iterate, truth)[thin]
-        pictures["error"] = _signed_map(error, LARGEST_ERROR, " %")
-    return pictures
+# Classes ----------------------------------------------------------------------------------
+def in_steps(name: str, values: FloatArray) -> NDArray[np.uint16]:
+    """Numbers of the classes of a map's values; of nan 0. Of distances they are logarithms."""
+    low, high = ENDS[name]
+    share = (values.clip(low, high) - low) / (high - low)
+    return np.nan_to_num(FIRST + 0.5 + share * (STEPS[name] - 1)).astype(np.uint16)
 
 
-def _signed_map(values: FloatArray, end: float, unit: str) -> tuple[rr.AsComponents, ...]:
-    """A map of what may be below 0 and above, with colours up to an end of either sign."""
-    steps = np.linspace(-end, end, len(SHADES))
-    colours = {
-        f"{step:+.3g}{unit}": tuple(shade)
-        for step, shade in zip(steps, SHADES, strict=True)
-    }
+def names(name: str, limits: Ends, unit: str = "") -> rr.AnnotationContext:
+    """Names and colours of the classes of one of `ENDS`, whose colours end at the limits."""
+    scale = MAPS[name]
+    is_log = scale.kind == "log"
+    places = np.linspace(*ENDS[name], STEPS[name])
+    shades = np.interp(places, np.log(limits) if is_log else limits, (0, 255)).astype(int)
+    values = np.exp(places) if is_log else places
+    words = [f"{three_digits(value)} {scale.unit or unit}" for value in values]
+    colours = map(tuple, palette(name)[shades].tolist())
+    numbers = range(FIRST, FIRST + len(words))
+    return rr.AnnotationContext([*FIXED, *zip(numbers, words, colours, strict=True)])
+
+
+def all_names() -> Painted:
+    """Names and colours of all classes but those of distances, by what they are of."""
+    named = {entity: names(name, ENDS[name]) for entity, name in DIFFERENCES.items()}
+    return {"": rr.AnnotationContext(FIXED), **named}
+
+
+def segmented(codes: NDArray) -> rr.SegmentationImage:
+    """A map of classes, (h, w)."""
+    return rr.SegmentationImage(np.ascontiguousarray(codes, np.uint16), opacity=1.0)
+
+
+# What is shown ----------------------------------------------------------------------------
+def paint_frame(picture: FloatArray, found: NDArray, step: int) -> Painted:
+    """Show a picture, on a map and on the cloud, and what was found in it, (H, W), of `FIXED`."""
     # OpenCV's way to bytes takes a tenth of NumPy's time; nan becomes 0.
-    half = len(SHADES) // 2
-    codes = cv2.convertScaleAbs(np.clip(values / end, -1, 1), alpha=half, beta=half + 1)
-    return classes(codes, {"left out": OPAQUE_BLACK, **colours})
-
-
-def paint_truth(last: Iterate, truth: FloatArray, sparse: Thinned) -> Painted:
-    """Show the truth in space and in the section, in the unit of a stage's last iterate, and that unit."""
-    points = _truth_for(last, truth)[..., None] * last.problem.field.rays
-    seen = points[sparse].reshape(-1, 3).astype(np.float32)
-    seen = seen[np.isfinite(seen).all(axis=1)]
-    length = round_length(np.nanmax(points[..., 2]))
-    unit = f"{length:g} {last.problem.unit} from the camera"
+    colours = cv2.convertScaleAbs(in_colour(picture), alpha=255)
+    few = 2 * step
+    on_cloud = colours[::few, ::few][found[::few, ::few] > 0]
+    radii = rr.Radius.ui_points(2.5)
     return {
-        "world/truth": (rr.Points3D(seen, colors=TRUTH_COLOUR, radii=THIN),),
-        "section/truth": (_section(points, TRUTH_COLOUR),),
-        "section/length": (rr.LineStrips2D([[(0, 0), (length, 0)]], labels=unit),),
+        "input": rr.Image(colours[::step, ::step]),
+        "found": segmented(found[::step, ::step]),
+        "world/cloud": rr.Points3D.from_fields(colors=on_cloud, radii=radii),
+    }
+
+
+def found_in(problem: Problem) -> NDArray:
+    """What was found in a frame, and what is left out, (H, W), of `FIXED`."""
+    found = 1 * problem.mask
+    if problem.evidence is not None:
+        found[problem.mask] += problem.evidence[problem.mask]
+    if problem.cuts is not None:
+        found[problem.cuts.any(axis=0)] = CONTOUR
+    return found
+
+
+def paint_surface(points: FloatArray, normals: FloatArray, step: int) -> Painted:
+    """Show a surface by its points and normals, (H, W, 3)."""
+    distance = np.linalg.norm(points[::step, ::step], axis=-1)
+    codes = in_steps("distance", np.log(distance))
+    below = np.searchsorted(ROUNDS, np.nan_to_num(distance)).astype(np.uint8)
+    codes[(cv2.dilate(below, np.ones((3, 3))) > below) & (codes > 0)] = LINE
+    facing = cv2.convertScaleAbs(normals[::step, ::step], alpha=127.5, beta=127.5)
+    cloud = _known(points[:: 2 * step, :: 2 * step])
+    return {
+        "distance": segmented(codes),
+        "normals": rr.Image(facing),
+        "section/estimate": _section(points, OKABE_ITO.vermilion),
+        "world/cloud": rr.Points3D.from_fields(positions=cloud),
+    }
+
+
+def paint(iterate: Iterate, truth: FloatArray | None, step: int) -> Painted:
+    """Show an iterate: its surface, and how far it is from the frame and from the truth."""
+    problem = iterate.problem
+    painted = paint_surface(iterate.points, iterate.normals, step)
+    # To be read back; the viewer shows it in steps.
+    exact = iterate.distance[::step, ::step].astype(np.float32)
+    painted["depth"] = rr.DepthImage(exact, meter=1000.0 if problem.metric else 1.0)
+    residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
+    painted["residual"] = segmented(in_steps("model - frame", residual[::step, ::step]))
+    if truth is not None:
+        error = error_percent(iterate, truth)
+        painted["error"] = segmented(in_steps("error", error[::step, ::step]))
+    return painted
+
+
+def paint_truth(last: Iterate, truth: FloatArray, step: int) -> Painted:
+    """Show the truth in space and in the section, in the unit of a stage's last iterate."""
+    points = _truth_for(last, truth)[..., None] * last.problem.field.rays
+    cloud = _known(points[:: 2 * step, :: 2 * step])
+    return {
+        "world/truth": rr.Points3D(cloud, colors=TRUTH_COLOUR, radii=THIN),
+        "section/truth": _section(points, TRUTH_COLOUR),
     }
 
 
@@ -102,46 +167,17 @@ def _truth_for(iterate: Iterate, truth: FloatArray) -> FloatArray:
     return same * scale
 
 
-def _section(points: FloatArray, colour: Colour) -> rr.LineStrips2D:
+def looks_along(distance: FloatArray) -> rr.Arrows3D:
+    """The camera and where it looks, a third of the way long."""
+    axis = [0, 0, 0.35 * float(np.nanmedian(distance))]
+    return rr.Arrows3D(vectors=[axis], colors=OKABE_ITO.sky, radii=THIN)
+
+
+def _known(points: FloatArray) -> NDArray[np.float32]:
+    return points[np.isfinite(points).all(axis=-1)].astype(np.float32)
+
+
+def _section(points: FloatArray, colour: Colour) -> rr.Points2D:
     """Where the middle column cuts a surface, seen from the side: z to the right, y down."""
-    column = np.ma.masked_invalid(points[:, points.shape[1] // 2, [2, 1]])
-    parts = [column[part].data for part in np.ma.clump_unmasked(column[:, 0])]
-    return rr.LineStrips2D(parts, colors=colour)
-
-
-def distance_codes(distance: FloatArray) -> rr.SegmentationImage:
-    """Make a map of classes of distances, and of lines where these are round; 0 is unknown."""
-    known = np.nan_to_num(distance, nan=NEAREST)
-    codes = np.clip(STEPS * np.log(known / NEAREST), 0, LINE - 1).astype(np.uint16)
-    below = np.searchsorted(ROUNDS, known).astype(np.uint8)
-    codes[cv2.dilate(below, np.ones((3, 3))) > below] = LINE
-    codes[np.isnan(distance)] = 0
-    return rr.SegmentationImage(codes, opacity=1.0)
-
-
-def distance_classes(limits: tuple[float, float], unit: str) -> rr.AnnotationContext:
-    """Name the classes of distances, whose colours run from one limit to the other."""
-    codes = np.arange(1, LINE)
-    distances = NEAREST * np.exp((codes + 0.5) / STEPS)
-    low, high = np.log(limits)
-    place = np.clip(255 * (np.log(distances) - low) / max(high - low, 0.01), 0, 255)
-    colours = palette("distance")[place.astype(int)].tolist()
-    named = [
-        (int(code), f"{three_digits(distance)} {unit}", tuple(colour))
-        for code, distance, colour in zip(codes, distances, colours, strict=True)
-    ]
-    round_ones = (LINE, "a round distance", (255, 255, 255, 255))
-    return rr.AnnotationContext([(0, "left out", OPAQUE_BLACK), *named, round_ones])
-
-
-def paint_preparation(problem: Problem, thin: Thinned) -> Painted:
-    """Show what is left out, and what was found in the frame, by their entities."""
-    found = np.zeros(problem.mask.shape, np.uint8)
-    if problem.evidence is not None:
-        found[problem.mask] = problem.evidence[problem.mask]
-    if problem.cuts is not None:
-        found[problem.cuts.any(axis=0)] = 3
-    return {
-        "mask": classes(problem.mask[thin], USED_COLOURS),
-        "prepared": classes(found[thin], FINDING_COLOURS),
-    }
+    column = _known(points[:, points.shape[1] // 2, [2, 1]])
+    return rr.Points2D(column, colors=colour, radii=THIN)

@@ -17,6 +17,7 @@ from endolab.workbench.recording.layouts import ITERATIONS
 
 # Of "/entity:component", Arrow's values by iteration, as they were logged.
 Rows = dict[str, dict[int, Any]]
+DEPTHS = "/depth:buffer"
 
 
 @check_kinds(path=PATH)
@@ -85,17 +86,18 @@ class Recording:
     @property
     def runs(self) -> dict[str, Recording]:
         """Runs by name; one that was recorded alone is called ''."""
-        runs = {}
-        for depth in self.rows:
-            if depth.endswith("/depth:depth_range"):
-                start = depth.removesuffix("depth:depth_range")
-                of = {
-                    "/" + name.removeprefix(start): rows
+        starts = [name.removesuffix(DEPTHS) for name in self.rows if name.endswith(DEPTHS)]
+        return {
+            start.strip("/"): Recording(
+                self.path,
+                {
+                    name.removeprefix(start): rows
                     for name, rows in self.rows.items()
-                    if name.startswith(start)
-                }
-                runs[start.strip("/")] = Recording(self.path, of)
-        return runs
+                    if name.startswith(f"{start}/")
+                },
+            )
+            for start in starts
+        }
 
     def _of(self, name: str) -> dict[int, Any]:
         if name not in self.rows:
@@ -103,54 +105,44 @@ class Recording:
             raise ValueError(f"{self.path} holds several runs or none: .runs is {names}")
         return self.rows[name]
 
-    def _values(self, name: str, k: int | None = None) -> Any:
-        """What there is of the run at an iteration, or was last before; by default, at the end."""
-        rows = self._of(name)
-        return rows[max(before for before in rows if k is None or before <= k)]
-
-    @property
-    def history(self) -> list[dict[str, float]]:
-        """A row per iterate as in `Result.history`: k, energy, its terms, change and the solver's scalars."""
-        history: list[dict[str, float]] = [
-            {"k": k} for k in self._of("/plots/energy:scalars")
-        ]
-        for name, rows in self.rows.items():
-            if name.startswith("/plots/"):
-                curve = name.removeprefix("/plots/").removesuffix(":scalars")
-                for row in history:
-                    k = int(row["k"])
-                    row[curve] = rows[k][0].as_py() if k in rows else np.nan
-        return history
-
     def table(self) -> NDArray[np.void]:
-        """The history as a structured array, (n,), with the field "iteration".
+        """A row per iterate, (n,): "iteration", energy, its terms, change and the solver's scalars.
 
         ``recording.table()["energy"]`` is a column; what was not logged is nan.
         """
-        history = self.history
-        fields = [("iteration", int), *((name, float) for name in list(history[0])[1:])]
-        return np.array([tuple(row.values()) for row in history], fields)
+        at = list(self._of("/plots/energy:scalars"))
+        curves = {
+            name.removeprefix("/plots/").removesuffix(":scalars"): rows
+            for name, rows in self.rows.items()
+            if name.startswith("/plots/")
+        }
+        table = np.zeros(len(at), [("iteration", int), *((name, float) for name in curves)])
+        table["iteration"] = at
+        for name, rows in curves.items():
+            table[name] = [rows[k][0].as_py() if k in rows else np.nan for k in at]
+        return table
 
     @property
     def pictured(self) -> tuple[int, ...]:
         """Iterations with pictures: the others have scalars only."""
-        return tuple(sorted(self._of("/depth:buffer")))
+        return tuple(sorted(self._of(DEPTHS)))
 
     @property
     def unit(self) -> str:
         """Of distances: "mm", or "relative units" where the gain was unknown; of the last stage."""
-        metric = self._values("/depth:meter")[0].as_py() == 1000
-        return "mm" if metric else "relative units"
+        last = self.pictured[-1]
+        is_metric = self._of("/depth:meter")[last][0].as_py() == 1000
+        return "mm" if is_metric else "relative units"
 
     @property
     def mask(self) -> BoolArray:
         """Pixels that took part, (h, w); of the last stage."""
-        return self._map("mask", np.uint8)[..., 0].astype(bool)
+        return np.isfinite(self.depth())
 
     @property
     def picture(self) -> FloatArray:
         """The frame as it looked, (h, w, 3); of the last stage, in [0, 1]."""
-        return self._map("input", np.uint8) / 255.0
+        return self._map("input", np.uint8, -1) / 255.0
 
     def depth(self, iteration: int = -1) -> FloatArray:
         """Distance at an iteration of `pictured`, (h, w), in `unit`; nan outside the mask; -1 is the last.
@@ -166,11 +158,12 @@ class Recording:
         n[np.isnan(self.depth(iteration))] = np.nan
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
-    def _map(self, entity: str, kind: type, iteration: int | None = None) -> NDArray:
-        """A picture of raw values, (h, w, 1 or 3), at an iteration with one; or the last."""
-        k = self.pictured[-1] if iteration == -1 else iteration
-        if k is not None and k not in self.pictured:
+    def _map(self, entity: str, kind: type, iteration: int) -> NDArray:
+        """A picture of raw values, (h, w, 1 or 3), at an iteration with one; -1 is the last."""
+        rows = self._of(f"/{entity}:buffer")
+        k = max(rows) if iteration == -1 else iteration
+        if k not in rows:
             raise ValueError(f"iteration {k} has no picture; {self.pictured} have")
-        form = self._values(f"/{entity}:format", k)[0].as_py()
-        content = self._values(f"/{entity}:buffer", k).flatten().to_numpy().view(kind)
+        form = self.rows[f"/{entity}:format"][k][0].as_py()
+        content = rows[k].flatten().to_numpy().view(kind)
         return np.asarray(content.reshape(form["height"], form["width"], -1))

@@ -15,33 +15,23 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
-from endolab.workbench.plots.scales import (
-    OKABE_ITO,
-    SOURCE_COLOURS,
-    common_limit,
-    common_limits,
-    in_colour,
-)
-from endolab.workbench.recording import layouts
-from endolab.workbench.recording.layouts import ITERATIONS, Shown
+from endolab.workbench.plots.scales import OKABE_ITO, limits
+from endolab.workbench.recording.layouts import CURVES, ITERATIONS, Shown, layout
 from endolab.workbench.recording.pictures import (
-    OPAQUE_BLACK,
-    Painted,
-    distance_classes,
+    LINE,
+    Ends,
+    all_names,
     error_percent,
+    found_in,
+    in_steps,
+    looks_along,
+    names,
     paint,
-    paint_preparation,
+    paint_frame,
     paint_truth,
+    segmented,
 )
-from endolab.workbench.recording.stream import (
-    Sink,
-    as_bytes,
-    camera_shape,
-    classes,
-    depth_map,
-    every,
-    markdown,
-)
+from endolab.workbench.recording.stream import Painted, Sink, scalars
 
 # Stages that search, whether there is anything or not, and the colours of their curves.
 SEARCHES = {"bounced light": OKABE_ITO.sky, "contours": OKABE_ITO.orange}
@@ -97,17 +87,17 @@ def record(
 class Recorder:
     """An observer that logs iterates to a recording, as they come; see `record`.
 
-    When a stage of the run begins: ``stage`` (its name), ``input``, ``mask``, ``prepared`` (highlights,
-    saturated pixels and contours), ``settings``, ``world/camera``. Per iterate: ``depth``, ``distance`` (the
-    same in logarithmic colours, with lines where it is round), ``normals`` ((n + 1)/2), ``residual`` (model -
-    image), ``section/estimate`` (of the middle column), ``world/cloud``, ``plots/<name>``, and
+    When a stage of the run begins: ``stage`` (its name), ``input``, ``found`` (highlights, saturated
+    pixels, contours, what is left out), ``world/camera``. Per iterate: ``depth``, ``distance`` (the same in
+    logarithmic colours, with lines where it is round), ``normals`` ((n + 1)/2), ``residual`` (model - image),
+    ``section/estimate`` (of the middle column), ``world/cloud``, ``plots/<name>``, and
     ``log10/energy/<stage>`` and ``log10/change/<stage>``. With a truth also ``error`` (%), the mean of
     its size, ``plots/error``, ``section/truth`` and ``world/truth``. Scalars are logged for every iterate,
     pictures for the first 20 of the solution, its last, and between them each time k has grown by half; of
     the stages before it only for the first and the last, as there may be a dozen. The timeline "iteration"
-    runs on over all stages. At the end, static: ``end`` (what was done about indirect light and contours),
-    and of how far it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
-    ``uncertainty/dominant_source``. Of several runs all names begin with the run's.
+    runs on over all stages. At the end, static: ``settings`` (and what was done about indirect light and
+    contours). Of how far the end can be trusted, if that is added: ``sigma`` (% of the distance) and
+    ``dominant_source``. Of several runs all names begin with the run's.
     """
 
     def __init__(
@@ -124,7 +114,6 @@ class Recorder:
         self._place = 0  # of that on the timeline
         self._begun = 0  # that of its stage's first
         self._pictured = 0  # the last k of this stage with pictures
-        self._sigma: float | None = None  # %, where the colours of σ end
 
     def run(self, name: str) -> Recorder:
         """Make the observer of one of several runs; its entities begin with its name."""
@@ -138,21 +127,22 @@ class Recorder:
         last = self._last
         begins = last is None or (last.stage, last.round) != (iterate.stage, iterate.round)
         if last is not None and begins:
-            self._end_stage(last, common_limits([last.distance]))
+            self._end_stage(last, limits("distance", last.distance))
         self._place = iterate.k if last is None else self._place + 1
+        self._sink.at(ITERATIONS, self._place)
+        if last is None:
+            self._log({"world": rr.ViewCoordinates.RDF, **all_names()}, static=True)
         if begins:
             self._begin_stage(iterate)
         self._last = iterate
-        self._sink.at(ITERATIONS, self._place)
-        scalars = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
-        scalars |= iterate.scalars
+        numbers = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        numbers |= iterate.scalars
         if self._truth is not None:
-            scalars["error"] = float(
-                np.nanmean(np.abs(error_percent(iterate, self._truth)))
-            )
-        self._sink.log_scalars(f"{self._run}/plots", scalars)
+            off = np.abs(error_percent(iterate, self._truth))
+            numbers["error"] = float(np.nanmean(off))
+        curves = {f"plots/{name}": value for name, value in numbers.items()}
         # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
-        self._sink.log_scalars(self._run, _logarithms(iterate))
+        self._log(scalars(curves | _logarithms(iterate)))
         # Ever fewer, that a recording stays small.
         often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
         if begins or (often and iterate.stage == SOLUTION):
@@ -177,14 +167,13 @@ class Recorder:
         recorded = None if self._last is None else self._last.mask.shape
         if shape != recorded:
             raise ValueError(f"uncertainty has shape {shape}, what was recorded {recorded}")
-        percent = (100 * uncertainty.sigma / result.distance)[self._thin]
-        most = float(f"{common_limit([percent]):.2g}")
-        sigma = depth_map(percent, False, (0.0, most), "magma")
-        colours = {"left out": OPAQUE_BLACK, **SOURCE_COLOURS}
-        source = classes(uncertainty.dominant_source[self._thin], colours)
-        self._log("uncertainty/sigma", sigma, static=True)
-        self._log("uncertainty/dominant_source", *source, static=True)
-        self._sigma = most
+        step = self._step
+        percent = (100 * uncertainty.sigma / result.distance)[::step, ::step]
+        source = uncertainty.dominant_source[::step, ::step]
+        sources = np.where(source > 0, source + LINE, 0)
+        maps = {"sigma": in_steps("σ", percent), "dominant_source": sources}
+        self._sink.at(ITERATIONS, self._place)
+        self._log({name: segmented(codes) for name, codes in maps.items()})
 
     def __enter__(self) -> Self:
         self._within = True
@@ -193,7 +182,7 @@ class Recorder:
     def __exit__(self, failure: object, *_: object) -> None:
         self._within = False
         if failure is not None:
-            self._sink.drop()
+            self._sink.close(failed=True)
         self.close()
 
     def close(self) -> None:
@@ -210,74 +199,50 @@ class Recorder:
             for one, last in ends:
                 unit = last.problem.unit
                 alike = [end.distance for _, end in ends if end.problem.unit == unit]
-                each = [common_limits([distance]) for distance in alike]
-                limits = (float(np.min(each)), float(np.max(each)))
-                one._end_stage(last, limits)
-                remarks = "\n".join(f"- {note}" for note in notes(last))
-                one._log("end", markdown(f"## End\n\n{remarks}"), static=True)
-                truth = one._truth is not None
-                shown.append(Shown(one._run, unit, limits, truth, one._sigma))
+                seen = limits("distance", *alike)
+                one._end_stage(last, seen)
+                one._log({"settings": _settings(last)}, static=True)
+                shown.append(Shown(one._run, unit, seen))
             if shown:
-                self._sink.arrange(layouts.reconstructions(shown))
+                self._sink.arrange(layout(shown, self._sink.entities, ITERATIONS, CURVES))
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
         """Log what stays for a stage."""
         problem = iterate.problem
-        last = self._last
-        width = problem.camera.width
-        self._thin = every(width, self._max_width)
-        # Coordinates would be most of a recording.
-        self._sparse = every(width, min(self._max_width, 160))
+        self._step = -(-problem.camera.width // self._max_width)
         self._begun = self._place
-        self._sink.at(ITERATIONS, self._place)
-        if last is None:
-            self._log("world", rr.ViewCoordinates.RDF, static=True)
         # Where there are several runs, each has colours of its own.
         colour = None if self._run else SEARCHES.get(iterate.stage, OKABE_ITO.vermilion)
+        title = f"{iterate.stage}?" if iterate.stage in SEARCHES else iterate.stage
         round = f", round {iterate.round}" if iterate.round else ""
-        self._log("stage", rr.TextLog(_title(iterate) + round, color=colour))
-        look = rr.SeriesLines(names=f"{self._run} {_title(iterate)}".strip(), colors=colour)
-        for curve in _logarithms(iterate):
-            self._log(curve, look, static=True)
-            self._log(curve, rr.Scalars(np.nan))  # a gap between rounds
-        picture = as_bytes(in_colour(problem.shown))
-        if last is None or last.problem.shown is not problem.shown:
-            self._log("input", rr.Image(picture[self._thin]))
-        self._log_all(paint_preparation(problem, self._thin))
-        self._log("settings", markdown(_settings(iterate)))
-        colours = picture[self._sparse][problem.mask[self._sparse]]
-        radii = rr.Radius.ui_points(2.5)
-        self._log("world/cloud", rr.Points3D.from_fields(colors=colours, radii=radii))
-        size = 0.35 * float(np.nanmedian(iterate.distance))
-        self._log("world/camera", camera_shape(problem.camera, size))
+        look = rr.SeriesLines(names=f"{self._run} {title}".strip(), colors=colour)
+        curves = _logarithms(iterate)
+        self._log(dict.fromkeys(curves, look), static=True)
+        self._log(dict.fromkeys(curves, rr.Scalars(np.nan)))  # a gap between rounds
+        self._log(paint_frame(problem.shown, found_in(problem), self._step))
+        camera = looks_along(iterate.distance)
+        self._log(
+            {"stage": rr.TextLog(title + round, color=colour), "world/camera": camera}
+        )
 
     def _log_pictures(self, iterate: Iterate) -> None:
         """Log the pictures of the last iterate, there."""
         self._sink.at(ITERATIONS, self._place)
-        self._log_all(paint(iterate, self._truth, self._thin, self._sparse))
+        self._log(paint(iterate, self._truth, self._step))
         self._pictured = iterate.k
 
-    def _end_stage(self, last: Iterate, limits: tuple[float, float]) -> None:
+    def _end_stage(self, last: Iterate, limits: Ends) -> None:
         """Log the pictures of a stage's last iterate, and where the colours of its distances end."""
         if self._pictured != last.k:
             self._log_pictures(last)
         self._sink.at(ITERATIONS, self._begun)
-        self._log("depth", rr.DepthImage.from_fields(depth_range=limits))
-        self._log("distance", distance_classes(limits, last.problem.unit))
+        self._log({"distance": names("distance", limits, last.problem.unit)})
         if self._truth is not None:
-            self._log_all(paint_truth(last, self._truth, self._sparse))
+            self._log(paint_truth(last, self._truth, self._step))
 
-    def _log_all(self, painted: Painted) -> None:
-        for entity, what in painted.items():
-            self._log(entity, *what)
-
-    def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
-        self._sink.log(f"{self._run}/{entity}", *what, static=static)
-
-
-def _title(iterate: Iterate) -> str:
-    return f"{iterate.stage}?" if iterate.stage in SEARCHES else iterate.stage
+    def _log(self, painted: Painted, static: bool = False) -> None:
+        self._sink.log(painted, self._run, static)
 
 
 def _logarithms(iterate: Iterate) -> dict[str, float]:
@@ -290,25 +255,27 @@ def _logarithms(iterate: Iterate) -> dict[str, float]:
     }
 
 
-def _settings(iterate: Iterate) -> str:
-    """What is solved and how, as Markdown."""
-    problem = iterate.problem
+def _settings(last: Iterate) -> rr.TextDocument:
+    """What was solved and how, and what was done about indirect light and contours."""
+    problem = last.problem
     camera = problem.camera
+    photometry = problem.photometry
     rows = {
         "distances": problem.unit,
         "picture": f"{camera.width} x {camera.height} px",
         "camera": camera.model,
-        "k": problem.photometry.k,
-        "γ": problem.photometry.gamma,
-        "gain": problem.photometry.gain,
-        **iterate.report.settings,
+        "k": photometry.k,
+        "γ": photometry.gamma,
+        "gain": photometry.gain,
+        **last.report.settings,
         "regulariser": problem.regulariser,
         "lam": problem.lam,
         "epsilon": problem.epsilon,
         "xi": problem.xi,
     }
-    table = "## Settings\n\n| | |\n|---|---|\n"
+    text = "| | |\n|---|---|\n"
     for name, value in rows.items():
         words = f"{value:.4g}" if isinstance(value, float) else value
-        table += f"| {name} | {words} |\n"
-    return table
+        text += f"| {name} | {words} |\n"
+    text += "".join(f"\n- {note}" for note in notes(last))
+    return rr.TextDocument(text, media_type="text/markdown")

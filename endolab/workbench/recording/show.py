@@ -6,16 +6,25 @@ so it needs no network.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
+import sys
 from typing import TYPE_CHECKING
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.checks import check_int
 from endolab.workbench.recording.reader import read_recording
-from endolab.workbench.recording.viewer import front_end, notebook_viewer
 
 if TYPE_CHECKING:
     from endolab.workbench.recording.recorder import Recorder
+
+
+def front_end() -> bool:
+    """Whether someone looks at this notebook; a test or a script that runs one shows no widgets."""
+    # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
+    names = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
+    return "ipykernel" in sys.modules and any(os.environ.get(name) for name in names)
 
 
 def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
@@ -44,7 +53,10 @@ def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
     from IPython.display import display
     from ipywidgets import HTML, VBox
 
-    viewer = notebook_viewer().Viewer(width="auto", height=height)
+    os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells of every step
+        from rerun_notebook import Viewer  # type: ignore[import-untyped]
+    viewer = Viewer(width="auto", height=height)
     viewer.send_rrd(kept.path.read_bytes())  # waits until the page is ready
     needs = "The viewer needs a browser with WebGL 2, and a kernel on this machine"
     other = f"<code>rerun {kept.path.name}</code> opens it outside"

@@ -5,7 +5,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from matplotlib.figure import Figure
 
 from endolab._extras import lacking
 from endolab.calibration import summary
@@ -13,11 +12,9 @@ from endolab.calibration.session import Named, Session
 from endolab.io.atomic import as_json, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
-from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots import calibration as figures
 from endolab.workbench.plots.scales import in_colour
-from endolab.workbench.plots.style import page
 
 WIDTH = 480  # px, of the small picture of a frame
 
@@ -48,14 +45,14 @@ def _frames_of(session: Session) -> list[dict[str, Any]]:
     return listed
 
 
-def _write_small(path: Path, image: FloatArray, points: FloatArray) -> None:
-    """Write a small JPEG of a frame, with rings around the points that were found in it."""
+def _small(image: FloatArray, points: FloatArray) -> bytes:
+    """A small JPEG of a frame, with rings around the points that were found in it."""
     scale = WIDTH / image.shape[1]
     stored = np.asarray(255 * in_colour(image)[..., ::-1], np.uint8)
     small = cv2.resize(stored, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    for x, y in np.round(scale * points).astype(int).tolist():
-        cv2.circle(small, (x, y), 4, (0, 94, 213), 1, cv2.LINE_AA)
-    write_atomically(path, cv2.imencode(".jpg", small)[1].tobytes())
+    for centre in np.round(scale * points).astype(int).tolist():
+        cv2.circle(small, centre, 4, (0, 94, 213), 1, cv2.LINE_AA)
+    return cv2.imencode(".jpg", small)[1].tobytes()
 
 
 def write_report(
@@ -66,23 +63,16 @@ def write_report(
     `frames` are those that were calibrated from: each becomes a small picture, too. `channel` is the one
     whose response was calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
     """
-    source = str(frames.path) if isinstance(frames, Frames) else ""
+    source = str(getattr(frames, "path", ""))
     name = figures.best_frame(session)
     # Black where it can no longer be read.
     image = np.zeros((session.camera.height, session.camera.width))
-    numbers = {one: number for number, one in enumerate(session.detections)}
-    for one, picture in frames:
-        if picture is not None and one in numbers:
-            path = folder / f"frame_{numbers[one]}.jpg"
-            _write_small(path, picture, session.detections[one].pixels)
+    for number, (one, picture) in enumerate(frames):
+        if picture is not None:
+            found = session.detections[one].pixels
+            write_atomically(folder / f"frame_{number}.jpg", _small(picture, found))
             image = picture if one == name else image
-    drawn: dict[str, Figure] = {}
-    if session.geometry is None:
-        with page(10, 8) as drawn["detection"]:
-            ax = drawn["detection"].subplots()
-            figures.show_detection(image, session.detections[name], session.target, ax)
-    else:
-        drawn["camera"] = figures.geometry_figure(session, image)
+    drawn = {"camera": figures.geometry_figure(session, image)}
     if session.light is not None:
         drawn["light"] = figures.light_figure(session, image)
     if session.geometry is not None or session.light is not None:

@@ -11,6 +11,7 @@ from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_mesh
 from endolab.model.mesh import Mesh
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.report import meaning, warnings
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
 def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, Any]:
     """What `report.json` holds: status, energy, settings, the range of distances and what they mean.
 
-    `uncertainty` tells how far the distances can be trusted.
+    `uncertainty` tells how far the distances can be trusted: in % of the distance, of pixels percentiles and
+    medians.
     """
     known = result.distance[result.mask]
-    photometry = result.problem.photometry
+    problem = result.problem
     facts: dict[str, Any] = {
         "endolab": 1,
         "status": result.status.name,
@@ -40,45 +42,44 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
         "terms": dict(result.iterate.terms),
         "seconds": result.seconds,
         "stages": [asdict(stage) for stage in result.stages],
-        "unit": result.problem.unit,
+        "unit": problem.unit,
         "metric": result.metric,
         "scale": scale_of(result),
         "meaning": list(meaning(result)),
         "warnings": list(warnings(result)),
-        "distance": {
-            "median": float(np.median(known)),
-            "least": float(known.min()),
-            "greatest": float(known.max()),
-        },
+        "distance": _percentiles(known, median=50, least=0, greatest=100),
         "pixels": known.size,
-        "photometry": {name: getattr(photometry, name) for name in ("k", "gamma", "gain")},
+        "photometry": {
+            name: getattr(problem.photometry, name) for name in ("k", "gamma", "gain")
+        },
         "settings": result.report.settings,
     }
     if uncertainty is not None:
-        facts["uncertainty"] = summarise_uncertainty(result, uncertainty)
+        percent = 100 / result.distance
+        decided = uncertainty.dominant_source[result.mask]
+        causes = uncertainty.causes.items()
+        facts["uncertainty"] = {
+            "sigma_percent": _percentiles(
+                percent * uncertainty.sigma, **{"10th": 10, "median": 50, "90th": 90}
+            ),
+            "sigma_shape_percent": float(np.nanmedian(percent * uncertainty.sigma_shape)),
+            "sigma_scale_percent": 100 * uncertainty.sigma_scale,
+            "dominant_source": {
+                name: float(np.mean(decided == k))
+                for k, name in enumerate(SOURCE_COLOURS, 1)
+            },
+            "causes_percent": {k: float(100 * np.nanmedian(part)) for k, part in causes},
+            "scale_causes_percent": {k: 100 * v for k, v in uncertainty.scales.items()},
+            "draws": uncertainty.draws,
+            "status": uncertainty.status.name,
+            "notes": list(uncertainty.notes),
+        }
     return facts
 
 
-def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
-    """Sum a `Uncertainty` up in numbers, in % of the distance; of pixels, percentiles and medians."""
-    inside = result.mask
-    percent = 100 / result.distance[inside]
-    sigma = percent * uncertainty.sigma[inside]
-    low, middle, high = np.percentile(sigma, [10, 50, 90]).tolist()
-    decided = uncertainty.dominant_source[inside]
-    sources = enumerate(SOURCE_COLOURS, 1)
-    causes = uncertainty.causes.items()
-    return {
-        "sigma_percent": {"10th": low, "median": middle, "90th": high},
-        "sigma_shape_percent": float(np.median(percent * uncertainty.sigma_shape[inside])),
-        "sigma_scale_percent": 100 * uncertainty.sigma_scale,
-        "dominant_source": {name: float(np.mean(decided == k)) for k, name in sources},
-        "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in causes},
-        "scale_causes_percent": {k: 100 * v for k, v in uncertainty.scales.items()},
-        "draws": uncertainty.draws,
-        "status": uncertainty.status.name,
-        "notes": list(uncertainty.notes),
-    }
+def _percentiles(values: FloatArray, **which: float) -> dict[str, float]:
+    found = np.nanpercentile(values, list(which.values()))
+    return dict(zip(which, found.tolist(), strict=True))
 
 
 @check_kinds(result=Result, folder=PATH)
@@ -123,11 +124,13 @@ def save_result(
     ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
     """
     inside = result.mask
-    points = result.points[inside]
-    colours = in_colour(result.problem.shown)[inside]
-    none = np.empty((0, 3), int)
-    unit = result.problem.unit
-    cloud = Mesh(points, none, colours, result.normals[inside], unit)
+    cloud = Mesh(
+        result.points[inside],
+        np.empty((0, 3), int),
+        in_colour(result.problem.shown)[inside],
+        result.normals[inside],
+        result.problem.unit,
+    )
     with stage_folder(folder, overwrite=overwrite) as staging:
         save_depth(staging / "depth.npz", result, result.metric, uncertainty)
         write_figure(staging / "overview.png", overview(result, uncertainty=uncertainty))

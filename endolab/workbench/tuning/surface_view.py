@@ -62,7 +62,7 @@ class SurfaceView(anywidget.AnyWidget):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """Give a still beside the widget where nobody looks: a page will be made of it, or nothing."""
-        from endolab.workbench.recording.viewer import front_end
+        from endolab.workbench.recording.show import front_end
 
         bundle = super()._repr_mimebundle_(**options)
         if bundle is not None and self.far and not front_end():

@@ -46,7 +46,7 @@ def started(path):
     sink = Sink(path)
     for k in range(3):
         sink.at("iteration", k)
-        sink.log("ours", rr.Scalars(float(k)))
+        sink.log({"ours": rr.Scalars(float(k))})
     return sink
 
 
@@ -56,7 +56,8 @@ def fail(sink):
 
 
 @pytest.mark.parametrize(
-    "end", [fail, Sink.close, Sink.drop, lambda sink: gc.collect()]
+    "end",
+    [fail, Sink.close, lambda sink: sink.close(failed=True), lambda sink: gc.collect()],
 )
 @pytest.mark.parametrize("first", ["ours", "the user's"])
 def test_the_users_session_outlives_ours(tmp_path, end, first):

@@ -88,6 +88,6 @@ def test_without_light_and_with_a_given_camera_the_page_says_so_and_no_html_is_t
     dropped = dict.fromkeys(LOST, "a <b> & c")
     session = replace(refused(session), geometry=None, dropped=dropped)
     page = report(session, frames)
-    assert page.pictures == ["detection.png"]
+    assert page.pictures == ["camera.png"]
     assert "a <b> & c" in page.text
     assert session.refused in page.text
