@@ -21,7 +21,6 @@ from .maps import prepare_figure as prepare_figure
 from .maps import show_depth as show_depth
 from .maps import show_dominant_source as show_dominant_source
 from .maps import show_error as show_error
-from .maps import show_history as show_history
 from .maps import show_map as show_map
 from .maps import show_normals as show_normals
 from .maps import show_picture as show_picture

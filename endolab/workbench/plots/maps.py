@@ -8,7 +8,7 @@ distances. Colours are safe for colour-blind readers, and axes carry units (`sty
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings
@@ -16,7 +16,6 @@ from warnings import catch_warnings
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from endolab.frames.prepare import Prepared
 from endolab.metrics.depth_errors import depth_cuts
@@ -251,26 +250,6 @@ def show_section(
     return ax
 
 
-@house()
-def show_history(
-    history: Sequence[Mapping[str, float]], ax: AxesOrNew = None, title: str = "Energy"
-) -> Axes:
-    """Show energy and terms against the iteration, on a logarithmic axis.
-
-    Parameters
-    ----------
-    history : sequence of mappings: k, energy and its terms, as in `Result.history`
-    """
-    ax = decorate(ax, title, "iteration", "energy [1]")
-    k = [entry["k"] for entry in history]
-    for name, look in (("energy", "k-"), ("data", "C0--"), ("regulariser", "C1:")):
-        values = [entry.get(name, np.nan) for entry in history]
-        ax.semilogy(k, values, look, label=name)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.legend()
-    return ax
-
-
 def overview(
     result: Result, truth: FloatArray | None = None, uncertainty: Uncertainty | None = None
 ) -> Figure:
@@ -300,14 +279,13 @@ def overview(
         scale = 1 if problem.metric else np.nanmedian(distance / known)
         curves = {"truth": scale * known, **curves}
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    channel = result.report.channel
     words = [
         result.status.name.lower().replace("_", " "),
-        f"channel {channel}" if channel else "",
+        f"channel {result.report.channel}",
         f"λ {problem.lam:g}, {problem.regulariser}",
         f"iteration {iterate.k}",
         f"energy {iterate.energy:.4g}",
-        "" if problem.metric else "relative units",
+        f"distances in {unit}",
     ]
     doubts = [line for one in warnings(result) for line in wrap(one, 160)]
     columns = 3 if uncertainty is None else 4
@@ -325,7 +303,7 @@ def overview(
             show_sigma(100 * uncertainty.sigma / distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
         place: Any = {"va": "top", "ha": "center", "size": "large"}
-        figure.text(0.5, 0.98, "  ·  ".join(filter(None, words)), **place)
+        figure.text(0.5, 0.98, "  ·  ".join(words), **place)
         lines = "\n".join(["", *doubts])
         figure.text(0.5, 0.98, lines, color=HOUSE.vermilion, **place)
         figure.supxlabel(meaning(result)[0], size="medium")

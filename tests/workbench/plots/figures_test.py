@@ -16,7 +16,7 @@ from tests.tools.simulated_session import refused, simulated
 PAGES = {"overview": 6, "prepare_figure": 4, "geometry_figure": 4, "light_figure": 6}
 PAGES |= {"uncertainty_figure": 2}  # panels of each
 FIGURES = [name for name in dir(plots) if name.startswith("show_")]
-WITHOUT_UNIT = {"", "iteration", "frame", "$f_r$ relative to the pinned node", "γ"}
+WITHOUT_UNIT = {"", "located frame", "$f_r$ relative to the pinned node", "γ"}
 WITHOUT_UNIT |= {"share of the light on the axis"}
 
 
@@ -25,7 +25,6 @@ def drawn(colon):
     """What each figure is drawn of."""
     start, seen = colon
     problem = start.problem
-    history = [{"k": k, "energy": 0.5**k, "regulariser": 0.0} for k in range(5)]
     session, frames = simulated()
     geometry = session.geometry
     light = session.light
@@ -42,7 +41,6 @@ def drawn(colon):
         "show_sigma": (start.distance,),
         "show_dominant_source": (1 * problem.mask,),
         "show_section": ({"truth": seen.distance, "start": start}, problem.field),
-        "show_history": (history,),
         "show_cloud": (start.points, seen.image),
         "show_detection": (image, detection, session.target),
         "show_reprojection": (geometry,),
@@ -57,7 +55,7 @@ def drawn(colon):
         "show_brdf": (light,),
         "show_scores": (light.errors_by_angle(samples),),
         "show_ridge": ([calibrate_light(samples, gamma=g) for g in (2.0, 2.4)],),
-        "overview": (el.Result(start, el.Status.CONVERGED, history, 0.1),),
+        "overview": (el.Result(start, el.Status.CONVERGED, [], 0.1),),
         "prepare_figure": (el.prepare(el.Frame(seen.image, seen.mask), known),),
         "geometry_figure": (session, image),
         "light_figure": (session, image),
