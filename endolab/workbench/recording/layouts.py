@@ -1,6 +1,6 @@
 """How the Rerun viewer opens a recording: what is shown, and where."""
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,18 @@ def _titled(name: str) -> str:
     return f"{MAPS[name].title}, {low} to {high} {MAPS[name].unit}"
 
 
-# Titles of what may have been recorded, by entity.
-TABS = {entity: _titled(name) for entity, name in DIFFERENCES.items()}
-TABS |= {"normals": "Normals", "dominant_source": "What determined each pixel"}
+# Titles of maps and curves that may have been recorded, by entity.
+MAPS_SHOWN = {entity: _titled(name) for entity, name in DIFFERENCES.items()}
+MAPS_SHOWN |= {"normals": "Normals", "dominant_source": "What determined each pixel"}
 CURVES = {
     "log10/energy": "log₁₀ energy",
     "log10/change": "log₁₀ change of log d",
     "plots/error": "Mean error [%]",
+    "plots/energy": "Energy",
+    "plots/median_distance": "Median distance",
+    "plots/gain": "Gain",
+    "plots/iterations": "Iterations",
+    "plots/seconds": "Seconds",
 }
 
 
@@ -46,11 +51,15 @@ class Shown:
         contents = [f"{self.run}/{entity}" for entity in entities]
         return rrb.Spatial2DView(contents=contents, name=self.title(title))
 
-    def surface(self) -> rrb.Spatial3DView:
-        """The surface from behind the camera."""
-        target = np.array([0, 0, np.mean(self.limits)])
-        position = target + 1.2 * self.limits[1] * np.array(FROM_BEHIND)
-        return rrb.Spatial3DView(
+    def pictures(self, entities: Collection[str], wide: int) -> rrb.Grid:
+        """All pictures of the run, so many side by side; the surface is seen from behind the camera."""
+        near, far = self.limits
+        words = f"Distance, {three_digits(near)} to {three_digits(far)} {self.unit}"
+        shown = {name: title for name, title in MAPS_SHOWN.items() if name in entities}
+        maps = [self.view(title, name) for name, title in shown.items()]
+        target = np.array([0, 0, (near + far) / 2])
+        position = target + 1.2 * far * np.array(FROM_BEHIND)
+        surface = rrb.Spatial3DView(
             origin=f"{self.run}/world",
             name=self.title(f"Surface [{self.unit}]"),
             eye_controls=rrb.EyeControls3D(
@@ -59,46 +68,35 @@ class Shown:
             background=(45, 50, 58),
             line_grid=False,
         )
-
-    def pictures(self, entities: Container[str], wide: int) -> rrb.Grid:
-        """All pictures of the run, so many side by side."""
-        nearest, farthest = map(three_digits, self.limits)
-        maps = [self.view(title, name) for name, title in TABS.items() if name in entities]
-        words = f"Section [{self.unit}]: truth grey, estimate orange"
+        cut = f"Section [{self.unit}]: truth grey, estimate orange"
         return rrb.Grid(
             self.view("Frame", "input", "found"),
-            self.view(f"Distance, {nearest} to {farthest} {self.unit}", "distance"),
+            self.view(words, "distance"),
             rrb.Tabs(*maps, active_tab=0),
-            rrb.Tabs(self.surface(), self.view(words, "section/**"), active_tab=0),
+            rrb.Tabs(surface, self.view(cut, "section/**"), active_tab=0),
             grid_columns=wide,
         )
 
 
-def _curves(title: str, contents: Sequence[str], legend: bool) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        contents=contents,
-        name=title,
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
-        # A few iterates make no line.
-        interaction=rrb.PlotInteraction(points_display="always"),
-    )
-
-
 def layout(
-    runs: Sequence[Shown],
-    entities: Container[str],
-    timeline: str,
-    curves: Mapping[str, str],
+    runs: Sequence[Shown], entities: Collection[str], timeline: str
 ) -> rrb.Blueprint:
     """Pictures and surface of each run, side by side; curves, stages and words of all beside them.
 
-    `entities` are those that were logged of a run, `curves` those of numbers, with their titles.
+    `entities` are those that were logged of a run.
     """
     alone = len(runs) == 1
-    # Of one run the list of stages is the legend.
     beside: list[rrb.View] = [
-        _curves(title, [f"{one.run}/{curve}/**" for one in runs], not alone)
-        for curve, title in curves.items()
+        rrb.TimeSeriesView(
+            contents=[f"{one.run}/{curve}/**" for one in runs],
+            name=title,
+            # Of one run the list of stages is the legend.
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=not alone),
+            # A few iterates make no line.
+            interaction=rrb.PlotInteraction(points_display="always"),
+        )
+        for curve, title in CURVES.items()
+        if any(entity.startswith(curve) for entity in entities)
     ]
     stages = [f"{one.run}/stage" for one in runs]
     words: list[rrb.View] = [rrb.TextLogView(contents=stages, name="Stages")]

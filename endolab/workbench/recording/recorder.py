@@ -16,7 +16,7 @@ from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import OKABE_ITO, limits
-from endolab.workbench.recording.layouts import CURVES, ITERATIONS, Shown, layout
+from endolab.workbench.recording.layouts import ITERATIONS, Shown, layout
 from endolab.workbench.recording.pictures import (
     LINE,
     Ends,
@@ -204,7 +204,7 @@ class Recorder:
                 one._log({"settings": _settings(last)}, static=True)
                 shown.append(Shown(one._run, unit, seen))
             if shown:
-                self._sink.arrange(layout(shown, self._sink.entities, ITERATIONS, CURVES))
+                self._sink.arrange(layout(shown, self._sink.entities, ITERATIONS))
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
@@ -258,20 +258,14 @@ def _logarithms(iterate: Iterate) -> dict[str, float]:
 def _settings(last: Iterate) -> rr.TextDocument:
     """What was solved and how, and what was done about indirect light and contours."""
     problem = last.problem
-    camera = problem.camera
     photometry = problem.photometry
     rows = {
         "distances": problem.unit,
-        "picture": f"{camera.width} x {camera.height} px",
-        "camera": camera.model,
+        "camera": problem.camera.model,
         "k": photometry.k,
         "γ": photometry.gamma,
         "gain": photometry.gain,
         **last.report.settings,
-        "regulariser": problem.regulariser,
-        "lam": problem.lam,
-        "epsilon": problem.epsilon,
-        "xi": problem.xi,
     }
     text = "| | |\n|---|---|\n"
     for name, value in rows.items():

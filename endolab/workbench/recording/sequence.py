@@ -21,7 +21,7 @@ from endolab.workbench.recording.pictures import (
 )
 from endolab.workbench.recording.stream import Painted, Sink, scalars
 
-CURVES = ("energy", "median_distance", "gain", "iterations", "seconds")
+COLUMNS = ("energy", "median_distance", "gain", "iterations", "seconds")
 # A row of ``frames.csv``, the picture, (h, w) or (h, w, 3) in [0, 1], distance and normals by their names.
 Done = tuple[Mapping[str, Any], FloatArray, Mapping[str, FloatArray]]
 
@@ -36,13 +36,14 @@ def record_sequence(
     to the size of the maps; what is wider than 320 px is thinned.
     """
     with Sink(path) as sink:
-        ends = None  # of the colours of distances
+        shown: list[Shown] = []
         for row, picture, maps in frames:
             distance = maps["distance"]
             height, width = distance.shape
             step = -(-width // 320)
-            if ends is None:
+            if not shown:
                 ends = limits("distance", distance)
+                shown.append(Shown("", unit, ends))
                 camera = camera.resize(width, height)
                 still: Painted = {
                     "world": rr.ViewCoordinates.RDF,
@@ -51,11 +52,11 @@ def record_sequence(
                     **all_names(),
                 }
                 sink.log(still, static=True)
-                curves = {f"plots/{name}": name.replace("_", " ") for name in CURVES}
-                sink.arrange(layout([Shown("", unit, ends)], ["normals"], FRAMES, curves))
             sink.at(FRAMES, row["index"])
             small: Any = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             sink.log(paint_frame(small, 1 * np.isfinite(distance), step))
             points = distance[..., None] * camera.field.rays
             sink.log(paint_surface(points, maps["normals"], step))
-            sink.log(scalars({f"plots/{name}": row[name] for name in CURVES}))
+            sink.log({"stage": rr.TextLog(row["frame"])})
+            sink.log(scalars({f"plots/{name}": row[name] for name in COLUMNS}))
+        sink.arrange(layout(shown, sink.entities, FRAMES))

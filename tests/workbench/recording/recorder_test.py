@@ -220,7 +220,7 @@ def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path):
     camera = first.problem.camera
     frames = []
     for number, step in ((3, second), (0, first)):
-        row = {"index": number, "energy": step.energy, "gain": np.nan}
+        row = {"index": number, "frame": "f.png", "energy": step.energy, "gain": np.nan}
         row |= dict.fromkeys(("median_distance", "iterations", "seconds"), 1.0)
         maps = {"distance": step.distance, "normals": step.normals}
         frames.append((row, step.problem.shown, maps))
