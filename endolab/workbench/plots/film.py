@@ -76,18 +76,17 @@ def film(
         for name, values in positions.items()
     }
     pictures = []
-    places: dict[int, list[Any]] = {}  # of axes, by how many there are
+    places: list[Any] = []  # of axes
     for given in itertools.product(*(slider.values() for slider in sliders.values())):
         draw(**dict(zip(sliders, given, strict=True)))
         figure = pyplot.gcf()
         figure.set_dpi(100)
-        count = len(figure.axes)
-        if count not in places:
+        if len(places) != len(figure.axes):
             figure.draw_without_rendering()
-            places[count] = [ax.get_position(original=True) for ax in figure.axes]
-        # As in the first, so that nothing jumps; to lay each out anew takes half of the time.
+            places = [ax.get_position(original=True) for ax in figure.axes]
+        # As in the one before, so that nothing jumps; to lay each out anew takes half of the time.
         figure.set_layout_engine("none")
-        for ax, place in zip(figure.axes, places[count], strict=True):
+        for ax, place in zip(figure.axes, places, strict=True):
             ax.set_position(place)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()  # once; `savefig` draws twice
@@ -102,14 +101,13 @@ def film(
         values = list(slider.values())
         first = values.index(usual[name].default) if usual[name].default in values else 0
         parts.append(SLIDER.format(name=escape(name), last=len(values) - 1, first=first))
+    labels = json.dumps([list(slider) for slider in sliders.values()])
     return HTML(
         PAGE.format(
             width=round(100 * figure.get_figwidth()),
             sliders="".join(parts),
             script=SCRIPT,
-            labels=json.dumps([list(slider) for slider in sliders.values()]).replace(
-                "</", "<\\/"
-            ),
+            labels=labels.replace("</", "<\\/"),
             pictures=json.dumps(pictures),
         )
     )

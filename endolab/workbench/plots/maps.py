@@ -190,14 +190,14 @@ def show_dominant_source(
     ----------
     dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
     """
-    colours = np.array([*SOURCE_COLOURS.values()]) / 255
-    ax = show_pixels(np.vstack([HOUSE.left_out, colours])[dominant_source], ax, title)
+    colours = np.vstack([HOUSE.left_out, np.array([*SOURCE_COLOURS.values()]) / 255])
+    ax = show_pixels(colours[dominant_source], ax, title)
     inside = dominant_source > 0
     crop(ax, inside)
-    for number, (name, colour) in enumerate(zip(SOURCE_COLOURS, colours, strict=True), 1):
+    for number, name in enumerate(SOURCE_COLOURS, 1):
         share = np.mean(dominant_source[inside] == number)
-        lines = name.replace(" or ", "\nor ")
-        ax.plot([], [], "s", ms=10, color=colour, label=f"{lines}\n{share:.0%}")
+        label = f"{name}\n{share:.0%}".replace(" or ", "\nor ")
+        ax.plot([], [], "s", ms=10, color=colours[number], label=label)
     # Where colour bars are: on the map it would hide what it names.
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), labelspacing=1, handlelength=1)
     return ax

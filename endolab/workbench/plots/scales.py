@@ -44,30 +44,25 @@ class Scale:
     """
 
     title: str
-    quantity: str
     unit: str | None
     palette: str
     kind: Literal["log", "linear", "from 0", "signed"]
 
     def label(self, unit: str = "mm") -> str:
         """Of a colour bar: quantity [unit]; `unit` is that of distances."""
-        return f"{self.quantity} [{self.unit or unit}]"
+        return f"{self.title.lower()} [{self.unit or unit}]"
 
 
 MAPS = {
-    "distance": Scale("Distance", "distance", None, "viridis", "log"),
-    "model - frame": Scale(
-        "Model - frame", "difference", "grey levels of 255", "RdBu_r", "signed"
-    ),
-    "error": Scale("Error", "error", "%", "RdBu_r", "signed"),
-    "spread over λ": Scale("Spread over λ", "spread", "%", "magma", "from 0"),
-    "bounced light": Scale("Bounced light", "share", "%", "magma", "from 0"),
-    "σ": Scale("Uncertainty: σ", "σ of the distance", "%", "magma", "from 0"),
-    "σ of rays": Scale(
-        "Rays, a common turn apart", "σ of the ray", "mrad", "viridis", "from 0"
-    ),
-    "σ of μ′": Scale("Light's fall-off μ′", "σ of μ′", "%", "viridis", "from 0"),
-    "any": Scale("", "value", "1", "viridis", "linear"),
+    "distance": Scale("Distance", None, "viridis", "log"),
+    "model - frame": Scale("Model - frame", "grey levels of 255", "RdBu_r", "signed"),
+    "error": Scale("Error", "%", "RdBu_r", "signed"),
+    "spread over λ": Scale("Spread over λ", "%", "magma", "from 0"),
+    "bounced light": Scale("Bounced light", "%", "magma", "from 0"),
+    "σ": Scale("σ of the distance", "%", "magma", "from 0"),
+    "σ of rays": Scale("σ of rays, a common turn apart", "mrad", "viridis", "from 0"),
+    "σ of μ′": Scale("σ of the fall-off μ′", "%", "viridis", "from 0"),
+    "any": Scale("", "1", "viridis", "linear"),
 }
 # Where a recording's colours end: of model - frame in grey levels of 255, of errors in %.
 LARGEST_RESIDUAL = 10.0

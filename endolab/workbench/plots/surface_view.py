@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation
 
 from endolab.model.mesh import triangle_normals
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.mesh import make_mesh
-from endolab.workbench.plots.scales import brighten, in_colour, round_length
+from endolab.workbench.plots.scales import brighten, in_colour
 from endolab.workbench.plots.style import AxesOrNew, decorate, house
 
 # Chosen by eye.
@@ -48,10 +47,10 @@ def show_cloud(
     A parallel projection. What the viewer would see from behind is not drawn, so that a tube
     lies open, and neither are jumps in depth nor what the camera sees edge-on, see `make_mesh`.
     """
-    ax = decorate(ax, title, "", "", grid=False)
+    ax = decorate(ax, title, f"to the right [{unit}]", f"down [{unit}]", grid=False)
     ax.plot(0, 0, "o", color="white", label="camera")
     ax.legend(loc="upper right", labelcolor="white")
-    ax.set(xticks=[], yticks=[], facecolor="#171A1F")  # a scale bar says the size
+    ax.set_facecolor("#171A1F")
     ax.set_aspect("equal", adjustable="datalim")
     ax.yaxis.set_inverted(True)
     step = -(-points.shape[1] // COLUMNS)
@@ -77,9 +76,6 @@ def show_cloud(
     far = np.linalg.norm(shown[:, 0], axis=1)
     near = shown[far <= FARTHEST * np.median(far), :, :2]
     ax.update_datalim(near.reshape(-1, 2))
-    ax.margins(y=0.12)  # for the camera's name above, and for the bar below
+    ax.margins(y=0.1)  # for the camera's name
     ax.autoscale_view()
-    length = round_length(np.ptp(near[..., 0]) / 4)
-    bar = (ax.transData, length, f"{length:g} {unit}", "lower left")
-    ax.add_artist(AnchoredSizeBar(*bar, frameon=False, color="white", pad=0.8, sep=4))
     return ax
