@@ -77,15 +77,14 @@ def show_detection(
     detection : Detection
     target : Target
     """
-    ids = detection.ids
     pixels = detection.pixels
-    title = f"{title}: {len(ids)} of {len(target.points)} {detection.reason}"
+    title = f"{title}: {len(pixels)} of {len(target.points)} {detection.reason}"
     ax = show_picture(image, ax, title.rstrip())
-    column, row = np.round(target.points[ids, :2] / target.spacing).astype(int).T
-    for number in np.unique(row):
-        of_row = np.flatnonzero(row == number)
-        of_row = of_row[np.argsort(column[of_row])]
-        ax.plot(*pixels[of_row].T, "o-", lw=1.3, ms=2.6)
+    places = target.points[detection.ids, :2] / target.spacing
+    column, row = np.round(places).astype(int).T
+    order = np.lexsort((column, row))
+    for of_row in np.split(pixels[order], np.flatnonzero(np.diff(row[order])) + 1):
+        ax.plot(*of_row.T, "o-", lw=1.3, ms=2.6)
     return ax
 
 

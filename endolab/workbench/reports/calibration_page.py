@@ -1,5 +1,6 @@
 """The report of a calibration: a page with pictures, and its numbers as JSON."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,21 +26,23 @@ def _frames_of(session: Session) -> list[dict[str, Any]]:
     left, top, width, height = session.target.sheet
     fold = session.target.fold_x
     edges = [left, left + width] if fold is None else [left, fold, left + width]
+    bottom = top + height
+    sheets = [
+        np.array([(x, top, 0), (end, top, 0), (end, bottom, 0), (x, bottom, 0)])
+        for x, end in pairwise(edges)
+    ]
     listed = []
     for name in session.detections:
-        panels = []
-        for panel, pose in enumerate(session.poses.get(name, ())):
-            if pose is not None:
-                x = np.repeat(edges[panel : panel + 2], 2)
-                y = top + height * np.array([0, 1, 1, 0])
-                panels.append(pose.transform(np.stack([x, y, 0 * x], axis=-1)).tolist())
+        placed = zip(sheets, session.poses.get(name, ()), strict=False)
         listed.append(
             {
                 "name": name,
                 "error": session.errors.get(name),
                 "grey": np.nan_to_num(greys.get(name, 0.0)),
                 "why": session.dropped.get(name, ""),
-                "panels": panels,
+                "panels": [
+                    pose.transform(sheet).tolist() for sheet, pose in placed if pose
+                ],
             }
         )
     return listed
