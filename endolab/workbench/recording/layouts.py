@@ -14,13 +14,13 @@ FRAMES = "frame"  # another
 FROM_BEHIND = (-0.5, -0.35, -0.8)  # the camera, to its left and above it
 
 
-def _titled(name: str) -> str:
+def _title_of(name: str) -> str:
     low, high = map(three_digits, ENDS[name])
     return f"{MAPS[name].title}, {low} to {high} {MAPS[name].unit}"
 
 
 # Titles of maps and curves that may have been recorded, by entity.
-MAPS_SHOWN = {entity: _titled(name) for entity, name in DIFFERENCES.items()}
+MAPS_SHOWN = {entity: _title_of(name) for entity, name in DIFFERENCES.items()}
 MAPS_SHOWN |= {"normals": "Normals", "dominant_source": "What determined each pixel"}
 CURVES = {
     "log10/energy": "log₁₀ energy",

@@ -83,7 +83,7 @@ def all_names() -> Painted:
     return {"": rr.AnnotationContext(FIXED), **named}
 
 
-def segmented(codes: NDArray) -> rr.SegmentationImage:
+def class_map(codes: NDArray) -> rr.SegmentationImage:
     """A map of classes, (h, w)."""
     return rr.SegmentationImage(np.ascontiguousarray(codes, np.uint16), opacity=1.0)
 
@@ -98,7 +98,7 @@ def paint_frame(picture: FloatArray, found: NDArray, step: int) -> Painted:
     radii = rr.Radius.ui_points(2.5)
     return {
         "input": rr.Image(colours[::step, ::step]),
-        "found": segmented(found[::step, ::step]),
+        "found": class_map(found[::step, ::step]),
         "world/cloud": rr.Points3D.from_fields(colors=on_cloud, radii=radii),
     }
 
@@ -120,9 +120,9 @@ def paint_surface(points: FloatArray, normals: FloatArray, step: int) -> Painted
     below = np.searchsorted(ROUNDS, np.nan_to_num(distance)).astype(np.uint8)
     codes[(cv2.dilate(below, np.ones((3, 3))) > below) & (codes > 0)] = LINE
     facing = cv2.convertScaleAbs(normals[::step, ::step], alpha=127.5, beta=127.5)
-    cloud = _known(points[:: 2 * step, :: 2 * step])
+    cloud = _finite(points[:: 2 * step, :: 2 * step])
     return {
-        "distance": segmented(codes),
+        "distance": class_map(codes),
         "normals": rr.Image(facing),
         "section/estimate": _section(points, OKABE_ITO.vermilion),
         "world/cloud": rr.Points3D.from_fields(positions=cloud),
@@ -137,17 +137,17 @@ def paint(iterate: Iterate, truth: FloatArray | None, step: int) -> Painted:
     exact = iterate.distance[::step, ::step].astype(np.float32)
     painted["depth"] = rr.DepthImage(exact, meter=1000.0 if problem.metric else 1.0)
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    painted["residual"] = segmented(in_steps("model - frame", residual[::step, ::step]))
+    painted["residual"] = class_map(in_steps("model - frame", residual[::step, ::step]))
     if truth is not None:
         error = error_percent(iterate, truth)
-        painted["error"] = segmented(in_steps("error", error[::step, ::step]))
+        painted["error"] = class_map(in_steps("error", error[::step, ::step]))
     return painted
 
 
 def paint_truth(last: Iterate, truth: FloatArray, step: int) -> Painted:
     """Show the truth in space and in the section, in the unit of a stage's last iterate."""
     points = _truth_for(last, truth)[..., None] * last.problem.field.rays
-    cloud = _known(points[:: 2 * step, :: 2 * step])
+    cloud = _finite(points[:: 2 * step, :: 2 * step])
     return {
         "world/truth": rr.Points3D(cloud, colors=TRUTH_COLOUR, radii=THIN),
         "section/truth": _section(points, TRUTH_COLOUR),
@@ -173,11 +173,11 @@ def looks_along(distance: FloatArray) -> rr.Arrows3D:
     return rr.Arrows3D(vectors=[axis], colors=OKABE_ITO.sky, radii=THIN)
 
 
-def _known(points: FloatArray) -> NDArray[np.float32]:
+def _finite(points: FloatArray) -> NDArray[np.float32]:
     return points[np.isfinite(points).all(axis=-1)].astype(np.float32)
 
 
 def _section(points: FloatArray, colour: Colour) -> rr.Points2D:
     """Where the middle column cuts a surface, seen from the side: z to the right, y down."""
-    column = _known(points[:, points.shape[1] // 2, [2, 1]])
+    column = _finite(points[:, points.shape[1] // 2, [2, 1]])
     return rr.Points2D(column, colors=colour, radii=THIN)

@@ -29,7 +29,7 @@ from endolab.workbench.recording.pictures import (
     paint,
     paint_frame,
     paint_truth,
-    segmented,
+    class_map,
 )
 from endolab.workbench.recording.stream import Painted, Sink, scalars
 
@@ -173,7 +173,7 @@ class Recorder:
         sources = np.where(source > 0, source + LINE, 0)
         maps = {"sigma": in_steps("σ", percent), "dominant_source": sources}
         self._sink.at(ITERATIONS, self._place)
-        self._log({name: segmented(codes) for name, codes in maps.items()})
+        self._log({name: class_map(codes) for name, codes in maps.items()})
 
     def __enter__(self) -> Self:
         self._within = True

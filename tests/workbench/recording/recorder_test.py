@@ -69,7 +69,7 @@ def test_what_is_read_back_is_the_run(solved):
         assert np.isnan(cosine[~step.mask]).all()
 
 
-def told(file, entity, k, since):
+def read_out(file, entity, k, since):
     """What the viewer tells of each pixel, in numbers; nan of what is left out, None of a line."""
     (named,) = file.rows[entity]["context"][since].to_pylist()
     infos = [one["class_description"]["info"] for one in named]
@@ -92,10 +92,10 @@ def test_the_viewer_tells_what_was_found(solved):
     positions = file.at("/world/cloud", "positions", 3).reshape(-1, 3)
     assert np.allclose(positions, last.points[::2, ::2][seen], rtol=1e-6)
     residual = 255 * (model_image(last.problem, last.log_distance) - last.problem.image)
-    found = told(file, "/residual", 3, None)
+    found = read_out(file, "/residual", 3, None)
     expected = residual.clip(-10, 10).ravel()
     assert np.allclose(found, expected, atol=0.06, equal_nan=True)
-    found = told(file, "/distance", 3, 0)
+    found = read_out(file, "/distance", 3, 0)
     lines = np.isinf(found)
     assert 0.01 < lines.mean() < 0.2
     expected = last.distance.ravel()[~lines]
@@ -153,7 +153,7 @@ def test_stages_runs_and_uncertainty_are_read_back(tmp_path):
     assert list(curve) == list(range(8))
     assert list(file.numbers("/one/log10/energy/scaled", "scalars")) == [12]
     percent = (100 * uncertainty.sigma / last.distance).clip(0, 20).ravel()
-    found = told(file, "/one/sigma", 12, None)
+    found = read_out(file, "/one/sigma", 12, None)
     assert np.allclose(found, percent, atol=0.11, equal_nan=True)
     source = file.at("/one/dominant_source", "buffer", 12).view(np.uint16)
     assert set(source) - {0} <= {6, 7, 8}
