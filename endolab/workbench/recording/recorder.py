@@ -21,6 +21,7 @@ from endolab.workbench.recording.pictures import (
     LINE,
     Ends,
     all_names,
+    class_map,
     error_percent,
     found_in,
     in_steps,
@@ -29,7 +30,6 @@ from endolab.workbench.recording.pictures import (
     paint,
     paint_frame,
     paint_truth,
-    class_map,
 )
 from endolab.workbench.recording.stream import Painted, Sink, scalars
 
