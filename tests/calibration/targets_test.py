@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from endolab.calibration.simulation.sheet_image import BLACK, rasterise
+from endolab.calibration.simulation.video import BLACK, rasterise
 from endolab.calibration.targets import TARGETS, Charuco, DotGrid
 from tests.tools.sheet_views import reflectance
 

@@ -12,9 +12,8 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import detect
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
-from endolab.calibration.simulation.trajectory import Movement, fold_pose
-from endolab.calibration.simulation.video import simulate_video
+from endolab.calibration.simulation.trajectory import fold_pose
+from endolab.calibration.simulation.video import render_sheet, simulate_video
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard
 from tests.tools.sheet_views import centroids_on_panels
 
@@ -42,7 +41,7 @@ def posed(target, distance=45.0, tilt=0.0, turn=0.0):
 def picture(target, poses, gamma=2.2, smear=1, **options):
     """Render a sheet."""
     light = replace(LIGHT, gamma=gamma)
-    image = render_sheet(target, poses, CAMERA, light, Sensor(**options)).image
+    image = render_sheet(target, poses, CAMERA, light, **options).image
     return cv2.blur(image, (smear, 1))
 
 
@@ -182,8 +181,8 @@ def test_corners_are_unbiased_through_blur_noise_and_enlarging(blur, enlarged, r
     """Measured, px of the sensor: 0.05 of bias at most, median 0.07 to 0.12."""
     camera = datasets.load_calibration("paper", 640 // enlarged).camera
     off = []
-    movement = Movement(distance=(60, 110), tilt=np.deg2rad(35))
-    for shot in simulate_video(BOARD, camera, LIGHT, 6, movement=movement, seed=3):
+    how = {"distance": (60, 110), "tilt": np.deg2rad(35), "seed": 3}
+    for shot in simulate_video(BOARD, camera, LIGHT, 6, **how):
         image = cv2.GaussianBlur(shot.image, (0, 0), blur) if blur else shot.image
         image = np.clip(image + rng.normal(0, 3 / 255, image.shape), 0, 1)
         found = detect(enlarge(image, enlarged), BOARD)
@@ -245,7 +244,7 @@ def test_a_charuco_board_in_small_and_narrow_pictures(size, focal):
     near = np.max(half / np.tan(angle))
     for tilt in (15, -25):
         pose = posed(target, near + 10, tilt, upright + 5)
-        image = render_sheet(target, [pose], camera, LIGHT, Sensor(noise=1.0)).image
+        image = render_sheet(target, [pose], camera, LIGHT, noise=1.0).image
         found = detect(image, target)
         off = errors(found, camera.project(pose.transform(target.points)))
         assert len(found.ids) >= 0.65 * len(target.points)

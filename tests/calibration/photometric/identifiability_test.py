@@ -98,7 +98,7 @@ def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_
 
 
 def test_too_few_samples_are_refused_by_name():
-    refused("k", video(count=3, per_frame=12, seed=1), "36 samples", nodes=4)
+    refused("k", video(count=3, per_frame=8, seed=3), "24 samples", nodes=4)
 
 
 def test_unknowns_at_their_bounds_are_refused():
