@@ -85,6 +85,8 @@ def look(target, *poses, enlarged=1, **options):
         # Grey discs are no dots, neither on a linear camera, where they are darker.
         ("vicalib_grey", (45, 30, 15), {"gamma": 1.0}, 0.9),
         ("vicalib_grey", (45, 30, 15), {"gamma": 2.2}, 0.9),
+        ("vicalib_folded", (45, 15, 20), {"fold": 0.09}, 0.85),
+        ("vicalib_folded", (45, 15, 20), {"fold": 0.7}, 0.85),
         ("vicalib_small", (75, 20), {"enlarged": 5}, 0.9),
         ("chessboard", (75, 20), {}, 0.9),
         ("chessboard", (75, 20), {"enlarged": 5}, 0.9),
@@ -97,7 +99,8 @@ def look(target, *poses, enlarged=1, **options):
 def test_features_are_found_and_named(name, pose, options, least):
     """Nearly all in view, none wrongly named, and their middles to a few hundredths of a pixel."""
     target = EVERY[name]
-    found, true, off = look(target, posed(target, *pose), **options)
+    poses = fold_pose(target, posed(target, *pose), options.get("fold", 0.0))
+    found, true, off = look(target, *poses, **options)
     assert np.isin(seen(true), found.ids).mean() >= least
     assert off.max() < (3 if options else 1.5)
     assert np.median(off) < (0.06 if name == "vicalib_small" and not options else 0.15)
@@ -140,26 +143,19 @@ def test_nothing_is_found_where_nothing_is(name, rng):
     """Black, white, noise, another target, and dots or markers in a mirror; each time a reason is given."""
     images = [np.zeros((240, 320)), np.ones((240, 320)), np.zeros((8, 8))]
     images.append(rng.random((240, 320)))
+    images.append(np.clip(rng.normal(0.08, 0.02, (3000, 4000)), 0, 1))
     other = TARGETS["charuco" if name == "vicalib_big" else "vicalib_big"]
     images.append(picture(other, [posed(other, 60)]))
     target = TARGETS[name]
     if name != "chessboard":
         images.append(picture(target, [posed(target, 60)])[:, ::-1].copy())
+    start = time.perf_counter()
     for image in images:
         found = detect(image, target)
         assert len(found.ids) == 0
         assert found.reason
-
-
-@pytest.mark.parametrize("fold", [5.0, 40.0])
-def test_both_panels_of_a_folded_sheet(fold):
-    target = TARGETS["vicalib_folded"]
-    poses = fold_pose(target, posed(target, 45, 15, 20), np.deg2rad(fold))
-    found, true, off = look(target, *poses)
-    assert off.max() < 1
-    for panel in (0, 1):
-        there = target.panel_of(target.points) == panel
-        assert there[found.ids].sum() >= 0.85 * there[seen(true)].sum()
+    # Measured 0.3 to 4 s, most of it for 12 dark megapixels; once 219 s.
+    assert time.perf_counter() - start < 30
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.5, 0.12])
@@ -218,15 +214,6 @@ def test_a_board_of_other_squares_is_not_found(size):
     target = Chessboard(*size, 7.0)
     assert len(detect(image, target).ids) == len(target.points)
     assert len(detect(image, Chessboard(5, 7, 7.0)).ids) == 0
-
-
-@pytest.mark.parametrize("name", ["chessboard", "charuco", "vicalib_small"])
-def test_a_dark_picture_of_12_megapixels_takes_seconds(name, rng):
-    """Measured 0.3 to 4 s; a chessboard was once sought for 219 s."""
-    dark = np.clip(rng.normal(0.08, 0.02, (3000, 4000)), 0, 1)
-    start = time.perf_counter()
-    assert len(detect(dark, TARGETS[name]).ids) == 0
-    assert time.perf_counter() - start < 30
 
 
 @pytest.mark.parametrize("focal", [0.35, 0.6, 1.2])
