@@ -54,11 +54,6 @@ def enlarge(image, times):
     return np.clip(cv2.resize(image, None, **how), 0, 1)
 
 
-def seen(pixels):
-    """Ids of the features well within the picture."""
-    return np.flatnonzero(np.all((pixels > 15) & (pixels < [624, 464]), axis=1))
-
-
 def errors(found, true):
     """Distances of a detection to the truth, px."""
     return np.linalg.norm(found.pixels - true[found.ids], axis=1)
@@ -101,7 +96,8 @@ def test_features_are_found_and_named(name, pose, options, least):
     target = EVERY[name]
     poses = fold_pose(target, posed(target, *pose), options.get("fold", 0.0))
     found, true, off = look(target, *poses, **options)
-    assert np.isin(seen(true), found.ids).mean() >= least
+    seen = np.flatnonzero(np.all((true > 15) & (true < [624, 464]), axis=1))
+    assert np.isin(seen, found.ids).mean() >= least
     assert off.max() < (3 if options else 1.5)
     assert np.median(off) < (0.06 if name == "vicalib_small" and not options else 0.15)
     assert np.all(np.diff(found.ids) > 0)
