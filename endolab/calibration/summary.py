@@ -26,7 +26,6 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
     if geometry is not None:
         good = np.concatenate(geometry.inliers)
         camera = {
-            "standard_errors": geometry.standard_errors,
             "views": len(geometry.views),
             "views_dropped": geometry.dropped,
             "points": good.sum(),
@@ -40,7 +39,6 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
             "standard_errors": light.standard_errors,
             "correlation": {"names": light.names, "matrix": light.correlation},
             "samples": light.used.sum(),
-            "samples_left_out": np.sum(~light.used),
             "alpha_range_deg": np.rad2deg(light.alpha_range),
             "theta_range_deg": np.rad2deg(light.theta_range),
             "power": light.power,
@@ -49,7 +47,6 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
             "gains": dict(zip(names, light.gains, strict=True)),
             "gain_errors": dict(zip(names, light.gain_errors, strict=True)),
             "errors_by_angle": asdict(light.errors_by_angle(session.samples)),
-            "brdf_of": "the calibration sheet",
         }
     kind = {"description": describe_target(target), "kind": target.kind}
     facts = {

@@ -111,8 +111,6 @@ def film_sheet(
     """
     import numpy as np
 
-    from endolab.calibration.simulation.sheet_image import Sensor
-    from endolab.calibration.simulation.trajectory import Movement
     from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
     from endolab.io.atomic import as_json, write_atomically
     from endolab.io.descriptions import read_target
@@ -123,7 +121,7 @@ def film_sheet(
     sheet = read_target(target)
     fold = math.radians(20) if sheet.fold else 0.0
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
-    how: Any = {"movement": Movement(fold), "sensor": Sensor(noise), "seed": seed}
+    how: Any = {"fold": fold, "noise": noise, "seed": seed}
     truth = []
 
     def pictures() -> Iterator[FloatArray]:

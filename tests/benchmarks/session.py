@@ -9,8 +9,6 @@ import numpy as np
 
 from endolab import datasets
 from endolab.calibration.session import calibrate
-from endolab.calibration.simulation.sheet_image import Sensor
-from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.targets import TARGETS
 from endolab.model.photometry import Photometry
@@ -24,8 +22,7 @@ HEADS = ("target", "frames found", "RMSE px", "f, c px", "Δk", "Δγ")
 def row_of(name, fold, count, gamma):
     """Render, detect, calibrate; say how far camera and light are off."""
     target = TARGETS[name]
-    seen = {"movement": Movement(fold), "sensor": Sensor(outliers=0.001)}
-    video = simulate_video(target, CAMERA, TRUTH, count, **seen)
+    video = simulate_video(target, CAMERA, TRUTH, count, fold=fold, outliers=0.001)
     stored = [
         (f"{number:04d}", frame.image.astype(np.float32))
         for number, frame in enumerate(video)

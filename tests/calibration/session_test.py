@@ -13,8 +13,6 @@ from endolab.calibration.session import (
     detect_all,
     locate,
 )
-from endolab.calibration.simulation.sheet_image import Sensor
-from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.summary import evidence
 from endolab.calibration.targets import Chessboard
@@ -29,7 +27,7 @@ SHEET = el.TARGETS["vicalib_small"]
 @pytest.fixture(scope="module")
 def video():
     """Frames of a flat sheet, in colour, their names and truth; and what was detected in them."""
-    how = {"movement": Movement(distance=(25, 60)), "sensor": Sensor(noise=1.0)}
+    how = {"distance": (25, 60), "noise": 1.0}
     truth = list(simulate_video(SHEET, CAMERA, LIGHT, 18, **how))
     colour = np.array([1.0, 0.8, 0.6])  # of the sensor's channels, in linear light
     frames = [
@@ -41,14 +39,9 @@ def video():
     return frames, truth, detections
 
 
-@pytest.fixture(scope="module")
-def done(video):
-    frames, _, detections = video
-    return calibrate(frames, SHEET, detections=detections, size=SIZE, channel="green")
-
-
-def test_camera_poses_and_light_come_back(video, done):
-    _, truth, _ = video
+def test_camera_poses_and_light_come_back(video):
+    frames, truth, detections = video
+    done = calibrate(frames, SHEET, detections=detections, size=SIZE, channel="green")
     assert abs(done.camera.fx - CAMERA.fx) < 0.1
     assert done.geometry.rmse < 0.08
     for name, (pose,) in done.poses.items():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from endolab.calibration.simulation.sheet_image import BLACK, rasterise
+from endolab.calibration.simulation.video import BLACK, rasterise
 from endolab.calibration.targets import TARGETS, Charuco, DotGrid
 from tests.tools.sheet_views import reflectance
 
@@ -15,28 +15,6 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
     generator = np.random.MT19937()
     generator._legacy_seeding(71)
     np.testing.assert_array_equal(code.ravel(), generator.random_raw(190) >> 31)
-
-
-@pytest.mark.parametrize(
-    "target",
-    [
-        *TARGETS.values(),
-        Charuco(6, 4, 5.0, marker=3.7, legacy=True),
-    ],
-)
-def test_the_raster_is_the_reflectance_averaged(target, rng):
-    raster, step = rasterise(target)
-    rows = rng.integers(0, raster.shape[0], 2_000)
-    columns = rng.integers(0, raster.shape[1], 2_000)
-    fine = (np.arange(8) + 0.5) / 8
-    x = target.sheet[0] + step * (columns[:, None, None] + fine)
-    y = target.sheet[1] + step * (rows[:, None, None] + fine[:, None])
-    inside = np.stack(np.broadcast_arrays(x, y), axis=-1)
-    truth = np.nan_to_num(reflectance(target, inside), nan=1).mean(axis=(1, 2))
-    found = raster[rows, columns]
-    assert np.abs(found - truth).max() < 0.13  # 8 × 8 points, and the rim within a cell
-    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.025
-    assert found.mean() == pytest.approx(truth.mean(), abs=3e-3)
 
 
 @pytest.mark.parametrize(

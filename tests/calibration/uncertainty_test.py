@@ -27,11 +27,6 @@ def covariance(seed=0):
     return found * scale * scale[:, None]
 
 
-def rms(a):
-    """Over draws, of the length."""
-    return np.sqrt(np.mean(np.sum(a**2, axis=-1), axis=0))
-
-
 def turned_back(camera, true, rays):
     """The turn by which another camera's pixels of rays are most like the true one's."""
 
@@ -55,7 +50,9 @@ def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
         others = turn.apply(camera.unproject(pixels).reshape(-1, 3))
         left.append(others - rays.reshape(-1, 3))
     found = ray_uncertainty(PAPER, sure, pixels)
-    ratio = found.ravel() / (1e3 * rms(np.array(left)))
+    ratio = found.ravel() / (
+        1e3 * np.sqrt(np.mean(np.sum(np.square(left), axis=-1), axis=0))
+    )
     assert np.median(ratio) == pytest.approx(1, rel=0.05)
     assert ratio == pytest.approx(1, rel=0.2)
 

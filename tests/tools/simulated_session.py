@@ -10,7 +10,7 @@ from endolab import datasets
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.session import calibrate
-from endolab.calibration.simulation.trajectory import Movement, trajectory
+from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.sheet_views import centroids_on_panels
 
@@ -26,7 +26,7 @@ def simulated(name="vicalib_small", **light):
     target = el.TARGETS[name]
     camera = datasets.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
-    how = {"movement": Movement(fold, (30.0, 60.0)), "seed": 1}
+    how = {"fold": fold, "distance": (30.0, 60.0), "seed": 1}
     samples, _ = simulate_samples(
         target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how
     )

@@ -1,4 +1,4 @@
 """Calibration videos whose truth is known.
 
-Read `trajectory`, `sheet_image`, `video`.
+Read `trajectory`, `video`.
 """

@@ -183,14 +183,6 @@ def test_views_that_do_not_tell_a_camera_are_refused(twenty, word):
         calibrate_camera(views, target, *size)
 
 
-def test_with_a_start_one_view_is_refined_and_its_errors_tell(twenty, fitted):
-    start = el.KannalaBrandt(*SIZE, 700.0, 700.0, 730.0, 550.0, PAPER.k)
-    found = calibrate_camera(twenty[0][:1], SHEET, *SIZE, start=start)
-    assert found.status is el.Status.CONVERGED
-    assert found.rmse < 0.13
-    assert found.standard_errors["fx"] > 3 * fitted.standard_errors["fx"]
-
-
 @pytest.mark.parametrize("camera", [PAPER, WIDE], ids=["paper", "wide"])
 def test_poses_are_found_and_wrong_points_with_them(camera):
     random = np.random.default_rng(11)
@@ -201,13 +193,11 @@ def test_poses_are_found_and_wrong_points_with_them(camera):
             continue
         wrong = random.random(len(view.ids)) < 0.2
         ids = view.ids + 19 * wrong * random.choice([-2, -1, 1, 2], len(wrong))
-        found = find_pose(replace(view, ids=ids % 190), SHEET, camera)
-        pose, inliers, residual = found
+        pose, inliers, _ = find_pose(replace(view, ids=ids % 190), SHEET, camera)
         assert turn_between(pose, true) < np.radians(0.1)
         assert pose.translation == pytest.approx(true.translation, abs=0.1)
         assert not inliers[wrong].any()
         assert inliers[~wrong].mean() > 0.97
-        assert np.sqrt(np.mean(residual[inliers] ** 2)) == pytest.approx(0.08, rel=0.15)
 
 
 def test_panels_are_views_of_their_own(rng):
@@ -223,10 +213,11 @@ def test_panels_are_views_of_their_own(rng):
     assert abs(found.camera.fx - PAPER.fx) < 1
 
 
-def test_the_real_vicalib_frame(data):
+def test_one_view_of_the_real_sheet_refines_a_start(data):
     path = data / "vicalib_frame/dots_detected.csv"
     column, row, *pixel = np.loadtxt(path, delimiter=",", skiprows=1).T[:4]
     view = View("real", 0, (19 * row + column).astype(int), np.column_stack(pixel))
     found = calibrate_camera([view], el.TARGETS["vicalib_big"], *SIZE, start=PAPER)
     assert all(inliers.all() for inliers in found.inliers)
     assert found.rmse < 0.14
+    assert found.standard_errors["fx"] > 0.3  # one view tells little

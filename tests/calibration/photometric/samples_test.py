@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import endolab as el
+from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.photometric.samples import sample_sheet
-from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
-from endolab.calibration.simulation.trajectory import Movement, trajectory
-from endolab.calibration.simulation.video import PAPER_SHEET
+from endolab.calibration.simulation.trajectory import fold_pose, trajectory
+from endolab.calibration.simulation.video import PAPER_SHEET, render_sheet
 
 CAMERA = el.load_calibration("paper", 720).camera
 PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
@@ -29,9 +29,9 @@ BESIDE = el.SpotLight((3.0, 0.0, 0.0), exponent=1.0)
 def test_a_clean_frame_gives_the_models_levels(name, light):
     target = el.TARGETS[name]
     fair_ones = 0
-    movement = Movement(0.5 if target.fold else 0.0, distance=(25.0, 60.0), tilt=0.8)
-    for poses in trajectory(target, CAMERA, 6, movement):
-        frame = render_sheet(target, poses, CAMERA, light, Sensor(noise=0.0, bits=16))
+    how = {"fold": 0.5 if target.fold else 0.0, "distance": (25.0, 60.0), "tilt": 0.8}
+    for poses in trajectory(target, CAMERA, 8, **how):
+        frame = render_sheet(target, poses, CAMERA, light, noise=0.0)
         samples = sample_sheet(frame.image, target, poses, CAMERA, most=500)
         known = replace(light, gain=frame.gain)
         level = known.intensity(samples.points, samples.normals)
@@ -48,7 +48,8 @@ def test_a_clean_frame_gives_the_models_levels(name, light):
 
 def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_folded"]
-    poses = trajectory(target, CAMERA, 1, Movement(0.4, (40.0, 40.0), 0.0, 0.0))[0]
+    middle = Pose(np.eye(3), [-target.fold_x, -20.0, 40.0])
+    poses = fold_pose(target, middle, 0.4)
     image = np.full((540, 720), 0.5)
     right = sample_sheet(image, target, [None, poses[1]], CAMERA, most=999)
     assert len(right) > 0
