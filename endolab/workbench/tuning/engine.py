@@ -22,7 +22,6 @@ from functools import cached_property
 import numpy as np
 from skimage.measure import label
 
-from endolab.metrics.depth_errors import resample_truth
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limit_threads
@@ -78,6 +77,8 @@ class Still:
         """Note what a result that was found anew is compared with."""
         truth = subject.truth
         if truth is not None:
+            from endolab.metrics.depth_errors import resample_truth  # takes half a second
+
             truth = np.where(result.mask, resample_truth(truth, result.mask.shape), np.nan)
             if not result.metric:
                 truth *= np.nanmedian(result.distance / truth)
@@ -140,28 +141,38 @@ class Answer:
         return 0 if cuts is None else int(label(cuts.any(axis=0), connectivity=2).max())
 
 
-def shown_as(iterate: Iterate, seconds: float = 0.0) -> Result:
+def shown_as(iterate: Iterate) -> Result:
     """Return an iterate of a run that goes on as a result."""
     row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
-    return Result(iterate, Status.STOPPED, [row], seconds)
+    return Result(iterate, Status.STOPPED, [row], 0.0)
 
 
-def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()) -> Answer:
-    """Find all anew, here and now: what `reconstruct` makes of the frame."""
-    saved = wish.solving_settings(subject)
-    known = wish.calibration_of(subject)
+def solve(
+    wish: Knobs,
+    subject: Subject,
+    observers: Iterable[Observer] = (),
+    still: Still | None = None,
+    held: Held | None = None,
+) -> Answer:
+    """Find an answer, here and now: all anew, as `reconstruct` does, or with what is held."""
     steps = Path()
-    watch = [steps.add, *observers]
-    result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
+    result = reconstruct(
+        subject.frame,
+        wish.calibration_of(subject),
+        held=held,
+        observers=[steps.add, *observers],
+        **wish.solving_settings(subject).keywords,
+    )
     path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
-    return Answer(wish, AnswerKind.ANEW, Still.of(subject, result), result, path=path)
+    kind = AnswerKind.ANEW if held is None else AnswerKind.KEPT
+    return Answer(wish, kind, still or Still.of(subject, result), result, held, path)
 
 
 class Engine:
     """Answers the newest wish in a thread of its own.
 
-    `show` is told each answer there, `note` that more is known of λ, `refuse` a sentence for what cannot be
-    answered.
+    `show` is told each answer there, `note` that the hand rests or that more is known of λ, `refuse` a
+    sentence for what cannot be answered.
     """
 
     def __init__(
@@ -294,17 +305,16 @@ class Engine:
         if self._look is not None:
             self._look.follow(answer.result.problem)
             self._look.start_from(self._last)
-        if answer.uses_lam and self._rests():
-            self._try_others(answer)
+        if self._rests():
+            self.note()
+            if answer.uses_lam:
+                self._try_others(answer)
 
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
-        base = self.base
-        is_known = base is not None and subject is base.still.subject
-        still = base.still if base is not None and is_known else None
-        answer = solve_anew(wish, subject, [self._show_long(wish, subject, still)])
+        answer = solve(wish, subject, [self._show_long(wish, subject)])
         with self._news:
-            if self.is_stale() and base is not None:
+            if self.is_stale() and self.base is not None:
                 return None
             self._anew = False
         result = answer.result
@@ -320,31 +330,27 @@ class Engine:
         base = self.base
         assert base is not None
         assert self._held is not None
+        subject = base.still.subject
         if wish.solver == FOLLOWS and self._look is not None:
-            known = wish.calibration_of(base.still.subject)
-            problem = self._held.problem_with(wish, known)
-            started = time.perf_counter()
+            problem = self._held.problem_with(wish, wish.calibration_of(subject))
             with limit_threads(1):
-                iterate = self._look.follow(problem)
-            self._last = iterate
-            seconds = time.perf_counter() - started
-            sofar = shown_as(iterate, seconds)
-            look = Answer(wish, AnswerKind.LOOK, base.still, sofar, self._held)
-            self.show(look)
+                self._last = self._look.follow(problem)
+            sofar = shown_as(self._last)
+            self.show(Answer(wish, AnswerKind.LOOK, base.still, sofar, self._held))
             if not self._rests():
                 return None
-        tell = self._show_long(wish, base.still.subject, base.still, self._held)
-        answer = self.solve_held(wish, [tell])
+        answer = self.solve_held(wish, [self._show_long(wish, subject, self._held)])
         return None if self.is_stale() else answer
 
     def _show_long(
-        self, wish: Knobs, subject: Subject, still: Still | None, held: Held | None = None
+        self, wish: Knobs, subject: Subject, held: Held | None = None
     ) -> Observer:
-        """Show iterates of a solver that has no looks, and of a frame's first run, which has no `still`.
+        """Show iterates of a solver that has no looks, and of a frame's first run.
 
         Stops when a newer wish came.
         """
         base = self.base
+        still = base.still if base is not None and base.still.subject is subject else None
         shape = None if base is None else base.result.mask.shape
         pause = FIRST_SIGHTS if still is None else BETWEEN
         last_shown = 0.0
@@ -374,18 +380,9 @@ class Engine:
         held = self._held
         assert base is not None
         assert held is not None
-        saved = wish.solving_settings(base.still.subject)
         if wish.solver == "primal_dual" and self._last is not None:
             held = replace(held, start=self._last.log_distance)
-        steps = Path()
-        result = reconstruct(
-            base.still.subject.frame,
-            wish.calibration_of(base.still.subject),
-            held=held,
-            observers=[*observers, steps.add],
-            **saved.keywords,
-        )
-        return Answer(wish, AnswerKind.KEPT, base.still, result, held, steps.iterates)
+        return solve(wish, base.still.subject, observers, base.still, held)
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
