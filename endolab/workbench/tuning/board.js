@@ -55,11 +55,12 @@ function rounds(low, high, count, log) {
 function isolines(map, width, height, levels, step) {
   const lines = [];
   for (let i = 0; i < height - step; i += step) for (let j = 0; j < width - step; j += step) {
-    const at = i * width + j, [a, b, c, d] = [map[at], map[at + step], map[at + step * width], map[at + step * width + step]];
+    const at = i * width + j, under = at + step * width, a = map[at], b = map[at + step], c = map[under], d = map[under + step];
     const low = Math.min(a, b, c, d), high = Math.max(a, b, c, d);
     if (!(high < 1.15 * low)) continue; // nan, or a fold
-    for (const level of levels) {
-      if (level <= low || level > high) continue;
+    for (let k = 0; levels[k] <= high; k++) {
+      const level = levels[k];
+      if (level <= low) continue;
       const cross = (p, q, x, y, right, down) => { // on the side from pixel p to pixel q
         if ((p < level) === (q < level)) return;
         const share = step * (level - p) / (q - p);

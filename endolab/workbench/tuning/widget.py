@@ -241,14 +241,8 @@ class TunerBox(anywidget.AnyWidget):
         self._say_wrong(sentence)
 
     def _show(self, answer: Answer) -> None:
-        """Show an answer, once the page has painted the one before; in the engine's thread.
-
-        What is old by then is passed over: a look at the newest wish takes less than painting does.
-        """
-        if answer.kind != AnswerKind.ANEW and not self._free.is_set():
-            self._free.wait(PAINTING)
-            if self.engine.is_stale():
-                return
+        """Show an answer, once the page has painted the one before; in the engine's thread."""
+        self._free.wait(PAINTING)
         before = self.answer
         is_new = before is None or answer.still is not before.still
         self.answer = answer
