@@ -362,3 +362,5 @@ function box_of(map, rays) {
   });
   return [ends.map(([low]) => low), ends.map(([, high]) => high)];
 }
+
+const said_of = (box, unit) => `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${unit}, the near 95 %`;

@@ -15,6 +15,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -34,7 +35,7 @@ from endolab.reconstruction.contrast import (
 from endolab.reconstruction.held import Held
 from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.report import warnings
-from endolab.reconstruction.uncertainty import Uncertainty, noise_left, uncertainty_of
+from endolab.reconstruction.uncertainty import Uncertainty, noise_left
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.result import Iterate, Observer, Result
@@ -48,8 +49,6 @@ FIRST_SIGHTS = 0.4
 BETWEEN = 0.06
 LARGEST_LAM = 100.0  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
-# Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
-DRAWS = 8
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
 
@@ -191,48 +190,45 @@ class Engine:
         self._held: Held | None = None
         self._look: Look | None = None
         self._last: Iterate | None = None  # at full size, a look as well
-        self._wish: Knobs | None = None
+        self._wish: Knobs | None = None  # the newest
         self._anew = False  # whether all is to be found again
-        # How many wishes have come, which of them is being answered, and which was answered last.
-        self._come = self._asked = self._done = 0
-        self._jobs: list[Callable[[], object]] = []
-        self._news = threading.Condition()
-        self._ends = False
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
+        self._news = threading.Event()  # a wish that nobody looks at yet
+        self._asking = threading.Lock()
+        self._thread = ThreadPoolExecutor(1, "endolab tuner")
 
     # From any thread ---------------------------------------------------------------------
 
     def ask(self, wish: Knobs, anew: bool = False) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
-        with self._news:
+        with self._asking:
             self._anew |= anew
             self._wish = wish
-            self._come += 1
-            self._news.notify_all()
+            self._news.set()
+        self.do(self._answer)
 
     def do(self, job: Callable[[], object]) -> None:
         """Do a job in the engine's thread, whatever is wished for meanwhile; returns at once."""
-        with self._news:
-            self._jobs.append(job)
-            self._news.notify_all()
+
+        def refuse_or_do() -> None:
+            try:
+                job()
+            except Exception as error:  # whatever it is, the next wish may do better
+                self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
+
+        self._thread.submit(refuse_or_do)
 
     def wait(self, timeout: float | None = None) -> None:
-        """Wait until the last wish and all jobs are done; TimeoutError after so many seconds."""
-        with self._news:
-            idle = self._news.wait_for(
-                lambda: self._done == self._come and not self._jobs, timeout
-            )
-        if not idle:
-            raise TimeoutError(f"no answer in {timeout} s")
+        """Wait until all wishes and jobs are done; TimeoutError after so many seconds."""
+        self._thread.submit(lambda: None).result(timeout)
 
     def close(self) -> None:
         """Stop what is being solved, and end the thread."""
-        with self._news:
-            self._ends = True
-            self._come += 1
-            self._news.notify_all()
-        self._thread.join()
+        self._news.set()
+        self._thread.shutdown(cancel_futures=True)
+
+    def is_stale(self) -> bool:
+        """Whether a newer wish has come than the one that is being answered."""
+        return self._news.is_set()
 
     def best_lam(self, answer: Answer) -> tuple[float | None, bool]:
         """Return the largest λ that explains enough, with this answer's solver, and whether more may do."""
@@ -255,36 +251,11 @@ class Engine:
 
     # In the engine's thread --------------------------------------------------------------
 
-    def _work(self) -> None:
-        while True:
-            with self._news:
-                self._news.wait_for(
-                    lambda: self._ends or self._jobs or self._come != self._done
-                )
-                if self._ends:
-                    return
-                wish = self._wish
-                self._asked = self._come
-                job = self._jobs[0] if self._asked == self._done else None
-            try:
-                if job is not None:
-                    job()
-                elif wish is not None:
-                    self._answer(wish)
-            except Exception as error:  # whatever it is, the next wish may do better
-                self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
-            with self._news:
-                if job is not None:
-                    self._jobs.remove(job)
-                else:
-                    self._done = self._asked
-                self._news.notify_all()
-
-    def is_stale(self) -> bool:
-        """Whether a newer wish has come than the one that is being answered."""
-        return self._come != self._asked
-
-    def _answer(self, wish: Knobs) -> None:
+    def _answer(self) -> None:
+        wish = self._wish
+        if wish is None or not self.is_stale():  # it was answered with the one before
+            return
+        self._news.clear()
         base = self.base
         subject = self.source.subject(wish)
         if (
@@ -313,7 +284,7 @@ class Engine:
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
         answer = solve(wish, subject, [self._show_long(wish, subject)])
-        with self._news:
+        with self._asking:
             if self.is_stale() and self.base is not None:
                 return None
             self._anew = False
@@ -386,8 +357,7 @@ class Engine:
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
-        with self._news:
-            return not self._news.wait_for(lambda: self._ends or self.is_stale(), REST)
+        return not self._news.wait(REST)
 
     def _try_others(self, answer: Answer) -> None:
         """Solve for other λ, and on to the right until too little is explained."""
@@ -411,13 +381,6 @@ class Engine:
             curve = self.curve_of(answer)
             if not wanted and curve[-1].explained >= ENOUGH_CONTRAST:
                 wanted.append(3.2 * curve[-1].settings.lam)
-
-    def find_uncertainty(self, answer: Answer) -> None:
-        """Find how far an answer can be trusted, in this thread, and show it once more."""
-        subject = answer.still.subject
-        known = answer.settings.calibration_of(subject)
-        answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
-        self.show(answer)
 
 
 class Path:

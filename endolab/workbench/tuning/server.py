@@ -27,7 +27,6 @@ from endolab.io.atomic import one_sentence
 
 # s, after the last page was left, until all ends: one that is loaded again is back sooner.
 AFTER_LEAVING = 3.0
-CLOSING = 2.0  # s that pages have to say goodbye
 HERE = Path(__file__)
 # Nothing but this machine, and a proxy's channel; scripts that widgets bring are blobs.
 CONTENT_POLICY = (
@@ -88,14 +87,8 @@ class Page:
         server = tornado.httpserver.HTTPServer(app)
         self._socket.setblocking(False)
         server.add_socket(self._socket)
-        try:
-            await self._ended.wait()
-        finally:
-            server.stop()
-            for page in [*self._pages]:
-                page.close(1001)
-            with suppress(TimeoutError):  # whoever does not answer
-                await asyncio.wait_for(server.close_all_connections(), CLOSING)
+        await self._ended.wait()
+        server.stop()
 
     # Between widget and pages ------------------------------------------------------------
 

@@ -10,10 +10,11 @@ import numpy as np
 import traitlets as t
 
 from endolab.io.images import as_png
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt, real_array
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots.scales import brighten, in_colour
-from endolab.workbench.tuning.maps import rgba, still_of
+from endolab.workbench.tuning.maps import as_buffers, rgba, still_of
 
 HERE = Path(__file__)
 
@@ -27,45 +28,25 @@ def page_script(name: str) -> str:
 
 
 class SurfaceView(anywidget.AnyWidget):
-    """The widget that `show_surface` makes."""
+    """The widget that `show_surface` makes of a surface and of its colours, (H, W, 3)."""
 
     _esm = page_script("surface_view.js")
     facts: t.Dict[str, Any] = t.Dict().tag(sync=True)
-    rays = t.Bytes().tag(sync=True)
-    cuts = t.Bytes().tag(sync=True)
-    picture = t.Bytes().tag(sync=True)
-    far = t.Bytes().tag(sync=True)
 
-    def show(self, shown: Result | Iterate, picture: np.ndarray | None = None) -> None:
-        """Show a surface, from where the last one was seen; see `show_surface`."""
-        if not isinstance(shown, Result | Iterate):
-            raise ValueError(f"a result or an iterate can be shown, got {excerpt(shown)}")
-        shape = shown.mask.shape
-        if picture is None:
-            colours = brighten(shown.problem.shown)
-        else:
-            if np.asarray(picture).dtype == np.uint8:
-                picture = picture / 255
-            colours = real_array("picture", picture)
-            if colours.shape not in (shape, (*shape, 3)):
-                wanted = f"{shape} or {(*shape, 3)}"
-                raise ValueError(f"picture must have shape {wanted}, found {colours.shape}")
-        self._last = shown
-        self._colours = in_colour(colours)
+    def __init__(self, shown: Result | Iterate, colours: FloatArray) -> None:
+        self._shown = shown
+        self._colours = colours
         facts, arrays = still_of(shown.problem, None)
-        with self.hold_sync():  # one message
-            self.facts = facts
-            self.rays = arrays["rays"].astype("f4").tobytes()
-            self.cuts = arrays["cuts"].tobytes()
-            self.picture = rgba(colours).tobytes()
-            self.far = np.where(shown.mask, shown.distance, np.nan).astype("f4").tobytes()
+        arrays |= {"picture": rgba(colours), "far": shown.distance}
+        names, buffers = as_buffers(arrays)
+        super().__init__(facts=facts | dict(zip(dict(names), buffers, strict=True)))
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """Give a still beside the widget where nobody looks: a page will be made of it, or nothing."""
         from endolab.workbench.recording.viewer import front_end
 
         bundle = super()._repr_mimebundle_(**options)
-        if bundle is not None and self.far and not front_end():
+        if bundle is not None and not front_end():
             bundle[0]["image/png"] = self.draw_still()
         return bundle
 
@@ -77,8 +58,8 @@ class SurfaceView(anywidget.AnyWidget):
 
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
         axes = figure.subplots()
-        unit = self._last.problem.unit
-        show_cloud(self._last.points, self._colours, axes, unit=unit, title="", lift=False)
+        unit = self._shown.problem.unit
+        show_cloud(self._shown.points, self._colours, axes, unit=unit, title="", lift=False)
         return as_png(figure)
 
 
@@ -103,6 +84,15 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
     ValueError
         In one sentence, if these are something else.
     """
-    view = SurfaceView()
-    view.show(shown, picture)
-    return view
+    if not isinstance(shown, Result | Iterate):
+        raise ValueError(f"a result or an iterate can be shown, got {excerpt(shown)}")
+    shape = shown.mask.shape
+    if picture is None:
+        return SurfaceView(shown, in_colour(brighten(shown.problem.shown)))
+    if np.asarray(picture).dtype == np.uint8:
+        picture = picture / 255
+    colours = real_array("picture", picture)
+    if colours.shape not in (shape, (*shape, 3)):
+        wanted = f"{shape} or {(*shape, 3)}"
+        raise ValueError(f"picture must have shape {wanted}, found {colours.shape}")
+    return SurfaceView(shown, in_colour(colours))

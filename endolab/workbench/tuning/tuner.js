@@ -321,7 +321,7 @@ function render({ model, el }) {
     surface.show(distance, box);
     surface.draw(moves ? 0.5 : 1);
     panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
-    size_of_box.textContent = `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${now.still.unit}, the near 95 %`;
+    size_of_box.textContent = said_of(box, now.still.unit);
   };
   const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy, "3D": draw_surface };
   const MADE_OF = { frame: "picture", section: "distance", "3D": "distance", "λ curve": "curve", error: "distance", [COMPARED]: "distance" };

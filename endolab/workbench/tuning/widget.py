@@ -32,6 +32,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, check_kinds, unknown_name
 from endolab.reconstruction.report import advice, describe, what_changed
 from endolab.reconstruction.settings import Settings
+from endolab.reconstruction.uncertainty import uncertainty_of
 from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.plots.scales import MAPS, palette
@@ -57,11 +58,14 @@ import endolab as el
 from endolab.io.settings import read_settings
 
 here = Path(__file__).parent
-calibration = el.load_calibration(here / "endoscope.json")
-calibration = read_settings(here / "settings.json").apply(calibration)  # what is believed
+saved = read_settings(here / "settings.json")
+calibration = saved.apply(el.load_calibration(here / "endoscope.json"))  # what is believed
+held = el.load_held(saved.held) if saved.held else None  # light and contours
 frame = el.read_frame(here / "{picture}", calibration{mask})
-result = el.reconstruct(frame, calibration, {given})
+result = el.reconstruct(frame, calibration, held=held, **saved.keywords)
 """
+# Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
+DRAWS = 8
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
 ELSEWHERE = 10.0  # %; two surfaces that differ by more are not the same
 LEAST_ELSEWHERE = 1.0  # % of the pixels, of which it is said
@@ -218,7 +222,13 @@ class TunerBox(anywidget.AnyWidget):
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
         answer = self._final()
-        self.engine.do(lambda: self.engine.find_uncertainty(answer))
+        known = answer.settings.calibration_of(answer.still.subject)
+
+        def job() -> None:
+            answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
+            self._show(answer)
+
+        self.engine.do(job)
 
     def _final(self) -> Answer:
         answer = self.answer
@@ -359,18 +369,6 @@ class TunerBox(anywidget.AnyWidget):
 
     # What is written ---------------------------------------------------------------------
 
-    def python(self) -> str:
-        """Return the Python that makes the one answer; it runs where its export lies."""
-        answer = self._final()
-        subject = answer.still.subject
-        saved = answer.settings.solving_settings(subject)
-        given = [f"{name}={value!r}" for name, value in saved.keywords.items()]
-        if answer.held is not None:
-            given.insert(0, 'held=el.load_held(here / "held.npz")')
-        mask = "" if subject.frame.mask.all() else ', mask=here / "mask.png"'
-        picture = "frame.png" if subject.path is None else subject.path.name
-        return RESULT.format(picture=picture, mask=mask, given=", ".join(given))
-
     def export(
         self, folder: str | Path, *, overwrite: bool = False, board: bytes | None = None
     ) -> Path:
@@ -399,16 +397,20 @@ class TunerBox(anywidget.AnyWidget):
             if answer.held is not None:
                 save_held(answer.held, staging / "held.npz")
                 saved = replace(saved, held="held.npz")
-            if subject.path is not None:
-                write_atomically(staging / subject.path.name, read_bytes(subject.path))
+            picture = "frame.png" if subject.path is None else subject.path.name
+            if subject.path is None:
+                write_image(staging / picture, subject.frame.image, bits=16)
             else:
-                write_image(staging / "frame.png", subject.frame.image, bits=16)
+                write_atomically(staging / picture, read_bytes(subject.path))
+            mask = ""
             if not subject.frame.mask.all():
                 write_image(staging / "mask.png", subject.frame.mask.astype(float))
+                mask = ', mask=here / "mask.png"'
             known = answer.settings.endoscope(subject.calibration)
             write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
-            write_atomically(staging / "result.py", self.python().encode())
+            code = RESULT.format(picture=picture, mask=mask)
+            write_atomically(staging / "result.py", code.encode())
         return Path(folder)
 
     def _export_aside(self, name: str, board: str) -> None:
