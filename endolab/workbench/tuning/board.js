@@ -364,3 +364,8 @@ function box_of(map, rays) {
 }
 
 const said_of = (box, unit) => `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${unit}, the near 95 %`;
+// Numbers or bytes that lie in a page.
+function unpacked(kind, text) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return kind === "f4" ? new Float32Array(bytes.buffer) : bytes;
+}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -37,6 +38,12 @@ def as_buffers(arrays: Mapping[str, NDArray]) -> tuple[list[tuple[str, str]], li
         names.append((name, kind))
         buffers.append(array.astype(kind).tobytes())
     return names, buffers
+
+
+def as_texts(arrays: Mapping[str, NDArray]) -> list[tuple[str, str, str]]:
+    """Arrays as they lie in a page: names, kinds and contents."""
+    named = zip(*as_buffers(arrays), strict=True)
+    return [(name, kind, b64encode(buffer).decode()) for (name, kind), buffer in named]
 
 
 def rgba(picture: FloatArray) -> NDArray[np.uint8]:

@@ -1,7 +1,6 @@
 // A tuner without Python, on top of board.js and tuner.js: answers for each regulariser and λ lie packed in the page.
 async function play({ facts, first, messages, still, packed, low, step, end }, el) {
-  const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0)), size = first.still.width * first.still.height;
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const size = first.still.width * first.still.height, stream = new Blob([unpacked("u1", packed)]).stream().pipeThrough(new DecompressionStream("deflate"));
   const planes = new Uint8Array(await new Response(stream).arrayBuffer()), count = messages.length * size;
   for (let plane = 0; plane < 3; plane++) { // each map is what it differs by from the one before
     for (let p = plane * count + size; p < (plane + 1) * count; p++) planes[p] = (planes[p] + planes[p - size]) & 255;
@@ -20,7 +19,7 @@ async function play({ facts, first, messages, still, packed, low, step, end }, e
     const buffers = [...before.map(({ content }) => content), distance, residual].map(({ buffer }) => new DataView(buffer));
     for (const hear of listeners) hear({ ...answer, ...more, names, badge: "no Python", knobs: { lam: answer.asked.lam, regulariser } }, buffers);
   };
-  const arrays = still.map(([name, kind, text]) => ({ name, kind, content: Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)) }));
+  const arrays = still.map(([name, kind, text]) => ({ name, kind, content: unpacked(kind, text) }));
   const model = {
     get: () => facts,
     on(event, action) { if (event === "msg:custom") listeners.add(action); },

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from endolab.workbench.tuning.engine import Answer
-from endolab.workbench.tuning.maps import as_buffers
+from endolab.workbench.tuning.maps import as_texts
 from endolab.workbench.tuning.surface_view import page_script
 
 PAGE = """<!DOCTYPE html>
@@ -42,7 +42,8 @@ def pack(answers: Sequence[Answer]) -> dict[str, Any]:
     codes = np.where(np.isnan(logs), 0, np.round((logs - low) / step) + 1)
     codes = codes.astype(np.uint16)
     left = np.stack([answer.residual for answer in answers])
-    end = max(float(np.nanpercentile(np.abs(left), 98)), 5.0)  # that is told apart
+    largest = np.nanpercentile(np.abs(left), 98, axis=(1, 2))
+    end = max(float(np.median(largest)), 5.0)  # that is told apart
     left = np.where(np.isnan(left), 0, np.round(127 * left / end).clip(-127, 127) + 128)
     content = b""
     for plane in (codes & 255, codes >> 8, left):
@@ -61,9 +62,7 @@ def write_page(
     title: str,
 ) -> str:
     """Return the page: what the tuner needs at first, with arrays, and what it hears of each answer."""
-    names, buffers = as_buffers(arrays)
-    texts = [base64.b64encode(buffer).decode() for buffer in buffers]
-    still = [(*name, text) for name, text in zip(names, texts, strict=True)]
+    still = as_texts(arrays)
     content = {"facts": facts, "first": first, "messages": messages, "still": still}
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
     script = page_script("tuner.js").replace("export default { render };", "")

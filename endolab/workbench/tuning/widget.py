@@ -44,11 +44,16 @@ from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.surface_view import page_script
 
 WIDTHS = (160, 320, 480, 640)  # px, to choose among
-PAPER = {"channel": "green", "solver": "primal_dual", "regulariser": "second"}
 # Options beside the defaults, by what the page calls them.
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
-    "paper": PAPER | {"contours": False, "highlights": "keep"},
+    "paper": {
+        "channel": "green",
+        "solver": "primal_dual",
+        "regulariser": "second",
+        "contours": False,
+        "highlights": "keep",
+    },
     "fastest": {"channel": "green", "solver": "fast_marching"},
 }
 # What an export makes its answer again by.
@@ -415,10 +420,7 @@ class TunerBox(anywidget.AnyWidget):
 
     def _export_aside(self, name: str, board: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
-        if not name.strip():
-            raise ValueError("name a folder to export into")
-        self._final()
-        folder = Path(name.strip()).expanduser()
+        folder = Path(name).expanduser()
 
         def job() -> None:
             self.export(folder, board=base64.b64decode(board.partition(",")[2]))
