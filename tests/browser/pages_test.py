@@ -1,4 +1,4 @@
-"""Pages of notebooks in a browser: folds, a film, a picture of a surface."""
+"""Pages of notebooks in a browser: folds, a film, a surface."""
 
 import nbformat
 import pytest
@@ -92,7 +92,7 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     first = film.get_attribute("src")
     page.locator("input[type=range]").press("ArrowRight")
     assert first != film.get_attribute("src") is not None
-    assert page.locator(".jp-OutputArea-output > img").is_visible()  # the surface
+    assert page.locator(".endolab-surface canvas").is_visible()
     assert all(url.startswith(("file:", "data:", "blob:")) for url in outside)
     photograph(page, f"pages-{'open' if solutions else 'folded'}")
     page.close()

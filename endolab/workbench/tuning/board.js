@@ -143,7 +143,7 @@ function draw_bar(pen, box, { palette, low, high, log }, ink) {
 
 // Lines and dots on axes. An axis is {label, low, high, log, ticks: [[place, text]]}; the axis at the right is likewise.
 function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = [], equal, down }, { ink, faint }) {
-  const pad = [52, 20, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
+  const pad = [60, 20, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
   if (equal) { // one length for a unit along both
     const scale = Math.max((x.high - x.low) / w, (y.high - y.low) / h);
     for (const [axis, size] of [[x, w], [y, h]]) {
@@ -173,7 +173,7 @@ function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = []
     }
   }
   pen.save();
-  pen.translate(11, pad[1] + h / 2);
+  pen.translate(7, pad[1] + h / 2);
   pen.rotate(-Math.PI / 2);
   Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
   pen.fillText(y.label, 0, 0);

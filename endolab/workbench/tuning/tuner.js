@@ -253,10 +253,12 @@ function render({ model, el }) {
     pen.restore();
     if (map.values) draw_bar(pen, [wide - 50, 8, 10, tall - 16], map, ink);
     (map.keys ?? []).forEach(([text, colour], i) => {
-      Object.assign(pen, { fillStyle: `rgb(${colour})`, textBaseline: "top", textAlign: "left" });
-      pen.fillRect(4, 4 + 15 * i, 10, 10);
-      pen.fillStyle = ink;
-      pen.fillText(text, 18, 4 + 15 * i);
+      Object.assign(pen, { fillStyle: "#000a", textBaseline: "top", textAlign: "left" }); // as the cursor's words
+      pen.fillRect(0, 16 * i, pen.measureText(text).width + 24, 16);
+      pen.fillStyle = `rgb(${colour})`;
+      pen.fillRect(4, 3 + 16 * i, 10, 10);
+      pen.fillStyle = "white";
+      pen.fillText(text, 18, 3 + 16 * i);
     });
   };
   const line_of = () => Math.min(Math.floor(cut.share * (cut.is_row ? now.still.height : now.still.width)), (cut.is_row ? now.still.height : now.still.width) - 1);
