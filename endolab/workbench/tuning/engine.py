@@ -190,7 +190,7 @@ class Engine:
         self._held: Held | None = None
         self._look: Look | None = None
         self._last: Iterate | None = None  # at full size, a look as well
-        self._wish: Knobs | None = None  # the newest
+        self._wish = Knobs()  # the newest
         self._anew = False  # whether all is to be found again
         self._news = threading.Event()  # a wish that nobody looks at yet
         self._asking = threading.Lock()
@@ -252,10 +252,10 @@ class Engine:
     # In the engine's thread --------------------------------------------------------------
 
     def _answer(self) -> None:
-        wish = self._wish
-        if wish is None or not self.is_stale():  # it was answered with the one before
+        if not self.is_stale():  # the newest was answered with the one before
             return
         self._news.clear()
+        wish = self._wish
         base = self.base
         subject = self.source.subject(wish)
         if (

@@ -163,19 +163,24 @@ def test_a_page_without_python_holds_all_lams(tune, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "word"),
+    ("action", "word"),
     [
         ({"do": "turn", "given": [{"known_distance": "near"}]}, "known_distance"),
+        ({"do": "turn", "given": [{"lam": -1}]}, "lam"),
         ({"do": "destroy", "given": []}, "destroy"),
     ],
 )
-def test_what_the_page_cannot_ask_for_is_said_in_one_line(tune, given, word):
+def test_what_cannot_be_done_is_said_in_one_line_and_the_next_is_done(
+    tune, action, word
+):
     box, messages = tune()
-    box._hear(box, given, [])
+    box._hear(box, action, [])
     box.engine.wait(60)
     wrong = [m for m, _ in messages if m.get("tone") == "endolab-wrong"]
     assert word in wrong[-1]["line"]
     assert "\n" not in wrong[-1]["line"]
+    turn(box, known_distance=None, lam=0.3)
+    assert box.answer.settings.lam == 0.3
 
 
 def test_truth_is_of_the_frame(seen):
