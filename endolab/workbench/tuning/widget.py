@@ -473,8 +473,8 @@ def _change(before: Answer | None, answer: Answer) -> tuple[str, float]:
     new = answer.result
     if old.mask.shape != new.mask.shape:
         return "", 0.0
-    said = what_changed(old, new, answer.contours - before.contours)
+    sentence = what_changed(old, new, answer.contours - before.contours)
     if before.settings != answer.settings:
-        return said, 0.0
+        return sentence, 0.0
     change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
-    return said, 100 * float(np.mean(change > ELSEWHERE))
+    return sentence, 100 * float(np.mean(change > ELSEWHERE))
