@@ -1,7 +1,6 @@
 """How fast the tuner's picture follows the hand, in a browser: `python -m tests.benchmarks.tuner FRAME ...`
 
 What follows is given to `endolab tune`. Needs Chromium and an idle machine; asserts nothing.
-Without a graphics card 3D is not drawn.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Pages of notebooks in a browser: folds, a film, a picture of a surface."""
+"""Pages of notebooks in a browser: folds, a surface."""
 
 import nbformat
 import pytest
@@ -26,12 +26,6 @@ Therefore.
 """
 
 
-FILM = """from matplotlib import pyplot
-from endolab.workbench import plots
-def show(a=4):
-    pyplot.figure(figsize=(a, 2))
-plots.film(show, a=[4, 9])
-"""
 SURFACE = """import endolab as el
 calibration = el.load_calibration("paper", width=64)
 scene = el.render(el.SCENES["plane"], calibration.camera, calibration.photometry)
@@ -42,14 +36,14 @@ el.show_surface(el.reconstruct(el.Frame(scene.image, scene.mask), known, channel
 
 @pytest.fixture
 def notebooks(tmp_path):
-    """Folder of a notebook with an exercise, a film, a surface, and a cell whose code is hidden."""
+    """Folder of a notebook with an exercise, a surface, and a cell whose code is hidden."""
     folder = tmp_path / "notebooks"
     folder.mkdir()
     hidden = nbformat.v4.new_code_cell(
         "print(6 * 7)", metadata={"jupyter": {"source_hidden": True}}
     )
-    others = [nbformat.v4.new_code_cell(code) for code in (FILM, SURFACE)]
-    cells = [hidden, *others, nbformat.v4.new_markdown_cell(EXERCISE)]
+    surface = nbformat.v4.new_code_cell(SURFACE)
+    cells = [hidden, surface, nbformat.v4.new_markdown_cell(EXERCISE)]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), folder / "01_a.ipynb")
     (folder / "README.md").write_text("[one](01_a.ipynb)")
     return folder
@@ -88,11 +82,7 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     if not solutions:
         page.get_by_text("Solution", exact=True).click()
     assert all(part.is_visible() for part in solution)
-    film = page.get_by_alt_text("film")
-    first = film.get_attribute("src")
-    page.locator("input[type=range]").press("ArrowRight")
-    assert first != film.get_attribute("src") is not None
-    assert page.locator(".jp-OutputArea-output > img").is_visible()  # the surface
+    assert page.locator(".endolab-surface canvas").is_visible()
     assert all(url.startswith(("file:", "data:", "blob:")) for url in outside)
     photograph(page, f"pages-{'open' if solutions else 'folded'}")
     page.close()

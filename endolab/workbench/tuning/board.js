@@ -51,30 +51,25 @@ function rounds(low, high, count, log) {
   return found;
 }
 
-// Lines where a map crosses levels, as pairs of points, in pixels of the map.
-function isolines(map, width, height, some) {
-  const lines = [], below = map.map((value) => { // how many levels lie below
-    let count = 0;
-    while (value >= some[count]) count++;
-    return count;
-  });
-  for (let i = 0; i < height - 1; i++) for (let j = 0; j < width - 1; j++) {
-    const at = i * width + j, first = below[at];
-    if (first === below[at + 1] && first === below[at + width] && first === below[at + width + 1]) continue;
-    const [a, b, c, d] = [map[at], map[at + 1], map[at + width], map[at + width + 1]];
+// Lines where a map crosses levels, as pairs of points, in pixels of the map; of every pixel, or of every second one.
+function isolines(map, width, height, levels, step) {
+  const lines = [];
+  for (let i = 0; i < height - step; i += step) for (let j = 0; j < width - step; j += step) {
+    const at = i * width + j, under = at + step * width, a = map[at], b = map[at + step], c = map[under], d = map[under + step];
     const low = Math.min(a, b, c, d), high = Math.max(a, b, c, d);
     if (!(high < 1.15 * low)) continue; // nan, or a fold
-    for (const level of some) {
-      if (level <= low || level > high) continue;
+    for (let k = 0; levels[k] <= high; k++) {
+      const level = levels[k];
+      if (level <= low) continue;
       const cross = (p, q, x, y, right, down) => { // on the side from pixel p to pixel q
         if ((p < level) === (q < level)) return;
-        const share = (level - p) / (q - p);
+        const share = step * (level - p) / (q - p);
         lines.push(x + 0.5 + share * right, y + 0.5 + share * down);
       };
       cross(a, b, j, i, 1, 0);
       cross(a, c, j, i, 0, 1);
-      cross(b, d, j + 1, i, 0, 1);
-      cross(c, d, j, i + 1, 1, 0);
+      cross(b, d, j + step, i, 0, 1);
+      cross(c, d, j, i + step, 1, 0);
       lines.length -= lines.length % 4; // of a saddle only whole lines
     }
   }
@@ -148,7 +143,7 @@ function draw_bar(pen, box, { palette, low, high, log }, ink) {
 
 // Lines and dots on axes. An axis is {label, low, high, log, ticks: [[place, text]]}; the axis at the right is likewise.
 function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = [], equal, down }, { ink, faint }) {
-  const pad = [52, 6, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
+  const pad = [60, 20, right ? 34 : 10, 32], [w, h] = [wide - pad[0] - pad[2], tall - pad[1] - pad[3]];
   if (equal) { // one length for a unit along both
     const scale = Math.max((x.high - x.low) / w, (y.high - y.low) / h);
     for (const [axis, size] of [[x, w], [y, h]]) {
@@ -178,7 +173,7 @@ function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = []
     }
   }
   pen.save();
-  pen.translate(11, pad[1] + h / 2);
+  pen.translate(7, pad[1] + h / 2);
   pen.rotate(-Math.PI / 2);
   Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
   pen.fillText(y.label, 0, 0);
@@ -207,10 +202,10 @@ function draw_chart(pen, wide, tall, { x, y, right, lines, dots = [], rules = []
   }
   pen.restore();
   pen.textAlign = "left";
-  let place = pad[0] + 6;
+  let place = 6;
   for (const { name, colour } of lines.filter((line) => line.name)) {
     Object.assign(pen, { fillStyle: colour, textBaseline: "top" });
-    pen.fillText(name, place, pad[1] + 3);
+    pen.fillText(name, place, 2);
     place += pen.measureText(name).width + 10;
   }
   return { to_x, to_y };
@@ -320,8 +315,8 @@ class Surface {
     return { seen: [...axes.flat(), ...last], eye: to.map((part, i) => part - back * away[i]) };
   }
 
-  draw() {
-    const gl = this.gl, ratio = Math.min(window.devicePixelRatio || 1, 2);
+  draw(fineness = 1) {
+    const gl = this.gl, ratio = fineness * Math.min(window.devicePixelRatio || 1, 2);
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.round(ratio * side));
     if (!gl || !width || !height || !this.box) return;
     if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
@@ -345,7 +340,6 @@ class Surface {
     gl.vertexAttrib1f(1, 1);
     gl.uniform4f(this.at.ink, 0.5, 0.5, 0.5, 1);
     if (!this.inside) gl.drawArrays(gl.LINES, 0, EDGES.length);
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until all is drawn: who draws can tell how long it takes
   }
 
   // Where a point is in the panel, shares to the right and down.
@@ -367,4 +361,11 @@ function box_of(map, rays) {
     return [0.01, axis === 2 ? 0.95 : 0.99].map((share) => values[Math.floor(share * values.length)]);
   });
   return [ends.map(([low]) => low), ends.map(([, high]) => high)];
+}
+
+const said_of = (box, unit) => `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${unit}, the near 95 %`;
+// Numbers or bytes that lie in a page.
+function unpacked(kind, text) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return kind === "f4" ? new Float32Array(bytes.buffer) : bytes;
 }

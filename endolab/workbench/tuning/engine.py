@@ -15,6 +15,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -22,7 +23,6 @@ from functools import cached_property
 import numpy as np
 from skimage.measure import label
 
-from endolab.metrics.depth_errors import resample_truth
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limit_threads
@@ -35,7 +35,7 @@ from endolab.reconstruction.contrast import (
 from endolab.reconstruction.held import Held
 from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.report import warnings
-from endolab.reconstruction.uncertainty import Uncertainty, noise_left, uncertainty_of
+from endolab.reconstruction.uncertainty import Uncertainty, noise_left
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.result import Iterate, Observer, Result
@@ -49,8 +49,6 @@ FIRST_SIGHTS = 0.4
 BETWEEN = 0.06
 LARGEST_LAM = 100.0  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
-# Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
-DRAWS = 8
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
 
@@ -78,6 +76,8 @@ class Still:
         """Note what a result that was found anew is compared with."""
         truth = subject.truth
         if truth is not None:
+            from endolab.metrics.depth_errors import resample_truth  # takes half a second
+
             truth = np.where(result.mask, resample_truth(truth, result.mask.shape), np.nan)
             if not result.metric:
                 truth *= np.nanmedian(result.distance / truth)
@@ -140,28 +140,38 @@ class Answer:
         return 0 if cuts is None else int(label(cuts.any(axis=0), connectivity=2).max())
 
 
-def shown_as(iterate: Iterate, seconds: float = 0.0) -> Result:
+def shown_as(iterate: Iterate) -> Result:
     """Return an iterate of a run that goes on as a result."""
     row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
-    return Result(iterate, Status.STOPPED, [row], seconds)
+    return Result(iterate, Status.STOPPED, [row], 0.0)
 
 
-def solve_anew(wish: Knobs, subject: Subject, observers: Iterable[Observer] = ()) -> Answer:
-    """Find all anew, here and now: what `reconstruct` makes of the frame."""
-    saved = wish.solving_settings(subject)
-    known = wish.calibration_of(subject)
+def solve(
+    wish: Knobs,
+    subject: Subject,
+    observers: Iterable[Observer] = (),
+    still: Still | None = None,
+    held: Held | None = None,
+) -> Answer:
+    """Find an answer, here and now: all anew, as `reconstruct` does, or with what is held."""
     steps = Path()
-    watch = [steps.add, *observers]
-    result = reconstruct(subject.frame, known, observers=watch, **saved.keywords)
+    result = reconstruct(
+        subject.frame,
+        wish.calibration_of(subject),
+        held=held,
+        observers=[steps.add, *observers],
+        **wish.solving_settings(subject).keywords,
+    )
     path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
-    return Answer(wish, AnswerKind.ANEW, Still.of(subject, result), result, path=path)
+    kind = AnswerKind.ANEW if held is None else AnswerKind.KEPT
+    return Answer(wish, kind, still or Still.of(subject, result), result, held, path)
 
 
 class Engine:
     """Answers the newest wish in a thread of its own.
 
-    `show` is told each answer there, `note` that more is known of λ, `refuse` a sentence for what cannot be
-    answered.
+    `show` is told each answer there, `note` that the hand rests or that more is known of λ, `refuse` a
+    sentence for what cannot be answered.
     """
 
     def __init__(
@@ -180,48 +190,45 @@ class Engine:
         self._held: Held | None = None
         self._look: Look | None = None
         self._last: Iterate | None = None  # at full size, a look as well
-        self._wish: Knobs | None = None
+        self._wish = Knobs()  # the newest
         self._anew = False  # whether all is to be found again
-        # How many wishes have come, which of them is being answered, and which was answered last.
-        self._come = self._asked = self._done = 0
-        self._jobs: list[Callable[[], object]] = []
-        self._news = threading.Condition()
-        self._ends = False
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
+        self._news = threading.Event()  # a wish that nobody looks at yet
+        self._asking = threading.Lock()
+        self._thread = ThreadPoolExecutor(1, "endolab tuner")
 
     # From any thread ---------------------------------------------------------------------
 
     def ask(self, wish: Knobs, anew: bool = False) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
-        with self._news:
+        with self._asking:
             self._anew |= anew
             self._wish = wish
-            self._come += 1
-            self._news.notify_all()
+            self._news.set()
+        self.do(self._answer)
 
     def do(self, job: Callable[[], object]) -> None:
         """Do a job in the engine's thread, whatever is wished for meanwhile; returns at once."""
-        with self._news:
-            self._jobs.append(job)
-            self._news.notify_all()
+
+        def refuse_or_do() -> None:
+            try:
+                job()
+            except Exception as error:  # whatever it is, the next wish may do better
+                self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
+
+        self._thread.submit(refuse_or_do)
 
     def wait(self, timeout: float | None = None) -> None:
-        """Wait until the last wish and all jobs are done; TimeoutError after so many seconds."""
-        with self._news:
-            idle = self._news.wait_for(
-                lambda: self._done == self._come and not self._jobs, timeout
-            )
-        if not idle:
-            raise TimeoutError(f"no answer in {timeout} s")
+        """Wait until all wishes and jobs are done; TimeoutError after so many seconds."""
+        self._thread.submit(lambda: None).result(timeout)
 
     def close(self) -> None:
         """Stop what is being solved, and end the thread."""
-        with self._news:
-            self._ends = True
-            self._come += 1
-            self._news.notify_all()
-        self._thread.join()
+        self._news.set()
+        self._thread.shutdown(cancel_futures=True)
+
+    def is_stale(self) -> bool:
+        """Whether a newer wish has come than the one that is being answered."""
+        return self._news.is_set()
 
     def best_lam(self, answer: Answer) -> tuple[float | None, bool]:
         """Return the largest λ that explains enough, with this answer's solver, and whether more may do."""
@@ -244,36 +251,11 @@ class Engine:
 
     # In the engine's thread --------------------------------------------------------------
 
-    def _work(self) -> None:
-        while True:
-            with self._news:
-                self._news.wait_for(
-                    lambda: self._ends or self._jobs or self._come != self._done
-                )
-                if self._ends:
-                    return
-                wish = self._wish
-                self._asked = self._come
-                job = self._jobs[0] if self._asked == self._done else None
-            try:
-                if job is not None:
-                    job()
-                elif wish is not None:
-                    self._answer(wish)
-            except Exception as error:  # whatever it is, the next wish may do better
-                self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
-            with self._news:
-                if job is not None:
-                    self._jobs.remove(job)
-                else:
-                    self._done = self._asked
-                self._news.notify_all()
-
-    def is_stale(self) -> bool:
-        """Whether a newer wish has come than the one that is being answered."""
-        return self._come != self._asked
-
-    def _answer(self, wish: Knobs) -> None:
+    def _answer(self) -> None:
+        if not self.is_stale():  # the newest was answered with the one before
+            return
+        self._news.clear()
+        wish = self._wish
         base = self.base
         subject = self.source.subject(wish)
         if (
@@ -294,17 +276,16 @@ class Engine:
         if self._look is not None:
             self._look.follow(answer.result.problem)
             self._look.start_from(self._last)
-        if answer.uses_lam and self._rests():
-            self._try_others(answer)
+        if self._rests():
+            self.note()
+            if answer.uses_lam:
+                self._try_others(answer)
 
     def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
         """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
-        base = self.base
-        is_known = base is not None and subject is base.still.subject
-        still = base.still if base is not None and is_known else None
-        answer = solve_anew(wish, subject, [self._show_long(wish, subject, still)])
-        with self._news:
-            if self.is_stale() and base is not None:
+        answer = solve(wish, subject, [self._show_long(wish, subject)])
+        with self._asking:
+            if self.is_stale() and self.base is not None:
                 return None
             self._anew = False
         result = answer.result
@@ -320,31 +301,27 @@ class Engine:
         base = self.base
         assert base is not None
         assert self._held is not None
+        subject = base.still.subject
         if wish.solver == FOLLOWS and self._look is not None:
-            known = wish.calibration_of(base.still.subject)
-            problem = self._held.problem_with(wish, known)
-            started = time.perf_counter()
+            problem = self._held.problem_with(wish, wish.calibration_of(subject))
             with limit_threads(1):
-                iterate = self._look.follow(problem)
-            self._last = iterate
-            seconds = time.perf_counter() - started
-            sofar = shown_as(iterate, seconds)
-            look = Answer(wish, AnswerKind.LOOK, base.still, sofar, self._held)
-            self.show(look)
+                self._last = self._look.follow(problem)
+            sofar = shown_as(self._last)
+            self.show(Answer(wish, AnswerKind.LOOK, base.still, sofar, self._held))
             if not self._rests():
                 return None
-        tell = self._show_long(wish, base.still.subject, base.still, self._held)
-        answer = self.solve_held(wish, [tell])
+        answer = self.solve_held(wish, [self._show_long(wish, subject, self._held)])
         return None if self.is_stale() else answer
 
     def _show_long(
-        self, wish: Knobs, subject: Subject, still: Still | None, held: Held | None = None
+        self, wish: Knobs, subject: Subject, held: Held | None = None
     ) -> Observer:
-        """Show iterates of a solver that has no looks, and of a frame's first run, which has no `still`.
+        """Show iterates of a solver that has no looks, and of a frame's first run.
 
         Stops when a newer wish came.
         """
         base = self.base
+        still = base.still if base is not None and base.still.subject is subject else None
         shape = None if base is None else base.result.mask.shape
         pause = FIRST_SIGHTS if still is None else BETWEEN
         last_shown = 0.0
@@ -374,23 +351,13 @@ class Engine:
         held = self._held
         assert base is not None
         assert held is not None
-        saved = wish.solving_settings(base.still.subject)
         if wish.solver == "primal_dual" and self._last is not None:
             held = replace(held, start=self._last.log_distance)
-        steps = Path()
-        result = reconstruct(
-            base.still.subject.frame,
-            wish.calibration_of(base.still.subject),
-            held=held,
-            observers=[*observers, steps.add],
-            **saved.keywords,
-        )
-        return Answer(wish, AnswerKind.KEPT, base.still, result, held, steps.iterates)
+        return solve(wish, base.still.subject, observers, base.still, held)
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
-        with self._news:
-            return not self._news.wait_for(lambda: self._ends or self.is_stale(), REST)
+        return not self._news.wait(REST)
 
     def _try_others(self, answer: Answer) -> None:
         """Solve for other λ, and on to the right until too little is explained."""
@@ -414,13 +381,6 @@ class Engine:
             curve = self.curve_of(answer)
             if not wanted and curve[-1].explained >= ENOUGH_CONTRAST:
                 wanted.append(3.2 * curve[-1].settings.lam)
-
-    def find_uncertainty(self, answer: Answer) -> None:
-        """Find how far an answer can be trusted, in this thread, and show it once more."""
-        subject = answer.still.subject
-        known = answer.settings.calibration_of(subject)
-        answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
-        self.show(answer)
 
 
 class Path:

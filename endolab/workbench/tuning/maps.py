@@ -1,8 +1,9 @@
-"""What the tuner's page is sent of an answer: numbers, with how they are shown; the page draws."""
+"""What the tuner's page is sent of an answer: numbers and pictures, with their titles; the page draws."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,40 +12,21 @@ from numpy.typing import NDArray
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.uncertainty import bounced_light
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
-from endolab.workbench.plots.scales import (
-    MAPS,
-    OKABE_ITO,
-    SOURCE_COLOURS,
-    Colour,
-    in_colour,
-    limits,
-)
-from endolab.workbench.tuning.engine import Answer, Engine
+from endolab.workbench.plots.scales import OKABE_ITO, SOURCE_COLOURS, Colour, in_colour
+from endolab.workbench.tuning.engine import Answer
 
-# Those that the page makes of the others, and those that are sent.
+# Others the page makes of these.
 PANELS = (
-    "frame",
     "distance",
     "model - frame",
-    "section",
-    "3D",
-    "λ curve",
-    "error",
-    "B / A - 1",
     "normals",
     "spread over λ",
     "contours",
     "bounced light",
     "σ",
     "what determined each pixel",
-    "energy",
 )
-NEED_UNCERTAINTY = ("σ", "what determined each pixel")
 LEFT_OUT: Colour = (128, 128, 128)
-
-
-# How a map is shown, or why there is none; with its numbers, (H, W), or its picture, (H, W, 4) bytes.
-Sent = tuple[dict[str, Any], NDArray | None]
 
 
 def as_buffers(arrays: Mapping[str, NDArray]) -> tuple[list[tuple[str, str]], list[bytes]]:
@@ -56,6 +38,12 @@ def as_buffers(arrays: Mapping[str, NDArray]) -> tuple[list[tuple[str, str]], li
         names.append((name, kind))
         buffers.append(array.astype(kind).tobytes())
     return names, buffers
+
+
+def as_texts(arrays: Mapping[str, NDArray]) -> list[tuple[str, str, str]]:
+    """Arrays as they lie in a page: names, kinds and contents."""
+    named = zip(*as_buffers(arrays), strict=True)
+    return [(name, kind, b64encode(buffer).decode()) for (name, kind), buffer in named]
 
 
 def rgba(picture: FloatArray) -> NDArray[np.uint8]:
@@ -94,21 +82,22 @@ def still_of(
     return facts, arrays
 
 
-Held = dict[str, tuple[float, float]]  # limits of maps
+def map_of(
+    name: str, answer: Answer, several: Sequence[Answer]
+) -> tuple[dict[str, Any], NDArray | None]:
+    """Make one of `PANELS` of an answer, or say why there is none: its words, and numbers or a picture.
 
-
-def map_of(name: str, answer: Answer, engine: Engine, held: Held) -> Sent:
-    """Make a map of an answer, on the scale that is held; if none is, it is held from now on."""
+    `several` are answers that differ by λ alone.
+    """
     result = answer.result
-    problem = result.problem
+    uncertainty = answer.uncertainty
     if name == "distance":
-        return _numbers(held, name, result.distance, f"[{problem.unit}]", problem.unit)
+        return {"title": f"[{result.problem.unit}]"}, result.distance
     if name == "model - frame":
         floor = 2 * 255 * answer.still.noise_left  # two standard deviations are no news
         known = np.isfinite(answer.residual)
         quiet = np.mean(np.abs(answer.residual[known]) <= floor) if known.any() else 1.0
-        title = f"[of 255], {100 * quiet:.0f} % within the noise"
-        return _numbers(held, name, answer.residual, title)
+        return {"title": f"[of 255], {100 * quiet:.0f} % within the noise"}, answer.residual
     if name == "normals":
         return {"title": "(n + 1)/2"}, rgba((result.normals + 1) / 2)
     if name == "contours":
@@ -116,45 +105,26 @@ def map_of(name: str, answer: Answer, engine: Engine, held: Held) -> Sent:
     if not answer.is_final:
         return {"empty": "once the hand rests"}, None
     if name == "spread over λ":
-        several = engine.curve_of(answer)
         logs = np.stack([one.result.iterate.log_distance for one in several])
         spread = 100 * np.expm1(logs.max(axis=0) - logs.min(axis=0))
-        return _numbers(held, name, spread, f"[%], {len(several)} λ")
+        return {"title": f"[%], {len(several)} λ"}, spread
     if name == "bounced light":
         share = -100 * np.expm1(-bounced_light(result.iterate))
         taken = "left in" if result.report.albedo is None else "removed"
-        return _numbers(
-            held, name, np.where(result.mask, share, np.nan), f"[% of all], {taken}"
-        )
-    uncertainty = answer.uncertainty
+        return {"title": f"[% of all], {taken}"}, np.where(result.mask, share, np.nan)
     if uncertainty is None:
         return {"empty": "press find σ"}, None
     if name == "σ":
         percent = 100 * uncertainty.sigma / result.distance
-        median = np.nanmedian(percent)
-        return _numbers(held, name, percent, f"of the distance [%], median {median:.2g}")
+        return {
+            "title": f"of the distance [%], median {np.nanmedian(percent):.2g}"
+        }, percent
     colours = np.array([(*LEFT_OUT, 0), *((*one, 255) for one in SOURCE_COLOURS.values())])
     picture = colours.astype(np.uint8)[uncertainty.dominant_source]
     return {"title": "", "keys": [*SOURCE_COLOURS.items()]}, picture
 
 
-def _numbers(held: Held, name: str, values: FloatArray, title: str, unit: str = "") -> Sent:
-    scale = MAPS[name]
-    if name not in held:
-        held[name] = limits(name, values)
-    low, high = held[name]
-    spec = {
-        "title": title,
-        "unit": unit or scale.unit,
-        "palette": scale.palette,
-        "low": low,
-        "high": high,
-        "log": scale.kind == "log",
-    }
-    return spec, values
-
-
-def _contours(answer: Answer) -> Sent:
+def _contours(answer: Answer) -> tuple[dict[str, Any], NDArray]:
     """Where the surface is cut, and what pixels say."""
     problem = answer.result.problem
     picture = rgba(0.35 + 0.5 * np.mean(np.atleast_3d(problem.shown), axis=-1))

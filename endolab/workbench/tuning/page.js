@@ -5,11 +5,7 @@ channel.binaryType = "arraybuffer";
 const state = {}, listeners = { "msg:custom": new Set(), comm_live_update: new Set() }, place = document.getElementById("widget");
 const model = {
   get: (name) => state[name],
-  send(content, _, buffers = []) {
-    if (channel.readyState !== WebSocket.OPEN) return;
-    channel.send(JSON.stringify({ content, buffers: buffers.length }));
-    buffers.forEach((buffer) => channel.send(buffer));
-  },
+  send(content) { if (channel.readyState === WebSocket.OPEN) channel.send(JSON.stringify(content)); },
   on: (event, action) => listeners[event].add(action),
   off: (event, action) => listeners[event].delete(action),
 };

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from endolab.workbench.tuning.engine import Answer
-from endolab.workbench.tuning.maps import as_buffers
+from endolab.workbench.tuning.maps import as_texts
 from endolab.workbench.tuning.surface_view import page_script
 
 PAGE = """<!DOCTYPE html>
@@ -34,19 +34,21 @@ await play({content}, place);
 """
 
 
-def pack(answers: Sequence[Answer], end: float) -> dict[str, Any]:
-    """Pack distances and residuals; `end` is the largest residual that is told apart, grey levels."""
+def pack(answers: Sequence[Answer]) -> dict[str, Any]:
+    """Pack distances and residuals."""
     logs = np.stack([answer.result.iterate.log_distance for answer in answers])
     low = float(np.nanmin(logs))
     step = max((float(np.nanmax(logs)) - low) / 4093, 1e-9)
     codes = np.where(np.isnan(logs), 0, np.round((logs - low) / step) + 1)
     codes = codes.astype(np.uint16)
     left = np.stack([answer.residual for answer in answers])
+    largest = np.nanpercentile(np.abs(left), 98, axis=(1, 2))
+    end = max(float(np.median(largest)), 5.0)  # that is told apart
     left = np.where(np.isnan(left), 0, np.round(127 * left / end).clip(-127, 127) + 128)
-    planes = [(codes & 255), codes >> 8, left]
     content = b""
-    for plane in (plane.astype(np.uint8) for plane in planes):
-        content += np.concatenate([plane[:1], np.diff(plane, axis=0)]).tobytes()
+    for plane in (codes & 255, codes >> 8, left):
+        bytewise = plane.astype(np.uint8)
+        content += np.diff(bytewise, axis=0, prepend=np.uint8(0)).tobytes()
     packed = base64.b64encode(zlib.compress(content, 9)).decode()
     return {"packed": packed, "low": low - step, "step": step, "end": end}
 
@@ -55,15 +57,13 @@ def write_page(
     facts: dict[str, Any],
     first: dict[str, Any],
     arrays: dict[str, np.ndarray],
-    rows: Sequence[dict[str, Any]],
-    maps: dict[str, Any],
+    messages: Sequence[dict[str, Any]],
+    answers: Sequence[Answer],
     title: str,
 ) -> str:
-    """Return the page: what the tuner's page needs at first, arrays that stay, rows and packed maps of λ."""
-    names, buffers = as_buffers(arrays)
-    texts = [base64.b64encode(buffer).decode() for buffer in buffers]
-    still = [(*name, text) for name, text in zip(names, texts, strict=True)]
-    content = {"facts": facts, "first": first, "rows": rows, "still": still, **maps}
+    """Return the page: what the tuner needs at first, with arrays, and what it hears of each answer."""
+    still = as_texts(arrays)
+    content = {"facts": facts, "first": first, "messages": messages, "still": still}
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
     script = page_script("tuner.js").replace("export default { render };", "")
     script += Path(__file__).with_name("player.js").read_text(encoding="utf-8")
@@ -71,5 +71,5 @@ def write_page(
         title=html.escape(title),
         style=style,
         script=script,
-        content=json.dumps(content).replace("</", "<\\/"),
+        content=json.dumps(content | pack(answers)).replace("</", "<\\/"),
     )

@@ -1,8 +1,8 @@
 """A widget in a page of its own, in this process: no notebook, no kernel, no network.
 
-`Page` takes the place of Jupyter for the AnyWidgets of this process: what they say goes to the pages that are
-open, what is done there comes back, over a WebSocket on this machine alone, to whoever knows the address. A
-page that is opened or loaded again gets all there is. `page.js` is its other end.
+`Page` takes the place of Jupyter: what the widget says goes to the pages that are open, what is done there
+comes back, over a WebSocket on this machine alone, to whoever knows the address. A page that is opened or
+loaded again gets all there is. `page.js` is its other end.
 """
 
 from __future__ import annotations
@@ -18,18 +18,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import comm
 import tornado.httpserver
 import tornado.web
 import tornado.websocket
 from anywidget import AnyWidget
-from comm.base_comm import BaseComm
 
 from endolab.io.atomic import one_sentence
 
 # s, after the last page was left, until all ends: one that is loaded again is back sooner.
 AFTER_LEAVING = 3.0
-CLOSING = 2.0  # s that pages have to say goodbye
 HERE = Path(__file__)
 # Nothing but this machine, and a proxy's channel; scripts that widgets bring are blobs.
 CONTENT_POLICY = (
@@ -39,7 +36,7 @@ CONTENT_POLICY = (
 
 
 class Page:
-    """Serves one widget, which `make` makes while the browser starts, and the widgets that it holds.
+    """Serves one widget, which `make` makes while the browser starts.
 
     `run` serves until the last page is left, and raises what `make` raised. `link` is the address to open.
     `origin`, such as ``https://lab.example.org``, is that of a proxy through which pages may come, too.
@@ -70,22 +67,12 @@ class Page:
 
     def run(self, on_open: Callable[[], object] = lambda: None) -> None:
         """Serve; `on_open` is called when pages can be opened."""
-        page = self
-        before = comm.create_comm
-
-        class Comm(BaseComm):
-            def publish_msg(self, msg_type: str, *given: Any, **message: Any) -> None:
-                data = message.get("data") or {}
-                if data.get("method") == "custom":
-                    page.send({"content": data["content"]}, message["buffers"] or [])
-
-        comm.create_comm = Comm
         try:
             on_open()
             self.widget = self._make()
+            self.widget.send = self.send
             self._loop.run_until_complete(self._serve())
         finally:
-            comm.create_comm = before
             self._loop.close()
             self._socket.close()
             if hasattr(self, "widget"):  # it could be made
@@ -100,34 +87,25 @@ class Page:
         server = tornado.httpserver.HTTPServer(app)
         self._socket.setblocking(False)
         server.add_socket(self._socket)
-        try:
-            await self._ended.wait()
-        finally:
-            server.stop()
-            for page in [*self._pages]:
-                page.close(1001)
-            with suppress(TimeoutError):  # whoever does not answer
-                await asyncio.wait_for(server.close_all_connections(), CLOSING)
+        await self._ended.wait()
+        server.stop()
 
-    # Between widgets and pages -----------------------------------------------------------
+    # Between widget and pages ------------------------------------------------------------
 
-    def send(self, message: dict[str, Any], buffers: Sequence[Any]) -> None:
+    def send(self, content: Any, buffers: Sequence[bytes] = ()) -> None:
         """Tell all pages, from any thread."""
-        parts: list[str | bytes] = [
-            json.dumps(message | {"buffers": len(buffers)}),
-            *map(bytes, buffers),
-        ]
+        head = json.dumps({"content": content, "buffers": len(buffers)})
         with suppress(RuntimeError):  # all has ended, and what is closed says so to nobody
-            self._loop.call_soon_threadsafe(self._tell, parts)
+            self._loop.call_soon_threadsafe(self._tell, head, *buffers)
 
-    def _tell(self, parts: Sequence[str | bytes]) -> None:
+    def _tell(self, *parts: str | bytes) -> None:
         for page in self._pages:
             page.tell(*parts)
 
-    def take(self, content: Any, buffers: list[bytes]) -> None:
+    def take(self, content: Any) -> None:
         """Do what a page says."""
         data = {"method": "custom", "content": content}
-        self.widget.comm.handle_msg({"content": {"data": data}, "buffers": buffers})
+        self.widget.comm.handle_msg({"content": {"data": data}, "buffers": []})
 
     def join(self, page: _Channel) -> None:
         """Add a page, and give it the widget."""
@@ -182,13 +160,7 @@ class _Channel(tornado.websocket.WebSocketHandler):
 
     def on_message(self, message: str | bytes) -> None:
         try:
-            if isinstance(message, str):
-                self._said = json.loads(message)
-                self._parts: list[bytes] = []
-            else:
-                self._parts.append(message)
-            if len(self._parts) == self._said["buffers"]:
-                self.page.take(self._said["content"], self._parts)
+            self.page.take(json.loads(message))
         # The page lives on, and what it sent, with its address, is nobody's.
         except Exception as error:
             sentence = f"endolab: a page sent what cannot be read: {type(error).__name__}"

@@ -140,22 +140,23 @@ class Source:
             known = calibration.fit(frame.name, frame.width, frame.height)
             self._given = Subject(frame, known, truth, next(iter(pictures), None))
         self._making = threading.Lock()
-        self._rendered = lru_cache(6)(self._render)
-        self._opened = lru_cache(2)(self._open)
-        self._masked = lru_cache(2)(_leave_out)
+        self._made = lru_cache(3)(self._make)
 
-    def subject(self, settings: Knobs) -> Subject:
-        """The frame that the settings call for; OSError or ValueError, in one sentence, if there is none."""
-        scene = settings.scene
+    def subject(self, knobs: Knobs) -> Subject:
+        """The frame that the knobs call for; OSError or ValueError, in one sentence, if there is none."""
+        scene = knobs.scene
+        rendered = (knobs.width, knobs.noise) if isinstance(scene, str) else ()
         with self._making:  # two threads that ask at once get the same subject
-            if isinstance(scene, str):
-                subject = self._rendered(scene, settings.width, settings.noise)
-            elif self._given is None:
-                raise ValueError("there is no frame to look at: choose a scene")
-            else:
-                subject = self._opened(scene) if scene else self._given
-            rectangles = tuple(map(tuple, settings.left_out))
-            return self._masked(subject, rectangles) if rectangles else subject
+            return self._made(scene, rendered, tuple(map(tuple, knobs.left_out)))
+
+    def _make(self, scene: str | int, rendered: Any, left_out: Any) -> Subject:
+        if isinstance(scene, str):
+            subject = self._render(scene, *rendered)
+        elif self._given is None:
+            raise ValueError("there is no frame to look at: choose a scene")
+        else:
+            subject = self._open(scene) if scene else self._given
+        return _leave_out(subject, left_out) if left_out else subject
 
     def _open(self, number: int) -> Subject:
         path = self.pictures[number]

@@ -1,19 +1,21 @@
 // The tuner's page, on top of board.js: knobs, one row of words, six panels. Python (or the file itself, see player.js)
 // sends numbers, the page draws them. What is said comes as messages of which any part may be missing:
-//   number, moving     of the picture; `painted` goes back once it is on the screen, and the next one may come
+//   maps               of each its title and keys; arrays of the same names. `painted` goes back once it is on the screen, and the
+//                      next picture may come
 //   still              width, height, unit and the window of the frame; arrays picture, rays, cuts, truth
-//   maps               of each its title, unit, palette, low, high, log, keys; arrays of the same names
+//   asked, moving      the knobs that it is the answer of, and whether it is not final
 //   line, badge, chips, label, knobs, curve, energy, path
-const KEYS = { Enter: ["anew"], n: ["step", 1], p: ["step", -1], r: ["reset"], u: ["undo"] };
 const HELP = { Enter: "ask anew: light, contours, scales as the knobs are now", A: "keep as A, or drop it", V: "3D from the camera, or from outside",
   "P, N": "frame before, frame after", U: "undo", R: "reset all knobs", "?": "these keys", "click on a map": "lay the section",
   "click on a dot": "take its λ", "wheel on a map": "zoom; with shift, drag it; double click for all", "a panel's title": "show something else there" };
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
-const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"];
+const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"], COMPARED = "B / A - 1";
+const LAID = ["frame", "distance", "model - frame", "error", "normals", "contours", "σ"]; // on the surface
 const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
-const SLOW = 60; // ms that a surface of few points may take while the hand moves
 const RESTS = 250; // ms without a picture, after which the hand rests
 const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97];
+
+const same = (some, others) => JSON.stringify(some) === JSON.stringify(others);
 
 // Adds one knob; returns what shows a value in it. `turn` is called with another.
 function knob({ name, label, tip, options, range, log, hint, first }, to, turn) {
@@ -57,9 +59,17 @@ function knob({ name, label, tip, options, range, log, hint, first }, to, turn) 
 function render({ model, el }) {
   const root = add("div", "endolab-tuner", el), facts = model.get("facts");
   const palettes = Object.fromEntries(Object.entries(facts.palettes).map(([name, colours]) => [name, Uint32Array.from(colours)]));
-  const now = root.endolab = { arrays: {}, maps: {}, knobs: {}, chips: [] }; // all that is known; tests read it here
-  let kept, box, cursor, corner, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 }, scales = {}, held = {};
+  const now = root.endolab = { arrays: {}, maps: {}, knobs: {}, chips: [], held: {} }; // all that is known; tests read it here
+  let kept, box, cursor, corner, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 };
+  const visited = []; // knobs, for undo
   const send = (action, ...given) => model.send({ do: action, given });
+  const tell = (text, tone = "") => Object.assign(line, { textContent: text, title: text, className: `endolab-line ${tone}` });
+  const show_knobs = () => { for (const [name, show] of shown) if (name in now.knobs) show(now.knobs[name]); };
+  const turn = (values) => {
+    now.knobs = { ...now.knobs, ...values };
+    show_knobs();
+    send("turn", now.knobs);
+  };
 
   // Above the panels
   const lost = add("div", "endolab-lost", root, { hidden: true, textContent: "The tuner has ended: run its cell again, or endolab tune." });
@@ -70,24 +80,21 @@ function render({ model, el }) {
     add("span", "", keys, { textContent: does });
   }
   keys.onclick = () => { keys.hidden = true; };
-  const shown = facts.specs.map((spec) => [spec.name, knob(spec, spec.hidden ? advanced : sight, (value) => {
-    now.knobs = { ...now.knobs, [spec.name]: value };
-    send("turn", now.knobs);
-  })]);
+  const shown = facts.specs.map((spec) => [spec.name, knob(spec, spec.hidden ? advanced : sight, (value) => turn({ [spec.name]: value }))]);
   advanced.hidden = true;
   const button = (name, title, action, to = actions) => add("button", "", to, { textContent: name, title, onclick: action });
   const live = add("span", "endolab-live", actions, { hidden: facts.alone });
-  button("ask anew", "Find light, contours and scales again, with the knobs as they are; Enter.", () => send("anew"), live).className = "endolab-anew";
-  button("undo", "Back to the knobs before; U.", () => send("undo"), live);
-  button("reset", "All knobs as they were at first; R.", () => send("reset"), live);
+  button("ask anew", "Find light, contours and scales again, with the knobs as they are; Enter.", () => own.Enter(), live).className = "endolab-anew";
+  button("undo", "Back to the knobs before; U.", () => own.u(), live);
+  button("reset", "All knobs as they were at first; R.", () => own.r(), live);
   const preset = add("select", "", live, { title: "All options at once." });
-  for (const name of ["preset ...", ...facts.presets]) preset.add(new Option(name));
-  preset.onchange = () => { send("preset", preset.value); preset.selectedIndex = 0; };
+  for (const name of ["preset ...", ...Object.keys(facts.presets)]) preset.add(new Option(name));
+  preset.onchange = () => { turn(facts.presets[preset.value]); preset.selectedIndex = 0; };
   const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.", () => keep_or_drop());
-  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => send("sigma"), live);
+  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => { tell("finding σ ..."); send("sigma"); }, live);
   const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
   button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
-    async () => model.send({ do: "export", given: [folder.value] }, undefined, [await (await board()).arrayBuffer()]), live);
+    () => { tell(`exporting into ${folder.value} ...`); send("export", folder.value, board()); }, live);
   const cover = button("leave out", "Then drag a rectangle on a map: what it covers is no wall, and all is asked anew; undo takes it back.",
     () => cover.classList.toggle("endolab-on"), live);
   button("more ...", "All other options.", () => { advanced.hidden = !advanced.hidden; resize(); }, live);
@@ -99,7 +106,10 @@ function render({ model, el }) {
   const film = add("span", "endolab-film", actions, { hidden: true });
   const play = button("▶", "Play the way of the solver to this answer.", () => toggle(), film);
   const place = add("input", "", film, { type: "range", min: 1, step: 1, ariaLabel: "iterate" }), says = add("span", "", film);
-  place.oninput = () => send("iterate", Number(place.value));
+  const say_iterate = () => { // which of the last run is shown
+    says.textContent = `iterate ${now.path[place.value - 1]} of ${now.path.at(-1)}${place.value < now.path.length ? ", still falls" : ""}`;
+  };
+  place.oninput = () => { say_iterate(); send("iterate", Number(place.value)); };
   let playing = 0;
   const toggle = (on = !playing) => {
     clearInterval(playing);
@@ -112,7 +122,7 @@ function render({ model, el }) {
   const stage = add("div", "endolab-stage", root);
   const panels = USUAL.map((name) => {
     const cell = add("div", "endolab-cell", stage), head = add("div", "endolab-head", cell), choose = add("select", "", head, { ariaLabel: "panel" });
-    for (const one of facts.panels) choose.add(new Option(one));
+    for (const one of new Set([...USUAL, "error", COMPARED, "energy", ...facts.panels])) choose.add(new Option(one));
     choose.value = name;
     const title = add("span", "", head), body = add("div", "endolab-body", cell), canvas = add("canvas", "", body);
     const panel = { name, choose, title, body, canvas, said: add("div", "endolab-said", body, { hidden: true }), mark: add("div", "endolab-mark", body, { hidden: true }) };
@@ -127,53 +137,59 @@ function render({ model, el }) {
   });
   const view = document.createElement("div"), from = button("from the camera", "V", () => surface.look(!surface.inside), view);
   view.className = "endolab-3d";
-  const size_of_box = add("div", "endolab-size", view);
+  const size_of_box = add("div", "endolab-size", view), dress = add("select", "", view, { title: "What lies on the surface." });
+  for (const one of LAID.slice(0, facts.alone ? 4 : 7)) dress.add(new Option(one));
+  dress.onchange = () => { laid = undefined; choose_maps(); };
   const surface = new Surface(view, () => { from.textContent = surface.inside ? "from outside" : "from the camera"; surface.draw(); point(); });
+  const choose_maps = () => {
+    send("panels", [dress.value, ...panels.map((one) => one.name)]);
+    draw();
+  };
   const show_in = (panel, name) => {
     panel.name = panel.choose.value = name;
     panel.said.hidden = panel.mark.hidden = true;
     view.remove();
-    send("panels", panels.map((one) => one.name));
-    draw();
+    choose_maps();
   };
   const keep_or_drop = () => {
     const before = kept?.third; // what stood where A is compared now
     kept = kept ? undefined : { label: now.label, arrays: now.arrays, cuts: now.arrays.cuts, third: panels[2].name };
-    delete scales["B / A - 1"];
     side.hidden = !kept;
     wipe = kept ? 0.5 : 1;
     side.value = 0.5;
     keep.textContent = kept ? "drop A" : "keep as A";
-    if (kept && !panels.some((one) => one.name === "B / A - 1")) show_in(panels[2], "B / A - 1");
-    else if (before && panels[2].name === "B / A - 1") show_in(panels[2], before);
+    if (kept && !panels.some((one) => one.name === COMPARED)) show_in(panels[2], COMPARED);
+    else if (before && panels[2].name === COMPARED) show_in(panels[2], before);
     else draw();
   };
 
   // What a map shows: numbers with a scale, or a picture
   let colours = { ink: "", faint: "#8884" };
-  // A scale that is round, of 98 % of some differences; held until all is asked anew.
-  const symmetric = (name, values) => {
-    const end = Math.max(2, 2.5 * Number(percentile(values.map(Math.abs), 0.98).toPrecision(1)));
-    if (!now.moving || !scales[name]) scales[name] = name === "error" && scales[name] || { palette: palettes.RdBu_r, low: -end, high: end };
-    return scales[name];
+  // Where colours end is held until all is asked anew; of B / A - 1, while the hand moves.
+  const scaled = (name, more) => {
+    const { palette, kind, unit } = facts.scales[name] ?? facts.scales.error;
+    if (!now.held[name] || (name === COMPARED && !now.moving)) {
+      const [first, last] = [0.01, 0.99].map((share) => percentile(more.values, share)), end = Math.max(1, percentile(more.values.map(Math.abs), 0.98)), low = Math.max(first, 1e-3 * last);
+      now.held[name] = { log: [low, Math.max(last, 1.01 * low)], signed: [-end, end] }[kind] ?? [0, end];
+    }
+    const [low, high] = now.held[name];
+    return { unit: unit ?? now.still.unit, palette: palettes[palette], low, high, log: kind === "log", ...more };
   };
   const map_of = (name, arrays = now.arrays) => {
     const { truth, distance } = arrays, spec = now.maps[name];
     if (name === "frame") return { picture: arrays.picture };
     if (name === "error") {
-      if (!now.arrays.truth?.length) return { empty: "the truth is unknown" };
-      const values = distance.map((far, p) => 100 * (far / now.arrays.truth[p] - 1));
-      return { values, title: `of the distance [%], median ${short(percentile(values.map(Math.abs), 0.5), 2)}`, unit: "%", ...symmetric(name, values) };
+      if (!truth?.length) return { empty: "the truth is unknown" };
+      const values = distance.map((far, p) => 100 * (far / truth[p] - 1));
+      return scaled(name, { values, title: `of the distance [%], median ${short(percentile(values.map(Math.abs), 0.5), 2)}` });
     }
-    if (name === "B / A - 1") {
+    if (name === COMPARED) {
       if (!kept) return { empty: "keep an answer as A first" };
       const ratio = distance.map((far, p) => far / kept.arrays.distance[p]), common = now.still.metric ? 1 : percentile(ratio, 0.5);
-      const values = ratio.map((one) => 100 * (one / common - 1));
-      return { values, title: `[%], A: ${kept.label}`, unit: "%", ...symmetric(name, values) };
+      return scaled(name, { values: ratio.map((one) => 100 * (one / common - 1)), title: `[%], A: ${kept.label}` });
     }
-    if (!spec || spec.empty) return { empty: spec?.empty ?? "with the next answer" };
-    if (!spec.palette) return { ...spec, picture: arrays[name] };
-    return { ...spec, values: arrays[name], palette: palettes[spec.palette] };
+    if (!spec || spec.empty || !arrays[name]) return { empty: spec?.empty ?? "with the next answer" };
+    return facts.scales[name] ? scaled(name, { ...spec, values: arrays[name] }) : { ...spec, picture: arrays[name] };
   };
 
   // The part of the frame that is seen, px: left, top, width, height; and where it lies in a panel.
@@ -218,7 +234,7 @@ function render({ model, el }) {
     pen.rect(left, top, scale * w, scale * h);
     pen.clip();
     if (name === "distance") {
-      const lines = isolines(map.values, width, height, rounds(map.low, map.high, 12, true));
+      const lines = isolines(map.values, width, height, rounds(map.low, map.high, 12, true), now.moving ? 2 : 1);
       Object.assign(pen, { strokeStyle: "#fffb", lineWidth: 1 });
       pen.beginPath();
       for (let i = 0; i < lines.length; i += 4) { pen.moveTo(...at(lines[i], lines[i + 1])); pen.lineTo(...at(lines[i + 2], lines[i + 3])); }
@@ -237,10 +253,12 @@ function render({ model, el }) {
     pen.restore();
     if (map.values) draw_bar(pen, [wide - 50, 8, 10, tall - 16], map, ink);
     (map.keys ?? []).forEach(([text, colour], i) => {
-      Object.assign(pen, { fillStyle: `rgb(${colour})`, textBaseline: "top", textAlign: "left" });
-      pen.fillRect(4, 4 + 15 * i, 10, 10);
-      pen.fillStyle = ink;
-      pen.fillText(text, 18, 4 + 15 * i);
+      Object.assign(pen, { fillStyle: "#000a", textBaseline: "top", textAlign: "left" }); // as the cursor's words
+      pen.fillRect(0, 16 * i, pen.measureText(text).width + 24, 16);
+      pen.fillStyle = `rgb(${colour})`;
+      pen.fillRect(4, 3 + 16 * i, 10, 10);
+      pen.fillStyle = "white";
+      pen.fillText(text, 18, 3 + 16 * i);
     });
   };
   const line_of = () => Math.min(Math.floor(cut.share * (cut.is_row ? now.still.height : now.still.width)), (cut.is_row ? now.still.height : now.still.width) - 1);
@@ -254,8 +272,8 @@ function render({ model, el }) {
     if (now.arrays.truth?.length) lines.unshift({ ...section(now.arrays.truth, grid, cut.is_row, index), colour: BLACK, name: "truth" });
     panel.title.textContent = `along ${cut.is_row ? "row" : "column"} ${index}`;
     const fit = lines[0];
-    held[`${cut.is_row} ${index}`] ??= [fit.x, fit.y].map((some) => [percentile(some, 0.005), percentile(some, 0.98)]); // held as scales are
-    const [[x_low, x_high], [y_low, y_high]] = held[`${cut.is_row} ${index}`], [more, beside] = [0.06 * (x_high - x_low), 0.1 * (y_high - y_low)];
+    now.held[`${cut.is_row} ${index}`] ??= [fit.x, fit.y].map((some) => [percentile(some, 0.005), percentile(some, 0.98)]); // held as scales are
+    const [[x_low, x_high], [y_low, y_high]] = now.held[`${cut.is_row} ${index}`], [more, beside] = [0.06 * (x_high - x_low), 0.1 * (y_high - y_low)];
     const [pen, wide, tall] = pen_of(panel);
     panel.axes = draw_chart(pen, wide, tall, { x: { label: `z [${unit}]`, low: x_low - more, high: x_high + 2 * more },
       y: { label: `${axis} [${unit}]`, low: y_low - beside, high: y_high + beside }, lines, equal: true, down: !cut.is_row }, colours);
@@ -286,33 +304,29 @@ function render({ model, el }) {
       y: { label: "energy", low: Math.min(...all) / 1.5, high: Math.max(...all) * 1.5, log: true }, lines }, colours);
   };
 
-  // The surface may take long where no graphics card helps: it is fine at rest; while pictures come it is drawn in a fifth of the time,
-  // or not at all if all else would wait for it.
-  let drawn = 0, took = 0, came = 0, rest;
+  // While pictures come, it has fewer points, so that it follows the hand without a graphics card, too; it is fine at rest.
+  let came = 0, rest;
   const draw_surface = (panel) => {
     if (view.parentNode !== panel.body) { pen_of(panel); panel.body.append(view); }
-    const started = performance.now(), { width, height } = now.still, { distance, rays, cuts } = now.arrays;
+    const moves = performance.now() < came + RESTS, { width, height } = now.still, { distance, rays, cuts } = now.arrays;
     clearTimeout(rest);
-    const moves = started < came + RESTS;
     if (moves) rest = setTimeout(() => { if (panel.name === "3D") draw_surface(panel); }, RESTS);
-    if (!surface.gl || (moves && (took > SLOW || started < drawn + 5 * took))) return;
-    const step = Math.ceil(Math.max(width, height) / (moves ? 160 : 320)), on = now.knobs.texture ?? "frame";
+    if (!surface.gl) return;
+    const step = Math.ceil(Math.max(width, height) / (moves ? 80 : 320)), on = dress.value;
     if (laid?.cuts !== cuts || laid.step !== step) surface.lay({ rays, cuts, width, height }, step);
-    if (laid?.cuts !== cuts || laid.on !== on || on !== "frame") {
+    if (laid?.cuts !== cuts || on !== "frame") {
       const map = map_of(on), one = map.empty ? map_of("frame") : map;
       surface.dress(one.picture ? as_picture(one.picture, width, height) : coloured(one.values, one, width, height));
     }
-    laid = { cuts, step, on };
+    laid = { cuts, step };
     box ??= box_of(distance, rays);
     surface.show(distance, box);
-    surface.draw();
-    drawn = performance.now();
-    took = (drawn - started) / (moves ? 1 : 4); // at rest there are four times as many points
+    surface.draw(moves ? 0.5 : 1);
     panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
-    size_of_box.textContent = `${box[0].map((low, axis) => short(box[1][axis] - low, 2)).join(" × ")} ${now.still.unit}, the near 95 %`;
+    size_of_box.textContent = said_of(box, now.still.unit);
   };
   const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy, "3D": draw_surface };
-  const MADE_OF = { frame: "picture", section: "distance", "3D": "distance", "λ curve": "curve", error: "distance", "B / A - 1": "distance" };
+  const MADE_OF = { frame: "picture", section: "distance", "3D": "distance", "λ curve": "curve", error: "distance", [COMPARED]: "distance" };
   // All panels, or those that show what is new.
   const draw = (news) => {
     if (!now.still) return;
@@ -374,8 +388,7 @@ function render({ model, el }) {
   const leave_out = () => {
     if (cursor) {
       const { width, height } = now.still, rectangle = covered().map((end, i) => end / (i % 2 ? height : width));
-      now.knobs = { ...now.knobs, left_out: [...now.knobs.left_out, rectangle] };
-      send("turn", now.knobs);
+      turn({ left_out: [...now.knobs.left_out, rectangle] });
     }
     corner = undefined;
     cover.classList.remove("endolab-on");
@@ -393,12 +406,7 @@ function render({ model, el }) {
     if (panel.name !== "λ curve" || !panel.axes) return;
     const away = ({ x, y }) => Math.hypot(panel.axes.to_x(x) - event.offsetX, panel.axes.to_y(y) - event.offsetY);
     const [near] = [...panel.dots].sort((a, b) => away(a) - away(b));
-    if (near && away(near) < 14) turn_to(near.x);
-  };
-  const turn_to = (lam) => {
-    now.knobs = { ...now.knobs, lam };
-    show_knobs();
-    send("turn", now.knobs);
+    if (near && away(near) < 14) turn({ lam: near.x });
   };
   const see = ([left, top, right, bottom]) => {
     const [w, h] = [Math.min(right - left, 1), Math.min(bottom - top, 1)], x = Math.max(0, Math.min(left, 1 - w)), y = Math.max(0, Math.min(top, 1 - h));
@@ -414,7 +422,6 @@ function render({ model, el }) {
   };
 
   // What is said
-  const show_knobs = () => { for (const [name, show] of shown) if (name in now.knobs) show(now.knobs[name]); };
   const hear = (message, buffers) => {
     (message.names ?? []).forEach(([name, kind], i) => {
       const { buffer, byteOffset, byteLength } = buffers[i], bytes = buffer.slice(byteOffset, byteOffset + byteLength);
@@ -422,12 +429,10 @@ function render({ model, el }) {
     });
     const maps = { ...now.maps, ...message.maps };
     Object.assign(now, message, { maps });
-    if (message.anew) { scales = {}; held = {}; box = undefined; if (kept?.arrays.distance.length !== now.arrays.distance?.length) kept && keep_or_drop(); }
+    if (message.anew) { now.held = {}; box = undefined; if (kept?.arrays.distance.length !== now.arrays.distance?.length) kept && keep_or_drop(); }
     if (message.knobs) show_knobs();
-    if (message.line !== undefined) {
-      line.textContent = line.title = message.line;
-      line.className = `endolab-line ${message.tone ?? ""}`;
-    }
+    if (message.line !== undefined) tell(message.line, message.tone);
+    if (message.asked && !message.moving && !same(visited.at(-1), message.asked)) visited.push(message.asked);
     badge.textContent = now.badge ?? "";
     badge.hidden = !now.badge;
     if (message.chips) {
@@ -437,29 +442,30 @@ function render({ model, el }) {
         one.onclick = () => {
           line.textContent = text;
           if (panel) show_in(panels[2], panel);
-          if (lam) turn_to(lam);
+          if (lam) turn({ lam });
         };
         return one;
       }));
     }
     if (message.path) {
-      film.hidden = message.path.count < 2;
-      Object.assign(place, { max: message.path.count, value: message.path.place });
-      says.textContent = message.path.text;
+      film.hidden = message.path.length < 2;
+      Object.assign(place, { max: message.path.length, value: message.path.length });
+      if (!film.hidden) say_iterate();
     }
-    if (message.number) came = performance.now();
+    if (message.maps) came = performance.now();
     const arrays = (message.names ?? []).map(([name]) => name);
     draw(message.still ? undefined : new Set([...arrays, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
-    if (message.number) requestAnimationFrame(() => setTimeout(() => {
-      send("painted", message.number);
+    if (message.maps) requestAnimationFrame(() => setTimeout(() => {
+      send("painted");
       root.dispatchEvent(new CustomEvent("painted", { detail: now }));
     }, 0));
   };
 
   // The whole board as one picture, as it is seen.
-  const board = async () => {
+  const board = () => {
     const ratio = window.devicePixelRatio || 1, outer = stage.getBoundingClientRect(), { ink } = colours;
-    const canvas = new OffscreenCanvas(Math.ceil(ratio * outer.width), Math.ceil(ratio * outer.height)), pen = canvas.getContext("2d");
+    const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
+    [canvas.width, canvas.height] = [outer.width, outer.height].map((side) => Math.ceil(ratio * side));
     pen.scale(ratio, ratio);
     pen.fillStyle = getComputedStyle(root).backgroundColor;
     pen.fillRect(0, 0, outer.width, outer.height);
@@ -470,16 +476,26 @@ function render({ model, el }) {
       pen.fillText(`${panel.name} ${panel.name === "3D" ? size_of_box.textContent : panel.title.textContent}`, x + 4, y - 3);
       pen.drawImage(panel.name === "3D" && surface.gl ? surface.canvas : panel.canvas, x, y, width, height);
     }
-    return canvas.convertToBlob({ type: "image/png" });
+    return canvas.toDataURL();
   };
 
   // Keys work wherever the focus is but in a text field; in a notebook, as long as this cell is the active one.
+  const step = (by) => {
+    const scenes = facts.specs.find((spec) => spec.name === "scene").options.map(([, scene]) => scene), scene = scenes[scenes.indexOf(now.knobs.scene) + by];
+    if (typeof scene === typeof now.knobs.scene) turn({ scene });
+  };
+  const undo = () => {
+    while (same(visited.at(-1), now.knobs) && visited.length > 1) visited.pop();
+    if (visited.length) turn(visited.at(-1));
+  };
+  const live_keys = { Enter: () => { tell("asking anew ..."); send("turn", {}, true); }, n: () => step(1), p: () => step(-1), u: undo,
+    r: () => turn({ ...facts.first, scene: now.knobs.scene }) };
+  const own = { a: keep_or_drop, v: () => surface.look(!surface.inside), "?": () => { keys.hidden = !keys.hidden; }, Escape: () => { keys.hidden = true; },
+    ...(facts.alone ? {} : live_keys) };
   const on_key = (event) => {
-    const cell = el.closest(".jp-Cell"), held_too = event.ctrlKey || event.metaKey || event.altKey;
+    const cell = el.closest(".jp-Cell"), with_control = event.ctrlKey || event.metaKey;
     if ((cell && !cell.classList.contains("jp-mod-active")) || event.target.closest?.(TYPING) || !el.isConnected) return;
-    const own = { a: keep_or_drop, v: () => surface.look(!surface.inside), "?": () => { keys.hidden = !keys.hidden; }, Escape: () => { keys.hidden = true; } };
-    let does = held_too ? undefined : own[event.key] ?? (KEYS[event.key] && !facts.alone && (() => send(...KEYS[event.key])));
-    if (event.key === "z" && (event.ctrlKey || event.metaKey)) does = () => send("undo");
+    const does = with_control ? event.key === "z" && own.u : !event.altKey && own[event.key];
     if (!does || (event.key === "Enter" && event.target.closest?.("button, select"))) return;
     event.preventDefault();
     event.stopPropagation(); // to a notebook V means: paste a cell

@@ -7,9 +7,10 @@ page says that it has painted the last. `TunerBox.answer` is what is shown, writ
 
 from __future__ import annotations
 
+import base64
 import re
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,6 @@ from typing import Any
 import anywidget
 import numpy as np
 import traitlets as t
-from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from endolab.frames.frame import Frame
@@ -30,38 +30,30 @@ from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, check_kinds, unknown_name
-from endolab.reconstruction.contrast import suggest_lam
-from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.report import advice, describe, what_changed
 from endolab.reconstruction.settings import Settings
+from endolab.reconstruction.uncertainty import uncertainty_of
 from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
-from endolab.workbench.reports.result import save_result
+from endolab.workbench.plots.scales import MAPS, palette
 from endolab.workbench.tuning.controls import knob_specs
-from endolab.workbench.tuning.engine import (
-    Answer,
-    AnswerKind,
-    Engine,
-    shown_as,
-)
-from endolab.workbench.tuning.maps import (
-    NEED_UNCERTAINTY,
-    PANELS,
-    as_buffers,
-    map_of,
-    rgba,
-    still_of,
-)
-from endolab.workbench.tuning.player import pack, write_page
+from endolab.workbench.tuning.engine import Answer, AnswerKind, Engine, shown_as, solve
+from endolab.workbench.tuning.maps import PANELS, as_buffers, map_of, rgba, still_of
+from endolab.workbench.tuning.player import write_page
 from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.surface_view import page_script
 
 WIDTHS = (160, 320, 480, 640)  # px, to choose among
-PAPER = {"channel": "green", "solver": "primal_dual", "regulariser": "second"}
 # Options beside the defaults, by what the page calls them.
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
-    "paper": PAPER | {"contours": False, "highlights": "keep"},
+    "paper": {
+        "channel": "green",
+        "solver": "primal_dual",
+        "regulariser": "second",
+        "contours": False,
+        "highlights": "keep",
+    },
     "fastest": {"channel": "green", "solver": "fast_marching"},
 }
 # What an export makes its answer again by.
@@ -71,13 +63,14 @@ import endolab as el
 from endolab.io.settings import read_settings
 
 here = Path(__file__).parent
-calibration = el.load_calibration(here / "endoscope.json")
-calibration = read_settings(here / "settings.json").apply(calibration)  # what is believed
+saved = read_settings(here / "settings.json")
+calibration = saved.apply(el.load_calibration(here / "endoscope.json"))  # what is believed
+held = el.load_held(saved.held) if saved.held else None  # light and contours
 frame = el.read_frame(here / "{picture}", calibration{mask})
-result = el.reconstruct(frame, calibration, {given})
+result = el.reconstruct(frame, calibration, held=held, **saved.keywords)
 """
-# What the page makes by itself.
-OWN_PANELS = {"frame", "section", "3D", "λ curve", "error", "B / A - 1", "energy"}
+# Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
+DRAWS = 8
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
 ELSEWHERE = 10.0  # %; two surfaces that differ by more are not the same
 LEAST_ELSEWHERE = 1.0  # % of the pixels, of which it is said
@@ -134,7 +127,7 @@ class TunerBox(anywidget.AnyWidget):
 
     _esm = page_script("tuner.js")
     _css = Path(__file__).with_name("tuner.css")
-    facts: t.Dict[str, Any] = t.Dict().tag(sync=True)  # specs, palettes, presets, panels
+    facts: t.Dict[str, Any] = t.Dict().tag(sync=True)  # what the page needs from the start
 
     def __init__(
         self,
@@ -147,25 +140,18 @@ class TunerBox(anywidget.AnyWidget):
     ) -> None:
         self.answer: Answer | None = None
         self._settled: Answer | None = None  # the last that was final
-        self.panels: Sequence[str] = PANELS[:6]
-        self._visited: list[Knobs] = []  # for undo
-        self._limits: dict[
-            str, tuple[float, float]
-        ] = {}  # of maps, held until all is asked anew
-        self._number = 0  # of the last picture
-        self._said = ""  # what the last answer that was asked anew has changed
-        self._elsewhere = 0.0  # % of the pixels that were elsewhere before
-        self._free = threading.Event()  # the page has painted it
+        self._maps = set(PANELS[:2])  # that the page is sent
+        self._change = ("", 0.0)  # by asking anew: a sentence, and % of the pixels
+        self._is_open = False  # whether there is a page
+        self._free = threading.Event()  # the page has painted what it was sent
         self._free.set()
         source = Source(calibration, frame, truth, pictures)
         scenes: list[tuple[str, str | int]] = [(name, name) for name in SCENES]
-        start = Knobs(scene=scene, width=width)
+        self.knobs = Knobs(scene=scene, width=width)
         if frame is not None:
-            start = Knobs(scene=0, width=width, channel="auto")
+            self.knobs = Knobs(scene=0, width=width, channel="auto")
             names = [frame.name, *(path.name for path in pictures[1:])]
             scenes = [(name, number) for number, name in enumerate(names)] + scenes
-        self._first = vars(start) | {"texture": "frame"}
-        self.knobs = dict(self._first)
         # What the knobs cannot know: the choices, and what None stands for.
         known: dict[str, dict[str, Any]] = {
             "scene": {"options": scenes},
@@ -176,107 +162,54 @@ class TunerBox(anywidget.AnyWidget):
         camera = calibration.evidence.get("camera", {})
         if camera.get("nominal"):
             known["fov"] = {"first": camera["fov"]}
-        self._specs = [
-            spec | known.get(spec["name"], {})
-            for spec in knob_specs()
-            if spec["name"] != "fov" or "fov" in known
-        ]
-        super().__init__(facts=self._facts())
+        specs = [spec for spec in knob_specs() if spec["name"] != "fov" or "fov" in known]
+        options = {part.name: getattr(self.knobs, part.name) for part in fields(Settings)}
+        del options["width"]
+        super().__init__(
+            facts={
+                "specs": [spec | known.get(spec["name"], {}) for spec in specs],
+                "first": vars(self.knobs),
+                "presets": {name: options | more for name, more in PRESETS.items()},
+                "panels": [*PANELS],
+                "scales": {name: vars(scale) for name, scale in MAPS.items()},
+                "palettes": {
+                    scale.palette: palette(name).view(np.uint32)[:, 0].tolist()
+                    for name, scale in MAPS.items()
+                },
+            }
+        )
         self.on_msg(self._hear)
         self.engine = Engine(source, self._show, self._note, self._refuse)
-        self.engine.ask(self.settings())
-
-    def _facts(self) -> dict[str, Any]:
-        palettes = {
-            name: colormaps[name](np.arange(256), bytes=True).view(np.uint32)[:, 0].tolist()
-            for name in ("viridis", "magma", "RdBu_r")
-        }
-        return {
-            "specs": self._specs,
-            "palettes": palettes,
-            "presets": [*PRESETS],
-            "panels": [*PANELS],
-        }
+        self.engine.ask(self.knobs)
 
     # What the page asks for --------------------------------------------------------------
 
-    def _hear(self, _: object, content: dict[str, Any], buffers: list[Any]) -> None:
+    def _hear(self, _: object, content: dict[str, Any], buffers: object) -> None:
         """Do what the page asks for, and say what goes wrong in the status line."""
         actions: dict[str, Callable[..., object]] = {
-            "anew": self.ask_anew,
             "export": self._export_aside,
             "iterate": self.show_iterate,
-            "painted": lambda number: self._free.set(),
+            "painted": self._free.set,
             "panels": self._choose,
-            "preset": self.preset,
-            "ready": self._send_all,
-            "reset": self.reset,
+            "ready": self._open,
             "sigma": self.find_uncertainty,
-            "step": self.step,
             "turn": self.turn,
-            "undo": self.undo,
         }
         try:
-            actions[content["do"]](*content["given"], *map(bytes, buffers))
+            actions[content["do"]](*content["given"])
         except Exception as error:
             self._say_wrong((str(error).strip() or type(error).__name__).splitlines()[0])
 
-    def settings(self) -> Knobs:
-        """Return what the knobs say."""
-        return Knobs(
-            **{name: value for name, value in self.knobs.items() if name != "texture"}
-        )
-
     def turn(self, values: dict[str, Any], anew: bool = False) -> None:
-        """Turn some knobs, and ask for what they say; returns at once."""
-        before = self.knobs
-        self.knobs = before | values
-        if self.knobs["texture"] != before["texture"]:
-            self._send_all()
-        self.engine.ask(self.settings(), anew)
-
-    def set_knobs(self, values: dict[str, Any]) -> None:
-        """Turn some knobs on the page as well."""
-        self.turn(values)
-        self.send({"knobs": self.knobs})
-
-    def ask_anew(self) -> None:
-        """Have light and contours found again, with the knobs as they are."""
-        self.send({"line": "asking anew ..."})
-        self.turn({}, anew=True)
-
-    def undo(self) -> None:
-        """Go back to the knobs before."""
-        if len(self._visited) > 1 and self.settings() == self._visited[-1]:
-            self._visited.pop()
-        if self._visited:
-            self.set_knobs(vars(self._visited[-1]))
-
-    def reset(self) -> None:
-        """All knobs as they were at first; a picture stays."""
-        scene = self.knobs["scene"]
-        self.set_knobs(self._first | ({"scene": scene} if isinstance(scene, int) else {}))
-
-    def preset(self, name: str) -> None:
-        """Set all options of a reconstruction at once; the frame and what is believed stay."""
-        options = {part.name for part in fields(Settings)} - {"width"}
-        first = {key: value for key, value in self._first.items() if key in options}
-        self.set_knobs(first | PRESETS[name])
-
-    def step(self, by: int) -> None:
-        """Look at the next frame, or the one before."""
-        scene = self.knobs["scene"]
-        if isinstance(scene, int) and 0 <= scene + by < len(self.engine.source.pictures):
-            self.set_knobs({"scene": scene + by})
+        """Turn some knobs, and ask for what they say, light and contours too if `anew`; returns at once."""
+        self.knobs = replace(self.knobs, **values)
+        self.engine.ask(self.knobs, anew)
 
     def _choose(self, names: list[str]) -> None:
-        """Show other panels."""
-        added = {*names} - {*self.panels}
-        self.panels = [name for name in names if name in PANELS]
-        if added.intersection(NEED_UNCERTAINTY):
-            self.find_uncertainty()
-        if added - OWN_PANELS:
-            self._send_all()
+        """Send these maps from now on."""
+        self._maps = {"distance", *names}.intersection(PANELS)
+        if self.answer is not None:
+            self._send_answer(self.answer)
 
     def show_iterate(self, place: int) -> None:
         """Show an iterate of the last run, from 1; the last one is the answer again."""
@@ -289,14 +222,18 @@ class TunerBox(anywidget.AnyWidget):
             shown = replace(
                 answer, kind=AnswerKind.ITERATE, result=passed, uncertainty=None
             )
-        self._send_answer(shown, path=self._path(answer, place))
+        self._post(*self._message(shown, self._maps))
 
     def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
         answer = self._final()
-        if answer.uncertainty is None:
-            self.send({"line": "finding σ ..."})
-            self.engine.do(lambda: self.engine.find_uncertainty(answer))
+        known = answer.settings.calibration_of(answer.still.subject)
+
+        def job() -> None:
+            answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
+            self._show(answer)
+
+        self.engine.do(job)
 
     def _final(self) -> Answer:
         answer = self.answer
@@ -312,121 +249,90 @@ class TunerBox(anywidget.AnyWidget):
     def _refuse(self, sentence: str) -> None:
         """Say what the engine cannot answer; of a picture that cannot be read the one before stays."""
         answer = self.answer
-        if answer is not None and answer.settings.scene != self.knobs["scene"]:
+        if answer is not None and answer.settings.scene != self.knobs.scene:
             sentence += ": the frame before is still shown"
-            self.knobs["scene"] = answer.settings.scene
-            self.send({"knobs": self.knobs})
+            self.knobs = replace(self.knobs, scene=answer.settings.scene)
+            self.send({"knobs": vars(self.knobs)})
         self._say_wrong(sentence)
 
     def _show(self, answer: Answer) -> None:
-        """Show an answer, once the page has painted the one before; in the engine's thread.
-
-        What is old by then is passed over: a look at the newest wish takes less than painting does.
-        """
-        if not answer.is_final and not self._free.is_set():
-            self._free.wait(PAINTING)
-            if self.engine.is_stale():
-                return
-        is_new = self.answer is None or answer.still is not self.answer.still
+        """Show an answer, once the page has painted the one before; in the engine's thread."""
+        self._free.wait(PAINTING)
+        before = self.answer
+        is_new = before is None or answer.still is not before.still
         self.answer = answer
-        if is_new:
-            self._limits = {}
-            if answer.is_final:
-                self._compare(self._settled, answer)
         if answer.is_final:
+            if is_new:
+                self._change = _change(self._settled, answer)
             self._settled = answer
-            if self._visited[-1:] != [answer.settings]:
-                self._visited.append(answer.settings)
-        self._send_answer(answer, still=is_new)
+        self._send_answer(answer, still=is_new, anew=is_new)
 
-    def _compare(self, before: Answer | None, answer: Answer) -> None:
-        """Note what asking anew has changed."""
-        self._said = ""
-        self._elsewhere = 0.0
-        if before is None or before.still.subject is not answer.still.subject:
-            return
-        old = before.result
-        new = answer.result
-        if old.mask.shape != new.mask.shape:
-            return
-        self._said = what_changed(old, new, answer.contours - before.contours)
-        if before.settings == answer.settings:
-            change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
-            self._elsewhere = 100 * float(np.mean(change > ELSEWHERE))
-
-    def _send_all(self) -> None:
+    def _open(self) -> None:
         """Send all there is, to a page that was opened, or that shows something else now."""
-        self._free.set()
+        self._is_open = True
         answer = self.answer
         if answer is not None:
-            self._send_answer(answer, still=True, knobs=self.knobs)
-        else:
-            self._send_frame()
-
-    def _send_frame(self) -> None:
-        """Show the frame, as there is no answer yet."""
-        subject = self.engine.source.subject(self.settings())
-        image = subject.frame.image
-        step = -(-image.shape[1] // self.knobs["width"])
-        picture = image[::step, ::step]
+            self._send_answer(answer, still=True, knobs=vars(self.knobs))
+            self._note()
+            return
+        image = self.engine.source.subject(self.knobs).frame.image
+        step = -(-image.shape[1] // self.knobs.width)
+        picture = rgba(image[::step, ::step])
         height, width = picture.shape[:2]
-        still = {"width": width, "height": height, "unit": "mm", "metric": True}
-        still["window"] = [0, 0, width, height]
-        content = {"still": still, "line": "solving ...", "knobs": self.knobs}
-        self._send_arrays(content, {"picture": rgba(picture)})
-
-    def _send_arrays(self, message: dict[str, Any], arrays: dict[str, NDArray]) -> None:
-        names, buffers = as_buffers(arrays)
-        self.send(message | {"names": names}, buffers)
+        still = {"width": width, "height": height, "window": [0, 0, width, height]}
+        message = {"still": still, "line": "solving ...", "knobs": vars(self.knobs)}
+        self._post(message, {"picture": picture})
 
     def _send_answer(self, answer: Answer, still: bool = False, **more: Any) -> None:
-        """Send an answer in one message: words, maps, and with `still` what stays meanwhile."""
-        message = more | self._words(answer)
-        arrays: dict[str, NDArray] = {}
+        """Send an answer, with its run if that has ended, and with `still` what stays meanwhile."""
+        message, arrays = self._message(answer, self._maps)
+        message |= more
         if answer.is_final:
-            message["chips"] = self._chips(answer)
-            message |= {"path": self._path(answer, len(answer.path))}
+            message["path"] = [one.k for one in answer.path]
             columns = ("k", "data", "regulariser", "energy")
             rows = answer.result.history
             message["energy"] = {name: [row[name] for row in rows] for name in columns}
         if still:
-            facts, arrays = still_of(answer.result.problem, answer.still.truth)
-            message |= {"still": facts, "anew": not self._limits}
-        maps = {}
-        wanted = {"distance", "model - frame", *self.panels, self.knobs["texture"]}
-        for name in wanted - OWN_PANELS:
-            maps[name], array = map_of(name, answer, self.engine, self._limits)
-            if array is not None:
-                arrays[name] = array
-        self._number += 1
-        self._free.clear()
-        message |= {
-            "maps": maps,
-            "number": self._number,
-            "asked": vars(answer.settings),
-            "moving": not answer.is_final,
-        }
-        self._send_arrays(message, arrays)
+            message["still"], fixed = still_of(answer.result.problem, answer.still.truth)
+            arrays |= fixed
+        self._post(message, arrays)
 
-    def _words(self, answer: Answer) -> dict[str, Any]:
-        """What is said of an answer: its line, badge and label, and the λ curve."""
+    def _post(self, message: dict[str, Any], arrays: dict[str, NDArray]) -> None:
+        names, buffers = as_buffers(arrays)
+        if self._is_open:
+            self._free.clear()
+        self.send(message | {"names": names}, buffers)
+
+    def _message(
+        self, answer: Answer, names: Iterable[str]
+    ) -> tuple[dict[str, Any], dict[str, NDArray]]:
+        """What is said of an answer and of some of its maps, and these."""
         order = answer.result.problem.regulariser
         name = answer.settings.solver.replace("_", " ")
         if answer.uses_lam:
             name = f"λ {answer.settings.lam:.3g}, {order}"
         line = describe(answer.result, answer.explained, answer.kind, answer.errors)
-        if answer.kind == AnswerKind.ANEW and self._said:
-            line = f"{self._said} · {line}"
-        return {
+        if answer.kind == AnswerKind.ANEW and self._change[0]:
+            line = f"{self._change[0]} · {line}"
+        several = self.engine.curve_of(answer)
+        maps = {name: map_of(name, answer, several) for name in names}
+        message = {
             "label": f"{name}, {100 * answer.explained:.1f} % explained",
             "badge": "" if answer.held is None else "held",
             "line": line,
             "tone": "",
             "curve": self._curve(answer),
+            "asked": vars(answer.settings),
+            "moving": not answer.is_final,
+            "maps": {name: words for name, (words, _) in maps.items()},
         }
+        return message, {name: a for name, (_, a) in maps.items() if a is not None}
 
-    def _chips(self, answer: Answer) -> list[dict[str, Any]]:
-        """What asks for something: advice, warnings, and where the surface is not unique."""
+    def _note(self) -> None:
+        """Send what is known of λ now, and what asks for something: advice, warnings, what is not unique."""
+        answer = self.answer
+        if answer is None:
+            return
         chips: list[dict[str, Any]] = []
         best, _ = self.engine.best_lam(answer)
         advised = advice(answer.explained, best)
@@ -437,60 +343,36 @@ class TunerBox(anywidget.AnyWidget):
             {"chip": re.split("[:;,]", text)[0].rstrip("."), "text": text}
             for text in answer.doubts
         ]
-        if answer.kind == AnswerKind.ANEW and self._elsewhere >= LEAST_ELSEWHERE:
-            share = f"{self._elsewhere:.2g} %"
+        moved = self._change[1]
+        if answer.kind == AnswerKind.ANEW and moved >= LEAST_ELSEWHERE:
+            share = f"{moved:.2g} %"
             text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
             chip = f"not unique: {share} of pixels"
             chips.append({"chip": chip, "text": text, "panel": "spread over λ"})
-        return chips
-
-    def _note(self) -> None:
-        """Send what is known of λ now."""
-        answer = self.answer
-        if answer is not None:
-            self.send({"curve": self._curve(answer), "chips": self._chips(answer)})
+        self.send({"curve": self._curve(answer), "chips": chips})
 
     def _curve(self, answer: Answer) -> dict[str, Any]:
         """What each λ explains that was tried with the solver, the light and the contours of an answer."""
         if not answer.uses_lam:
             return {"title": f"{answer.settings.solver.replace('_', ' ')} has no λ"}
         tried = self.engine.curve_of(answer)
-        if not tried:
-            return {"title": ""}
-        best, at_least = self.engine.best_lam(answer)
-        tells = len(tried) > 3  # of fewer nothing follows
         errors = [one.errors for one in tried]
-        return {
-            "title": _curve_title(best, at_least) if tells else "",
+        curve = {
+            "title": "",
             "lams": [one.settings.lam for one in tried],
             "explained": [one.explained for one in tried],
             "errors": [None if one is None else one[0] for one in errors],
-            "best": best if tells else None,
             "now": answer.settings.lam,
         }
-
-    def _path(self, answer: Answer, place: int) -> dict[str, Any]:
-        """Which iterate of the last run is shown."""
-        count = len(answer.path)
-        text = ""
-        if count:
-            text = f"iterate {answer.path[place - 1].k} of {answer.path[-1].k}"
-            text += "" if place == count else ", still falls"
-        return {"count": count, "place": place, "text": text}
+        if len(tried) > 3:  # of fewer nothing follows
+            best, at_least = self.engine.best_lam(answer)
+            title = "no λ tried explains 99 %: wet or noisy walls, or another light"
+            if best is not None:
+                title = f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
+            curve |= {"title": title, "best": best}
+        return curve
 
     # What is written ---------------------------------------------------------------------
-
-    def python(self) -> str:
-        """Return the Python that makes the one answer; it runs where its export lies."""
-        answer = self._final()
-        subject = answer.still.subject
-        saved = answer.settings.solving_settings(subject)
-        given = [f"{name}={value!r}" for name, value in saved.keywords.items()]
-        if answer.held is not None:
-            given.insert(0, 'held=el.load_held(here / "held.npz")')
-        mask = "" if subject.frame.mask.all() else ', mask=here / "mask.png"'
-        picture = "frame.png" if subject.path is None else subject.path.name
-        return RESULT.format(picture=picture, mask=mask, given=", ".join(given))
 
     def export(
         self, folder: str | Path, *, overwrite: bool = False, board: bytes | None = None
@@ -501,93 +383,78 @@ class TunerBox(anywidget.AnyWidget):
         all was asked anew, and what `save_result` writes; from the page also `board.png`, as it is seen. All
         or none. A folder that holds files of others is written into only if `overwrite`.
         """
+        # These draw: who waits for a first surface need not wait for them.
         from endolab.workbench.recording.recorder import record
+        from endolab.workbench.reports.result import save_result
 
         answer = self._final()
         subject = answer.still.subject
+        found = answer.uncertainty
         saved = answer.settings.solving_settings(subject)
-        known = answer.settings.calibration_of(subject)
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
-                reconstruct(
-                    subject.frame,
-                    known,
-                    held=answer.held,
-                    observers=[recorder],
-                    **saved.keywords,
-                )
-                if answer.uncertainty is not None:
-                    recorder.add_uncertainty(answer.uncertainty, answer.result)
-            found = answer.uncertainty
+                solve(answer.settings, subject, [recorder], answer.still, answer.held)
+                if found is not None:
+                    recorder.add_uncertainty(found, answer.result)
             save_result(answer.result, staging, uncertainty=found, overwrite=True)
             if board is not None:
                 write_atomically(staging / "board.png", board)
             if answer.held is not None:
                 save_held(answer.held, staging / "held.npz")
                 saved = replace(saved, held="held.npz")
-            if subject.path is not None:
-                write_atomically(staging / subject.path.name, read_bytes(subject.path))
+            picture = "frame.png" if subject.path is None else subject.path.name
+            if subject.path is None:
+                write_image(staging / picture, subject.frame.image, bits=16)
             else:
-                write_image(staging / "frame.png", subject.frame.image, bits=16)
+                write_atomically(staging / picture, read_bytes(subject.path))
+            mask = ""
             if not subject.frame.mask.all():
                 write_image(staging / "mask.png", subject.frame.mask.astype(float))
+                mask = ', mask=here / "mask.png"'
             known = answer.settings.endoscope(subject.calibration)
             write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
-            write_atomically(staging / "result.py", self.python().encode())
+            code = RESULT.format(picture=picture, mask=mask)
+            write_atomically(staging / "result.py", code.encode())
         return Path(folder)
 
-    def _export_aside(self, name: str, board: bytes) -> None:
-        """Export, in the engine's thread, whatever is asked for meanwhile."""
-        if not name.strip():
-            raise ValueError("name a folder to export into")
-        self._final()
-        folder = Path(name.strip()).expanduser()
-        self.send({"line": f"exporting into {folder} ..."})
+    def _export_aside(self, name: str, board: str) -> None:
+        """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
+        folder = Path(name).expanduser()
 
         def job() -> None:
-            self.export(folder, board=board)
+            self.export(folder, board=base64.b64decode(board.partition(",")[2]))
             self.send({"line": f"exported into {folder.resolve()}", "tone": ""})
 
         self.engine.do(job)
 
     def export_html(self, path: str | Path) -> Path:
         """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""
-        self.engine.wait()
+        engine = self.engine
+        engine.wait()
         answer = self._final()
         if answer.settings.solver != "gauss_newton":
             raise ValueError("only Gauss-Newton's answers are played over λ")
         lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
-        answers = []
-        for order in REGULARISERS:
-            for lam in lams:
-                played: dict[str, Any] = {"lam": lam, "regulariser": order}
-                answers.append(self.engine.solve_held(replace(answer.settings, **played)))
-        held = self._limits
-        residual, _ = map_of("model - frame", answer, self.engine, held)
-        distance, _ = map_of("distance", answer, self.engine, held)
-        rows = []
-        for one in answers:
-            errors = one.errors
-            words = self._words(one)
-            settings = {"lam": one.settings.lam, "regulariser": one.settings.regulariser}
-            found = {"explained": one.explained, "error": errors and errors[0]}
-            rows.append(settings | found | {"line": words["line"], "label": words["label"]})
-        for order in REGULARISERS:
-            some = [row for row in rows if row["regulariser"] == order]
-            best = suggest_lam(lams, [row["explained"] for row in some])
-            for row in some:
-                row["curve"] = {"title": _curve_title(*best), "best": best[0]}
+        orders: Any = REGULARISERS
+        wishes = [
+            replace(answer.settings, lam=lam, regulariser=order)
+            for order in orders
+            for lam in lams
+        ]
+        answers = [engine.recall(wish) or engine.solve_held(wish) for wish in wishes]
+        engine.tried += [one for one in answers if one not in engine.tried]
+        messages = [self._message(one, PANELS[:2])[0] for one in answers]
         still, arrays = still_of(answer.result.problem, answer.still.truth)
-        knobs = {"lam": answer.settings.lam, "regulariser": "second", "texture": "frame"}
-        specs = [spec for spec in self._specs if spec["name"] in ("lam", "regulariser")]
+        specs = [
+            spec for spec in self.facts["specs"] if spec["name"] in ("lam", "regulariser")
+        ]
         specs[1] = specs[1] | {"options": [*REGULARISERS]}
-        alone = {"specs": specs, "alone": True, "panels": [*PANELS[:8]], "presets": []}
+        alone = {"specs": specs, "panels": [*PANELS[:2]], "alone": True}
+        knobs = {"lam": answer.settings.lam, "regulariser": "second"}
         first = {"still": still, "knobs": knobs, "anew": True}
-        first["maps"] = {"distance": distance, "model - frame": residual}
-        maps = pack(answers, max(residual["high"], 5.0))
         title = f"{answer.still.subject.frame.name} · endolab"
-        page = write_page(self._facts() | alone, first, arrays, rows, maps, title)
+        page = write_page(self.facts | alone, first, arrays, messages, answers, title)
         write_atomically(path, page.encode())
         return Path(path)
 
@@ -598,8 +465,16 @@ class TunerBox(anywidget.AnyWidget):
         super().close()
 
 
-def _curve_title(best: float | None, at_least: bool) -> str:
-    """What the λ curve says."""
-    if best is None:
-        return "no λ tried explains 99 %: wet or noisy walls, or another light"
-    return f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
+def _change(before: Answer | None, answer: Answer) -> tuple[str, float]:
+    """Say what asking anew has changed, and what share of the pixels is elsewhere now, %."""
+    if before is None or before.still.subject is not answer.still.subject:
+        return "", 0.0
+    old = before.result
+    new = answer.result
+    if old.mask.shape != new.mask.shape:
+        return "", 0.0
+    sentence = what_changed(old, new, answer.contours - before.contours)
+    if before.settings != answer.settings:
+        return sentence, 0.0
+    change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
+    return sentence, 100 * float(np.mean(change > ELSEWHERE))

@@ -1,6 +1,4 @@
-"""What the tests of the tuner share: a frame with its truth, and waiting."""
-
-import time
+"""What the tests of the tuner share: a frame with its truth."""
 
 import pytest
 
@@ -15,16 +13,3 @@ def seen():
     view = el.render(el.SCENES["tube"], small.camera, small.photometry, noise=1, bits=8)
     calibration = el.Calibration(view.camera, view.photometry)
     return el.Frame(view.image, view.mask), calibration, view.distance
-
-
-@pytest.fixture(scope="package")
-def until():
-    """Function that waits until a condition holds."""
-
-    def until(condition):
-        end = time.monotonic() + 60
-        while not condition() and time.monotonic() < end:
-            time.sleep(0.02)
-        assert condition()
-
-    return until

@@ -1,6 +1,5 @@
 """The tuner's engine: the newest wish wins, and what is held makes the same bits again."""
 
-import threading
 import time
 from dataclasses import replace
 
@@ -16,32 +15,34 @@ FIRST = Knobs(scene=0, width=160, channel="green", contours=False)
 
 @pytest.fixture
 def start(seen):
-    """Function that starts an engine on the tube; returns it, its answers, and its refusals."""
+    """Function that starts an engine on the tube; returns it and its answers."""
     started = []
 
     def start(wish=FIRST):
         frame, calibration, truth = seen
         answers = []
-        refused = []
         source = Source(calibration, frame, truth)
-        started.append(Engine(source, answers.append, refuse=refused.append))
+        started.append(Engine(source, answers.append))
         started[-1].ask(wish)
         started[-1].wait(60)
         del answers[:-1]  # what was shown on the way to the first one
-        return started[-1], answers, refused
+        return started[-1], answers
 
     yield start
     for engine in started:
         engine.close()
-    assert "endolab tuner" not in [thread.name for thread in threading.enumerate()]
 
 
 def same(one, other):
     return np.array_equal(one.distance, other.distance, equal_nan=True)
 
 
+def apart(one, other):
+    return np.nanmean(np.abs(one.result.distance / other.result.distance - 1))
+
+
 def test_what_is_asked_anew_is_what_reconstruct_gives(start, seen):
-    _, answers, _ = start()
+    _, answers = start()
     frame, calibration, _ = seen
     cold = el.reconstruct(
         frame, calibration, width=160, channel="green", contours=False
@@ -64,12 +65,13 @@ def test_what_is_asked_anew_is_what_reconstruct_gives(start, seen):
 )
 def test_a_kept_answer_depends_on_what_is_held_alone(start, turned):
     """It was of what was tried before: an export could not give it again."""
-    engine, answers, _ = start()
+    engine, answers = start()
     wish = replace(FIRST, **turned)
     engine.ask(wish)
     engine.wait(60)
-    by_hand = answers[-1]
-    assert [one.kind for one in answers[1:]] == [AnswerKind.LOOK, AnswerKind.KEPT]
+    look, by_hand = answers[1:]
+    assert [look.kind, by_hand.kind] == [AnswerKind.LOOK, AnswerKind.KEPT]
+    assert apart(look, by_hand) < 0.8 * apart(answers[0], by_hand)
     assert by_hand.held.problem.cuts is answers[0].result.problem.cuts
     engine.ask(replace(FIRST, lam=7.0))
     engine.wait(60)
@@ -80,7 +82,7 @@ def test_a_kept_answer_depends_on_what_is_held_alone(start, turned):
 
 
 def test_while_the_hand_moves_looks_follow_and_the_newest_wish_wins(start):
-    engine, answers, _ = start()
+    engine, answers = start()
     lams = [float(lam) for lam in np.geomspace(0.9, 0.02, 12)]
     for lam in lams:
         engine.ask(replace(FIRST, lam=lam))
@@ -91,26 +93,11 @@ def test_while_the_hand_moves_looks_follow_and_the_newest_wish_wins(start):
     assert {one.settings.lam for one in looks} <= set(lams)
     assert answers[-1].kind is AnswerKind.KEPT
     assert answers[-1].settings.lam == lams[-1]
-    kept = answers[-1].result
-    moved = np.nanmean(np.abs(answers[0].result.distance / kept.distance - 1))
-    off = np.nanmean(np.abs(looks[-1].result.distance / kept.distance - 1))
-    assert off < 0.8 * moved
-
-
-def test_the_light_is_followed_as_the_energy_is(start):
-    """γ changed nothing before the hand came to rest."""
-    engine, answers, _ = start()
-    engine.ask(replace(FIRST, gamma=1.9))
-    engine.wait(60)
-    look, kept = answers[1:]
-    assert look.result.problem.photometry.gamma == 1.9
-    change = np.nanmean(np.abs(kept.result.distance / answers[0].result.distance - 1))
-    off = np.nanmean(np.abs(look.result.distance / kept.result.distance - 1))
-    assert off < 0.3 * change
+    assert apart(looks[-1], answers[-1]) < 0.8 * apart(answers[0], answers[-1])
 
 
 def test_the_curve_is_of_one_solver_and_goes_on_until_too_little_is_explained(start):
-    engine, answers, _ = start()
+    engine, answers = start()
     curve = engine.curve_of(answers[0])
     assert len(curve) >= 5
     assert {one.settings.solver for one in curve} == {"gauss_newton"}
@@ -125,7 +112,7 @@ def test_the_curve_is_of_one_solver_and_goes_on_until_too_little_is_explained(st
 
 def test_the_papers_solver_shows_its_iterates_and_goes_on_from_them(start):
     paper = replace(FIRST, solver="primal_dual", max_iterations=40)
-    engine, answers, _ = start()
+    engine, answers = start()
     engine.ask(replace(paper, lam=0.5))
     engine.wait(60)
     shown = answers[1:]
@@ -138,23 +125,10 @@ def test_the_papers_solver_shows_its_iterates_and_goes_on_from_them(start):
 
 def test_who_asks_anew_and_turns_on_is_answered_anew(start):
     """A wish that came meanwhile made it forget that all was to be found again."""
-    engine, answers, _ = start()
+    engine, answers = start()
     engine.ask(FIRST, anew=True)
     time.sleep(0.02)
     engine.ask(replace(FIRST, lam=0.5))
     engine.wait(60)
     assert answers[-1].kind is AnswerKind.ANEW
     assert answers[-1].settings.lam == 0.5
-
-
-def test_a_wish_that_cannot_be_answered_is_one_sentence_and_the_next_one_is_answered(
-    start,
-):
-    engine, answers, refused = start()
-    engine.ask(replace(FIRST, lam=-1.0))
-    engine.wait(60)
-    assert len(refused) == 1
-    assert "lam" in refused[0]
-    engine.ask(replace(FIRST, lam=0.3))
-    engine.wait(60)
-    assert answers[-1].settings.lam == 0.3
