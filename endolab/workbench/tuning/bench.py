@@ -14,7 +14,7 @@ from endolab.synthetic.scenes import Plane
 from endolab.workbench.tuning.surface_view import page_script
 
 NODES = np.deg2rad(np.linspace(0, 80, 15))  # of the BRDF, rad
-PAGE = """<div style="max-width: 990px; padding: 6px; font: 12px sans-serif; background: white; color: #212121">
+PAGE = """<div style="max-width: 990px; padding: 6px; font: 12px sans-serif; background: white; color: black">
 </div>
 <script>(() => {{ {script}
 bench(document.currentScript.previousElementSibling, {content}); }})();</script>"""
