@@ -1,9 +1,7 @@
 """Cameras against OpenCV, against their own definitions, and there and back again."""
 
-import pickle
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -15,8 +13,6 @@ ENDOSCOPE = load_calibration("paper").camera
 WIDE = KannalaBrandt(400, 400, 100.0, 100.0, 199.5, 199.5, (0.01, 0.0, 0.0, 0.0))
 PINHOLE = Pinhole(320, 240, 200.0, 210.0, 159.5, 119.5)
 C3VD = load_calibration("c3vd").camera
-K = (-0.188672, -0.00392734, 0.0305248, -0.0127569)
-C3VD_KB = KannalaBrandt(1350, 1080, 767.386, 767.506, 679.054, 543.647, K)
 BROWN = BrownConrady(
     640, 480, 420.0, 425.0, 310.0, 245.0, (-0.33, 0.12, 1e-3, -8e-4, -0.01)
 )
@@ -47,30 +43,6 @@ def directions(rng, count, max_degrees):
     phi = rng.uniform(0, 2 * np.pi, count)
     x, y = np.sin(theta) * [np.cos(phi), np.sin(phi)]
     return np.stack([x, y, np.cos(theta)], axis=-1)
-
-
-def matrix(camera):
-    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-
-
-@pytest.mark.parametrize("camera", [ENDOSCOPE, C3VD_KB], ids=["endoscope", "c3vd"])
-def test_kannala_brandt_projects_as_opencv_does(rng, camera):
-    points = directions(rng, 500, min(89.0, np.rad2deg(camera.max_angle)))
-    points *= rng.uniform(5, 200, (500, 1))
-    lens = np.zeros(3), np.zeros(3), matrix(camera), np.array(camera.k)
-    expected, _ = cv2.fisheye.projectPoints(points[None], *lens)
-    assert_allclose(camera.project(points), expected[0], rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("camera", [BROWN, RATIONAL], ids=["brown", "rational"])
-def test_brown_conrady_is_opencvs_usual_model(rng, camera):
-    pixel = rng.uniform([0, 0], [camera.width, camera.height], (500, 2))
-    ray = camera.unproject(pixel)
-    seen = np.isfinite(ray[:, 0])
-    assert seen.mean() > 0.98
-    lens = np.zeros(3), np.zeros(3), matrix(camera), np.array(camera.k)
-    expected, _ = cv2.projectPoints(7 * ray[seen], *lens)
-    assert_allclose(expected[:, 0], pixel[seen], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
@@ -132,6 +104,7 @@ def test_pixel_to_ray_to_pixel(camera):
 
 def test_the_endoscopes_polynomial_ends_where_it_stops_growing():
     assert np.rad2deg(ENDOSCOPE.max_angle) == pytest.approx(90.84, abs=0.005)
+    assert replace(WIDE, k=(0.01, 0, 0, 1e-320)).max_angle == WIDE.max_angle
     assert np.isfinite(ENDOSCOPE.unproject([735.37, 552.80 + 745.5])).all()
     assert np.isnan(ENDOSCOPE.unproject([735.37, 552.80 + 746.5])).all()
     for camera in (ENDOSCOPE, PINHOLE):
@@ -167,13 +140,6 @@ def test_jacobian_is_the_derivative_of_the_rays(camera):
     assert calm.mean() > 0.85
     expected = np.stack(numerical, axis=-1)
     assert_allclose(found[calm], expected[calm], rtol=0, atol=1e-7)
-
-
-def test_a_camera_is_resized_once_and_stays_as_it_was():
-    camera = replace(ENDOSCOPE)
-    assert camera.resize(64, 48) is camera.resize(64, 48)  # with its ray field
-    assert (camera, hash(camera)) == (ENDOSCOPE, hash(ENDOSCOPE))
-    assert pickle.loads(pickle.dumps(camera)) == camera
 
 
 @every_camera

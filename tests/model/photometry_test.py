@@ -81,16 +81,6 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     assert_allclose(colour.channel("grey").intensity(*place), expected, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["table", "glossy"])
-def test_the_slant_table_inverts_the_brightness(name):
-    brdf = BRDFS[name]
-    log_c, log_slant = model(brdf).slant_table()
-    cosine = np.cos(np.deg2rad(np.linspace(0, 88, 500)))
-    c = cosine * brdf.value(cosine, cosine) / brdf.value(1.0, 1.0)
-    found = np.interp(np.log(c), log_c, log_slant)
-    assert_allclose(found, -2 * np.log(cosine), rtol=0, atol=1e-4)
-
-
 def test_one_brightness_must_not_have_two_slants():
     rising = TabulatedBRDF((0.0, 0.5, 0.6, 1.5), (0.2, 0.2, 0.4, 0.4))
     with pytest.raises(ValueError, match=r"(29|30|31|32|33|34)°"):

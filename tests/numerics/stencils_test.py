@@ -50,15 +50,6 @@ def test_the_adjoint_is_one(rng, worn, kind):
     assert np.vdot(x, k.adjoint(y)) == pytest.approx(np.vdot(k.apply(x), y), rel=1e-12)
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("step", [-9, -2, -1, 0, 1, 2, 9])
-def test_a_shift_is_a_roll_with_the_far_side_filled(rng, step, axis):
-    a = rng.normal(size=(4, 5))
-    padded = np.pad(a, 9, constant_values=7.0)
-    expected = np.roll(padded, -step, axis)[9:-9, 9:-9]
-    assert_array_equal(shift(a, step, axis, 7.0), expected)
-
-
 @pytest.mark.parametrize("turn", [lambda a: a, np.transpose])
 def test_the_gradient_takes_the_best_formula_that_the_mask_allows(worn, turn):
     """Quadratics where three pixels in a row are there, straight lines where two are, else 0."""

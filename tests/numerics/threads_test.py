@@ -10,33 +10,24 @@ import numba
 import numpy as np
 import pytest
 
+import endolab as el
 from endolab.numerics import threads
-from endolab.numerics.threads import BAND_ROWS, THREADS_VARIABLE, limit_threads
-from tests.tools.loops import blurred, plainly_blurred
+from endolab.numerics.threads import THREADS_VARIABLE, limit_threads
+from endolab.solvers.gauss_newton import gauss_newton
+from tests.tools.problems import problem_of
 
 SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
 
 
-@pytest.fixture
-def start(rng):
-    return rng.normal(size=(20 * BAND_ROWS + 5, 90))
-
-
-def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_cores):
-    assert SEVERAL > 1, "this machine has one core, and the test says nothing"
-    with limit_threads(1):
-        alone = blurred(start, 7)
-    with limit_threads(SEVERAL):
-        together = blurred(start, 7)
-    np.testing.assert_array_equal(alone, together)
-    np.testing.assert_allclose(alone, plainly_blurred(start, 7), rtol=1e-12)
+def solve(scene):
+    return el.run(gauss_newton(problem_of(scene, 160)[0])).distance
 
 
 @pytest.mark.parametrize("wrong", ["0", "two", "²"])
-def test_a_number_of_threads_that_is_none_is_said_to_be_so(monkeypatch, wrong, start):
+def test_a_number_of_threads_that_is_none_is_said_to_be_so(monkeypatch, wrong):
     monkeypatch.setenv(THREADS_VARIABLE, wrong)
     with pytest.raises(ValueError, match="ENDOLAB_THREADS"):
-        blurred(start, 7)
+        solve("plane")
 
 
 def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
@@ -66,34 +57,34 @@ def test_blas_has_one_thread_inside_and_its_own_once_all_are_out():
     assert now() == before
 
 
-def test_two_threads_of_a_process_at_once_both_get_it_right(start):
+def test_two_threads_of_a_process_at_once_both_get_it_right():
+    scenes = ("tube", "colon")
+    alone = [solve(scene) for scene in scenes]
     gate = threading.Barrier(2)
 
-    def work(a):
+    def work(scene):
         gate.wait()
-        return [blurred(a, 30) for _ in range(10)]
+        return [solve(scene) for _ in range(5)]
 
     with ThreadPoolExecutor(2) as pool:
-        for a, found in zip(
-            (start, -start), pool.map(work, (start, -start)), strict=True
-        ):
+        for expected, found in zip(alone, pool.map(work, scenes), strict=True):
             for one in found:
-                np.testing.assert_allclose(one, plainly_blurred(a, 30), rtol=1e-12)
+                np.testing.assert_array_equal(one, expected)
 
 
 FORK = """
 import os, warnings
 import numpy as np
 from endolab.numerics import threads
-from tests.tools.loops import blurred
+from tests.numerics.threads_test import solve
 warnings.simplefilter("ignore", DeprecationWarning)  # Python's own, of forks beside threads
-a = np.random.default_rng(0).normal(size=(325, 90))
-before = blurred(a, 7)
+before = solve("tube")
 with threads._cores:  # as another thread of the parent might
     child = os.fork()
     if child == 0:
-        os._exit(0 if np.array_equal(blurred(a, 7), before) else 1)
-print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(blurred(a, 7), before))
+        os._exit(0 if np.array_equal(solve("tube"), before, equal_nan=True) else 1)
+same = np.array_equal(solve("tube"), before, equal_nan=True)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), same)
 """
 
 

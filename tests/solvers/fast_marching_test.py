@@ -8,6 +8,7 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
+from endolab.model.brdf import Glossy
 from endolab.solvers.solvers import fast_marching
 from tests.tools.cuts import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
@@ -41,7 +42,7 @@ def test_the_tube_needs_its_border():
     np.testing.assert_allclose(np.log(given)[:2], inflow[:2], rtol=1e-12)
 
 
-@pytest.mark.parametrize("brdf", [None, SHEET], ids=["lambertian", "tabulated"])
+@pytest.mark.parametrize("brdf", [None, SHEET, Glossy(0.6, 0.05, 30.0)])
 def test_the_frame_is_explained(brdf):
     """The model of the marched surface is the frame, whatever the BRDF: below a tenth of a grey level."""
     problem, seen = problem_of("curved", 160, brdf=brdf)
