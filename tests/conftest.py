@@ -31,6 +31,7 @@ for _name, _usual in (
         signal.signal(getattr(signal, _name), _usual)
 
 ROOT = Path(__file__).resolve().parent.parent
+os.environ["PYTHONPATH"] = str(ROOT)  # of programs that tests start
 # Folders: what opens a browser, kills, fills a disk, measures.
 SLOW = ("browser", "hostile", "benchmarks")
 

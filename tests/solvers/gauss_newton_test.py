@@ -110,20 +110,6 @@ def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(
         assert np.nanmax(above) <= CEILING + 1e-12
 
 
-def test_islands_share_the_number_of_steps_and_nothing_else(rng):
-    """Measured 1e-4 beside noise, whose steps are shorter, in the worst pixel."""
-    problem, _ = problem_of("curved", 96)
-    columns = np.indices(problem.mask.shape)[1]
-    mask = problem.mask & (abs(columns - 40.5) > 1)
-    noise = np.where(columns > 41, rng.uniform(0.05, 1.0, mask.shape), problem.image)
-    both = replace(problem, mask=mask)
-    beside = replace(both, image=noise)
-    beside.__dict__["xi_median"] = both.xi_median  # of the whole frame, so shared
-    left = mask & (columns < 40)
-    found, expected = (solve(each).distance[left] for each in (beside, both))
-    np.testing.assert_allclose(found, expected, rtol=1e-3)
-
-
 def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     """Too dark to be explained: it would go ever farther. From a surface in which it was no island."""
     problem, _ = problem_of("curved", 96)
