@@ -5,8 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.numerics.stencils import (
-    CENTRAL,
-    FIRST,
     SECOND,
     Differences,
     central_gradient,
@@ -39,15 +37,6 @@ def worn(rng):
     shape = (14, 17)
     mask = rng.random(shape) < 0.6
     return rng.normal(size=shape), mask, rng.random((2, *shape)) < 0.1
-
-
-@pytest.mark.parametrize("kind", [FIRST, SECOND, CENTRAL])
-def test_the_adjoint_is_one(rng, worn, kind):
-    """⟨K x, y⟩ = ⟨x, Kᵀ y⟩."""
-    x, mask, cuts = worn
-    k = Differences(links(mask, cuts), kind)
-    y = rng.normal(size=(3, *mask.shape))
-    assert np.vdot(x, k.adjoint(y)) == pytest.approx(np.vdot(k.apply(x), y), rel=1e-12)
 
 
 @pytest.mark.parametrize("turn", [lambda a: a, np.transpose])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.uncertainty import (
@@ -24,11 +23,10 @@ from endolab.reconstruction.uncertainty import (
     uncertainty_of,
 )
 from endolab.solvers.gauss_newton import gauss_newton
-from endolab.solvers.multigrid import multiply
 from endolab.solvers.problem import NONE
 from endolab.solvers.provenance import LightOutcome
 from endolab.solvers.result import Iterate, run
-from tests.tools.problems import at_truth, problem_of
+from tests.tools.problems import problem_of
 
 CERTAIN = PriorSigma(
     **{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"}
@@ -286,22 +284,3 @@ def test_sigma_of_a_large_frame_is_that_of_fewer_pixels(column):
     assert abs(cut - (column - 2) / 5) < 1
     enlarged = enlarge(small.distance[None], small.mask, large.mask)
     np.testing.assert_allclose(enlarged[0], large.distance, rtol=0.05)
-
-
-# The linear answer
-
-
-@pytest.mark.parametrize("regulariser", ["first", "second"])
-def test_its_slopes_are_those_of_the_steps(rng, regulariser):
-    """JᵀWJ of a worn tube at a rough map, without a prior, and xᵀ(Jᵀy) = (Jx)ᵀy."""
-    problem, truth = at_truth("tube", 16, regulariser=regulariser)
-    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    cuts = rng.random((2, *mask.shape)) > 0.97
-    problem = replace(problem, mask=mask, cuts=cuts, lam=0.0)
-    surface = Linearised(problem, truth + 0.02 * rng.normal(size=mask.shape))
-    x, y = mask * rng.normal(size=(2, *mask.shape))
-    assert np.vdot(x, surface.adjoint(y)) == pytest.approx(np.vdot(surface.apply(x), y))
-    expected = np.zeros(surface.coefficients.active.shape)
-    multiply(surface.coefficients.matrix(0.0), pad_maps(x), expected)
-    found = surface.adjoint(surface.weight * surface.apply(x))
-    np.testing.assert_allclose(found, inner(expected), atol=1e-12 * np.abs(found).max())
