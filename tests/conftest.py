@@ -66,11 +66,11 @@ def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def data() -> Path:
     """Give the folder of published frames."""
-    folder = Path(os.environ.get("ENDOLAB_DATA") or ROOT.parent / "shared" / "data")
-    if not folder.is_dir():
-        pytest.skip(
-            f"the published frames are not in {folder}; ENDOLAB_DATA can name another folder"
-        )
+    from endolab.io.datasets.sample import data_folder
+
+    folder = data_folder()
+    if folder is None:
+        pytest.skip("the published frames are not here; ENDOLAB_DATA can name a folder")
     return folder
 
 

@@ -121,6 +121,7 @@ OPTIONS = [
         "facing",
     ),
     Row("start", lambda: solve(start=solve(width=48)), "start"),
+    Row("inflow", lambda: solve(inflow=ONES[1:]), "inflow"),
     Row("cuts", lambda: solve(cuts=np.zeros((2, 3, 3), bool)), "cuts"),
 ]
 PICTURES = [
@@ -137,6 +138,8 @@ PICTURES = [
     option("--mask black.png", "black.png", mask="black.png"),
     Row("no pink", lambda: el.Frame(ONES / 2, ONES > 0).channel("pink"), "pink"),
     Row("0 to 255", lambda: el.Frame(255 * ONES, ONES > 0), "1]"),
+    Row("doubtful mask", lambda: el.Frame(ONES, ONES / 2), "mask"),
+    Row("unknown mask", lambda: el.Frame(ONES, ONES * np.nan), "mask"),
     Row("turned mask", lambda: el.Frame(ONES, ONES.T > 0), "48x64"),
 ]
 OPENCV = {"image_width": 64, "image_height": 48, "K": [20, 0, 31, 0, 20, 23, 0, 0, 1]}

@@ -14,6 +14,7 @@ from endolab.reconstruction.problem_of_frame import problem_of_frame
 from endolab.reconstruction.report import notes, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
+from tests.benchmarks.frames import cases_of
 from tests.tools.problems import Shot, finish
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
@@ -179,11 +180,7 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
 
 def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
     """Lines are chosen on fewer pixels. Looked for again in full, others were cut: 7.5 %."""
-    place = data / "rendered" / "clean_pinhole"
-    known = el.load_calibration(place.with_suffix(".json"))
-    frame = el.read_frame(place.with_suffix(".png"), known, mask=f"{place}_mask.png")
-    result = el.reconstruct(frame, known)
+    (case,) = (one for one in cases_of("rendered") if one.name == "clean_pinhole")
+    result = case.solve()
     assert result.report.contours is ContourOutcome.BY_ENERGY
-    truth = np.load(f"{place}_truth.npz")["distance"]
-    off = compare(result.distance, truth, result.problem.field.cos_alpha)
-    assert off.mean_percent < 7.0  # measured 6.0
+    assert case.errors_of(result).mean_percent < 7.0  # measured 6.0

@@ -194,13 +194,6 @@ def test_slow_falls_are_not_taken_for_the_end():
     assert further.energy > 0.95 * result.energy
 
 
-@pytest.mark.parametrize(("name", "value"), [("start", np.nan), ("inflow", np.inf)])
-def test_a_start_that_cannot_be_used_is_refused(name, value):
-    for shape in ((60, 80), (3, 4)):
-        with pytest.raises(ValueError, match=name):
-            solve(problem_of("plane", 80)[0], **{name: np.full(shape, value)})
-
-
 @every_regulariser
 def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regulariser):
     problem, seen = problem_of("colon", 160, regulariser=regulariser, noise=1, bits=8)

@@ -126,14 +126,3 @@ def test_history_tells_each_step(problem):
     assert [row["change"] for row in result.history[1:]] == pytest.approx([0.4, 0.2])
     seconds = [row["seconds"] for row in result.history]
     assert 0 < seconds[0] < seconds[1] < seconds[2] <= result.seconds
-
-
-def test_an_iterate_is_read_only_and_nan_outside_the_mask(problem):
-    values = TRUTH.copy()
-    iterate = el.Iterate.of(problem, values)
-    values[:] = 0.0
-    np.testing.assert_array_equal(iterate.log_distance, np.where(MASK, TRUTH, np.nan))
-    with pytest.raises(ValueError, match="read-only"):
-        iterate.log_distance[3, 3] = 1.0
-    with pytest.raises(AttributeError):
-        iterate.k = 3
