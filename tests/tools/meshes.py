@@ -6,21 +6,8 @@ from endolab.synthetic.scenes import SIDEWAYS, Colon
 
 
 def mesh_of(scene, size):
-    """A scene's mesh, of about `size` steps a side: of a colon, whole; else of what the camera can see."""
-    if hasattr(scene, "mesh"):
-        return scene.mesh(size)
-    if isinstance(scene, Colon):
-        return _colon_mesh(scene, size)
-    polar = np.linspace(0, np.pi, size)[:, None]
-    around = np.linspace(0, 2 * np.pi, 2 * size)
-    across = np.stack([np.cos(around), np.sin(around)], axis=-1)
-    rays = np.empty((size, 2 * size, 3))
-    rays[..., :2] = np.sin(polar)[..., None] * across
-    rays[..., 2] = np.cos(polar)
-    vertices = (scene.distance(rays)[..., None] * rays).reshape(-1, 3)
-    known = np.isfinite(vertices).all(axis=-1)
-    triangles = grid_triangles(size, 2 * size)
-    return np.nan_to_num(vertices), triangles[known[triangles].all(axis=-1)]
+    """The whole mesh of a cavity or a colon, of about `size` steps a side."""
+    return _colon_mesh(scene, size) if isinstance(scene, Colon) else scene.mesh(size)
 
 
 def grid_triangles(rows, columns):
