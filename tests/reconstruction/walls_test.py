@@ -75,17 +75,6 @@ def test_light_is_exchanged_both_ways_and_none_is_made(walls):
         assert walls.bounced_light(albedo).min() >= 0
 
 
-def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(
-    colon, walls
-):
-    v, field = colon
-    larger = walls_of(v + np.log(7.0), field)
-    green, red = (walls.indirect_ratio(albedo) for albedo in (0.38, 0.75))
-    assert_allclose(larger.indirect_ratio(0.38), green, rtol=1e-9)
-    assert np.all((green > 0) & (green < red), where=np.isfinite(v))
-    assert np.isfinite(red).all()
-
-
 def test_light_by_bounces_sums_to_that_of_the_balance(walls):
     """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
     hidden = constants.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
