@@ -1,28 +1,16 @@
 """Depth maps to surfaces: normals against exact scenes, and against tangents."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
-from endolab.io.datasets import load_calibration
 from endolab.metrics import angle_between
 from endolab.model import surface
-from endolab.model.cameras import BrownConrady, KannalaBrandt, Pinhole
 from endolab.synthetic.scenes import SCENES, Tube
-
-CAMERAS = {
-    "pinhole": Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5),
-    "brown_conrady": BrownConrady(
-        160, 120, 110.0, 110.0, 79.5, 59.5, (-0.33, 0.1, 2e-3, 0.0)
-    ),
-    "kannala_brandt": load_calibration("paper", 240).camera,
-    "scaramuzza": load_calibration("c3vd", 225).camera,
-    "beyond 90°": KannalaBrandt(
-        240, 240, 60.0, 60.0, 119.5, 119.5, (0.01, 0.0, 0.0, 0.0)
-    ),
-}
-every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+from tests.model.conftest import every_camera
 
 
 def seen(scene, camera):
@@ -41,6 +29,9 @@ def seen(scene, camera):
 @every_camera
 @pytest.mark.parametrize("name", ["plane", "curved", "tube"])
 def test_normals_of_exact_scenes(name, camera):
+    """One of the pixels lies exactly on the axis."""
+    camera = camera.resize(240, 180)
+    camera = replace(camera, cx=round(camera.cx), cy=round(camera.cy))
     v, exact, mask = seen(SCENES[name], camera)
     inside = ndimage.binary_erosion(mask, iterations=2)
     assert inside.mean() > 0.2
