@@ -12,7 +12,7 @@ from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.reconstruction.report import notes
 from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.solvers import SOLVERS, solve
-from tests.tools.problems import Shot
+from tests.tools.problems import Shot, relit
 
 CALIBRATION = datasets.load_calibration("simple")
 
@@ -183,10 +183,7 @@ def test_what_was_given_may_be_used_again_and_results_stay(small):
 
 @pytest.mark.parametrize("gain", [1e-15, 1e15])
 def test_a_result_is_of_a_surface_or_there_is_none(small, gain):
-    known = replace(
-        small.calibration, photometry=replace(small.calibration.photometry, gain=gain)
-    )
-    result = el.reconstruct(small.frame, known)
+    result = el.reconstruct(small.frame, relit(small.calibration, gain=gain))
     distance = result.distance[result.mask].astype(np.float32)
     assert np.all(np.isfinite(distance) & (distance > 0))
     beyond = replace(result.iterate, log_distance=result.iterate.log_distance + 100)
@@ -281,10 +278,8 @@ def test_a_frame_that_is_solved_again_is_cut_at_the_same_lines(matt):
     frame, calibration = matt
     first = el.reconstruct(frame, calibration)
     # Or nothing is sought.
-    brighter = replace(calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31)))
-    again = el.reconstruct(
-        frame, replace(calibration, photometry=brighter), start=first
-    )
+    brighter = relit(calibration, brdf=el.Lambertian((0.77, 0.39, 0.31)))
+    again = el.reconstruct(frame, brighter, start=first)
     assert first.problem.cuts.any()
     assert again.report.contours is ContourOutcome.AS_BEFORE
     np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
