@@ -218,8 +218,6 @@ def process(tmp_path):
             env=os.environ | environment,
             stdout=subprocess.PIPE,
             stderr=stderr,
-            # A job in the background ignores Ctrl-C, and so would its children.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
     return start

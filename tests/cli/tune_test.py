@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -60,8 +59,6 @@ def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
         command += ["--no-browser", f"--port={port}", "--width=64"]
         command += ["--calibration", str(made / "sim/endoscope.json")]
         how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        # A job in the background ignores Ctrl-C, and so would its children.
-        how["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
         with subprocess.Popen(command, **how) as process:
             watch = threading.Timer(120, process.kill)
             watch.start()
