@@ -31,6 +31,7 @@ for _name, _usual in (
         signal.signal(getattr(signal, _name), _usual)
 
 ROOT = Path(__file__).resolve().parent.parent
+os.environ["PYTHONPATH"] = str(ROOT)  # of programs that tests start
 # Folders: what opens a browser, kills, fills a disk, measures.
 SLOW = ("browser", "hostile", "benchmarks")
 
@@ -65,11 +66,11 @@ def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def data() -> Path:
     """Give the folder of published frames."""
-    folder = Path(os.environ.get("ENDOLAB_DATA") or ROOT.parent / "shared" / "data")
-    if not folder.is_dir():
-        pytest.skip(
-            f"the published frames are not in {folder}; ENDOLAB_DATA can name another folder"
-        )
+    from endolab.io.datasets.sample import data_folder
+
+    folder = data_folder()
+    if folder is None:
+        pytest.skip("the published frames are not here; ENDOLAB_DATA can name a folder")
     return folder
 
 

@@ -13,7 +13,7 @@ from endolab import datasets
 from endolab.batch.video import reconstruct_video
 from endolab.io.images import write_image
 from endolab.io.video import write_video
-from endolab.synthetic.scenes import Tube
+from tests.tools.problems import moved_tube
 from tests.tools.recorded import Recorded
 
 COUNT = 5
@@ -31,8 +31,9 @@ def shots():
     known = UNKNOWN.photometry
     return [
         el.render(
-            Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1)),
-            *(BASE.camera, replace(known, gain=900.0 + 50 * t)),
+            moved_tube(t),
+            BASE.camera,
+            replace(known, gain=900.0 + 50 * t),
             **{"noise": 1.0, "bits": 8, "seed": t},
         )
         for t in range(COUNT)

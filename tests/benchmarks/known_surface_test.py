@@ -1,7 +1,5 @@
 """The light of an endoscope, measured over surfaces that are known, with the bounced light in the model."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -22,11 +20,8 @@ def test_path_traced_frames_tell_their_light(name):
     assert misfit < 4  # grey levels
 
 
-def test_the_light_of_c3vd_is_what_its_frames_tell():
-    folder = (datasets.data_folder() or Path("nowhere")) / "c3vd_trans_t1_a"
-    if not folder.is_dir():
-        pytest.skip("C3VD is not here")
-    samples = [datasets.read_c3vd(folder, index) for index in (1, 6)]
+def test_the_light_of_c3vd_is_what_its_frames_tell(data):
+    samples = [datasets.read_c3vd(data / "c3vd_trans_t1_a", index) for index in (1, 6)]
     shipped = datasets.load_calibration("c3vd")
     frames = [one.frame for one in samples]
     distances = [one.distance for one in samples]

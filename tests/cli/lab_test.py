@@ -10,11 +10,8 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +21,7 @@ def started(tmp_path_factory):
     for name in ("notebooks", "tmp"):
         (root / name).mkdir()
     # A home of its own, so that no settings of this machine's user matter.
-    places = {"PYTHONPATH": str(ROOT), "HOME": str(root), "TMPDIR": str(root / "tmp")}
+    places = {"HOME": str(root), "TMPDIR": str(root / "tmp")}
     log = root / "log.txt"
     with socket.create_server(("127.0.0.1", 0)) as taken, open(log, "w") as stream:
         command = [sys.executable, "-m", "endolab", "lab"]

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import termios
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
 from endolab.io.settings import SolvingSettings, write_settings
 
-ROOT = Path(__file__).resolve().parents[2]
 OUTPUTS = ["cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
 
 
@@ -217,11 +215,9 @@ def process(tmp_path):
         return subprocess.Popen(
             [sys.executable, "-m", "endolab", *words.split()],
             cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+            env=os.environ | environment,
             stdout=subprocess.PIPE,
             stderr=stderr,
-            # A job in the background ignores Ctrl-C, and so would its children.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
     return start

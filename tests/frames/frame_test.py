@@ -15,7 +15,8 @@ GAMMA = 2.2
 
 def test_channels_of_a_colour_picture(rng):
     image = rng.uniform(size=(4, 6, 3))
-    frame = el.Frame(image, np.ones((4, 6), bool))
+    frame = el.Frame(image, np.full((4, 6), 255))
+    assert frame.mask.all()
     weights = {
         "red": (1, 0, 0),
         "green": (0, 1, 0),

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -14,7 +13,6 @@ import pytest
 
 from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
-ROOT = Path(__file__).resolve().parents[2]
 KNOWN = "--calibration endoscope.json"
 RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd"}
 SIMULATED = {"endoscope.json", "frame.png", "truth.npz"}
@@ -70,7 +68,7 @@ def test_a_killed_command_leaves_what_is_whole_and_no_process(
     process = subprocess.Popen(
         [sys.executable, "-m", "endolab", *words],
         cwd=given,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "ENDOLAB_THREADS": "1"},
+        env=os.environ | {"ENDOLAB_THREADS": "1"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         start_new_session=True,

@@ -4,24 +4,16 @@ import json
 
 import pytest
 
-from endolab.calibration.targets import TARGETS, Charuco, Chessboard, DotGrid
+from endolab.calibration.targets import TARGETS, Charuco, Chessboard
 from endolab.io.descriptions import read_target
 from endolab.numerics.checked_types import to_content
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
-
-DOTS = {"kind": "dots", "columns": 5, "rows": 4, "spacing": 6, "small": 1, "large": 2}
 
 
 @pytest.mark.parametrize("target", [*TARGETS.values(), *OTHERS])
 def test_a_written_target_comes_back(target, tmp_path):
     (tmp_path / "sheet.json").write_text(json.dumps(to_content(target)))
     assert read_target(tmp_path / "sheet.json") == target
-
-
-def test_the_least_description_takes_the_defaults(tmp_path):
-    path = tmp_path / "sheet.json"
-    path.write_text(json.dumps({"endolab_target": 1, "fold": None} | DOTS))
-    assert read_target(path) == DotGrid(5, 4, 6.0, small=1.0, large=2.0)
 
 
 @pytest.mark.parametrize(

@@ -55,14 +55,6 @@ def test_a_picture_is_read_as_it_is_stored(tmp_path, rng, kind, channels):
     np.testing.assert_allclose(found, expected / most, atol=1e-5)
 
 
-@pytest.mark.parametrize("suffix", [".hdr", ".tif"])
-def test_floats_are_refused(tmp_path, suffix):
-    cv2.imwrite(str(tmp_path / f"a{suffix}"), np.ones((9, 9, 3), np.float32))
-    assert not is_sequence(tmp_path / f"a{suffix}")
-    with pytest.raises(ValueError, match=r"^[^\n]*no floats or HDR"):
-        read_image(tmp_path / f"a{suffix}")
-
-
 @pytest.mark.parametrize("mode", ["L", "RGB", "CMYK"])
 def test_a_jpeg_is_read_as_others_read_it(tmp_path, mode):
     Image.fromarray(WALL.astype(np.uint8)).convert(mode).save(tmp_path / "a.jpg")

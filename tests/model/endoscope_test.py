@@ -1,8 +1,10 @@
 """`endoscope.json`: there and back again."""
 
 import json
+import pickle
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import endolab as el
@@ -25,6 +27,14 @@ BRDFS = {
     "wet": Glossy(0.5, 0.1, 30.0),
 }
 SPOTS = (el.SpotLight((1, 2, 3), (0.0, 0.6, 0.8), 1.7, 0.3), el.SpotLight())
+
+
+def test_numpys_numbers_and_lists_are_taken():
+    table = el.TabulatedBRDF(np.array([0, 0.5]), [1, np.float32(0.5)])
+    light = el.Photometry(np.float32(0.25), np.array(2), np.int64(7), table)
+    table = el.TabulatedBRDF((0.0, 0.5), (1.0, 0.5))
+    assert light == el.Photometry(0.25, 2.0, 7.0, table)
+    assert hash(light) == hash(pickle.loads(pickle.dumps(light)))
 
 
 def test_the_example_loads(tmp_path):

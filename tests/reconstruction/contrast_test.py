@@ -4,24 +4,16 @@ import numpy as np
 import pytest
 
 import endolab as el
+from tests.tools.problems import Shot
 
 LAMS = (0.1, 1.0, 10.0, 100.0)
 
 
 @pytest.fixture(scope="module")
 def explained():
-    camera = el.load_calibration("paper").camera.resize(160, 120)
-    view = el.render(
-        el.SCENES["colon"], camera, el.load_calibration("paper").photometry
-    )
-    known = el.Calibration(view.camera, view.photometry)
-    frame = el.Frame(view.image, view.mask)
-    return [
-        el.explained_contrast(
-            el.reconstruct(frame, known, lam=lam, channel="grey", contours=False)
-        )
-        for lam in LAMS
-    ]
+    shot = Shot("colon", el.load_calibration("paper", width=160))
+    how = {"channel": "grey", "contours": False}
+    return [el.explained_contrast(shot.reconstruct(lam=lam, **how)) for lam in LAMS]
 
 
 def test_it_falls_as_lam_grows(explained):

@@ -14,7 +14,8 @@ from endolab.reconstruction.problem_of_frame import problem_of_frame
 from endolab.reconstruction.report import notes, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
-from tests.tools.problems import Shot, finish
+from tests.benchmarks.frames import cases_of
+from tests.tools.problems import Shot, finish, relit
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
@@ -46,10 +47,6 @@ def error(result, sample):
     return compare(result.distance, truth, field.cos_alpha).mean_percent
 
 
-def without(calibration, **changes):
-    return replace(calibration, photometry=replace(calibration.photometry, **changes))
-
-
 def test_a_third_of_the_error_is_left(dry, separated):
     plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH, channel="green")
     assert error(separated, dry) < 9
@@ -64,7 +61,7 @@ def test_a_third_of_the_error_is_left(dry, separated):
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
     """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm."""
-    known = without(dry.calibration, gain=None)
+    known = relit(dry.calibration, gain=None)
     stop = [lambda step: (step.stage, step.k) == ("contours", 2)]
     how = {"contours": True, "observers": stop, "median_distance": 50.0}
     result = solved(dry.frame, known, width=320, **how)
@@ -86,7 +83,7 @@ def test_the_computed_share_is_the_renderers(dry):
 
 def test_albedos_are_found_in_the_colours(dry, separated):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
-    grey = without(dry.calibration, brdf=el.Lambertian(0.38))
+    grey = relit(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(dry.frame, grey)
     found = np.array(result.report.albedo)
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
@@ -98,7 +95,7 @@ def test_albedos_are_found_in_the_colours(dry, separated):
 def test_where_nothing_bounces_nothing_is_taken_out():
     """A picture of endolab's own model: the colours say so, whatever the surface would make of its light."""
     known = el.load_calibration("simple", width=160)
-    tissue = without(known, brdf=el.Lambertian(tuple(ALBEDO)))
+    tissue = relit(known, brdf=el.Lambertian(tuple(ALBEDO)))
     shot = Shot("colon", tissue, noise=1, bits=8)
     green, result = (
         shot.reconstruct(channel=channel, contours=False)
@@ -136,7 +133,7 @@ def test_where_colours_tell_nothing_lines_of_the_picture_are_cut(odd, dry):
     """Whatever the light is guessed to be, in the next frame, too."""
     first = solved(odd, dry.calibration)
     assert first.report.contours is ContourOutcome.BY_LINES
-    again = solved(odd, without(dry.calibration, k=1.0))
+    again = solved(odd, relit(dry.calibration, k=1.0))
     assert np.array_equal(again.problem.cuts, first.problem.cuts)
     dimmed = replace(odd, image=0.9 * odd.image)
     after = solved(dimmed, dry.calibration, start=first)
@@ -179,11 +176,7 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
 
 def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
     """Lines are chosen on fewer pixels. Looked for again in full, others were cut: 7.5 %."""
-    place = data / "rendered" / "clean_pinhole"
-    known = el.load_calibration(place.with_suffix(".json"))
-    frame = el.read_frame(place.with_suffix(".png"), known, mask=f"{place}_mask.png")
-    result = el.reconstruct(frame, known)
+    (case,) = (one for one in cases_of("rendered") if one.name == "clean_pinhole")
+    result = case.solve()
     assert result.report.contours is ContourOutcome.BY_ENERGY
-    truth = np.load(f"{place}_truth.npz")["distance"]
-    off = compare(result.distance, truth, result.problem.field.cos_alpha)
-    assert off.mean_percent < 7.0  # measured 6.0
+    assert case.errors_of(result).mean_percent < 7.0  # measured 6.0

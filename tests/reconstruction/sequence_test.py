@@ -10,8 +10,8 @@ from endolab import datasets
 from endolab.reconstruction.sequence import (
     reconstruct_sequence,
 )
-from endolab.synthetic.scenes import Bowl, Colon, Plane, Tube
-from tests.tools.problems import moved_colon
+from endolab.synthetic.scenes import Bowl, Colon, Plane
+from tests.tools.problems import moved_colon, moved_tube
 
 COUNT = 8
 BASE = datasets.load_calibration("simple", 96)
@@ -22,10 +22,7 @@ UNKNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=None))
 
 WAYS = {
     "bowl": [Bowl(centre=(40 - 1.5 * t, -23 + t, -52 - 2 * t)) for t in range(COUNT)],
-    "tube": [
-        Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))
-        for t in range(COUNT)
-    ],
+    "tube": [moved_tube(t) for t in range(COUNT)],
     "colon": [moved_colon(t) for t in range(COUNT)],
 }
 

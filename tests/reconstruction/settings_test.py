@@ -1,17 +1,13 @@
 """Every option stands once, in `Settings`, and a file of settings comes back as it was."""
 
 import inspect
-from typing import get_args
 
 import pytest
 
 import endolab as el
 from endolab.cli.main import main
 from endolab.io.settings import SolvingSettings, read_settings, write_settings
-from endolab.model.surface import XI
 from endolab.reconstruction.settings import Settings, option_types
-from endolab.solvers.problem import REGULARISERS
-from endolab.solvers.solvers import SOLVERS
 from endolab.workbench.tuning.controls import knob_specs
 
 EVERY = {
@@ -44,13 +40,6 @@ def test_an_option_is_one_field_that_is_seen_everywhere(name, capsys):
     assert f"--{name.replace('_', '-')}" in capsys.readouterr().out
     assert name in {spec["name"] for spec in knob_specs()} | {"known_diameter"}
     assert name in EVERY | LENGTHS
-
-
-def test_choices_are_those_that_there_are():
-    kinds = option_types()
-    assert get_args(kinds["solver"]) == tuple(sorted(SOLVERS))
-    assert get_args(kinds["xi"]) == XI
-    assert get_args(kinds["regulariser"]) == ("auto", *REGULARISERS)
 
 
 @pytest.mark.parametrize("length", LENGTHS)

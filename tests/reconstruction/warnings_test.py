@@ -1,13 +1,12 @@
 """What can hardly be true is said, and nothing is said of what is usual."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import endolab as el
 from endolab.cli.main import main
 from endolab.reconstruction.report import warnings
+from tests.tools.problems import relit
 
 WIDTH = 160
 
@@ -56,10 +55,8 @@ def test_a_picture_of_something_else_is_doubted(wet, change, named):
     ],
 )
 def test_a_light_of_something_else_is_doubted(wet, change, named):
-    calibration = replace(
-        wet.calibration, photometry=replace(wet.calibration.photometry, **change)
-    )
-    warnings = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
+    known = relit(wet.calibration, **change)
+    warnings = doubts_of(wet.frame.image, known, wet.frame.mask, channel="green")
     assert named in " ".join(warnings)
 
 

@@ -10,7 +10,7 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import compare
 from endolab.solvers.problem import Problem
-from endolab.synthetic.scenes import Colon
+from endolab.synthetic.scenes import Colon, Tube
 
 ORDERS = ("first", "second")
 every_variant = pytest.mark.parametrize(
@@ -110,6 +110,11 @@ def border(seen, width):
     return inflow
 
 
+def relit(calibration, **changes):
+    """The calibration with another light."""
+    return replace(calibration, photometry=replace(calibration.photometry, **changes))
+
+
 class Shot:
     """A rendered frame with its truth, and the calibration that explains it."""
 
@@ -120,9 +125,7 @@ class Shot:
         )
         self.frame = el.Frame(self.truth.image, self.truth.mask)
         self.calibration = replace(calibration, photometry=self.truth.photometry)
-        self.up_to_scale = replace(
-            self.calibration, photometry=replace(self.truth.photometry, gain=None)
-        )
+        self.up_to_scale = relit(self.calibration, gain=None)
 
     def reconstruct(self, **options):
         return el.reconstruct(self.frame, self.calibration, **options)
@@ -138,6 +141,11 @@ def finish(steps):
             next(steps)
         except StopIteration as end:
             return end.value
+
+
+def moved_tube(t):
+    """The tube, the camera having gone on by 3 t mm."""
+    return Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))
 
 
 def moved_colon(t):

@@ -1,26 +1,11 @@
-"""Measure the house: files, folders, levels, arrows that run back up, circles, tokens and how dense they are.
+"""Measure the house: files, folders, levels, arrows that run back up, circles.
 
-``python tests/tools/structure.py [FOLDER]`` prints the figures of the package in a folder, by default
-this checkout's. Imports are read from the code, those inside functions and under ``TYPE_CHECKING``
-included; nothing is run. A graph is a mapping: who imports whom.
+Imports are read from the code, those inside functions and under ``TYPE_CHECKING`` included; nothing is run.
+A graph is a mapping: who imports whom.
 """
 
 import ast
 import graphlib
-import io
-import sys
-import tokenize
-from pathlib import Path
-
-ROOT = Path(__file__).resolve().parents[2]
-NO_CODE = {
-    tokenize.COMMENT,
-    tokenize.NL,
-    tokenize.NEWLINE,
-    tokenize.INDENT,
-    tokenize.DEDENT,
-    tokenize.ENDMARKER,
-}
 
 
 def modules(package):
@@ -103,37 +88,3 @@ def upward(graph, order):
         for other in others
         if rank.get(folder_of(other), -1) > rank.get(folder_of(module), len(order))
     )
-
-
-def size_of(text):
-    """Tokens and lines of code in a module, comments and docstrings left out."""
-    words = set()
-    for node in ast.walk(ast.parse(text)):
-        documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
-        if documented and ast.get_docstring(node):
-            words |= {*range(node.body[0].lineno, node.body[0].end_lineno + 1)}
-    lines = [
-        token.start[0]
-        for token in tokenize.generate_tokens(io.StringIO(text).readline)
-        if token.type not in NO_CODE and token.start[0] not in words
-    ]
-    return len(lines), len(set(lines))
-
-
-if __name__ == "__main__":
-    root = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT)
-    package = root / "endolab"
-    graph = imports(package)
-    folders = by_folder(graph)
-    print(f"files   {len(graph)}, {sum(map(len, graph.values()))} arrows between them")
-    print(f"circles {circle(graph)} of files, {circle(folders)} of folders")
-    print(
-        f"levels  {max(levels(graph).values())} of files, {levels(folders)} of folders"
-    )
-    print(" tokens  lines  a line")
-    rooms = sorted(path.parent for path in package.glob("*/__init__.py"))
-    for folder in (package, *rooms, root / "tests"):
-        sizes = [size_of(path.read_text("utf-8")) for path in folder.rglob("*.py")]
-        tokens, lines = map(sum, zip(*sizes, strict=True))
-        name = folder.relative_to(root)
-        print(f"{tokens:>7} {lines:>6} {tokens / max(lines, 1):>6.1f}  {name}")
