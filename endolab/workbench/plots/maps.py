@@ -287,7 +287,7 @@ def overview(
         f"energy {iterate.energy:.4g}",
         f"distances in {unit}",
     ]
-    doubts = [line for one in warnings(result) for line in wrap(one, 160)]
+    doubts = [line for one in warnings(result) for line in wrap(one, 130)]
     columns = 3 if uncertainty is None else 4
     with page(1 + 5 * columns, 9, 2 + len(doubts)) as figure:
         panels = figure.subplots(2, columns)
