@@ -8,6 +8,7 @@ from endolab.calibration.least_squares import (
     OUTLIER,
     Linearised,
     fit,
+    robust_sigma,
 )
 from endolab.numerics.iteration import Status
 
@@ -103,6 +104,15 @@ def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
     assert np.isinf(found.covariance[1, 1])
     assert np.all(np.isinf(found.own_covariance[:, 1, 1]))
     assert np.all(np.isfinite(found.own_covariance[:, 0, 0]))
+
+
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.2])
+def test_sigma_is_that_of_the_noise(rng, m, share):
+    residual = rng.normal(0, 0.3, (20000, m))
+    residual[rng.random(20000) < share] += rng.choice([-6.0, 6.0])
+    found = robust_sigma(residual, np.ones(20000, bool), 0)
+    assert found == pytest.approx(0.3, rel=0.01)
 
 
 def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():

@@ -8,9 +8,11 @@ import pytest
 import endolab as el
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.model import (
+    GREY_LEVELS,
     LightModel,
     place_nodes,
 )
+from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.simulation.video import PAPER_SHEET
 from tests.tools.shooting import video
 
@@ -40,6 +42,15 @@ def test_every_derivative_agrees_with_finite_differences(rng):
         np.testing.assert_allclose(slopes, expected, rtol=2e-5, atol=1e-3)
 
 
+def check_residuals(fit, samples):
+    """They are what the calibration does not expect, grey levels."""
+    level = replace(fit.photometry, gain=1.0).intensity(samples.points, samples.normals)
+    light = fit.gains[np.searchsorted(fit.frames, samples.frame)]
+    light = light * fit.reflectance[samples.material]
+    left = samples.level - level * light ** (1 / fit.photometry.gamma)
+    np.testing.assert_allclose(GREY_LEVELS * left, fit.residuals, atol=1e-9)
+
+
 def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     samples, gains = video(count=200, seed=3)
     fit = calibrate_light(samples)
@@ -56,13 +67,22 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     np.testing.assert_allclose(scale.mean() * brdf.mean(), 1.0, atol=0.01)
 
 
-def moved_panels(samples, size, rng):
-    """Samples on panels that are a little too near or far, each in each frame, with how much they may be."""
-    first = np.searchsorted(samples.frame, samples.frame)
-    panel = 1 * np.any(samples.normals != samples.normals[first], axis=1)
-    off = size * rng.normal(size=(samples.frame[-1] + 1, 2))[samples.frame, panel]
-    points = samples.points * np.exp(off)[:, None]
-    return replace(samples, points=points, slack=2 * size * np.eye(2)[panel])
+def moved_planes(samples, size, rng):
+    """Samples on planes that are a little wrong, of each panel in each frame, with how wrong they may be."""
+    points, normals = samples.points.copy(), samples.normals.copy()
+    slack = np.zeros((len(samples), 6))
+    for frame in np.unique(samples.frame):
+        here = samples.frame == frame
+        for panel, normal in enumerate(np.unique(samples.normals[here], axis=0)):
+            on = here & np.all(samples.normals == normal, axis=1)
+            plane = normal / np.mean(samples.points[on] @ normal)
+            errors = size * np.linalg.norm(plane) * np.eye(3)
+            plane = plane + errors @ rng.normal(size=3)
+            points[on] /= (points[on] @ plane)[:, None]
+            normals[on] = -plane / np.linalg.norm(plane)
+            change = 3 * points[on] @ errors - plane @ errors / (plane @ plane)
+            slack[on, 3 * panel : 3 * panel + 3] = change
+    return replace(samples, points=points, normals=normals, slack=slack)
 
 
 @pytest.mark.parametrize(("size", "count"), [(0.0, 30), (0.004, 60)])
@@ -73,7 +93,7 @@ def test_standard_errors_are_honest(size, count):
         how = {"fold": np.deg2rad(35), "seed": seed, "outliers": 0.0}
         samples, _ = video("vicalib_folded", count, **how)
         if size:
-            samples = moved_panels(samples, size, np.random.default_rng(seed))
+            samples = moved_planes(samples, size, np.random.default_rng(seed))
         fit = calibrate_light(samples, gamma="free", nodes=8)
         off = {"k": fit.k - 2.5, "gamma": fit.photometry.gamma - 2.2}
         pulls.append([error / fit.standard_errors[name] for name, error in off.items()])
@@ -104,10 +124,15 @@ def flat_fit(flat):
     return calibrate_light(flat)
 
 
-def test_units_of_length_only_scale_the_gains(flat, flat_fit):
-    fit = calibrate_light(replace(flat, points=flat.points / 1000))
+def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_part(
+    flat, flat_fit
+):
+    rows = [flat.frame, flat.level, flat.points / 1000, flat.normals, flat.material]
+    rows[0] = 1000 - 7 * flat.frame
+    fit = calibrate_light(Samples(*(row[::-1] for row in rows)))
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
-    np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
+    np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains / 1e6, rtol=1e-6)
+    np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
 
 
 def test_a_locked_gain_is_one_number_and_gives_gamma():
@@ -116,12 +141,14 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
     assert abs(fit.photometry.gamma - 2.2) < 0.01
     assert abs(fit.k - 2.5) < 0.02
     assert set(fit.gains) == {fit.photometry.gain}
+    check_residuals(fit, samples)
 
 
 def test_grey_patches_of_known_ratio_give_gamma_and_a_given_gamma_measures_them():
     samples, _ = video("vicalib_grey", 150)
     fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert abs(fit.photometry.gamma - 2.2) < 0.015
+    check_residuals(fit, samples)
     samples, _ = video("vicalib_grey", 60)
     for known in (None, (0.51, 0.01)):
         fit = calibrate_light(samples, reflectance=(known,))
