@@ -3,8 +3,8 @@
 Residuals are measured less predicted pixels, minimised robustly by `least_squares`; the camera is
 common to all views, the pose is each view's own. No guess is needed: for several focal lengths of
 an equidistant camera the poses follow linearly from the rays (`planar_pose`), the best one grows into
-the full model. A Brown-Conrady camera begins with the fisheye's focal length and centre; between the two
-decide views that were held out.
+the full model. A Brown-Conrady camera begins where the fisheye ends; between the two decide views that were
+held out.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from endolab.calibration.geometric.reprojection import (
 )
 from endolab.calibration.least_squares import fit
 from endolab.calibration.targets import Target
-from endolab.model.cameras import BrownConrady, KannalaBrandt
+from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
@@ -40,11 +40,13 @@ from endolab.numerics.iteration import Status
 LEAST_VIEWS = 3
 VIEWS_NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
 LENSES = ("auto", "fisheye", "brown")
-# rad off the axis: a lens that was seen farther out is a fisheye.
+# rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
 WIDEST_BROWN = 1.2
 # Another lens than the fisheye has to predict views held out better by this share: six views of
 # `chessboard_storz` gain 2 %, and its published focal length is nearer to the fisheye's.
 LEAST_GAIN = 0.05
+# A Brown-Conrady lens is not tried if it is farther off from a fisheye, in root mean square errors of that.
+FARTHEST_BROWN = 3.0
 HOLD_OUT = 6  # parts of the views, of which each is held out once
 
 
@@ -122,7 +124,7 @@ def calibrate_camera(
         Of the pictures, px.
     lens : {"fisheye", "brown", "auto"}
         `KannalaBrandt`, `BrownConrady`, or what predicts views that were held out
-        best; a fisheye where they go beyond 69° off the axis.
+        best; a fisheye where they go beyond 69° off the axis, or the other is far from what it sees.
     start : KannalaBrandt or BrownConrady, optional
         A camera near the truth, whose kind is fitted whatever the `lens`. Then one view is enough, and
         what it cannot tell shows in the
@@ -147,14 +149,16 @@ def calibrate_camera(
     _refuse_few(len(views), {})
     fisheye = _calibrate(views, target, _start(views, target, width, height))
     _refuse_untold(fisheye)
-    if lens == "fisheye" or (lens == "auto" and fisheye.max_angle_seen > WIDEST_BROWN):
+    begin, off = _begin_brown(fisheye)
+    is_near = fisheye.max_angle_seen < WIDEST_BROWN and off < FARTHEST_BROWN * fisheye.rmse
+    if lens == "fisheye" or (lens == "auto" and not is_near):
         return _hold_out(fisheye, target)
-    begin = BrownConrady(width, height, *camera_vector(fisheye.camera)[:4].tolist())
     brown = _calibrate(views, target, begin)
+    _refuse_untold(brown)
+    brown = _hold_out(brown, target)
     if lens == "brown":
-        _refuse_untold(brown)
-        return _hold_out(brown, target)
-    fisheye, brown = (_hold_out(one, target) for one in (fisheye, brown))
+        return brown
+    fisheye = _hold_out(fisheye, target)
     errors = fisheye.held_out | brown.held_out
     ratio = errors["brown"] / errors["fisheye"]
     if ratio < 1 - LEAST_GAIN:
@@ -250,6 +254,24 @@ def _calibrate(
         max_angle_seen=float(model.angles(geometry)[fitted.used].max()),
         status=fitted.status,
     )
+
+
+def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
+    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen.
+
+    And how far off it is along a row, rms, px.
+    """
+    camera = fitted.camera
+    vector = camera_vector(camera)
+    theta = np.linspace(0.02, min(fitted.max_angle_seen, WIDEST_BROWN), 100)
+    h = theta + theta[:, None] ** [3, 5, 7, 9] @ vector[4:]
+    r = np.tan(theta)
+    odd = r[:, None] ** [3, 5, 7]
+    k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0]
+    off = vector[0] * (r + odd @ [k1, k2, k3] - h)
+    likest = np.concatenate([vector[:4], [k1, k2, 0, 0, k3, 0, 0, 0]])
+    rms = float(np.sqrt(np.mean(off**2)))
+    return camera_of(likest, camera.width, camera.height), rms
 
 
 def _hold_out(fitted: GeometricFit, target: Target) -> GeometricFit:
