@@ -78,9 +78,13 @@ def names(name: str, limits: Ends, unit: str = "") -> rr.AnnotationContext:
 
 
 def all_names() -> Painted:
-    """Names and colours of all classes but those of distances, by what they are of."""
+    """Names and colours of all classes but those of distances, by what they are of.
+
+    Not told once above all: Rerun then drew a second run's frame white.
+    """
     named = {entity: names(name, ENDS[name]) for entity, name in DIFFERENCES.items()}
-    return {"": rr.AnnotationContext(FIXED), **named}
+    fixed = dict.fromkeys(("found", "dominant_source"), rr.AnnotationContext(FIXED))
+    return fixed | named
 
 
 def class_map(codes: NDArray) -> rr.SegmentationImage:
