@@ -21,6 +21,7 @@ import traitlets as t
 from numpy.typing import NDArray
 
 from endolab.frames.frame import Frame
+from endolab.frames.nominal import nominal_calibration
 from endolab.io import datasets
 from endolab.io.atomic import read_bytes, stage_folder, write_atomically
 from endolab.io.descriptions import write_calibration
@@ -92,7 +93,8 @@ def tune(
     frame : Frame, optional
         To look at; without one, a scene is rendered.
     calibration : Calibration, optional
-        Of the frame; scenes are rendered by it. The paper's endoscope by default.
+        Of the frame; scenes are rendered by it. By default a nominal fisheye, as in the app, and without a
+        frame the paper's endoscope.
     truth : (H, W) float array, optional
         True distance of the frame, mm; nan where unknown.
     scene : {"plane", "curved", "tube", "colon"}
@@ -115,7 +117,9 @@ def tune(
         raise unknown_name("scene", scene, SCENES)
     check_int("width", width, 1)
     truth = None if truth is None else np.asarray(truth)
-    calibration = calibration or datasets.load_calibration("paper")
+    if calibration is None:
+        paper = datasets.load_calibration("paper")
+        calibration = paper if frame is None else nominal_calibration(frame)
     return TunerBox(frame, calibration, truth, scene, width)
 
 

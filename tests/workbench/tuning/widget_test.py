@@ -1,5 +1,6 @@
 """The tuner's widget without a page: what is sent, kept and written."""
 
+import contextlib
 import json
 import runpy
 from dataclasses import replace
@@ -204,6 +205,14 @@ def test_the_field_of_view_of_a_nominal_camera_turns_and_no_others(tune, seen):
     np.testing.assert_allclose(angles[1], angles[0] * 100 / 140, atol=1e-6)
     known, _ = tune()
     assert "fov" not in [spec["name"] for spec in known.facts["specs"]]
+
+
+def test_a_frame_that_nobody_calibrated_is_of_a_nominal_endoscope(seen):
+    """Whatever its shape, as in the app."""
+    frame = el.Frame(seen[0].image[:60], seen[0].mask[:60])
+    with contextlib.closing(el.tune(frame, width=64)) as box:
+        box.engine.wait(60)
+        assert "camera" in box.answer.result.report.nominal
 
 
 def test_controls_offer_what_settings_take():
