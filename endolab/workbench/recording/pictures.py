@@ -82,9 +82,9 @@ def all_names() -> Painted:
 
     Not told once above all: Rerun then drew a second run's frame white.
     """
+    fixed = rr.AnnotationContext(FIXED)
     named = {entity: names(name, ENDS[name]) for entity, name in DIFFERENCES.items()}
-    fixed = dict.fromkeys(("found", "dominant_source"), rr.AnnotationContext(FIXED))
-    return fixed | named
+    return {"found": fixed, "dominant_source": fixed, **named}
 
 
 def class_map(codes: NDArray) -> rr.SegmentationImage:
