@@ -141,7 +141,8 @@ class Settings:
 
     def as_dict(self) -> dict[str, Any]:
         """All that a file can hold, by name."""
-        return {name: getattr(self, name) for name in option_types()}
+        names = (part.name for part in fields(Settings))
+        return {name: getattr(self, name) for name in names if name not in UNWRITTEN}
 
 
 def option_types() -> dict[str, Any]:

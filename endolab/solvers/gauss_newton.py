@@ -397,15 +397,14 @@ class Look:
     """Follow a surface on few pixels while its energy changes, for a picture that follows a hand.
 
     v(λ) is about v(λ₀) + P (c(λ) - c(λ₀)), where c is what half as many rows and columns make of the same
-    picture, and P leads from there to all pixels: what λ changes is smooth, and what is fine stays.
+    picture, and P leads from there to all pixels: what λ changes is smooth, and what is fine stays. The
+    energy that is told is that of c.
     """
 
     def __init__(self, surface: Iterate) -> None:
         problem = surface.problem
         self._set_grids(problem)
-        v = pad_maps(np.where(problem.mask, surface.log_distance, 0.0))
-        if self._coarse is not self._fine:
-            v = self._fine.restrict(v)
+        v = self._fine.restrict(pad_maps(np.where(problem.mask, surface.log_distance, 0.0)))
         begun = evaluate(self._coarse, self._coarse.below_ceiling(v), problem.lam)
         steps = descend(self._coarse, begun, problem.lam, self._memory)
         self._v = settle(steps, DESCENT.look_tolerance).v
@@ -419,25 +418,28 @@ class Look:
         self._start = self._v
 
     def _set_grids(self, problem: Problem) -> None:
-        self._problem = problem
-        grids = _coarsen(Grid.of(problem), 1)
-        self._fine = grids[0]
-        self._coarse = grids[-1]
+        self._fine = Grid.of(problem)
+        self._coarse = self._fine.coarser
         self._memory = Memory()
 
     def follow(self, problem: Problem) -> Iterate:
         """Step towards the surface of the same picture with another energy, and return it at full size."""
-        names = ("xi", "regulariser", "epsilon", "threshold", "photometry", "camera")
-        if any(getattr(problem, name) != getattr(self._problem, name) for name in names):
+        before = self._coarse.problem
+        if any(
+            getattr(problem, name) != getattr(before, name)
+            for name in ("xi", "regulariser", "camera")
+        ):
             self._set_grids(problem)
-            self._v = self._coarse.below_ceiling(self._v)
-        now = evaluate(self._coarse, self._v, problem.lam)
+        elif any(
+            getattr(problem, name) != getattr(before, name)
+            for name in ("epsilon", "threshold", "photometry")
+        ):
+            self._coarse = self._fine.coarser_under(problem)
+        now = evaluate(self._coarse, self._coarse.below_ceiling(self._v), problem.lam)
         steps = descend(
             self._coarse, now, problem.lam, self._memory, DESCENT.look_inner_steps
         )
-        self._v = next(steps).v
-        change = self._v - self._start
-        if self._coarse is not self._fine:
-            change = self._fine.interpolate(change)
-        v = self._fine_start + change
-        return Iterate.of(problem, inner(v), terms=self._fine.terms(v, problem.lam))
+        found = next(steps)
+        self._v = found.v
+        v = self._fine_start + self._fine.interpolate(self._v - self._start)
+        return Iterate.of(problem, inner(v), terms=found.terms)

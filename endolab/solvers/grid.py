@@ -23,7 +23,7 @@ which is right to the second order to the very rim and never reaches over a cut.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -96,10 +96,6 @@ class Grid(Structure):
     def of(cls, problem: Problem, inflow: FloatArray | None = None) -> Grid:
         """Grid of a problem's own pixels."""
         mask = problem.mask
-        field = problem.field
-        cos_alpha = np.where(mask, field.cos_alpha, 1.0)
-        light = problem.photometry
-        facing = light.brightness(0.0, 0.0, light.attenuation(cos_alpha))
         uncut_links = pad_maps(links(mask).astype(np.int8))
         is_cut = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
@@ -107,24 +103,27 @@ class Grid(Structure):
             pad_maps(links(mask, problem.cuts).astype(np.int8)) if is_cut else uncut_links,
             uncut_links,
             REGULARISERS.index(problem.regulariser),
-            problem,
-            pad_maps(np.where(mask, problem.image, 0.0)),
-            pad_maps(np.log(facing)),
-            pad_maps(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
-            pad_maps(
-                (1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape))
-                / problem.xi_median
+            image=pad_maps(np.where(mask, problem.image, 0.0)),
+            metric=pad_maps(
+                np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0)
             ),
-            pad_maps(problem.edge_weight),
-            np.empty((0, 0), np.int8)
+            edge=pad_maps(problem.edge_weight),
+            evidence=np.empty((0, 0), np.int8)
             if problem.evidence is None
             else pad_maps(problem.evidence),
-            np.full(mask.shape, np.nan)
+            inflow=np.full(mask.shape, np.nan)
             if inflow is None
             else np.where(mask, inflow, np.nan),
-            problem.derivative_scale,
-            *shading_table(light),
+            scale=problem.derivative_scale,
+            **_light_of(problem),
         )
+
+    def coarser_under(self, problem: Problem) -> Grid:
+        """The coarser grid for a problem that differs by its light and penalties alone."""
+        maps = _light_of(problem)
+        for name in ("log_scale", "factor"):
+            maps[name] = self.restrict(maps[name])
+        return replace(self.coarser, **maps)
 
     def coarser_maps(self) -> dict[str, Any]:
         """Those of half the rows and columns."""
@@ -355,6 +354,23 @@ class Grid(Structure):
     def free(self) -> ByteArray:
         """Pixels that are unknown, int8."""
         return self.active * pad_maps(np.isnan(self.inflow).astype(np.int8))
+
+
+def _light_of(problem: Problem) -> dict[str, Any]:
+    """What of a problem's grid follows from its light."""
+    mask = problem.mask
+    cos_alpha = np.where(mask, problem.field.cos_alpha, 1.0)
+    light = problem.photometry
+    facing = light.brightness(0.0, 0.0, light.attenuation(cos_alpha))
+    xi = 1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)
+    table, step = shading_table(light)
+    return {
+        "problem": problem,
+        "log_scale": pad_maps(np.log(facing)),
+        "factor": pad_maps(xi / problem.xi_median),
+        "table": table,
+        "step": step,
+    }
 
 
 def _block_means(a: FloatArray, inside: ByteArray) -> FloatArray:

@@ -7,10 +7,11 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
+from endolab.numerics.compiled import pad_maps
 from endolab.numerics.threads import limit_threads
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.gauss_newton import Look, gauss_newton
-from endolab.solvers.grid import CEILING
+from endolab.solvers.grid import CEILING, Grid
 from endolab.solvers.problem import Problem
 from tests.tools.cuts import between
 from tests.tools.problems import (
@@ -197,6 +198,16 @@ def test_a_look_goes_a_good_part_of_the_way_to_another_energy(lam):
         seen = look.follow(other).log_distance
     before, left = (np.nanmean(np.abs(v - there)) for v in (start.log_distance, seen))
     assert left < 0.7 * before
+
+
+def test_a_look_sees_another_light_as_a_new_problem_would():
+    problem, _ = problem_of("colon", 96, noise=1, bits=8)
+    light = replace(problem.photometry, k=1.5, gamma=1.9, gain=2.0)
+    other = replace(problem, photometry=light, threshold=0.02)
+    lit = Grid.of(problem).coarser_under(other)
+    anew = Grid.of(other).coarser
+    v = pad_maps(np.where(anew.mask, anew.log_d0, 0.0))
+    assert lit.terms(v, 1.0) == pytest.approx(anew.terms(v, 1.0), rel=1e-12)
 
 
 def test_slow_falls_are_not_taken_for_the_end():

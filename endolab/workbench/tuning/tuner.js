@@ -326,7 +326,7 @@ function render({ model, el }) {
     size_of_box.textContent = said_of(box, now.still.unit);
   };
   const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy, "3D": draw_surface };
-  const MADE_OF = { frame: "picture", section: "distance", "3D": "distance", "λ curve": "curve", error: "distance", [COMPARED]: "distance" };
+  const MADE_OF = { frame: "picture", section: "distance", "λ curve": "curve", error: "distance", [COMPARED]: "distance" };
   // All panels, or those that show what is new.
   const draw = (news) => {
     if (!now.still) return;
@@ -454,10 +454,12 @@ function render({ model, el }) {
     }
     if (message.maps) came = performance.now();
     const arrays = (message.names ?? []).map(([name]) => name);
-    draw(message.still ? undefined : new Set([...arrays, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
+    const is_still = message.maps && !now.moving ? ["3D"] : [];
+    draw(message.still ? undefined : new Set([...arrays, ...is_still, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
     if (message.maps) requestAnimationFrame(() => setTimeout(() => {
       send("painted");
       root.dispatchEvent(new CustomEvent("painted", { detail: now }));
+      if (now.moving) draw(new Set(["3D"])); // while the next picture is solved
     }, 0));
   };
 
