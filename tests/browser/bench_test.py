@@ -14,6 +14,8 @@ SETTINGS = [
     {"k": 1, "m": 1.5, "gamma": 2.2, "lamp": 0, "tilt": 20, "depth": 60},
     {"k": 0, "m": 2, "gamma": 1, "lamp": 6, "tilt": -40, "depth": 25},
     {"k": 3, "m": 0, "gamma": 2.8, "lamp": -4, "tilt": 0, "depth": 120},
+    {"k": 2, "m": 3, "gamma": 1.4, "lamp": 2, "tilt": 60, "depth": 40},
+    {"k": 0, "m": 0, "gamma": 2, "lamp": 0, "tilt": -10, "depth": 15},
 ]
 TURN = """knobs => Object.entries(knobs).forEach(([name, value]) => {
   const slider = document.querySelector(`input[name=${name}]`);
