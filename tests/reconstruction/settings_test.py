@@ -8,7 +8,7 @@ import endolab as el
 from endolab.cli.main import main
 from endolab.io.settings import SolvingSettings, read_settings, write_settings
 from endolab.reconstruction.settings import Settings, option_types
-from endolab.workbench.tuning.controls import knob_specs
+from endolab.workbench.tuning.widget import KNOBS
 
 EVERY = {
     "solver": "primal_dual",
@@ -38,7 +38,7 @@ def test_an_option_is_one_field_that_is_seen_everywhere(name, capsys):
     assert f"\n{name} : " in el.reconstruct.__doc__
     assert main(["reconstruct", "--help"]) == 0
     assert f"--{name.replace('_', '-')}" in capsys.readouterr().out
-    assert name in {spec["name"] for spec in knob_specs()} | {"known_diameter"}
+    assert name in {spec["name"] for spec in KNOBS} | {"known_diameter"}
     assert name in EVERY | LENGTHS
 
 

@@ -8,6 +8,7 @@ page says that it has painted the last. `TunerBox.answer` is what is shown, writ
 from __future__ import annotations
 
 import base64
+import json
 import re
 import threading
 from collections.abc import Callable, Iterable, Sequence
@@ -37,13 +38,16 @@ from endolab.reconstruction.uncertainty import uncertainty_of
 from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.plots.scales import MAPS, palette
-from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import Answer, AnswerKind, Engine, shown_as, solve
 from endolab.workbench.tuning.maps import PANELS, as_buffers, map_of, rgba, still_of
 from endolab.workbench.tuning.player import write_page
 from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.surface_view import page_script
 
+# The page's controls, in order: how they are labelled, what they offer and how far they reach.
+KNOBS: list[dict[str, Any]] = json.loads(
+    Path(__file__).with_name("knobs.json").read_text(encoding="utf-8")
+)
 WIDTHS = (160, 320, 480, 640)  # px, to choose among
 # Options beside the defaults, by what the page calls them.
 PRESETS: dict[str, dict[str, Any]] = {
@@ -166,7 +170,7 @@ class TunerBox(anywidget.AnyWidget):
         camera = calibration.evidence.get("camera", {})
         if camera.get("nominal"):
             known["fov"] = {"first": camera["fov"]}
-        specs = [spec for spec in knob_specs() if spec["name"] != "fov" or "fov" in known]
+        specs = [spec for spec in KNOBS if spec["name"] != "fov" or "fov" in known]
         options = {part.name: getattr(self.knobs, part.name) for part in fields(Settings)}
         del options["width"]
         super().__init__(

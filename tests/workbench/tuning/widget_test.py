@@ -14,9 +14,8 @@ from endolab.cli import main as cli
 from endolab.io.images import write_image
 from endolab.io.surfaces import read_depth
 from endolab.reconstruction.settings import option_types
-from endolab.workbench.tuning.controls import knob_specs
 from endolab.workbench.tuning.engine import AnswerKind
-from endolab.workbench.tuning.widget import TunerBox
+from endolab.workbench.tuning.widget import KNOBS, TunerBox
 
 GREEN = {"channel": "green", "contours": False}
 
@@ -216,7 +215,7 @@ def test_a_frame_that_nobody_calibrated_is_of_a_nominal_endoscope(seen):
 
 
 def test_controls_offer_what_settings_take():
-    for spec in knob_specs():
+    for spec in KNOBS:
         kind = option_types().get(spec["name"])
         parts = [one for part in (kind, *get_args(kind)) for one in get_args(part)]
         offered = [
