@@ -6,14 +6,11 @@ import io
 import itertools
 import json
 from collections.abc import Callable, Iterable, Mapping
-from html import escape
 from typing import Any
 
-import numpy as np
 from IPython.display import HTML
 from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from PIL import Image
 
 SLIDER = """<label style="flex: 1; display: flex; gap: 6px">{name}
 <input type="range" max="{last}" value="{first}" style="flex: 1">
@@ -88,11 +85,11 @@ def film(
         figure.set_layout_engine("none")
         for ax, place in zip(figure.axes, places, strict=True):
             ax.set_position(place)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()  # once; `savefig` draws twice
         stream = io.BytesIO()
-        shown = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-        shown.save(stream, format="webp", quality=80, method=0)
+        quick: Any = {"quality": 80, "method": 0}
+        FigureCanvasAgg(figure).print_webp(
+            stream, pil_kwargs=quick
+        )  # `savefig` draws twice
         pyplot.close(figure)
         pictures.append(base64.b64encode(stream.getvalue()).decode())
     usual = inspect.signature(draw).parameters
@@ -100,7 +97,7 @@ def film(
     for name, slider in sliders.items():
         values = list(slider.values())
         first = values.index(usual[name].default) if usual[name].default in values else 0
-        parts.append(SLIDER.format(name=escape(name), last=len(values) - 1, first=first))
+        parts.append(SLIDER.format(name=name, last=len(values) - 1, first=first))
     labels = json.dumps([list(slider) for slider in sliders.values()])
     return HTML(
         PAGE.format(

@@ -6,15 +6,14 @@ which is shown in neutral grey; where little is known, maps end around it. ``uni
 distances. Colours are safe for colour-blind readers, and axes carry units (`style`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from warnings import catch_warnings
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from endolab.frames.prepare import Prepared
@@ -22,15 +21,11 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.report import meaning, warnings
+from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots import scales
-from endolab.workbench.plots.scales import (
-    MAPS,
-    OKABE_ITO,
-    SOURCE_COLOURS,
-    in_colour,
-)
+from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour, truth_for
 from endolab.workbench.plots.style import (
     HOUSE,
     ROUND,
@@ -44,10 +39,6 @@ from endolab.workbench.plots.style import (
     show_values,
 )
 from endolab.workbench.plots.surface_view import show_cloud
-
-if TYPE_CHECKING:
-    from endolab.reconstruction.uncertainty import Uncertainty
-
 
 Surface = FloatArray | Iterate | Result  # distances, or who knows where they are cut, too
 
@@ -94,7 +85,7 @@ def show_depth(
     """
     distance, cuts = _distance_and_cuts(surface)
     limits = limits or scales.limits("distance", distance)
-    label = MAPS["distance"].label(unit)
+    label = f"distance [{unit}]"
     ax = show_values("distance", distance, ax, title, label, limits)
     if surface is distance:
         cuts = depth_cuts(distance)
@@ -271,13 +262,10 @@ def overview(
     iterate = result.iterate
     problem = result.problem
     unit = problem.unit
-    distance = result.distance
     start = np.exp(np.where(problem.mask, problem.log_d0, np.nan))
     curves: dict[str, Surface] = {"start": start, "estimate": result}
     if truth is not None:
-        known = np.where(problem.mask, truth, np.nan)
-        scale = 1 if problem.metric else np.nanmedian(distance / known)
-        curves = {"truth": scale * known, **curves}
+        curves = {"truth": truth_for(result, truth), **curves}
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
     words = [
         result.status.name.lower().replace("_", " "),
@@ -300,7 +288,7 @@ def overview(
         section.legend(loc="center left", bbox_to_anchor=(1, 0.5), handlelength=1)
         show_values("model - frame", residual, panels[1, 2])
         if uncertainty is not None:
-            show_sigma(100 * uncertainty.sigma / distance, panels[0, 3])
+            show_sigma(100 * uncertainty.sigma / result.distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
         place: Any = {"va": "top", "ha": "center", "size": "large"}
         figure.text(0.5, 0.98, "  ·  ".join(words), **place)
@@ -320,7 +308,7 @@ def prepare_figure(prepared: Prepared) -> Figure:
     """
     original = prepared.original.image
     inside = prepared.field_of_view
-    masked = np.where(inside[..., None], in_colour(original), np.nan)
+    seen = np.where(inside[..., None], in_colour(original), np.nan)
     ready = prepared.frame
     solved = np.where(ready.mask[..., None], in_colour(ready.image), np.nan)
     tall = min(original.shape[0] / original.shape[1], 2.0)  # that a page stays one
@@ -328,13 +316,12 @@ def prepare_figure(prepared: Prepared) -> Figure:
         panels = figure.subplots(2, 2)
         show_picture(original, panels[0, 0], "Original")
         show_picture(prepared.canonical, panels[0, 1], "Canonical")
-        for name, colour in (("lumen", "blue"), ("highlights", "green")):
+        masks = show_picture(seen, panels[1, 0], "Masks")
+        for name, colour in (("lumen", HOUSE.blue), ("highlights", HOUSE.green)):
             part = getattr(prepared, name)
-            paint = np.array(getattr(OKABE_ITO, colour)) / 255
-            masked[part] = 0.25 * masked[part] + 0.75 * paint
+            masks.imshow(part[..., None] * to_rgba(colour, 0.75), interpolation="nearest")
             label = f"{name}, {100 * part[inside].mean():.2g} %"
-            panels[1, 0].plot([], [], "s", ms=10, color=paint, label=label)
-        show_picture(masked, panels[1, 0], "Masks")
-        legend_below(panels[1, 0])
+            masks.plot([], [], "s", ms=10, color=colour, label=label)
+        legend_below(masks)
         show_picture(solved, panels[1, 1], "Pixels to be solved")
     return figure

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
+from endolab.solvers.result import Iterate, Result
 
 Colour = tuple[int, int, int]  # R, G, B of 255
 
@@ -48,10 +49,6 @@ class Scale:
     palette: str
     kind: Literal["log", "linear", "from 0", "signed"]
 
-    def label(self, unit: str = "mm") -> str:
-        """Of a colour bar: quantity [unit]; `unit` is that of distances."""
-        return f"{self.title.lower()} [{self.unit or unit}]"
-
 
 MAPS = {
     "distance": Scale("Distance", None, "viridis", "log"),
@@ -64,9 +61,6 @@ MAPS = {
     "σ of μ′": Scale("σ of the fall-off μ′", "%", "viridis", "from 0"),
     "any": Scale("", "1", "viridis", "linear"),
 }
-# Where a recording's colours end: of model - frame in grey levels of 255, of errors in %.
-LARGEST_RESIDUAL = 10.0
-LARGEST_ERROR = 20.0
 
 
 def limits(name: str, *maps: FloatArray) -> tuple[float, float]:
@@ -87,6 +81,16 @@ def limits(name: str, *maps: FloatArray) -> tuple[float, float]:
     return low, max(high, low + 0.01 * abs(low))
 
 
+def truth_for(surface: Iterate | Result, truth: FloatArray) -> FloatArray:
+    """The truth on a surface's grid, in its unit; nan where either is unknown."""
+    from endolab.metrics.depth_errors import resample_truth  # takes half a second
+
+    same = resample_truth(truth, surface.mask.shape)
+    same[~surface.mask | (same <= 0)] = np.nan
+    metric = surface.problem.metric
+    return same if metric else same * np.nanmedian(surface.distance / same)
+
+
 def palette(name: str) -> NDArray[np.uint8]:
     """Colours of one of `MAPS`, from its lower limit to its upper one: (256, 4), R, G, B, A."""
     from matplotlib import colormaps
@@ -97,13 +101,6 @@ def palette(name: str) -> NDArray[np.uint8]:
 def in_colour(picture: FloatArray) -> FloatArray:
     """Give a picture, (h, w) or (h, w, 3), three channels."""
     return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
-
-
-def round_length(length: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten."""
-    power = 10 ** np.floor(np.log10(length))
-    round_ones = power * np.array([1, 2, 5])
-    return float(round_ones[round_ones <= length * (1 + 1e-9)].max())
 
 
 def three_digits(value: float) -> str:

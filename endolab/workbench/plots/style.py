@@ -7,10 +7,11 @@ page. Axes that a caller gives get white paper, too.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
@@ -29,35 +30,28 @@ from endolab.workbench.plots.scales import COLOURS, MAPS
 HOUSE = SimpleNamespace(left_out=(0.72, 0.72, 0.72), **COLOURS)
 # Of curves that are neither start nor estimate.
 HOUSE.curve_colours = (HOUSE.green, HOUSE.purple, HOUSE.orange, HOUSE.blue)
-STYLE: Any = {
-    "figure.facecolor": "white",
-    "axes.facecolor": "white",
-    "axes.edgecolor": "black",
-    "axes.labelcolor": "black",
-    "text.color": "black",
-    "xtick.color": "black",
-    "ytick.color": "black",
-    "font.size": 12,  # at 100 dots per inch 17 px, and 8 at half size
-    "axes.titleweight": "bold",
-    "axes.prop_cycle": cycler(
-        color=[HOUSE.blue, HOUSE.vermilion, *HOUSE.curve_colours[:3], HOUSE.sky]
-    ),
-    "legend.frameon": False,
-    "grid.alpha": 0.3,
-    "grid.color": "0.5",
-    "lines.linewidth": 1.8,
-}
+STYLE: Any = [
+    "default",  # black on white, whatever the style around it
+    {
+        "font.size": 12,  # at 100 dots per inch 17 px, and 8 at half size
+        "axes.titleweight": "bold",
+        "axes.prop_cycle": cycler(
+            color=[HOUSE.blue, HOUSE.vermilion, *HOUSE.curve_colours[:3], HOUSE.sky]
+        ),
+        "legend.frameon": False,
+        "grid.alpha": 0.3,
+        "grid.color": "0.5",
+        "lines.linewidth": 1.8,
+    },
+]
+# Draw in the house style: a context, and a decorator, ``@house()``.
+house = partial(matplotlib.style.context, STYLE)
+# Give the house style to all that pyplot draws from now on.
+use = partial(matplotlib.style.use, STYLE)
 
 # Round distances: ticks of their colour bars, and lines on their maps.
 ROUND = LogLocator(subs=(1, 2, 3, 5, 7))
 AxesOrNew = Axes | None  # none: those of a new figure
-
-
-@contextmanager
-def house() -> Iterator[None]:
-    """Draw in the house style; also a decorator, ``@house()``."""
-    with matplotlib.rc_context(STYLE):
-        yield
 
 
 @contextmanager
@@ -72,11 +66,6 @@ def page(width: float, height: float, lines: int = 0) -> Iterator[Figure]:
         yield Figure(size, dpi=100 * 13 / 12, layout=ConstrainedLayoutEngine(rect=room))
 
 
-def use() -> None:
-    """Give the house style to all that pyplot draws from now on."""
-    matplotlib.rcParams.update(STYLE)
-
-
 def decorate(ax: AxesOrNew, title: str, x: str, y: str, grid: bool = True) -> Axes:
     """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit].
 
@@ -86,8 +75,7 @@ def decorate(ax: AxesOrNew, title: str, x: str, y: str, grid: bool = True) -> Ax
         from matplotlib import pyplot  # of which pages have no need
 
         ax = pyplot.subplots(layout="constrained")[1]
-    ax.set_facecolor("white")
-    ax.set_title(title)
+    ax.set(facecolor="white", title=title)
     ax.set_xlabel(x, size="medium")
     ax.set_ylabel(y, size="medium")
     ax.tick_params(which="both", labelsize="medium")
@@ -109,8 +97,8 @@ def show_values(
     name: str,
     values: FloatArray,
     ax: AxesOrNew,
-    title: str | None = None,
-    label: str | None = None,
+    title: str = "",
+    label: str = "",
     limits: tuple[float, float] | None = None,
     **look: Any,
 ) -> Axes:
@@ -118,11 +106,12 @@ def show_values(
     scale = MAPS[name]
     low, high = limits or scales.limits(name, values)
     norm = (LogNorm if scale.kind == "log" else Normalize)(low, high)
-    title = scale.title if title is None else title
-    ax = show_pixels(values, ax, title, cmap=scale.palette, norm=norm, **look)
+    look |= {"cmap": scale.palette, "norm": norm}
+    ax = show_pixels(values, ax, title or scale.title, **look)
     crop(ax, np.isfinite(values))
     ends = "max" if scale.kind == "from 0" else "both"
-    colour_bar(ax, ax.images[-1], label or scale.label(), ends)
+    label = label or f"{scale.title.lower()} [{scale.unit}]"
+    colour_bar(ax, ax.images[-1], label, ends)
     return ax
 
 
@@ -130,8 +119,8 @@ def crop(ax: Axes, known: BoolArray) -> None:
     """Show the part of a map, (H, W), that is known; axes stay in px."""
     rows, columns = np.nonzero(known)
     if rows.size:
-        ax.set_xlim(columns.min() - 0.5, columns.max() + 0.5)
-        ax.set_ylim(rows.max() + 0.5, rows.min() - 0.5)
+        left, right = columns.min() - 0.5, columns.max() + 0.5
+        ax.axis((left, right, rows.max() + 0.5, rows.min() - 0.5))
 
 
 def colour_bar(
@@ -147,8 +136,6 @@ def colour_bar(
     return bar
 
 
-def legend_below(ax: Axes, **what: Any) -> None:
+def legend_below(ax: Axes) -> None:
     """Put the legend below the axes and their label, where it hides nothing of a picture."""
-    ax.legend(
-        loc="upper center", bbox_to_anchor=(0.5, 0), borderaxespad=3.6, ncols=3, **what
-    )
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0), borderaxespad=3.6, ncols=3)

@@ -28,8 +28,6 @@ def show_cloud(
     ax: AxesOrNew = None,
     *,
     unit: str = "mm",
-    title: str = "Surface from the side",
-    lift: bool = True,
 ) -> Axes:
     """Show a surface from beside the camera, in its picture's colours and with relief.
 
@@ -38,15 +36,14 @@ def show_cloud(
     points : (H, W, 3) float array
         Surface points in the camera frame, in `unit`; nan where unknown.
     colours : (H, W, 3) or (H, W) float array, in [0, 1]
-    unit, title : str
-    lift : bool
-        Make the dark of a frame brighter; not for a map whose colours have a meaning.
+    unit : str
 
     Notes
     -----
     A parallel projection. What the viewer would see from behind is not drawn, so that a tube
     lies open, and neither are jumps in depth nor what the camera sees edge-on, see `make_mesh`.
     """
+    title = "Surface from the side"
     ax = decorate(ax, title, f"to the right [{unit}]", f"down [{unit}]", grid=False)
     ax.plot(0, 0, "o", color="white", label="camera")
     ax.legend(loc="upper right", labelcolor="white")
@@ -65,8 +62,7 @@ def show_cloud(
     order = np.argsort(-shown[:, 0, 2])  # the farthest first
     lengths = np.linalg.norm(normals[seen], axis=1, keepdims=True)
     light = 0.4 + 0.6 * (normals[seen] / lengths @ TO_LAMP).clip(0)
-    faces = mesh.colours[mesh.triangles[seen, 0]]
-    faces = (brighten(faces) if lift else faces) * light[:, None]
+    faces = brighten(mesh.colours[mesh.triangles[seen, 0]]) * light[:, None]
     # An array: Matplotlib takes several times as long over a list.
     flat: Any = shown[order, :, :2]
     drawn = PolyCollection(flat, facecolors=faces[order], edgecolors="face")

@@ -11,7 +11,6 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from endolab.metrics.depth_errors import resample_truth
 from endolab.numerics.arrays import FloatArray
 from endolab.solvers.energy import model_image
 from endolab.solvers.problem import Problem
@@ -24,6 +23,7 @@ from endolab.workbench.plots.scales import (
     in_colour,
     palette,
     three_digits,
+    truth_for,
 )
 from endolab.workbench.recording.stream import Painted
 
@@ -150,7 +150,7 @@ def paint(iterate: Iterate, truth: FloatArray | None, step: int) -> Painted:
 
 def paint_truth(last: Iterate, truth: FloatArray, step: int) -> Painted:
     """Show the truth in space and in the section, in the unit of a stage's last iterate."""
-    points = _truth_for(last, truth)[..., None] * last.problem.field.rays
+    points = truth_for(last, truth)[..., None] * last.problem.field.rays
     cloud = _finite(points[:: 2 * step, :: 2 * step])
     return {
         "world/truth": rr.Points3D(cloud, colors=TRUTH_COLOUR, radii=THIN),
@@ -160,15 +160,7 @@ def paint_truth(last: Iterate, truth: FloatArray, step: int) -> Painted:
 
 def error_percent(iterate: Iterate, truth: FloatArray) -> FloatArray:
     """How far an iterate is from the truth, %, (H, W); after scaling by the median if it has no unit."""
-    return 100 * (iterate.distance / _truth_for(iterate, truth) - 1)
-
-
-def _truth_for(iterate: Iterate, truth: FloatArray) -> FloatArray:
-    """The truth on an iterate's grid, in its unit; nan where either is unknown."""
-    same = resample_truth(truth, iterate.mask.shape)
-    same[~iterate.mask | (same <= 0)] = np.nan
-    scale = 1.0 if iterate.problem.metric else np.nanmedian(iterate.distance / same)
-    return same * scale
+    return 100 * (iterate.distance / truth_for(iterate, truth) - 1)
 
 
 def looks_along(distance: FloatArray) -> rr.Arrows3D:

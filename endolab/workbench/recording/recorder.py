@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 import rerun as rr
@@ -14,6 +14,7 @@ from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
+from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import OKABE_ITO, limits
 from endolab.workbench.recording.layouts import ITERATIONS, Shown, layout
@@ -35,9 +36,6 @@ from endolab.workbench.recording.stream import Painted, Sink, scalars
 
 # Stages that search, whether there is anything or not, and the colours of their curves.
 SEARCHES = {"bounced light": OKABE_ITO.sky, "contours": OKABE_ITO.orange}
-
-if TYPE_CHECKING:
-    from endolab.reconstruction.uncertainty import Uncertainty
 
 
 def record(

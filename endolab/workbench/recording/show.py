@@ -4,20 +4,15 @@ The viewer in the notebook is a web page that needs WebGL. Its program is served
 so it needs no network.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
 import sys
-from typing import TYPE_CHECKING
 
 from endolab.io.atomic import PathLike
 from endolab.numerics.checks import check_int
 from endolab.workbench.recording.reader import read_recording
-
-if TYPE_CHECKING:
-    from endolab.workbench.recording.recorder import Recorder
+from endolab.workbench.recording.recorder import Recorder
 
 
 def front_end() -> bool:
@@ -44,9 +39,8 @@ def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
     FileNotFoundError, ValueError
         In one sentence, if there is no such recording or it cannot be read.
     """
-    path = recording if isinstance(recording, str | os.PathLike) else recording.path
     check_int("height", height, 100)
-    kept = read_recording(path)
+    kept = read_recording(recording.path if isinstance(recording, Recorder) else recording)
     if not front_end():
         print(f"`rerun {kept.path.name}` opens the recording.")
         return

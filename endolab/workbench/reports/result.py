@@ -1,12 +1,11 @@
 """A result as a folder of files."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from endolab.frames.prepare import Prepared
 from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_mesh
@@ -16,13 +15,10 @@ from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.scale import scale_of
+from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import Result
 from endolab.workbench.plots.maps import overview, prepare_figure
 from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour
-
-if TYPE_CHECKING:
-    from endolab.frames.prepare import Prepared
-    from endolab.reconstruction.uncertainty import Uncertainty
 
 
 def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from endolab.calibration import summary
 from endolab.calibration.photometric.result import AngleErrors
 from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty
 from endolab.workbench.plots import calibration as plots
-from endolab.workbench.plots import light as light_plots
 from tests.tools.simulated_session import simulated
 
 
@@ -46,7 +45,7 @@ def test_gains_stand_beside_the_distance_and_what_is_unknown_is_left_out(session
     distance = summary.mean_distances(session.samples, session.light.frames)
     unknown = np.where(np.arange(20) == 5, np.inf, session.light.gain_errors)
     light = replace(session.light, gain_errors=unknown)
-    ax = light_plots.show_gains(light, distance=distance)
+    ax = plots.show_gains(light, distance=distance)
     assert np.isnan(ax.lines[0].get_ydata()[5])
     assert np.array_equal(ax.figure.axes[1].lines[0].get_ydata(), distance)
 
@@ -55,9 +54,7 @@ def test_of_a_few_samples_no_score_is_shown():
     error = np.array([0.001, -0.001, -0.002])
     spread = np.array([0.001, 0.001, 0.5])
     edges = np.deg2rad([0, 10, 20, 30])
-    ax = light_plots.show_scores(
-        AngleErrors(edges, error, spread, np.array([30, 30, 1]))
-    )
+    ax = plots.show_scores(AngleErrors(edges, error, spread, np.array([30, 30, 1])))
     shown = ax.lines[1].get_ydata()
     assert np.allclose(shown, [0.1, -0.1, np.nan], equal_nan=True)
     assert ax.get_ylim()[1] < 5

@@ -10,7 +10,6 @@ from matplotlib.text import Text
 import endolab as el
 from endolab import plots
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.workbench.plots import calibration
 from tests.tools.simulated_session import refused, simulated
 
 PAGES = {"overview": 6, "prepare_figure": 4, "geometry_figure": 4, "light_figure": 6}
@@ -64,8 +63,8 @@ def drawn(colon):
 
 
 def draw(name, given, **ax):
-    label = {"label": "d [mm]"} if name == "show_map" else {}
-    return getattr(plots, name, vars(calibration).get(name))(*given, **label, **ax)
+    needs = {"show_map": {"label": "d [mm]"}, "show_gains": {"distance": np.arange(20)}}
+    return getattr(plots, name)(*given, **needs.get(name, {}), **ax)
 
 
 def check(figure):
