@@ -159,7 +159,7 @@ def reconstruct_video(
     folder.write()
     *_, recording = paths = [folder.path / name for name in VIDEO_FILES]
     if not lacking("rerun") and (len(before) < len(wanted) or not recording.exists()):
-        from endolab.workbench.recording.sequence import record_sequence
+        from endolab.workbench.recording.recorder import record_sequence
 
         shown = (
             (folder.rows[name], as_frame(name, image).image, folder.maps(name))

@@ -1,7 +1,7 @@
 """What a recording shows, as it is logged: maps, a section and clouds of points.
 
 Maps are numbers of classes, of which the viewer is told names and colours: those of `FIXED`, and for each of
-`ENDS` equal steps from one end to the other.
+`ENDS` equal `STEPS` from one end to the other.
 """
 
 from __future__ import annotations
@@ -44,8 +44,7 @@ FIXED = [(k, *one) for k, one in enumerate(NAMED.items())]
 CONTOUR = 4
 LINE = 5  # the sources follow
 FIRST = len(FIXED)  # of the steps
-# Of log distance a step is a hundredth.
-STEPS = {"distance": 1400, "model - frame": 200, "error": 200, "σ": 200}
+STEPS = 1400  # of log distance one is a hundredth
 ENDS: dict[str, Ends] = {
     "distance": (np.log(1e-3), np.log(1e3)),
     "model - frame": (-10.0, 10.0),
@@ -61,19 +60,19 @@ def in_steps(name: str, values: FloatArray) -> NDArray[np.uint16]:
     """Numbers of the classes of a map's values; of nan 0. Of distances they are logarithms."""
     low, high = ENDS[name]
     share = (values.clip(low, high) - low) / (high - low)
-    return np.nan_to_num(FIRST + 0.5 + share * (STEPS[name] - 1)).astype(np.uint16)
+    return np.nan_to_num(FIRST + 0.5 + share * (STEPS - 1)).astype(np.uint16)
 
 
 def names(name: str, limits: Ends, unit: str = "") -> rr.AnnotationContext:
     """Names and colours of the classes of one of `ENDS`, whose colours end at the limits."""
     scale = MAPS[name]
     is_log = scale.kind == "log"
-    places = np.linspace(*ENDS[name], STEPS[name])
+    places = np.linspace(*ENDS[name], STEPS)
     shades = np.interp(places, np.log(limits) if is_log else limits, (0, 255)).astype(int)
     values = np.exp(places) if is_log else places
     words = [f"{three_digits(value)} {scale.unit or unit}" for value in values]
     colours = map(tuple, palette(name)[shades].tolist())
-    numbers = range(FIRST, FIRST + len(words))
+    numbers = range(FIRST, FIRST + STEPS)
     return rr.AnnotationContext([*FIXED, *zip(numbers, words, colours, strict=True)])
 
 

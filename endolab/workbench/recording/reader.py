@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.workbench.recording.layouts import ITERATIONS
 
@@ -54,22 +54,20 @@ def read_recording(path: PathLike) -> Recording:
     if not file.is_file():
         raise FileNotFoundError(f"there is no recording {file}")
     try:
-        chunks = rr.chunk.RrdReader(file).stream().to_chunks()
-        batches = [chunk.to_record_batch() for chunk in chunks]
+        chunks = rr.chunk.RrdReader(file).stream().filter(has_timeline=ITERATIONS)
+        found = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
     except Exception as error:  # of whatever kind Rerun's reader raises
         text = f"{file} is damaged, of another version than Rerun {rr.__version__}, or no recording"
         raise ValueError(text) from error
     rows: Rows = {}
     # As it was logged.
-    for batch in sorted(batches, key=lambda batch: batch.column(0)[0].as_py()):
-        names = batch.schema.names
-        if ITERATIONS in names:
-            at = batch.column(ITERATIONS).to_pylist()
-            entity = batch.schema.metadata[b"rerun:entity_path"].decode()
-            for name in names[names.index("log_time") + 1 :]:
-                column = batch.column(name)
+    for entity, batch in sorted(found, key=lambda one: one[1].column(0)[0].as_py()):
+        at = batch.column(ITERATIONS).to_pylist()
+        for name in batch.schema.names:
+            if ":" in name:
                 of = rows.setdefault(f"{entity}:{name.split(':')[1]}", {})
-                of |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
+                cells = zip(at, batch.column(name), strict=True)
+                of |= {k: cell.values for k, cell in cells if cell.is_valid}
     return Recording(file, rows)
 
 
@@ -79,6 +77,7 @@ class Recording:
 
     path: Path
     rows: Rows
+    start: str = ""  # of one run's entities
 
     def __repr__(self) -> str:
         return f"<Recording {self.path}: {', '.join(map(repr, self.runs)) or 'no run'}>"
@@ -87,23 +86,13 @@ class Recording:
     def runs(self) -> dict[str, Recording]:
         """Runs by name; one that was recorded alone is called ''."""
         starts = [name.removesuffix(DEPTHS) for name in self.rows if name.endswith(DEPTHS)]
-        return {
-            start.strip("/"): Recording(
-                self.path,
-                {
-                    name.removeprefix(start): rows
-                    for name, rows in self.rows.items()
-                    if name.startswith(f"{start}/")
-                },
-            )
-            for start in starts
-        }
+        return {start.strip("/"): replace(self, start=start) for start in starts}
 
     def _of(self, name: str) -> dict[int, Any]:
-        if name not in self.rows:
+        if self.start + name not in self.rows:
             names = list(self.runs)
             raise ValueError(f"{self.path} holds several runs or none: .runs is {names}")
-        return self.rows[name]
+        return self.rows[self.start + name]
 
     def table(self) -> NDArray[np.void]:
         """A row per iterate, (n,): "iteration", energy, its terms, change and the solver's scalars.
@@ -111,10 +100,11 @@ class Recording:
         ``recording.table()["energy"]`` is a column; what was not logged is nan.
         """
         at = list(self._of("/plots/energy:scalars"))
+        start = f"{self.start}/plots/"
         curves = {
-            name.removeprefix("/plots/").removesuffix(":scalars"): rows
+            name.removeprefix(start).removesuffix(":scalars"): rows
             for name, rows in self.rows.items()
-            if name.startswith("/plots/")
+            if name.startswith(start)
         }
         table = np.zeros(len(at), [("iteration", int), *((name, float) for name in curves)])
         table["iteration"] = at
@@ -133,11 +123,6 @@ class Recording:
         last = self.pictured[-1]
         is_metric = self._of("/depth:meter")[last][0].as_py() == 1000
         return "mm" if is_metric else "relative units"
-
-    @property
-    def mask(self) -> BoolArray:
-        """Pixels that took part, (h, w); of the last stage."""
-        return np.isfinite(self.depth())
 
     @property
     def picture(self) -> FloatArray:
@@ -164,6 +149,6 @@ class Recording:
         k = max(rows) if iteration == -1 else iteration
         if k not in rows:
             raise ValueError(f"iteration {k} has no picture; {self.pictured} have")
-        form = self.rows[f"/{entity}:format"][k][0].as_py()
+        form = self._of(f"/{entity}:format")[k][0].as_py()
         content = rows[k].flatten().to_numpy().view(kind)
         return np.asarray(content.reshape(form["height"], form["width"], -1))

@@ -1,23 +1,26 @@
-"""Recordings of a run for the Rerun viewer: every iterate on the timeline "iteration", as it comes.
+"""Recordings for the Rerun viewer: of runs on the timeline "iteration", of videos on "frame".
 
 `record` makes an observer for `run`; what it logs, and under which names, is in `Recorder`.
 """
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Iterable, Mapping
+from typing import Any, Self
 
+import cv2
 import numpy as np
 import rerun as rr
 
 from endolab.io.atomic import PathLike
+from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import OKABE_ITO, limits
-from endolab.workbench.recording.layouts import ITERATIONS, Shown, layout
+from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, Shown, layout
 from endolab.workbench.recording.pictures import (
     LINE,
     Ends,
@@ -30,12 +33,17 @@ from endolab.workbench.recording.pictures import (
     names,
     paint,
     paint_frame,
+    paint_surface,
     paint_truth,
 )
 from endolab.workbench.recording.stream import Painted, Sink, scalars
 
 # Stages that search, whether there is anything or not, and the colours of their curves.
 SEARCHES = {"bounced light": OKABE_ITO.sky, "contours": OKABE_ITO.orange}
+# Curves of a video.
+COLUMNS = ("energy", "median_distance", "gain", "iterations", "seconds")
+# A row of ``frames.csv``, the picture, (h, w) or (h, w, 3) in [0, 1], distance and normals by their names.
+Done = tuple[Mapping[str, Any], FloatArray, Mapping[str, FloatArray]]
 
 
 def record(
@@ -79,7 +87,7 @@ def record(
         If the file cannot be written.
     """
     check_int("max_width", max_width, 1)
-    return Recorder(Sink(path), truth, max_width)
+    return Recorder(Sink(path), truth, max_width, {})
 
 
 class Recorder:
@@ -95,21 +103,28 @@ class Recorder:
     the stages before it only for the first and the last, as there may be a dozen. The timeline "iteration"
     runs on over all stages. At the end, static: ``settings`` (and what was done about indirect light and
     contours). Of how far the end can be trusted, if that is added: ``sigma`` (% of the distance) and
-    ``dominant_source``. Of several runs all names begin with the run's.
+    ``dominant_source``. Of several runs all names begin with the run's. The first surface chooses the colours
+    of the distances of one unit, in all stages and runs.
     """
 
     def __init__(
-        self, sink: Sink, truth: FloatArray | None, max_width: int, run: str = ""
+        self,
+        sink: Sink,
+        truth: FloatArray | None,
+        max_width: int,
+        ends: dict[str, Ends],
+        run: str = "",
     ) -> None:
         self.path = sink.path
         self._sink = sink
         self._truth = truth
         self._max_width = max_width
+        self._ends = ends  # of the colours of distances, by their unit
         self._run = run
         self._runs: dict[str, Recorder] = {}  # beside each other in this recording
-        self._within = False  # a block at whose end it is closed
+        self._within = bool(run)  # a block at whose end it is closed
         self._last: Iterate | None = None
-        self._place = 0  # of that on the timeline
+        self._place = -1  # of that on the timeline
         self._begun = 0  # that of its stage's first
         self._pictured = 0  # the last k of this stage with pictures
 
@@ -117,22 +132,23 @@ class Recorder:
         """Make the observer of one of several runs; its entities begin with its name."""
         if not name.isidentifier() or name in self._runs:
             raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
-        self._runs[name] = Recorder(self._sink, self._truth, self._max_width, name)
-        return self._runs[name]
+        one = Recorder(self._sink, self._truth, self._max_width, self._ends, name)
+        self._runs[name] = one
+        return one
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
         last = self._last
         begins = last is None or (last.stage, last.round) != (iterate.stage, iterate.round)
         if last is not None and begins:
-            self._end_stage(last, limits("distance", last.distance))
-        self._place = iterate.k if last is None else self._place + 1
+            self._end_stage(last)
+        self._last = iterate
+        self._place += 1
         self._sink.at(ITERATIONS, self._place)
         if last is None:
             self._log({"world": rr.ViewCoordinates.RDF, **all_names()}, static=True)
         if begins:
             self._begin_stage(iterate)
-        self._last = iterate
         numbers = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
         numbers |= iterate.scalars
         if self._truth is not None:
@@ -188,19 +204,17 @@ class Recorder:
 
         In a block of its own (``with record(...) as recorder:``) this is done at the block's end.
         """
-        if self._within or self._run or not self._sink.open:
+        if self._within or not self._sink.open:
             return
-        runs = [self, *self._runs.values()]
-        ends = [(one, one._last) for one in runs if one._last is not None]
         shown = []
         with self._sink:
-            for one, last in ends:
-                unit = last.problem.unit
-                alike = [end.distance for _, end in ends if end.problem.unit == unit]
-                seen = limits("distance", *alike)
-                one._end_stage(last, seen)
-                one._log({"settings": _settings(last)}, static=True)
-                shown.append(Shown(one._run, unit, seen))
+            for one in (self, *self._runs.values()):
+                last = one._last
+                if last is not None:
+                    one._end_stage(last)
+                    one._log({"settings": _settings(last)}, static=True)
+                    unit = last.problem.unit
+                    shown.append(Shown(one._run, unit, self._ends[unit]))
             if shown:
                 self._sink.arrange(layout(shown, self._sink.entities, ITERATIONS))
 
@@ -208,21 +222,31 @@ class Recorder:
     def _begin_stage(self, iterate: Iterate) -> None:
         """Log what stays for a stage."""
         problem = iterate.problem
+        stage = iterate.stage
+        unit = problem.unit
         self._step = -(-problem.camera.width // self._max_width)
         self._begun = self._place
+        if unit not in self._ends:
+            near, far = limits("distance", iterate.distance)
+            self._ends[unit] = (
+                near / 2,
+                far,
+            )  # a start is up to twice as far away as the end
         # Where there are several runs, each has colours of its own.
-        colour = None if self._run else SEARCHES.get(iterate.stage, OKABE_ITO.vermilion)
-        title = f"{iterate.stage}?" if iterate.stage in SEARCHES else iterate.stage
+        colour = None if self._run else SEARCHES.get(stage, OKABE_ITO.vermilion)
+        title = f"{stage}?" if stage in SEARCHES else stage
         round = f", round {iterate.round}" if iterate.round else ""
         look = rr.SeriesLines(names=f"{self._run} {title}".strip(), colors=colour)
         curves = _logarithms(iterate)
         self._log(dict.fromkeys(curves, look), static=True)
         self._log(dict.fromkeys(curves, rr.Scalars(np.nan)))  # a gap between rounds
         self._log(paint_frame(problem.shown, found_in(problem), self._step))
-        camera = looks_along(iterate.distance)
-        self._log(
-            {"stage": rr.TextLog(title + round, color=colour), "world/camera": camera}
-        )
+        painted: Painted = {
+            "stage": rr.TextLog(title + round, color=colour),
+            "world/camera": looks_along(iterate.distance),
+            "distance": names("distance", self._ends[unit], unit),
+        }
+        self._log(painted)
 
     def _log_pictures(self, iterate: Iterate) -> None:
         """Log the pictures of the last iterate, there."""
@@ -230,13 +254,12 @@ class Recorder:
         self._log(paint(iterate, self._truth, self._step))
         self._pictured = iterate.k
 
-    def _end_stage(self, last: Iterate, limits: Ends) -> None:
-        """Log the pictures of a stage's last iterate, and where the colours of its distances end."""
+    def _end_stage(self, last: Iterate) -> None:
+        """Log the pictures of a stage's last iterate, and the truth in its unit."""
         if self._pictured != last.k:
             self._log_pictures(last)
-        self._sink.at(ITERATIONS, self._begun)
-        self._log({"distance": names("distance", limits, last.problem.unit)})
         if self._truth is not None:
+            self._sink.at(ITERATIONS, self._begun)
             self._log(paint_truth(last, self._truth, self._step))
 
     def _log(self, painted: Painted, static: bool = False) -> None:
@@ -271,3 +294,39 @@ def _settings(last: Iterate) -> rr.TextDocument:
         text += f"| {name} | {words} |\n"
     text += "".join(f"\n- {note}" for note in notes(last))
     return rr.TextDocument(text, media_type="text/markdown")
+
+
+def record_sequence(
+    path: PathLike, unit: str, camera: Camera, frames: Iterable[Done]
+) -> None:
+    """Record frames and what was made of them, in any order, whole or not at all.
+
+    Per frame, at its row's index: ``input``, ``distance``, ``found``, ``normals`` ((n + 1)/2),
+    ``section/estimate``, ``world/cloud`` and ``plots/<name>``. Distances are in `unit`. The picture is shrunk
+    to the size of the maps; what is wider than 320 px is thinned.
+    """
+    with Sink(path) as sink:
+        shown: list[Shown] = []
+        for row, picture, maps in frames:
+            distance = maps["distance"]
+            height, width = distance.shape
+            step = -(-width // 320)
+            if not shown:
+                ends = limits("distance", distance)
+                shown.append(Shown("", unit, ends))
+                camera = camera.resize(width, height)
+                still: Painted = {
+                    "world": rr.ViewCoordinates.RDF,
+                    "world/camera": looks_along(distance),
+                    "distance": names("distance", ends, unit),
+                    **all_names(),
+                }
+                sink.log(still, static=True)
+            sink.at(FRAMES, row["index"])
+            small: Any = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+            sink.log(paint_frame(small, 1 * np.isfinite(distance), step))
+            points = distance[..., None] * camera.field.rays
+            sink.log(paint_surface(points, maps["normals"], step))
+            sink.log({"stage": rr.TextLog(row["frame"])})
+            sink.log(scalars({f"plots/{name}": row[name] for name in COLUMNS}))
+        sink.arrange(layout(shown, sink.entities, FRAMES))

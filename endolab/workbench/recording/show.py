@@ -15,13 +15,6 @@ from endolab.workbench.recording.reader import read_recording
 from endolab.workbench.recording.recorder import Recorder
 
 
-def front_end() -> bool:
-    """Whether someone looks at this notebook; a test or a script that runs one shows no widgets."""
-    # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
-    names = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
-    return "ipykernel" in sys.modules and any(os.environ.get(name) for name in names)
-
-
 def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
     """Show a recording below the cell.
 
@@ -41,7 +34,9 @@ def show(recording: PathLike | Recorder, *, height: int = 640) -> None:
     """
     check_int("height", height, 100)
     kept = read_recording(recording.path if isinstance(recording, Recorder) else recording)
-    if not front_end():
+    # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
+    seen = any(map(os.environ.get, ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")))
+    if not (seen and "ipykernel" in sys.modules):
         print(f"`rerun {kept.path.name}` opens the recording.")
         return
     from IPython.display import display

@@ -44,7 +44,6 @@ class Sink:
 
     def at(self, timeline: str, number: int) -> None:
         """Log at this place of a timeline from now on."""
-        self._stream.reset_time()
         self._stream.set_time(timeline, sequence=number)
 
     def log(self, painted: Painted, run: str = "", static: bool = False) -> None:

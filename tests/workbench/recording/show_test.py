@@ -1,9 +1,10 @@
 """Showing recordings with a front end and without."""
 
+from importlib import import_module
+
 import pytest
 
 import endolab as el
-from endolab.workbench.recording import show as embed
 from tests.tools.problems import coloured_colon
 
 
@@ -18,7 +19,7 @@ def path(tmp_path_factory):
 
 
 def test_without_a_front_end_a_sentence_says_how_to_open_it(path, capsys):
-    embed.show(path)
+    el.show(path)
     assert capsys.readouterr().out == "`rerun run.rrd` opens the recording.\n"
 
 
@@ -26,9 +27,10 @@ def test_the_viewer_comes_from_this_machine(path, monkeypatch):
     """With a front end, a widget with the recording is displayed whose program is served locally."""
     shown = []
     monkeypatch.setattr("IPython.display.display", shown.append)
-    monkeypatch.setattr(embed, "front_end", lambda: True)
+    import_module("ipykernel")
+    monkeypatch.setenv("JPY_SESSION_NAME", "a.ipynb")
     monkeypatch.delenv("RERUN_NOTEBOOK_ASSET", raising=False)
-    embed.show(path, height=300)
+    el.show(path, height=300)
     widget, hint = shown[0].children
     assert "localhost" in str(type(widget)._esm) + str(widget._esm)
     assert widget._height == 300
