@@ -119,7 +119,8 @@ def sweep(
         check_new(recording, overwrite)
         from endolab.workbench.recording.recorder import record  # Rerun is asked for
 
-        recorder = record(recording)
+        true = None if truth is None else _read_truth(truth[0])[0]
+        recorder = record(recording, truth=true)
         n_jobs = 1
     tasks = []
     for (frame, true), *energy in itertools.product(
@@ -147,6 +148,14 @@ def sweep(
     if recorder is not None:
         recorder.close()
     return rows
+
+
+def _read_truth(truth: Truth) -> tuple[FloatArray, FloatArray | None]:
+    """Distances, and normals if they are known."""
+    if isinstance(truth, str | os.PathLike):
+        maps = read_depth(truth, ("distance",))
+        return maps["distance"], maps.get("normals")
+    return truth if isinstance(truth, tuple) else (truth, None)
 
 
 def _end_with(parent: int) -> None:
@@ -180,10 +189,7 @@ def _solve_row(
             observer(replace(result.iterate, k=0, stage=name))
         row |= measure_result(result) | {"seconds": time.perf_counter() - started}
         if truth is not None:
-            if isinstance(truth, str | os.PathLike):
-                maps = read_depth(truth, ("distance",))
-                truth = maps["distance"], maps.get("normals")
-            distance, normals = truth if isinstance(truth, tuple) else (truth, None)
+            distance, normals = _read_truth(truth)
             shape = result.mask.shape
             errors = compare(
                 result.distance,

@@ -83,16 +83,18 @@ def test_workers_find_the_same(frames, tmp_path, backend):
         )
 
 
-def test_a_recording_has_an_answer_for_each_lambda(frames, tmp_path):
-    lams = [0.1, 1.0, 10.0]
+def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
+    frames, seen, tmp_path
+):
     recording = tmp_path / "lam.rrd"
-    rows = sweep(
-        frames[:1], CALIBRATION, lam=lams, table=tmp_path / "1.csv", recording=recording
-    )
+    how = {"table": tmp_path / "1.csv", "recording": recording, "lam": [0.1, 1, 10]}
+    truth = [(seen["plane"].distance, seen["plane"].normals)]
+    rows = sweep(frames[:1], CALIBRATION, truth=truth, **how)
     run = el.read_recording(recording)
     assert run.pictured == (0, 1, 2)
-    energies = [row["energy"] for row in run.table()]
-    assert energies == pytest.approx([row["energy"] for row in rows])
+    for row, recorded in zip(rows, run.table(), strict=True):
+        assert recorded["energy"] == pytest.approx(row["energy"])
+        assert recorded["error"] == pytest.approx(row["mean_percent"])
     with pytest.raises(ValueError, match="one frame"):
         sweep(
             frames, CALIBRATION, table=tmp_path / "2.csv", recording=tmp_path / "b.rrd"
