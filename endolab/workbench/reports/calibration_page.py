@@ -83,12 +83,16 @@ def write_report(
     for title, figure in drawn.items():
         write_figure(folder / f"{title}.png", figure)
     if not lacking("jinja2"):
-        from jinja2 import Environment, StrictUndefined
+        from jinja2 import StrictUndefined, Template
 
-        environment = Environment(autoescape=True, undefined=StrictUndefined)
-        environment.trim_blocks = environment.lstrip_blocks = True
-        template = Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8")
-        text = environment.from_string(template).render(
+        page = Template(
+            Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8"),
+            autoescape=True,
+            lstrip_blocks=True,
+            trim_blocks=True,
+            undefined=StrictUndefined,
+        )
+        text = page.render(
             session=session,
             summary=summary,
             source=source,

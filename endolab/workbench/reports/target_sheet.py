@@ -1,19 +1,18 @@
 """Sheets to print: a target as a PDF of true size."""
 
-import io
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.patches import Circle, PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 
 from endolab.calibration.session import describe_target
 from endolab.calibration.targets import TARGETS, Target
-from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.atomic import PathLike, stage_file
 
 A4 = (297.0, 210.0)  # landscape, mm; a page is larger if the sheet needs it
 EDGE = 8.0  # mm that a printer may leave white
@@ -38,12 +37,9 @@ def draw_sheet(target: Target) -> Figure:
     axes.set_axis_off()
     rim: Any = {"fill": False, "edgecolor": "0.7", "linewidth": 0.5}
     axes.add_patch(Rectangle((left, top), width, height, **rim))
-    x, y, radius, reflectance = target.discs.T
+    discs = PatchCollection([Circle((x, y), radius) for x, y, radius, _ in target.discs])
     # SRGB, which pages are in; its straight part is darker than any ink.
-    greys = (1.055 * reflectance ** (1 / 2.4) - 0.055).clip(0)
-    size: Any = (2 * radius, 2 * radius, 0 * radius)
-    where: Any = {"offsets": np.stack([x, y], axis=1), "offset_transform": axes.transData}
-    discs = EllipseCollection(*size, units="xy", **where)
+    greys = (1.055 * target.discs[:, 3] ** (1 / 2.4) - 0.055).clip(0)
     discs.set(facecolor=[f"{grey:.4f}" for grey in greys], linewidth=0)
     axes.add_collection(discs)
     # All squares are one outline: then no renderer shows seams.
@@ -70,7 +66,5 @@ def write_sheet(target: Target, path: PathLike) -> None:
     """Write a sheet to print at true size, a .pdf, whole or not at all; the same bytes each time."""
     if Path(path).suffix.lower() != ".pdf":
         raise ValueError(f"{path}: a sheet is written as .pdf")
-    page = io.BytesIO()
-    with matplotlib.rc_context({"path.simplify": False}):
-        draw_sheet(target).savefig(page, format="pdf", metadata={"CreationDate": None})
-    write_atomically(path, page.getvalue())
+    with stage_file(path) as temporary, matplotlib.rc_context({"path.simplify": False}):
+        draw_sheet(target).savefig(temporary, metadata={"CreationDate": None})
