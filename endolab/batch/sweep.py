@@ -119,8 +119,8 @@ def sweep(
         check_new(recording, overwrite)
         from endolab.workbench.recording.recorder import record  # Rerun is asked for
 
-        true = None if truth is None else _read_truth(truth[0])[0]
-        recorder = record(recording, truth=true)
+        shown = None if truth is None else _read_truth(truth[0])[0]
+        recorder = record(recording, truth=shown)
         n_jobs = 1
     tasks = []
     for (frame, true), *energy in itertools.product(

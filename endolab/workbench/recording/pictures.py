@@ -6,6 +6,8 @@ Maps are numbers of classes, of which the viewer is told names and colours: thos
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import cv2
 import numpy as np
 import rerun as rr
@@ -25,9 +27,9 @@ from endolab.workbench.plots.scales import (
     three_digits,
     truth_for,
 )
-from endolab.workbench.recording.stream import Painted
 
 Ends = tuple[float, float]
+Painted = dict[str, rr.AsComponents]  # what to log, by entity
 THIN = rr.Radius.ui_points(1.5)
 TRUTH_COLOUR = (160, 160, 160)
 NAMED = {
@@ -92,6 +94,11 @@ def class_map(codes: NDArray) -> rr.SegmentationImage:
 
 
 # What is shown ----------------------------------------------------------------------------
+def scalars(values: Mapping[str, float]) -> Painted:
+    """Numbers by their entities; those that are finite."""
+    return {k: rr.Scalars(float(x)) for k, x in values.items() if np.isfinite(x)}
+
+
 def paint_frame(picture: FloatArray, found: NDArray, step: int) -> Painted:
     """Show a picture, on a map and on the cloud, and what was found in it, (H, W), of `FIXED`."""
     # OpenCV's way to bytes takes a tenth of NumPy's time; nan becomes 0.

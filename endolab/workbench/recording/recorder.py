@@ -20,10 +20,11 @@ from endolab.reconstruction.report import notes
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import OKABE_ITO, limits
-from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, Shown, layout
+from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, Shown
 from endolab.workbench.recording.pictures import (
     LINE,
     Ends,
+    Painted,
     all_names,
     class_map,
     error_percent,
@@ -35,8 +36,9 @@ from endolab.workbench.recording.pictures import (
     paint_frame,
     paint_surface,
     paint_truth,
+    scalars,
 )
-from endolab.workbench.recording.stream import Painted, Sink, scalars
+from endolab.workbench.recording.stream import Sink
 
 # Stages that search, whether there is anything or not, and the colours of their curves.
 SEARCHES = {"bounced light": OKABE_ITO.sky, "contours": OKABE_ITO.orange}
@@ -215,8 +217,7 @@ class Recorder:
                     one._log({"settings": _settings(last)}, static=True)
                     unit = last.problem.unit
                     shown.append(Shown(one._run, unit, self._ends[unit]))
-            if shown:
-                self._sink.arrange(layout(shown, self._sink.entities, ITERATIONS))
+            self._sink.arrange(shown, ITERATIONS)
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
@@ -329,4 +330,4 @@ def record_sequence(
             sink.log(paint_surface(points, maps["normals"], step))
             sink.log({"stage": rr.TextLog(row["frame"])})
             sink.log(scalars({f"plots/{name}": row[name] for name in COLUMNS}))
-        sink.arrange(layout(shown, sink.entities, FRAMES))
+        sink.arrange(shown, FRAMES)

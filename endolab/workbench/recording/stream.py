@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
-import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from endolab.io.atomic import PathLike, one_sentence, write_atomically
-
-Painted = dict[str, rr.AsComponents]  # what to log, by entity
-
-
-def scalars(values: Mapping[str, float]) -> Painted:
-    """Numbers by their entities; those that are finite."""
-    return {k: rr.Scalars(float(x)) for k, x in values.items() if np.isfinite(x)}
+from endolab.workbench.recording.layouts import Shown, layout
+from endolab.workbench.recording.pictures import Painted
 
 
 class Sink:
@@ -32,9 +25,8 @@ class Sink:
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self.open = True  # for what is logged
-        self.entities: set[str] = (
-            set()
-        )  # that were logged at some time, but for the run's name
+        # That were logged at some time, but for the run's name.
+        self._entities: set[str] = set()
         if self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
         with one_sentence(f"cannot write {path}"):  # told before the run, not after it
@@ -52,11 +44,12 @@ class Sink:
             raise ValueError("the recording is closed")
         for entity, what in painted.items():
             self._stream.log(f"{run}/{entity}", what, static=static, strict=True)
-        self.entities |= set() if static else painted.keys()
+        self._entities |= set() if static else painted.keys()
 
-    def arrange(self, layout: rrb.Blueprint) -> None:
-        """Tell the viewer how to open the recording."""
-        self._stream.send_blueprint(layout)
+    def arrange(self, runs: Sequence[Shown], timeline: str) -> None:
+        """Tell the viewer how to open the recording, unless it holds nothing."""
+        if runs:
+            self._stream.send_blueprint(layout(runs, self._entities, timeline))
 
     def close(self, failed: bool = False) -> None:
         """Write the file, unless something has failed; a second call does nothing. OSError leaves no file."""
@@ -69,7 +62,7 @@ class Sink:
         # would end a session that the user has begun with `rr.init`.
         if rr.get_application_id() is None:
             rr.init("endolab", init_logging=False)
-        if self.entities and content is not None and not failed:
+        if self._entities and content is not None and not failed:
             write_atomically(self.path, content)
 
     def __enter__(self) -> Self:
