@@ -11,7 +11,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.workbench.recording.layouts import ITERATIONS
 
@@ -123,6 +123,11 @@ class Recording:
         last = self.pictured[-1]
         is_metric = self._of("/depth:meter")[last][0].as_py() == 1000
         return "mm" if is_metric else "relative units"
+
+    @property
+    def mask(self) -> BoolArray:
+        """Pixels that took part, (h, w); of the last stage."""
+        return np.isfinite(self.depth())
 
     @property
     def picture(self) -> FloatArray:

@@ -59,6 +59,7 @@ def test_what_is_read_back_is_the_run(solved):
     assert table["change"][-1] == steps[-1].change
     assert list(table["step"]) == [step.scalars["step"] for step in steps]
     assert (recording.unit, recording.pictured) == ("mm", (0, 1, 2, 3))
+    assert np.array_equal(recording.mask, steps[0].mask)
     assert np.abs(recording.picture - steps[0].problem.picture).max() < 0.003
     for k in (0, 3, -1):
         step = steps[k]
