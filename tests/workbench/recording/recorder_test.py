@@ -148,6 +148,9 @@ def test_stages_runs_and_uncertainty_are_read_back(tmp_path):
         assert np.array_equal(known, steps[k].mask)
     file = Recorded(path)
     assert list(file.numbers("/one/stage", "text")) == [0, 4, 8, 12]
+    # Of one unit all distances have the same colours.
+    colours = [file.rows[f"/{name}/distance"]["context"] for name in runs]
+    assert colours[0][12] == colours[1][0]
     # A stage's curve begins anew with each round, after a gap.
     curve = file.numbers("/one/log10/energy/bounced_light", "scalars")
     assert list(curve) == list(range(8))
