@@ -1,7 +1,7 @@
 """What a recording shows, as it is logged: maps, a section and clouds of points.
 
-Maps are numbers of classes, of which the viewer is told names and colours: those of `FIXED`, and for each of
-`ENDS` equal `STEPS` from one end to the other.
+Maps are numbers of classes, of which the viewer is told names and colours: those of `FIXED`, and equal
+`STEPS` from one end of a map's colours to the other.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ FIXED = [(k, *one) for k, one in enumerate(NAMED.items())]
 CONTOUR = 4
 LINE = 5  # the sources follow
 FIRST = len(FIXED)  # of the steps
-STEPS = 1400  # of log distance one is a hundredth
+# All fit into a byte: of more than 256, Rerun confuses colours where the largest changes with time.
+STEPS = 240
 ENDS: dict[str, Ends] = {
-    "distance": (np.log(1e-3), np.log(1e3)),
     "model - frame": (-10.0, 10.0),
     "error": (-20.0, 20.0),
     "σ": (0.0, 20.0),
@@ -58,24 +58,21 @@ ROUNDS = np.outer(10.0 ** np.arange(-3, 3), [1, 2, 3, 5, 7]).ravel()
 
 
 # Classes ----------------------------------------------------------------------------------
-def in_steps(name: str, values: FloatArray) -> NDArray[np.uint16]:
-    """Numbers of the classes of a map's values; of nan 0. Of distances they are logarithms."""
-    low, high = ENDS[name]
+def in_steps(values: FloatArray, ends: Ends) -> NDArray[np.uint8]:
+    """Numbers of the classes of a map's values; of nan 0. Of distances give logarithms."""
+    low, high = ends
     share = (values.clip(low, high) - low) / (high - low)
-    return np.nan_to_num(FIRST + 0.5 + share * (STEPS - 1)).astype(np.uint16)
+    return np.nan_to_num(FIRST + 0.5 + share * (STEPS - 1)).astype(np.uint8)
 
 
-def names(name: str, limits: Ends, unit: str = "") -> rr.AnnotationContext:
-    """Names and colours of the classes of one of `ENDS`, whose colours end at the limits."""
+def names(name: str, ends: Ends, unit: str = "") -> rr.AnnotationContext:
+    """Names and colours of the classes of a map of `MAPS` from one end to the other."""
     scale = MAPS[name]
-    is_log = scale.kind == "log"
-    places = np.linspace(*ENDS[name], STEPS)
-    shades = np.interp(places, np.log(limits) if is_log else limits, (0, 255)).astype(int)
-    values = np.exp(places) if is_log else places
-    words = [f"{three_digits(value)} {scale.unit or unit}" for value in values]
-    colours = map(tuple, palette(name)[shades].tolist())
-    numbers = range(FIRST, FIRST + STEPS)
-    return rr.AnnotationContext([*FIXED, *zip(numbers, words, colours, strict=True)])
+    spread = np.geomspace if scale.kind == "log" else np.linspace
+    words = [f"{three_digits(x)} {scale.unit or unit}" for x in spread(*ends, STEPS)]
+    colours = palette(name)[np.linspace(0, 255, STEPS).astype(int)]
+    steps = zip(range(FIRST, FIRST + STEPS), words, map(tuple, colours), strict=True)
+    return rr.AnnotationContext([*FIXED, *steps])
 
 
 def all_names() -> Painted:
@@ -90,7 +87,7 @@ def all_names() -> Painted:
 
 def class_map(codes: NDArray) -> rr.SegmentationImage:
     """A map of classes, (h, w)."""
-    return rr.SegmentationImage(np.ascontiguousarray(codes, np.uint16), opacity=1.0)
+    return rr.SegmentationImage(np.ascontiguousarray(codes, np.uint8), opacity=1.0)
 
 
 # What is shown ----------------------------------------------------------------------------
@@ -123,10 +120,12 @@ def found_in(problem: Problem) -> NDArray:
     return found
 
 
-def paint_surface(points: FloatArray, normals: FloatArray, step: int) -> Painted:
-    """Show a surface by its points and normals, (H, W, 3)."""
+def paint_surface(
+    points: FloatArray, normals: FloatArray, ends: Ends, step: int
+) -> Painted:
+    """Show a surface by its points and normals, (H, W, 3), and where the colours of distances end."""
     distance = np.linalg.norm(points[::step, ::step], axis=-1)
-    codes = in_steps("distance", np.log(distance))
+    codes = in_steps(np.log(distance), np.log(ends))
     below = np.searchsorted(ROUNDS, np.nan_to_num(distance)).astype(np.uint8)
     codes[(cv2.dilate(below, np.ones((3, 3))) > below) & (codes > 0)] = LINE
     facing = cv2.convertScaleAbs(normals[::step, ::step], alpha=127.5, beta=127.5)
@@ -139,18 +138,19 @@ def paint_surface(points: FloatArray, normals: FloatArray, step: int) -> Painted
     }
 
 
-def paint(iterate: Iterate, truth: FloatArray | None, step: int) -> Painted:
+def paint(iterate: Iterate, truth: FloatArray | None, ends: Ends, step: int) -> Painted:
     """Show an iterate: its surface, and how far it is from the frame and from the truth."""
     problem = iterate.problem
-    painted = paint_surface(iterate.points, iterate.normals, step)
+    painted = paint_surface(iterate.points, iterate.normals, ends, step)
     # To be read back; the viewer shows it in steps.
     exact = iterate.distance[::step, ::step].astype(np.float32)
     painted["depth"] = rr.DepthImage(exact, meter=1000.0 if problem.metric else 1.0)
     residual = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-    painted["residual"] = class_map(in_steps("model - frame", residual[::step, ::step]))
+    codes = in_steps(residual[::step, ::step], ENDS["model - frame"])
+    painted["residual"] = class_map(codes)
     if truth is not None:
-        error = error_percent(iterate, truth)
-        painted["error"] = class_map(in_steps("error", error[::step, ::step]))
+        error = error_percent(iterate, truth)[::step, ::step]
+        painted["error"] = class_map(in_steps(error, ENDS["error"]))
     return painted
 
 

@@ -22,6 +22,7 @@ from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import OKABE_ITO, limits
 from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, Shown
 from endolab.workbench.recording.pictures import (
+    ENDS,
     LINE,
     Ends,
     Painted,
@@ -187,7 +188,7 @@ class Recorder:
         percent = (100 * uncertainty.sigma / result.distance)[::step, ::step]
         source = uncertainty.dominant_source[::step, ::step]
         sources = np.where(source > 0, source + LINE, 0)
-        maps = {"sigma": in_steps("σ", percent), "dominant_source": sources}
+        maps = {"sigma": in_steps(percent, ENDS["σ"]), "dominant_source": sources}
         self._sink.at(ITERATIONS, self._place)
         self._log({name: class_map(codes) for name, codes in maps.items()})
 
@@ -252,7 +253,8 @@ class Recorder:
     def _log_pictures(self, iterate: Iterate) -> None:
         """Log the pictures of the last iterate, there."""
         self._sink.at(ITERATIONS, self._place)
-        self._log(paint(iterate, self._truth, self._step))
+        ends = self._ends[iterate.problem.unit]
+        self._log(paint(iterate, self._truth, ends, self._step))
         self._pictured = iterate.k
 
     def _end_stage(self, last: Iterate) -> None:
@@ -327,7 +329,7 @@ def record_sequence(
             small: Any = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             sink.log(paint_frame(small, 1 * np.isfinite(distance), step))
             points = distance[..., None] * camera.field.rays
-            sink.log(paint_surface(points, maps["normals"], step))
+            sink.log(paint_surface(points, maps["normals"], ends, step))
             sink.log({"stage": rr.TextLog(row["frame"])})
             sink.log(scalars({f"plots/{name}": row[name] for name in COLUMNS}))
         sink.arrange(shown, FRAMES)

@@ -79,7 +79,7 @@ def read_out(file, entity, k, since):
         for one in infos
         if one["label"] in words or one["label"][0] in "-.0123456789"
     }
-    return np.array([values[k] for k in file.at(entity, "buffer", k).view(np.uint16)])
+    return np.array([values[k] for k in file.at(entity, "buffer", k)])
 
 
 def test_the_viewer_tells_what_was_found(solved):
@@ -98,7 +98,8 @@ def test_the_viewer_tells_what_was_found(solved):
     found = read_out(file, "/distance", 3, 0)
     lines = np.isinf(found)
     assert 0.01 < lines.mean() < 0.2
-    expected = last.distance.ravel()[~lines]
+    near, far = el.plots.limits("distance", steps[0].distance)
+    expected = last.distance.clip(near / 2, far).ravel()[~lines]
     assert np.allclose(found[~lines], expected, rtol=0.012, equal_nan=True)
     # The error of the start, from which the truth is 1 / (1 - 0.7³) of the way away.
     start, end = steps[0].log_distance, last.log_distance
@@ -158,7 +159,7 @@ def test_stages_runs_and_uncertainty_are_read_back(tmp_path):
     percent = (100 * uncertainty.sigma / last.distance).clip(0, 20).ravel()
     found = read_out(file, "/one/sigma", 12, None)
     assert np.allclose(found, percent, atol=0.11, equal_nan=True)
-    source = file.at("/one/dominant_source", "buffer", 12).view(np.uint16)
+    source = file.at("/one/dominant_source", "buffer", 12)
     assert set(source) - {0} <= {6, 7, 8}
     assert np.array_equal(source > 0, last.mask.ravel())
     with pytest.raises(ValueError, match="several runs"):
@@ -231,5 +232,5 @@ def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path):
     assert "/plots/gain" not in file.rows
     energies = file.numbers("/plots/energy", "scalars")
     assert energies == {0: first.energy, 3: second.energy}
-    assert file.numbers("/distance", "buffer")[3].size == 2 * 320 * 240
+    assert file.numbers("/distance", "buffer")[3].size == 320 * 240
     assert el.read_recording(tmp_path / "frames.rrd").runs == {}
