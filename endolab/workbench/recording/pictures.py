@@ -125,7 +125,7 @@ def paint_surface(
 ) -> Painted:
     """Show a surface by its points and normals, (H, W, 3), and where the colours of distances end."""
     distance = np.linalg.norm(points[::step, ::step], axis=-1)
-    codes = in_steps(np.log(distance), np.log(ends))
+    codes = in_steps(np.log(distance), (np.log(ends[0]), np.log(ends[1])))
     below = np.searchsorted(ROUNDS, np.nan_to_num(distance)).astype(np.uint8)
     codes[(cv2.dilate(below, np.ones((3, 3))) > below) & (codes > 0)] = LINE
     facing = cv2.convertScaleAbs(normals[::step, ::step], alpha=127.5, beta=127.5)
