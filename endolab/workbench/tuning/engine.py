@@ -39,6 +39,7 @@ from endolab.reconstruction.uncertainty import Uncertainty, noise_left
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.result import Iterate, Observer, Result
+from endolab.workbench.plots.scales import truth_for
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 REST = 0.15  # s without a wish, after which the hand rests
@@ -76,11 +77,7 @@ class Still:
         """Note what a result that was found anew is compared with."""
         truth = subject.truth
         if truth is not None:
-            from endolab.metrics.depth_errors import resample_truth  # takes half a second
-
-            truth = np.where(result.mask, resample_truth(truth, result.mask.shape), np.nan)
-            if not result.metric:
-                truth *= np.nanmedian(result.distance / truth)
+            truth = truth_for(result, truth)
         return cls(subject, truth, noise_of(result.problem), noise_left(result)[0])
 
 

@@ -400,7 +400,7 @@ class TunerBox(anywidget.AnyWidget):
         found = answer.uncertainty
         saved = answer.settings.solving_settings(subject)
         with stage_folder(folder, overwrite=overwrite) as staging:
-            with record(staging / "recording.rrd") as recorder:
+            with record(staging / "recording.rrd", truth=subject.truth) as recorder:
                 solve(answer.settings, subject, [recorder], answer.still, answer.held)
                 if found is not None:
                     recorder.add_uncertainty(found, answer.result)
