@@ -5,8 +5,8 @@ residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). 
 
     Σ ρ(|r| / σ) + ½ Σ P (c - c₀)² + ½ Σ S o_g²        over all measurements
 
-with P and S the inverse variances of what is known beforehand, 1/`sd`² and 1/`own_sd`². No two groups' own unknowns meet, so that the
-normal equations have the shape of an arrow:
+with P and S the inverse variances of what is known beforehand, 1/`sd`² and 1/`own_sd`². No two groups' own
+unknowns meet, so that the normal equations have the shape of an arrow:
 
     | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`
     | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: of one group

@@ -13,6 +13,7 @@ from itertools import compress
 
 import numpy as np
 
+from endolab.calibration.geometric.planar_pose import planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     CAMERA_NAMES,
@@ -27,7 +28,6 @@ from endolab.calibration.geometric.reprojection import (
     View,
     disagree,
     find_pose,
-    linear_pose,
 )
 from endolab.calibration.least_squares import fit
 from endolab.calibration.targets import Target
@@ -181,7 +181,7 @@ def _first_poses(
     dropped = {}
     for view in views:
         try:
-            poses.append(linear_pose(view, target, camera))
+            poses.append(planar_pose(view.pixels, target.points[view.ids], camera))
             kept.append(view)
         except ValueError as error:
             dropped[_label(view, target)] = str(error)

@@ -23,10 +23,9 @@ BROWN_NAMES = (*CAMERA_NAMES[:6], "p1", "p2", "k3", "k4", "k5", "k6")
 # Points on the rim of a unit disc, (8, 3), and the matrix that differentiates a function of their angle.
 RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)
 RIM = np.stack([np.cos(RIM_ANGLES), np.sin(RIM_ANGLES), 0 * RIM_ANGLES], axis=-1)
-FREQUENCIES = np.array([0, 1, 2, 3, 0, -3, -2, -1])
-RIM_DERIVATIVE = np.fft.ifft(
-    1j * FREQUENCIES[:, None] * np.fft.fft(np.eye(8), axis=0), axis=0
-).real
+RIM_DERIVATIVE = np.fft.irfft(
+    1j * np.arange(5)[:, None] * np.fft.rfft(np.eye(8), axis=0), axis=0
+)
 
 
 def camera_names(camera: Lens) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS, planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     Lens,
@@ -56,13 +56,8 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     Points beside a fold are left out.
     """
     points = target.points[detection.ids]
-    panel = target.panel_of(points)
-    if target.fold_x is not None:
-        panel = np.where(
-            np.abs(points[:, 0] - target.fold_x) < BESIDE_FOLD * target.spacing,
-            -1,
-            panel,
-        )
+    apart = np.abs(points[:, 0] - target.fold_x)
+    panel = np.where(apart < BESIDE_FOLD * target.spacing, -1, target.panel_of(points))
     views = []
     for number in range(target.panels):
         on_panel = panel == number
@@ -130,13 +125,6 @@ def disagree(used: BoolArray) -> str:
     return f"only {used.sum()} of its {len(used)} points agree with the others"
 
 
-def linear_pose(view: View, target: Target, camera: Lens) -> Pose:
-    """Find where a panel stands from its rays alone; ValueError if nowhere. A start for `find_pose`."""
-    rays = camera.unproject(view.pixels)
-    seen = np.isfinite(rays[:, 0])
-    return pose_from_rays(rays[seen], target.points[view.ids[seen]])
-
-
 def find_pose(
     view: View, target: Target, camera: Lens
 ) -> tuple[Pose, BoolArray, FloatArray]:
@@ -147,8 +135,8 @@ def find_pose(
     be seen from behind.
     """
     model = Reprojection.of([view], target, camera, 0)
-    start = linear_pose(view, target, camera).vector[None]
-    fitted = fit(model, model.mean, start, smallest=FINEST)
+    start = planar_pose(view.pixels, model.points, camera)
+    fitted = fit(model, model.mean, start.vector[None], smallest=FINEST)
     inliers = fitted.used
     if why := disagree(inliers):
         raise ValueError(why)

@@ -112,15 +112,11 @@ class LightModel(Model):
         share = columns[:, self.of_brdf] * np.exp(vector[self.of_brdf])
         f = share.sum(axis=1, keepdims=True)
         columns[:, self.of_brdf] = share / f
-        others = np.delete(np.arange(len(self.mean)), self.of_brdf)
-        light = self.falloff + columns[:, others] @ vector[others] + np.log(f[:, 0])
+        others = vector.copy()
+        others[self.of_brdf] = 0
+        light = self.falloff + columns @ others + np.log(f[:, 0])
         light += np.einsum("nb,nb->n", self.own_columns, own[self.group])
         return light, columns
-
-    def level(self, light: FloatArray, gamma: float) -> FloatArray:
-        """Grey level of light whose logarithm is given, (n,); 0 where none can come from."""
-        # A wild step must not overflow.
-        return GREY_LEVELS * np.exp(np.minimum(light / gamma, 50.0)) * self.samples.lit
 
     def usable(self, common: FloatArray, own: FloatArray) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
@@ -128,8 +124,8 @@ class LightModel(Model):
         Choosing by the measured level would keep what noise has moved into the range and drop
         what it has moved out: a bias of k and γ.
         """
-        light, _ = self.shine(common, own)
-        level = self.level(light, common[1]) / GREY_LEVELS
+        off, *_ = self.linearise(common, own)
+        level = self.samples.level - off[:, 0] / GREY_LEVELS
         return (level > LEVELS[0]) & (level < LEVELS[1])
 
     def linearise(  # noqa: D102
@@ -138,7 +134,8 @@ class LightModel(Model):
         gamma = common[1]
         light, columns = self.shine(common, own)
         columns[:, 1] = -light / gamma
-        level = self.level(light, gamma)
+        # A wild step must not overflow.
+        level = GREY_LEVELS * np.exp(np.minimum(light / gamma, 50.0)) * self.samples.lit
         slope = (-level / gamma)[:, None]
         off = GREY_LEVELS * self.samples.level - level
         if not 0.1 < gamma < 20:  # it would lose its meaning
