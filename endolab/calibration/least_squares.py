@@ -219,7 +219,7 @@ def _descend(
     limit: float,
     tolerance: float,
 ) -> tuple[FloatArray, FloatArray, Status]:
-    """Minimise the cost of `_weigh` by steps of Levenberg and Marquardt.
+    """Minimise the cost of `_equations` by steps of Levenberg and Marquardt.
 
     A step is the last if it moves no unknown by more than `tolerance` of its standard error.
     """
