@@ -182,15 +182,15 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
     theta = samples.theta[good]
     nodes = place_nodes(theta, 1 if how.brdf == "lambertian" else how.nodes)
     pinned = int(np.argmax(hats(nodes, theta).T @ samples.level[good] ** 2))
-    known = [(FIRST_K, np.inf), _belief(how.gamma, FIRST_GAMMA)]
-    known += [(LOG_MATT, np.inf)] * len(nodes) + [(0.0, 0.0)]
-    known[2 + pinned] = LOG_MATT, 0.0
-    for one in how.reflectance:
+    known = {"k": (FIRST_K, np.inf), "gamma": _belief(how.gamma, FIRST_GAMMA)}
+    known |= {f"brdf {node}": (LOG_MATT, np.inf) for node in range(len(nodes))}
+    known |= {f"brdf {pinned}": (LOG_MATT, 0.0), "reflectance 0": (0.0, 0.0)}
+    for material, one in enumerate(how.reflectance, 1):
         value, sd = _belief(one, 1.0)
-        known.append((float(np.log(value)), sd / value))
-    mean, sd = np.array(known).T
+        known[f"reflectance {material}"] = float(np.log(value)), sd / value
+    mean, sds = np.array(list(known.values())).T
     own_sd = np.append(np.inf, np.ones(samples.slack.shape[1]))  # of the gain, of the poses
-    return LightModel(group, mean, sd, own_sd, samples, nodes)
+    return LightModel(group, mean, sds, own_sd, samples, nodes, list(known))
 
 
 def _start(model: LightModel, good: BoolArray) -> FloatArray:

@@ -64,13 +64,7 @@ class LightModel(Model):
 
     samples: Samples
     nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
-
-    @property
-    def names(self) -> list[str]:
-        """Of the numbers of the vector, (p,)."""
-        brdf = [f"brdf {node}" for node in range(len(self.nodes))]
-        materials = range(len(self.mean) - self.of_brdf.stop)
-        return ["k", "gamma", *brdf, *(f"reflectance {m}" for m in materials)]
+    names: list[str]  # of the common unknowns, (p,)
 
     @property
     def of_brdf(self) -> slice:

@@ -27,7 +27,7 @@ def test_every_derivative_agrees_with_finite_differences(rng):
     sd = np.array([np.inf, 0.2, *[np.inf] * len(nodes), 0.0, 0.2])
     sd[4] = 0.0
     own_sd = np.array([np.inf, 1.0, 1.0])
-    model = LightModel(samples.frame, mean, sd, own_sd, samples, nodes)
+    model = LightModel(samples.frame, mean, sd, own_sd, samples, nodes, [])
     own = np.column_stack([rng.normal(8, 0.3, 6), rng.normal(size=(6, 2))])
     vector = mean + 0.1 * (sd > 0)
     _, by_vector, by_own = model.linearise(vector, own)
