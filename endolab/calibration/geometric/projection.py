@@ -138,7 +138,7 @@ def project(
     by_turn = by_point @ (places @ turns[view]).reshape(*places.shape, 3)
     slopes = np.concatenate([by_camera, by_turn, by_point], axis=-1)
     centroid, weights = _centroid(pixels)
-    slopes = weights @ slopes.reshape(len(points), 2 * len(rim), -1)
+    slopes = weights @ slopes.reshape(len(points), 2 * len(rim), len(vector) + 6)
     return centroid, slopes[..., :-6], slopes[..., -6:]
 
 

@@ -80,3 +80,4 @@ def test_what_is_beyond_the_camera_is_not_predicted():
     ahead, behind = pose_of([0, 0, 0, 0, 0, 40.0]), pose_of([0, 1.8, 0, 0, 0, -1.0])
     assert np.isfinite(predict_view(PAPER, ahead, points, radii)).all()
     assert np.isnan(predict_view(PAPER, behind, points, radii)).all()
+    assert predict_view(PAPER, ahead, points[:0], radii[:0]).shape == (0, 2)
