@@ -234,7 +234,7 @@ TYPED = {
     "simulate plane --calibration endoscope.json --out . --overwrite": "endoscope.json",
     "simulate plane --noise -1 --out o": "noise",
     "target chessbord --out t.pdf": "chessboard",
-    "target chessboard:14x9 --out t.pdf": "chessboard:COLUMNSxROWS:SIZEmm",
+    "target chessboard:14x9 --out t.pdf": "add :SIZEmm",
     "target charuco:9x6:5mm:6mm:4X4_50 --out t.pdf": "marker",
     "target chessboard --out sheet.png": "sheet.png",
     "target chessboard --out mine.pdf": "--overwrite",

@@ -5,8 +5,8 @@ residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). 
 
     Σ ρ(|r| / σ) + ½ Σ P (c - c₀)² + ½ Σ S o_g²        over all measurements
 
-with P and S the `certainty` of what is known beforehand. No two groups' own unknowns meet, so that the
-normal equations have the shape of an arrow:
+with P and S the inverse variances of what is known beforehand, 1/`sd`² and 1/`own_sd`². No two groups' own
+unknowns meet, so that the normal equations have the shape of an arrow:
 
     | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`
     | C₁   B₁          |   | δo₁ |       | b₁ |        B_g  `own`, small: of one group
@@ -23,7 +23,6 @@ residuals are frozen while a cost is minimised; rounds repeat until a choice com
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -39,37 +38,26 @@ SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
 
 # The problem ----------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Linearised:
-    """Residuals and their derivatives: n measurements of m numbers (2 for pixels, 1 for grey levels)."""
+class Model:
+    """A calibration problem: n measurements of m numbers (2 for pixels, 1 for grey levels)."""
 
-    residual: FloatArray  # (n, m)
-    by_common: FloatArray  # (n, m, p), derivatives by the common unknowns
-    by_own: FloatArray  # (n, m, b), by the unknowns of the measurement's own group
-    off: FloatArray | float = 0.0  # (p,), c - c₀: common unknowns less what they should be
-    certainty: FloatArray | float = 0.0  # (p,), the inverse of the variance of that
-    own: FloatArray | float = 0.0  # (groups, b), own unknowns that should be 0
-    own_certainty: FloatArray | float = 0.0  # (b,), likewise
+    group: IntArray  # (n,), of each measurement, in ascending order, without gaps from 0
+    mean: FloatArray  # (p,), of each common unknown before the fit
+    sd: FloatArray  # (p,), its standard deviation: 0 if it is given, inf if nothing is known
+    own_sd: FloatArray  # (b,), of a group's own unknowns, likewise; their mean is 0
 
+    def linearise(
+        self, common: FloatArray, own: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals, (n, m), and their derivatives by the common and the own unknowns, (n, m, p or b).
 
-class Model(Protocol):
-    """What the solver asks of a calibration problem."""
+        Residuals are nan at unknowns that are out of bounds.
+        """
+        raise NotImplementedError
 
-    @property
-    def group(self) -> IntArray:
-        """Group of each measurement, (n,), in ascending order, without gaps from 0."""
-        ...
-
-    def linearise(self, unknowns: Any) -> Linearised:
-        """Residuals and derivatives at the unknowns."""
-        ...
-
-    def take_step(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
-        """Return the unknowns after a step, (p,) and (groups, b); None if it leads out of bounds."""
-        ...
-
-    def usable(self, unknowns: Any) -> BoolArray:
+    def usable(self, common: FloatArray, own: FloatArray) -> BoolArray:
         """Which measurements can be believed at all, (n,): not saturated, in front of the camera."""
-        ...
+        raise NotImplementedError
 
 
 # Normal equations -----------------------------------------------------------------------
@@ -86,22 +74,29 @@ def _square(a: FloatArray) -> FloatArray:
 
 
 class Arrow:
-    """Normal equations of a linearised model with weights, own unknowns eliminated."""
+    """Normal equations of a linearised model with weights (n,), own unknowns eliminated.
 
-    def __init__(self, lin: Linearised, weight: FloatArray, group: IntArray) -> None:
+    Residuals and derivatives are as of `Model.linearise`.
+    """
+
+    def __init__(
+        self,
+        residual: FloatArray,
+        by_common: FloatArray,
+        by_own: FloatArray,
+        weight: FloatArray,
+        group: IntArray,
+    ) -> None:
         root = np.sqrt(weight)[:, None]
-        r = (lin.residual * root)[..., None]
-        a = lin.by_common * root[..., None]
-        b = lin.by_own * root[..., None]
+        r = (residual * root)[..., None]
+        a = by_common * root[..., None]
+        b = by_own * root[..., None]
         across = np.swapaxes(b, 1, 2)
         first = np.searchsorted(group, np.arange(group[-1] + 1))
         self.common = _square(a.reshape(r.size, -1))
-        self.common += np.eye(a.shape[-1]) * lin.certainty
-        self.gradient = np.einsum("nmp,nmi->p", a, r) + lin.certainty * lin.off
+        self.gradient = np.einsum("nmp,nmi->p", a, r)
         self.own = np.add.reduceat(across @ b, first)
-        self.own += np.eye(b.shape[-1]) * lin.own_certainty
         self.own_gradient = np.add.reduceat(across @ r, first)[..., 0]
-        self.own_gradient += lin.own_certainty * lin.own
         self.cross = np.add.reduceat(across @ a, first)  # (groups, b, p)
 
     def _eliminate(
@@ -150,11 +145,13 @@ class Arrow:
 class Fit:
     """What a fit found; `status` says why it ended."""
 
-    unknowns: Any  # as the model keeps them
+    common: FloatArray  # (p,)
+    own: FloatArray  # (groups, b)
     residual: FloatArray  # (n, m)
     used: BoolArray  # (n,), measurements that count
     sigma: float  # standard deviation of one number of a residual
-    covariance: FloatArray  # (p, p), of the common unknowns; inf on the diagonal of what is not told
+    # (p, p), of the common unknowns: 0 for what is given, inf on the diagonal of what is not told.
+    covariance: FloatArray
     own_covariance: FloatArray  # (groups, b, b), the common unknowns' uncertainty included
     status: Status
 
@@ -185,76 +182,94 @@ def robust_sigma(
     return sigma
 
 
-def _weigh(
-    lin: Linearised, used: BoolArray, sigma: float, limit: float
-) -> tuple[float, FloatArray]:
-    """Return a cost that is linear beyond `limit` σ, and weights of squares that have its gradient."""
-    size = np.linalg.norm(lin.residual, axis=1) / sigma
-    known = np.sum(lin.certainty * np.square(lin.off))
-    known += np.sum(lin.own_certainty * np.square(lin.own))
-    cost = np.sum(huber(size[used], limit)) + 0.5 * known
-    return float(cost), used * np.minimum(1, limit / np.maximum(size, 1e-9)) / sigma**2
+def _equations(
+    model: Model,
+    common: FloatArray,
+    own: FloatArray,
+    used: BoolArray,
+    sigma: float,
+    limit: float,
+) -> tuple[float, Arrow]:
+    """Return a cost that is linear beyond `limit` σ, and equations of squares that have its gradient.
+
+    Common unknowns that are given are not in them.
+    """
+    residual, by_common, by_own = model.linearise(common, own)
+    size = np.linalg.norm(residual, axis=1) / sigma
+    weight = used * np.minimum(1, limit / np.maximum(size, 1e-9)) / sigma**2
+    free = model.sd > 0
+    off = (common - model.mean)[free]
+    certainty = model.sd[free] ** -2
+    own_certainty = model.own_sd**-2
+    known = np.sum(certainty * off**2) + np.sum(own_certainty * own**2)
+    arrow = Arrow(residual, by_common[..., free], by_own, weight, model.group)
+    arrow.common += np.diag(certainty)
+    arrow.gradient += certainty * off
+    arrow.own += np.diag(own_certainty)
+    arrow.own_gradient += own_certainty * own
+    return float(np.sum(huber(size[used], limit)) + 0.5 * known), arrow
 
 
 def _descend(
     model: Model,
-    unknowns: Any,
+    common: FloatArray,
+    own: FloatArray,
     used: BoolArray,
     sigma: float,
     limit: float,
     tolerance: float,
-) -> tuple[Any, Status]:
-    """Minimise the cost of `_weigh` by steps of Levenberg and Marquardt.
+) -> tuple[FloatArray, FloatArray, Status]:
+    """Minimise the cost of `_equations` by steps of Levenberg and Marquardt.
 
     A step is the last if it moves no unknown by more than `tolerance` of its standard error.
     """
-    lin = model.linearise(unknowns)
-    cost, weight = _weigh(lin, used, sigma, limit)
+    cost, arrow = _equations(model, common, own, used, sigma, limit)
     damping = 1e-10
     for _ in range(200):
-        arrow = Arrow(lin, weight, model.group)
-        step = arrow.solve(damping)
+        step, own_step = arrow.solve(damping)
         # Undamped, a step's length in standard errors, squared, is how far it goes down the gradient.
-        fall = -step[0] @ arrow.gradient - np.sum(step[1] * arrow.own_gradient)
+        fall = -step @ arrow.gradient - np.sum(own_step * arrow.own_gradient)
         # A step that is short because it was damped proves nothing.
         is_last = damping < 1e-3 and fall < tolerance**2
-        there = model.take_step(unknowns, *step)
-        ahead = lin if there is None else model.linearise(there)
-        lower, weight_ahead = _weigh(ahead, used, sigma, limit)
+        moved = common.copy()
+        moved[model.sd > 0] += step
+        ahead = moved, own + own_step
+        lower, arrow_ahead = _equations(model, *ahead, used, sigma, limit)
         # An increase that is nothing against the tolerance is rounding.
-        if there is not None and lower <= cost * (1 + 1e-12) + 5e-9:
-            unknowns, lin, cost, weight = there, ahead, lower, weight_ahead
+        if lower <= cost * (1 + 1e-12) + 5e-9:
+            (common, own), cost, arrow = ahead, lower, arrow_ahead
             damping = max(damping / 10, 1e-10)
         else:
             damping = max(10 * damping, 1e-6)
         if is_last:
-            return unknowns, Status.CONVERGED
+            return common, own, Status.CONVERGED
         if damping > 1e12:
-            return unknowns, Status.STALLED
-    return unknowns, Status.MAX_ITERATIONS
+            return common, own, Status.STALLED
+    return common, own, Status.MAX_ITERATIONS
 
 
-def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
-    """Fit a model from its unknowns `start`.
+def fit(
+    model: Model, common: FloatArray, own: FloatArray, smallest: float = SMALLEST_SIGMA
+) -> Fit:
+    """Fit a model from its unknowns: the common ones, (p,), and each group's own, (groups, b).
 
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
     """
-    unknowns = start
-    lin = model.linearise(start)
-    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_certainty)
-    count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
+    free = model.sd > 0
+    count = np.sum(free) + len(own) * np.sum(np.isinf(model.own_sd))
+    residual = model.linearise(common, own)[0]
     used = np.zeros(len(model.group), bool)
     sigma = np.inf
     near = False
     choices: set[bytes] = set()
     for _ in range(30):
-        good = model.usable(unknowns)
+        good = model.usable(common, own)
         before = sigma
-        sigma = robust_sigma(lin.residual, good, count, smallest)
+        sigma = robust_sigma(residual, good, count, smallest)
         near = near or abs(before - sigma) < 0.1 * sigma
         if near:
-            size = np.linalg.norm(lin.residual, axis=1)
+            size = np.linalg.norm(residual, axis=1)
             # A measurement on the border would go in and out for ever: who is in stays a little longer.
             good = good & (size < np.where(used, 1.01, 1.0) * OUTLIER * sigma)
             if good.tobytes() in choices:
@@ -263,9 +278,12 @@ def fit(model: Model, start: Any, smallest: float = SMALLEST_SIGMA) -> Fit:
         used = good
         # The Huber penalty only has to come near.
         limit, tolerance = (1e9, 1e-4) if near else (HUBER, 1.0)
-        unknowns, status = _descend(model, unknowns, used, sigma, limit, tolerance)
-        lin = model.linearise(unknowns)
+        common, own, status = _descend(model, common, own, used, sigma, limit, tolerance)
+        residual = model.linearise(common, own)[0]
     else:
         status = Status.STALLED
-    covariance = Arrow(lin, used / sigma**2, model.group).covariance()
-    return Fit(unknowns, lin.residual, used, sigma, *covariance, status)
+    arrow = _equations(model, common, own, used, sigma, 1e9)[1]
+    of_free, of_own = arrow.covariance()
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(free, free)] = of_free
+    return Fit(common, own, residual, used, sigma, covariance, of_own, status)

@@ -18,7 +18,7 @@ from endolab.calibration.geometric.reprojection import FINEST, find_pose, views_
 from endolab.calibration.photometric.fit import LightOptions, calibrate_light
 from endolab.calibration.photometric.result import PhotometricFit, Row
 from endolab.calibration.photometric.samples import Samples, sample_sheet
-from endolab.calibration.targets import Charuco, Chessboard, Target
+from endolab.calibration.targets import Board, Charuco, Target
 from endolab.calibration.uncertainty import ray_uncertainty, values_within
 from endolab.frames.frame import check_size
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
@@ -214,14 +214,14 @@ def _reasons(detections: Mapping[str, Detection]) -> str:
 def _nothing_found_error(
     frames: Named, detections: Mapping[str, Detection], target: Target
 ) -> ValueError:
-    if isinstance(target, Chessboard):
+    if isinstance(target, Board):
         readable = (image for _, image in frames if image is not None)
         sizes = [size for size in map(see_board, islice(readable, 2)) if size]
         if sizes:
             columns, rows = max(sizes, key=np.prod)
             return ValueError(
-                f"found none of {target.columns}×{target.rows} squares; these pictures show "
-                f"{columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE"
+                f"found no {target.kind} of {target.columns}×{target.rows} squares; these pictures "
+                f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE"
             )
     how = "the whole of it in view" if target.found_whole else "a part of it is enough"
     return ValueError(
@@ -233,12 +233,10 @@ def describe_target(target: Target) -> str:
     """Say what a target is, in a few words."""
     is_dots = target.kind == "dots"
     what = "dots of two sizes" if is_dots else f"squares of a {target.kind} board"
-    more = {
-        "folded": target.fold is not None,
-        "of the pattern before OpenCV 4.6": isinstance(target, Charuco) and target.legacy,
-    }
-    words = [f"{target.spacing:g} mm apart", *(word for word in more if more[word])]
-    return f"{target.columns} x {target.rows} {what}, {', '.join(words)}"
+    apart = f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart"
+    folded = ", folded" if target.fold else ""
+    is_old = isinstance(target, Charuco) and target.legacy
+    return apart + folded + (", of the pattern before OpenCV 4.6" if is_old else "")
 
 
 def check_names(leave_out: Collection[str], names: Collection[str]) -> None:

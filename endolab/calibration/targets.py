@@ -47,9 +47,9 @@ class Target:
 
     @model_validator(mode="after")
     def _check_fold(self) -> Self:
-        if self.fold is None:
-            return self
-        if self.kind != "dots" or not 2 <= self.fold <= self.columns - 2:
+        if self.fold is not None and (
+            self.kind != "dots" or not 2 <= self.fold <= self.columns - 2
+        ):
             raise ValueError(
                 f"fold must leave two columns of dots on each side, got {self.fold} "
                 f"of {self.columns} columns of a {self.kind} target"
@@ -87,14 +87,13 @@ class Target:
         raise NotImplementedError
 
     @property
-    def fold_x(self) -> float | None:
-        """Where the fold runs in the target's frame, mm; None for a flat sheet."""
-        return None if self.fold is None else (self.fold - 0.5) * self.spacing
+    def fold_x(self) -> float:
+        """Where the fold runs in the target's frame, mm; inf for a flat sheet."""
+        return np.inf if self.fold is None else (self.fold - 0.5) * self.spacing
 
     def panel_of(self, xy: ArrayLike) -> IntArray:
         """Panel of places on the sheet, (..., 2 or 3), mm: 0, or 1 to the right of the fold."""
-        x = np.asarray(xy)[..., 0]
-        return (x > (np.inf if self.fold_x is None else self.fold_x)).astype(int)
+        return (np.asarray(xy)[..., 0] > self.fold_x).astype(int)
 
     @property
     def panels(self) -> int:
@@ -281,20 +280,21 @@ def target_in_words(words: str) -> Target | None:
 
     ``chessboard:14x9:3mm``, ``charuco:11x8:15mm:11mm:4X4_50``; with ``:legacy`` as before OpenCV 4.6.
     """
-    length = r":(\d*\.?\d+)(?:mm)?"
-    squares = r":(\d+)x(\d+)" + length
-    if found := re.fullmatch("chessboard" + squares, words):
-        columns, rows, side = found.groups()
-        return Chessboard(int(columns), int(rows), float(side))
-    markers = length + r":(?:DICT_)?(\w+)(:legacy)?"
-    if found := re.fullmatch("charuco" + squares + markers, words):
-        columns, rows, side, marker, dictionary, old = found.groups()
-        return Charuco(
-            int(columns),
-            int(rows),
-            float(side),
-            marker=float(marker),
-            dictionary=f"DICT_{dictionary}",
-            legacy=old is not None,
-        )
-    return None
+    length = r"(\d*\.?\d+)(?:mm)?"
+    markers = rf":{length}:(?:DICT_)?(\w+)(:legacy)?"
+    board = rf"(chessboard|charuco):(\d+)x(\d+)(?::{length}(?:{markers})?)?"
+    found = re.fullmatch(board, words)
+    if not found:
+        return None
+    kind, columns, rows, side, marker, dictionary, old = found.groups()
+    if side is None or (kind == "charuco") != (marker is not None):
+        raise ValueError(f"{words} is no whole board: add :SIZEmm, as in {PRINTED}")
+    size = int(columns), int(rows), float(side)
+    if kind == "chessboard":
+        return Chessboard(*size)
+    return Charuco(
+        *size,
+        marker=float(marker),
+        dictionary=f"DICT_{dictionary}",
+        legacy=old is not None,
+    )

@@ -1,12 +1,10 @@
-from dataclasses import dataclass, replace
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from endolab.calibration.least_squares import (
     OUTLIER,
-    Linearised,
+    Model,
     fit,
     robust_sigma,
 )
@@ -16,70 +14,62 @@ GROUPS = 12
 EACH = 25
 
 
-@dataclass(frozen=True)
-class Unknowns:
-    common: np.ndarray  # (2,): decay, slope
-    own: np.ndarray  # (groups, 2): height, offset
-
-
-class Decays:
+class Decays(Model):
     """Groups of y = height · exp(-decay · t) + slope · t + offset, each measured twice."""
 
     def __init__(self, rng):
-        self.group = np.repeat(np.arange(GROUPS), EACH)
+        unknown = np.full(2, np.inf)
+        group = np.repeat(np.arange(GROUPS), EACH)
+        super().__init__(group, np.zeros(2), unknown, unknown)
         self.t = rng.uniform(0, 3, len(self.group))
         own = np.column_stack([rng.uniform(1, 2, GROUPS), rng.normal(size=GROUPS)])
         self.y = np.zeros((len(self.t), 2))
-        self.y = -self.linearise(Unknowns(np.array([0.8, 0.3]), own)).residual
+        self.y = -self.linearise(np.array([0.8, 0.3]), own)[0]
         self.y += rng.normal(0, 0.01, self.y.shape)
 
-    def usable(self, u):
+    def usable(self, common, own):
         return np.ones(len(self.t), bool)
 
-    def linearise(self, u):
-        height, offset = u.own[self.group].T
-        fall = np.exp(-u.common[0] * self.t)
-        curve = height * fall + u.common[1] * self.t + offset
+    def linearise(self, common, own):
+        decay, slope = common
+        height, offset = own[self.group].T
+        fall = np.exp(-decay * self.t)
+        curve = height * fall + slope * self.t + offset
         by_common = np.stack([self.t * height * fall, -self.t], axis=-1)
         by_own = np.stack([-fall, -np.ones_like(fall)], axis=-1)
         twice = [
             np.repeat(values[:, None], 2, axis=1) for values in (by_common, by_own)
         ]
-        return Linearised(self.y - curve[:, None], *twice)
-
-    def take_step(self, u, common, own):
-        moved = Unknowns(u.common + common, u.own + own)
-        return moved if moved.common[0] > 0 else None
+        return self.y - curve[:, None], *twice
 
 
-START = Unknowns(np.array([0.3, 0.0]), np.ones((GROUPS, 2)))
+START = np.array([0.3, 0.0]), np.ones((GROUPS, 2))
 
 
-def flat(u):
-    return np.concatenate([u.common, u.own.ravel()])
+def flat(common, own):
+    return np.concatenate([common, own.ravel()])
 
 
 def unflat(vector):
-    return Unknowns(vector[:2], vector[2:].reshape(GROUPS, 2))
+    return vector[:2], vector[2:].reshape(GROUPS, 2)
 
 
 def test_a_fit_and_its_covariance_agree_with_scipy(rng):
     model = Decays(rng)
-    found = fit(model, START)
+    found = fit(model, *START)
     assert found.status is Status.CONVERGED
-    last = found
-    used, sigma = last.used, last.sigma
+    used, sigma = found.used, found.sigma
     oracle = least_squares(
-        lambda x: model.linearise(unflat(x)).residual[used].ravel(),
-        flat(START),
+        lambda x: model.linearise(*unflat(x))[0][used].ravel(),
+        flat(*START),
         jac="3-point",
         xtol=1e-15,
         ftol=1e-15,
     )
     error = np.sqrt(np.diag(found.covariance))
-    assert np.abs(last.unknowns.common - oracle.x[:2]).max() < 1e-3 * error.min()
-    assert flat(last.unknowns) == pytest.approx(oracle.x, abs=1e-5)
-    cost = np.sum(last.residual[used] ** 2) / 2
+    assert np.abs(found.common - oracle.x[:2]).max() < 1e-3 * error.min()
+    assert flat(found.common, found.own) == pytest.approx(oracle.x, abs=1e-5)
+    cost = np.sum(found.residual[used] ** 2) / 2
     assert cost == pytest.approx(oracle.cost, rel=1e-6)
     whole = np.linalg.inv(oracle.jac.T @ oracle.jac) * sigma**2
     assert found.covariance == pytest.approx(whole[:2, :2], rel=1e-6)
@@ -92,14 +82,12 @@ def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
     class Twins(Decays):
         """The offset of each group and a common one cannot be told apart."""
 
-        def linearise(self, u):
-            lin = super().linearise(u)
-            lin.by_common[:, :, 1] = -1.0
-            return replace(
-                lin, residual=lin.residual + u.common[1] * (self.t - 1)[:, None]
-            )
+        def linearise(self, common, own):
+            residual, by_common, by_own = super().linearise(common, own)
+            by_common[:, :, 1] = -1.0
+            return residual + common[1] * (self.t - 1)[:, None], by_common, by_own
 
-    found = fit(Twins(rng), START)
+    found = fit(Twins(rng), *START)
     assert np.isfinite(found.covariance[0, 0])
     assert np.isinf(found.covariance[1, 1])
     assert np.all(np.isinf(found.own_covariance[:, 1, 1]))
@@ -122,4 +110,4 @@ def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
         model = Decays(rng)
         border = OUTLIER + 0.02 * rng.normal(size=model.y[::40].shape)
         model.y[::40] += border * 0.01 / np.sqrt(2)
-        assert fit(model, START).status is Status.CONVERGED
+        assert fit(model, *START).status is Status.CONVERGED

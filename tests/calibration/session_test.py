@@ -113,8 +113,10 @@ def test_what_is_seen_instead_is_said():
     """A board of another size by that size, too few views by what became of the others."""
     board = np.kron(np.indices((7, 10)).sum(axis=0) % 2 * 0.8 + 0.1, np.ones((40, 40)))
     frames = [(f"{n}.png", np.pad(board, 60, constant_values=0.9)) for n in range(2)]
-    with pytest.raises(ValueError, match=r"12×8 squares.*chessboard:10x7:SIZE"):
-        calibrate(frames, el.TARGETS["chessboard"])
+    for board in ("chessboard", "charuco"):
+        message = rf"no {board} of 12×8 squares.*chessboard:10x7:SIZE"
+        with pytest.raises(ValueError, match=message):
+            calibrate(frames, el.TARGETS[board])
     with pytest.raises(ValueError, match="part"):
         calibrate(frames, SHEET)
     frames.append(("dark.png", np.zeros((400, 520))))

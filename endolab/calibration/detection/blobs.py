@@ -28,9 +28,6 @@ class Blobs:
     centres: Numbers  # (n, 2), centroid of the darkness, px
     ink: Numbers  # (n,), area of full darkness that the spot amounts to, px²
 
-    def __len__(self) -> int:
-        return len(self.ink)
-
 
 def shrink_picture(image: Numbers) -> Numbers:
     """Average the pixels of a picture, (H, W), to one of about 360 columns."""
@@ -73,24 +70,16 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     good &= gain[row, column] < 1 / LEAST_WHITE
     good[0] = False
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
-    return _measure(level, _bare_level(level, dark), number[labels], greys)
-
-
-def _bare_level(level: Numbers, dark: Numbers) -> Numbers:
-    """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
+    # Closing is swayed by noise: only its mean level nearby makes the bare paper 1.
     ink = cv2.dilate(dark, np.ones((5, 5), np.uint8)) > 0
     bare = (~ink & (level > 0.85) & (level < 1.1)).astype(np.float32)
-    side = level.shape[1] // 60 * 2 + 1
+    side = width // 60 * 2 + 1
     light, weight = (cv2.blur(a, (side, side)) for a in (level * bare, bare))
-    return (light + 0.01) / (weight + 0.01)
+    level = level / ((light + 0.01) / (weight + 0.01))
+    return _measure(level, number[labels], greys)
 
 
-def _measure(
-    level: Numbers,
-    bare: Numbers,
-    labels: Numbers,
-    greys: bool,
-) -> Blobs:
+def _measure(level: Numbers, labels: Numbers, greys: bool) -> Blobs:
     """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
     width = labels.shape[1]
     count = int(labels.max()) + 1
@@ -99,7 +88,7 @@ def _measure(
     number = wide.ravel()[place].astype(int)
     inner = labels.ravel()[place] == number
     y, x = np.divmod(place, width)
-    weight = 1 - (level.ravel()[place] / bare.ravel()[place]).astype(float)
+    weight = 1 - level.ravel()[place].astype(float)
 
     def total(values: Numbers) -> Numbers:
         return np.bincount(number, values, count)[1:]

@@ -88,7 +88,7 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
 def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArray]:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending, and pixels."""
     blobs = find_blobs(image, greys=target.greys is not None)
-    if len(blobs) < LEAST_DOTS:
+    if len(blobs.ink) < LEAST_DOTS:
         raise NotFoundError("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
     area = np.pi * target.radii**2 / target.spacing**2

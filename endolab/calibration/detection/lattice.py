@@ -32,13 +32,6 @@ def _in_cells(vector: FloatArray, along: FloatArray, down: FloatArray) -> FloatA
         return parts / np.abs(cross(along, down))
 
 
-def _median(values: FloatArray) -> FloatArray:
-    """Median of the known ones of each row, (n, k); nan where none is."""
-    ordered = np.sort(values, axis=1)
-    count = np.isfinite(values).sum(axis=1)
-    return ordered[np.arange(len(values)), (count - 1) // 2]
-
-
 def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
     """Surroundings of some places of a lattice, (n, 5, 5, c); nan where not known."""
     beside = (REACH, REACH)
@@ -161,8 +154,9 @@ def check_places(
     place, along, down = _predict(window)
     cell = cross(along, down).reshape(panel.shape)
     miss = _in_cells(grid.reshape(-1, 2) - place, along, down).reshape(panel.shape)
-    misses = _windows(miss[..., None], row, column)
-    usual = _median(misses.reshape(-1, 25)).reshape(panel.shape)
+    misses = np.sort(_windows(miss[..., None], row, column).reshape(-1, 25))
+    middle = (np.isfinite(misses).sum(axis=1) - 1) // 2
+    usual = misses[np.arange(len(misses)), middle].reshape(panel.shape)
     known = np.isfinite(window[..., 0]).sum(axis=(1, 2)).reshape(panel.shape)
     with nan_if_undefined():
         most = np.minimum(3 * usual + SLACK / np.sqrt(cell), MOST_MISS)

@@ -13,6 +13,7 @@ from itertools import compress
 
 import numpy as np
 
+from endolab.calibration.geometric.planar_pose import planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     CAMERA_NAMES,
@@ -23,12 +24,10 @@ from endolab.calibration.geometric.projection import (
 )
 from endolab.calibration.geometric.reprojection import (
     FINEST,
-    Geometry,
     Reprojection,
     View,
     disagree,
     find_pose,
-    linear_pose,
 )
 from endolab.calibration.least_squares import fit
 from endolab.calibration.targets import Target
@@ -182,7 +181,7 @@ def _first_poses(
     dropped = {}
     for view in views:
         try:
-            poses.append(linear_pose(view, target, camera))
+            poses.append(planar_pose(view.pixels, target.points[view.ids], camera))
             kept.append(view)
         except ValueError as error:
             dropped[_label(view, target)] = str(error)
@@ -225,12 +224,10 @@ def _calibrate(
     good = [False]
     while not all(good):
         _refuse_few(len(views), dropped, least=1)
-        begin = Geometry.of(camera, poses)
-        free = min(len(begin.vector), 9)
-        model = Reprojection(views, target, start, free)
-        fitted = fit(model, begin, FINEST)
-        geometry: Geometry = fitted.unknowns
-        camera = camera_of(geometry.vector, start.width, start.height)
+        begin = camera_vector(camera), np.array([pose.vector for pose in poses])
+        model = Reprojection.of(views, target, start, free=9)
+        fitted = fit(model, *begin, FINEST)
+        camera = camera_of(fitted.common, start.width, start.height)
         cuts = np.cumsum([len(view.ids) for view in views])[:-1]
         inliers = np.split(fitted.used, cuts)
         for view, used in zip(views, inliers, strict=True):
@@ -238,9 +235,7 @@ def _calibrate(
                 dropped[_label(view, target)] = why
         good = [_label(view, target) not in dropped for view in views]
         views = list(compress(views, good))
-        poses = list(compress(geometry.poses, good))
-    covariance = np.zeros((len(geometry.vector),) * 2)
-    covariance[:free, :free] = fitted.covariance
+        poses = [Pose.of(vector) for vector in fitted.own[good]]
     return GeometricFit(
         camera=camera,
         views=tuple(views),
@@ -250,8 +245,8 @@ def _calibrate(
         inliers=tuple(inliers),
         sigma=fitted.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(fitted.residual[fitted.used] ** 2, axis=1)))),
-        covariance=covariance,
-        max_angle_seen=float(model.angles(geometry)[fitted.used].max()),
+        covariance=fitted.covariance,
+        max_angle_seen=float(model.angles(fitted.own)[fitted.used].max()),
         status=fitted.status,
     )
 

@@ -5,6 +5,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
+from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 
 LEAST_POINTS = 8  # points of a view that count as evidence
@@ -15,13 +16,17 @@ DISORDER = "its points do not lie to each other as the target's do"
 WIDEST = 0.15
 
 
-def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
-    """Find the pose of a plane from unit rays (n ≥ 8, 3), any direction, to its points (n, 3), z = 0, mm.
+def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
+    """Find the pose of a plane from pixels (n ≥ 8, 2), anywhere, of its points (n, 3), z = 0, mm.
 
-    Some points may be wrong. A pinhole camera is turned to the middle of the rays; what it sees of the plane
+    Some may be wrong. A pinhole camera is turned to the middle of the rays; what it sees of the plane
     is a homography (least median of squares), whose first two columns are made orthonormal. ValueError if
     the points are too few, on a line or in disorder, or if the pose would show the paper from behind.
     """
+    rays = camera.unproject(pixels)
+    has_ray = np.isfinite(rays[:, 0])
+    rays = rays[has_ray]
+    points = points[has_ray]
     if len(rays) < LEAST_POINTS:
         raise ValueError(f"a pose needs {LEAST_POINTS} points at least, got {len(rays)}")
     middle = points[:, :2].mean(axis=0)
@@ -52,6 +57,6 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
         raise ValueError("its points are mirrored: the paper would be seen from behind")
     scale = np.sqrt(np.linalg.norm(homography[:, 0]) * np.linalg.norm(homography[:, 1]))
     x, y, t = (look.T @ homography / scale).T
-    u, _, vt = np.linalg.svd(np.column_stack([x, y, np.cross(x, y)]))
-    rotation = u @ vt
+    nearly = np.column_stack([x, y, np.cross(x, y)])
+    rotation = Rotation.from_matrix(nearly).as_matrix()
     return Pose(rotation, t - rotation[:, :2] @ middle)

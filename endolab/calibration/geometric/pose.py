@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
@@ -17,8 +18,15 @@ class Pose:
 
     rotation: FloatArray  # R, (3, 3)
     translation: FloatArray  # t, (3,), mm: where the target's origin is
-    # Of a turn ω, rad, and a shift δ, mm: exp(ω) R and t + δ; (6, 6).
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
+    covariance: FloatArray = field(  # of `vector`, (6, 6)
+        default_factory=lambda: np.zeros((6, 6)), compare=False
+    )
+
+    @classmethod
+    def of(cls, vector: FloatArray) -> Pose:
+        """Make a pose of its `vector`."""
+        turn = scipy.spatial.transform.Rotation.from_rotvec(vector[:3])
+        return cls(turn.as_matrix(), vector[3:])
 
     @property
     def vector(self) -> FloatArray:
@@ -42,7 +50,7 @@ class Pose:
         """
         normal = self.normal
         height = self.normal @ self.translation
-        turned = np.cross(np.eye(3), normal).T  # δn = ω × n
+        turned = -cv2.Rodrigues(self.vector[:3])[1][:, 2::3].T  # δn by the rotation vector
         rise = np.append(self.translation @ turned, normal)  # δ(n · t)
         slopes = (
             np.hstack([turned, np.zeros((3, 3))]) / height

@@ -15,7 +15,7 @@ import numpy as np
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.model.cameras import BrownConrady, KannalaBrandt
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import FloatArray, IntArray
 
 Lens = KannalaBrandt | BrownConrady
 CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
@@ -23,10 +23,9 @@ BROWN_NAMES = (*CAMERA_NAMES[:6], "p1", "p2", "k3", "k4", "k5", "k6")
 # Points on the rim of a unit disc, (8, 3), and the matrix that differentiates a function of their angle.
 RIM_ANGLES = np.linspace(0, 2 * np.pi, 8, endpoint=False)
 RIM = np.stack([np.cos(RIM_ANGLES), np.sin(RIM_ANGLES), 0 * RIM_ANGLES], axis=-1)
-FREQUENCIES = np.array([0, 1, 2, 3, 0, -3, -2, -1])
-RIM_DERIVATIVE = np.fft.ifft(
-    1j * FREQUENCIES[:, None] * np.fft.fft(np.eye(8), axis=0), axis=0
-).real
+RIM_DERIVATIVE = np.fft.irfft(
+    1j * np.arange(5)[:, None] * np.fft.rfft(np.eye(8), axis=0), axis=0
+)
 
 
 def camera_names(camera: Lens) -> tuple[str, ...]:
@@ -64,38 +63,36 @@ def to_pixels(
         slopes = slopes.reshape(len(points), 2, 18)  # by a turn, a shift, f, c, k
         return pixels[:, 0], slopes[..., 6:], slopes[..., 3:6]
     # cv2.fisheye takes what is behind the image plane for what is before it. In polar coordinates
-    #     pixel = f h(ϑ) d + c,  h = ϑ + k1 ϑ³ + …,  d = (x, y) / s,  ϑ = atan(s / z)
-    # s is never 0, so that on the axis h/s is 1/z.
-    z = points[:, 2]
-    length = np.linalg.norm(points, axis=1)
-    s = np.hypot(np.linalg.norm(points[:, :2], axis=1), 1e-9 * length)
-    theta = np.arctan2(s, z)
-    direction = points[:, :2] / s[:, None]
+    #     pixel = f u (x, y) + c,  u = h(ϑ) / s,  h = ϑ + k1 ϑ³ + …,  ϑ = atan(s / z),  s = |(x, y)|
+    # s is never 0, so that on the axis u is 1/z.
+    xy = points[:, :2]
+    square = np.sum(points**2, axis=1)
+    s = np.hypot(np.linalg.norm(xy, axis=1), 1e-9 * np.sqrt(square))
+    theta = np.arctan2(s, points[:, 2])
     orders = np.array([1, 3, 5, 7, 9])
     terms = np.append(1.0, vector[4:])
     powers = theta[:, None] ** orders
-    h = powers @ terms
-    slope = (powers / theta[:, None]) @ (orders * terms)  # ∂h/∂ϑ
-    by_theta = np.column_stack([z[:, None] * direction, -s]) / length[:, None] ** 2
-    by_point = direction[:, :, None] * (slope[:, None] * by_theta)[:, None]
-    across = np.eye(2) - direction[:, :, None] * direction[:, None]
-    by_point[..., :2] += (h / s)[:, None, None] * across
-    plane = h[:, None] * direction
+    u = powers @ terms / s
+    slope = powers @ (orders * terms) / theta / square  # ∂h/∂ϑ / |point|²
+    # ∂u by the point: along (x, y), and by z.
+    gradient = xy * ((slope * points[:, 2] - u) / s**2)[:, None]
+    gradient = np.column_stack([gradient, -slope])
+    by_point = u[:, None, None] * np.eye(2, 3) + xy[:, :, None] * gradient[:, None]
     by_camera = np.zeros((len(points), 2, 8))
-    by_camera[:, [0, 1], [0, 1]] = plane
+    by_camera[:, [0, 1], [0, 1]] = u[:, None] * xy
     by_camera[:, [0, 1], [2, 3]] = 1.0
-    by_camera[..., 4:] = powers[:, None, 1:] * (direction * focal)[..., None]
-    return plane * focal + centre, by_camera, by_point * focal[:, None]
+    by_camera[..., 4:] = powers[:, None, 1:] * (focal * xy / s[:, None])[..., None]
+    return focal * u[:, None] * xy + centre, by_camera, by_point * focal[:, None]
 
 
 def _centroid(curves: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Find the centroids of what closed curves enclose, from points along them, (n, vertices, 2).
 
-    Returns them, (n, 2), and their derivatives by the points, (n, vertices, 2, 2). A curve of one vertex is
-    that point.
+    Returns them, (n, 2), and their derivatives by the points' numbers, (n, 2, 2 · vertices). A curve of one
+    vertex is that point.
     """
     if curves.shape[1] == 1:
-        return curves[:, 0], np.eye(2)[None, None]
+        return curves[:, 0], np.eye(2)[None]
     # About a point inside, for the sake of rounding.
     middle = curves.mean(axis=1)
     x, y = np.moveaxis(curves - middle[:, None], -1, 0)
@@ -109,37 +106,39 @@ def _centroid(curves: FloatArray) -> tuple[FloatArray, FloatArray]:
     y = y - offset[:, 1:]
     by_x = [x * dy, 0.5 * (y * y) @ RIM_DERIVATIVE.T]
     by_y = [-0.5 * (x * x) @ RIM_DERIVATIVE.T, -y * dx]
-    weights = np.stack([np.stack(by_x, -1), np.stack(by_y, -1)], axis=-1)
-    return middle + offset, weights / area[:, None, None, None]
+    weights = np.stack([by_x, by_y], axis=-1) / area[:, None, None]
+    return middle + offset, np.swapaxes(weights, 0, 1).reshape(len(curves), 2, -1)
 
 
 def project(
     vector: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
+    poses: FloatArray,
+    view: IntArray,
     points: FloatArray,
     radii: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Predict where features are measured, with derivatives.
 
-    `vector` is the camera's; `rotation` (n, 3, 3) and `translation` (n, 3), mm, bring each feature
-    from the target's frame to the camera's; `points` (n, 3) lie in the target's plane z = 0, mm; `radii`
+    `vector` is the camera's, `poses` (v, 6) are those of some views, `Pose.vector`, and `view` (n,) says
+    which of them each feature is in; `points` (n, 3) lie in the target's plane z = 0, mm; `radii`
     (n,), mm, are of their discs, all 0 for corners.
 
-    Returns pixels (n, 2), and their derivatives by the vector, (n, 2, p), and by the pose, (n, 2, 6): a turn
-    ω, rad, and a shift, mm, R ← exp(ω) R, t ← t + δ.
+    Returns pixels (n, 2), and their derivatives by the vector, (n, 2, p), and by the pose, (n, 2, 6).
     """
+    rotation, by_vector = zip(*(cv2.Rodrigues(turn) for turn in poses[:, :3]), strict=True)
     rim = RIM if radii.any() else np.zeros((1, 3))
-    turned = (points[:, None] + radii[:, None, None] * rim) @ np.swapaxes(rotation, 1, 2)
-    seen = (turned + translation[:, None]).reshape(-1, 3)
+    places = points[:, None] + radii[:, None, None] * rim
+    seen = places @ np.swapaxes(rotation, 1, 2)[view] + poses[view, None, 3:]
     pixels, by_camera, by_point = (
         part.reshape(len(points), len(rim), *part.shape[1:])
-        for part in to_pixels(vector, seen)
+        for part in to_pixels(vector, seen.reshape(-1, 3))
     )
-    by_turn = np.cross(turned[:, :, None], by_point)  # a turn ω moves a point by ω × turned
+    # Of a place's point by the rotation vector.
+    turns = np.swapaxes(np.reshape(by_vector, (-1, 3, 3, 3)), 1, 3).reshape(-1, 3, 9)
+    by_turn = by_point @ (places @ turns[view]).reshape(*places.shape, 3)
     slopes = np.concatenate([by_camera, by_turn, by_point], axis=-1)
     centroid, weights = _centroid(pixels)
-    slopes = (weights @ slopes).sum(axis=1)
+    slopes = weights @ slopes.reshape(len(points), 2 * len(rim), len(vector) + 6)
     return centroid, slopes[..., :-6], slopes[..., -6:]
 
 
@@ -150,7 +149,6 @@ def predict_view(
 
     `points` (n, 3) lie in the target's plane z = 0, mm; `radii` (n,), mm, are all 0 for corners.
     """
-    rotation = np.broadcast_to(pose.rotation, (len(points), 3, 3))
-    translation = np.broadcast_to(pose.translation, points.shape)
-    pixels, *_ = project(camera_vector(camera), rotation, translation, points, radii)
+    view = np.zeros(len(points), int)
+    pixels, *_ = project(camera_vector(camera), pose.vector[None], view, points, radii)
     return np.where(np.isfinite(camera.project(pose.transform(points))), pixels, np.nan)

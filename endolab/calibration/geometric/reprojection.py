@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS, planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     Lens,
@@ -17,7 +17,7 @@ from endolab.calibration.geometric.projection import (
     camera_vector,
     project,
 )
-from endolab.calibration.least_squares import Linearised, fit
+from endolab.calibration.least_squares import Model, fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -56,13 +56,8 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     Points beside a fold are left out.
     """
     points = target.points[detection.ids]
-    panel = target.panel_of(points)
-    if target.fold_x is not None:
-        panel = np.where(
-            np.abs(points[:, 0] - target.fold_x) < BESIDE_FOLD * target.spacing,
-            -1,
-            panel,
-        )
+    apart = np.abs(points[:, 0] - target.fold_x)
+    panel = np.where(apart < BESIDE_FOLD * target.spacing, -1, target.panel_of(points))
     views = []
     for number in range(target.panels):
         on_panel = panel == number
@@ -73,80 +68,54 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """The unknowns: a camera's vector and the poses of all views."""
+class Reprojection(Model):
+    """The residuals of views, by the camera's vector and `Pose.vector` of each view."""
 
-    vector: FloatArray
-    rotation: FloatArray  # (views, 3, 3)
-    translation: FloatArray  # (views, 3), mm
+    points: FloatArray  # (n, 3), mm
+    radii: FloatArray  # (n,), mm
+    pixels: FloatArray  # (n, 2), where they were measured
 
     @classmethod
-    def of(cls, camera: Lens, poses: Sequence[Pose]) -> Geometry:
-        """Put a camera and poses together."""
-        rotation = np.stack([pose.rotation for pose in poses])
-        translation = np.stack([pose.translation for pose in poses])
-        return cls(camera_vector(camera), rotation, translation)
-
-    @property
-    def poses(self) -> list[Pose]:
-        """The poses, one by one."""
-        return [Pose(r, t) for r, t in zip(self.rotation, self.translation, strict=True)]
-
-
-class Reprojection:
-    """The residuals of views as a `Model`.
-
-    The first `free` numbers of the camera's vector are fitted; its k are known to be near those of `usual`.
-    """
-
-    def __init__(
-        self, views: Sequence[View], target: Target, usual: Lens, free: int
-    ) -> None:
-        self.group: IntArray = np.repeat(
-            np.arange(len(views)), [len(view.ids) for view in views]
-        )
+    def of(
+        cls, views: Sequence[View], target: Target, usual: Lens, free: int
+    ) -> Reprojection:
+        """Fit the first `free` numbers of the camera's vector; its k are near those of `usual`."""
         ids = np.concatenate([view.ids for view in views])
-        self.points = target.points[ids]
-        self.radii = target.radii[ids]
-        self.pixels = np.concatenate([view.pixels for view in views])
-        self.free = free
-        self.usual = camera_vector(usual)[:free]
         spread = USUAL_K if isinstance(usual, KannalaBrandt) else USUAL_BROWN
-        self.certainty = np.append(np.zeros(4), spread**-2)[:free]
-
-    def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
-        pixels, by_camera, by_pose = project(
-            unknowns.vector,
-            unknowns.rotation[self.group],
-            unknowns.translation[self.group],
-            self.points,
-            self.radii,
+        sd = np.append(np.full(4, np.inf), spread)
+        sd[free:] = 0
+        return cls(
+            group=np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
+            mean=camera_vector(usual),
+            sd=sd,
+            own_sd=np.full(6, np.inf),
+            points=target.points[ids],
+            radii=target.radii[ids],
+            pixels=np.concatenate([view.pixels for view in views]),
         )
-        off = unknowns.vector[: self.free] - self.usual
-        by_common = -by_camera[..., : self.free]
-        return Linearised(self.pixels - pixels, by_common, -by_pose, off, self.certainty)
 
-    def take_step(  # noqa: D102
-        self, unknowns: Geometry, common: FloatArray, own: FloatArray
-    ) -> Geometry | None:
-        vector = unknowns.vector.copy()
-        vector[: self.free] += common
-        if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
-            return None
-        turn = Rotation.from_rotvec(own[:, :3]).as_matrix()
-        return Geometry(vector, turn @ unknowns.rotation, unknowns.translation + own[:, 3:])
+    def linearise(  # noqa: D102
+        self, common: FloatArray, own: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        pixels, by_camera, by_pose = project(
+            common, own, self.group, self.points, self.radii
+        )
+        if np.any(common[:2] <= 0):  # would mirror the picture
+            pixels = pixels * np.nan
+        return self.pixels - pixels, -by_camera, -by_pose
 
-    def angles(self, unknowns: Geometry) -> FloatArray:
+    def angles(self, own: FloatArray) -> FloatArray:
         """Angle of each point off the axis, (n,), rad."""
-        turned = np.einsum("nij,nj->ni", unknowns.rotation[self.group], self.points)
-        x, y, z = (turned + unknowns.translation[self.group]).T
+        poses = own[self.group]
+        x, y, z = (Rotation.from_rotvec(poses[:, :3]).apply(self.points) + poses[:, 3:]).T
         return np.arctan2(np.hypot(x, y), z)
 
-    def usable(self, unknowns: Geometry) -> BoolArray:  # noqa: D102
-        largest = camera_of(unknowns.vector, 1, 1).max_angle
+    def usable(self, common: FloatArray, own: FloatArray) -> BoolArray:  # noqa: D102
+        largest = camera_of(common, 1, 1).max_angle
         # Panels that show their printed side.
-        turned = np.einsum("gi,gi->g", unknowns.rotation[:, :, 2], unknowns.translation)
-        return (self.angles(unknowns) < largest) & (turned > 0)[self.group]
+        behind = Rotation.from_rotvec(own[:, :3]).apply([0.0, 0.0, 1.0])
+        turned = np.sum(behind * own[:, 3:], axis=1) > 0
+        return (self.angles(own) < largest) & turned[self.group]
 
 
 def disagree(used: BoolArray) -> str:
@@ -154,13 +123,6 @@ def disagree(used: BoolArray) -> str:
     if used.sum() >= max(LEAST_POINTS, len(used) / 2):
         return ""
     return f"only {used.sum()} of its {len(used)} points agree with the others"
-
-
-def linear_pose(view: View, target: Target, camera: Lens) -> Pose:
-    """Find where a panel stands from its rays alone; ValueError if nowhere. A start for `find_pose`."""
-    rays = camera.unproject(view.pixels)
-    seen = np.isfinite(rays[:, 0])
-    return pose_from_rays(rays[seen], target.points[view.ids[seen]])
 
 
 def find_pose(
@@ -172,18 +134,18 @@ def find_pose(
     less predicted, px. ValueError if the points are too few, or fewer than half agree, or the paper would
     be seen from behind.
     """
-    start = Geometry.of(camera, [linear_pose(view, target, camera)])
-    fitted = fit(Reprojection([view], target, camera, 0), start, smallest=FINEST)
+    model = Reprojection.of([view], target, camera, 0)
+    start = planar_pose(view.pixels, model.points, camera)
+    fitted = fit(model, model.mean, start.vector[None], smallest=FINEST)
     inliers = fitted.used
     if why := disagree(inliers):
         raise ValueError(why)
-    found: Geometry = fitted.unknowns
+    pose = Pose.of(fitted.own[0])
     # Scale of the panel in the picture about its middle, where it is least, px/mm.
     middle = target.points[view.ids].mean(axis=0, keepdims=True)
-    at = found.vector, found.rotation, found.translation, middle, np.zeros(1)
-    by_shift = project(*at)[2][0, :, 3:] @ found.rotation[0, :, :2]
+    by_pose = project(model.mean, fitted.own, np.zeros(1, int), middle, np.zeros(1))[2]
+    by_shift = by_pose[0, :, 3:] @ pose.rotation[:, :2]
     apart = target.spacing * np.linalg.svd(by_shift, compute_uv=False)[-1]
     worse = SHARED * (1 + (DOUBLED_AT / apart) ** 4)
-    covariance = worse**2 * fitted.own_covariance[0]
-    pose = Pose(found.rotation[0], found.translation[0], covariance)
+    pose = replace(pose, covariance=worse**2 * fitted.own_covariance[0])
     return pose, inliers, fitted.residual

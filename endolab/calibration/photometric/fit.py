@@ -163,14 +163,13 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
     held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
-    fitted = fit(stiff, _start(model, good))
+    fitted = fit(stiff, model.mean, _start(model, good))
     covariance = fitted.covariance
     # Its uncertainty is given back, and with it that of what hangs on it.
-    for row, i in enumerate(np.flatnonzero(model.free)):
-        if held[i]:
-            variance = covariance[row, row]
-            along = covariance[:, row] / variance  # d(all)/d(held)
-            covariance = covariance + (model.sd[i] ** 2 - variance) * np.outer(along, along)
+    for i in np.flatnonzero(held):
+        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
+        wider = model.sd[i] ** 2 - covariance[i, i]
+        covariance = covariance + wider * np.outer(along, along)
     return _result(model, replace(fitted, covariance=covariance))
 
 
@@ -183,26 +182,27 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
     theta = samples.theta[good]
     nodes = place_nodes(theta, 1 if how.brdf == "lambertian" else how.nodes)
     pinned = int(np.argmax(hats(nodes, theta).T @ samples.level[good] ** 2))
-    known = [(FIRST_K, np.inf), _belief(how.gamma, FIRST_GAMMA)]
-    known += [(LOG_MATT, np.inf)] * len(nodes) + [(0.0, 0.0)]
-    known[2 + pinned] = LOG_MATT, 0.0
-    for one in how.reflectance:
+    known = {"k": (FIRST_K, np.inf), "gamma": _belief(how.gamma, FIRST_GAMMA)}
+    known |= {f"brdf {node}": (LOG_MATT, np.inf) for node in range(len(nodes))}
+    known |= {f"brdf {pinned}": (LOG_MATT, 0.0), "reflectance 0": (0.0, 0.0)}
+    for material, one in enumerate(how.reflectance, 1):
         value, sd = _belief(one, 1.0)
-        known.append((float(np.log(value)), sd / value))
-    mean, sd = np.array(known).T
-    return LightModel(samples, group, nodes, mean, sd)
+        known[f"reflectance {material}"] = float(np.log(value)), sd / value
+    mean, sds = np.array(list(known.values())).T
+    own_sd = np.append(np.inf, np.ones(samples.slack.shape[1]))  # of the gain, of the poses
+    return LightModel(group, mean, sds, own_sd, samples, nodes, list(known))
 
 
-def _start(model: LightModel, good: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Begin at the means, with the gains that the good samples of each frame show with these."""
+def _start(model: LightModel, good: BoolArray) -> FloatArray:
+    """Begin with the gains that the good samples of each frame show if all else is as on the mean."""
     level = np.maximum(model.samples.level, 1e-3)
-    own = np.zeros((int(model.group[-1]) + 1, model.own_columns.shape[1]))
-    light, _ = model.shine((model.mean, own))
+    own = np.zeros((int(model.group[-1]) + 1, len(model.own_sd)))
+    light, _ = model.shine(model.mean, own)
     # The gain of a frame without good samples is read from the others.
     weight = level**2 * np.maximum(good, 1e-9)
     missing = np.bincount(model.group, weight * (model.mean[1] * np.log(level) - light))
     own[:, 0] = missing / np.bincount(model.group, weight)
-    return model.mean, own
+    return own
 
 
 def _refuse_untold(model: LightModel, of_k: float, of_gamma: float) -> None:
@@ -230,7 +230,7 @@ def _refuse_run_away(
     model: LightModel, fitted: Fit, errors: dict[str, float], power: tuple[float, float]
 ) -> None:
     """Refuse what was fitted if it is of no use, or of no endoscope's light."""
-    k, gamma = fitted.unknowns[0][:2].tolist()
+    k, gamma = fitted.common[:2].tolist()
     error = gamma * errors["k/gamma"]
     low, high = GAMMA_BOUNDS
     most = LARGEST_GAMMA_ERROR
@@ -271,7 +271,6 @@ def _standard_errors(
     slopes = np.eye(len(vector) + 1, len(vector))
     slopes[:, 2:] *= np.exp(vector[2:])  # of logarithms
     slopes[-1, :2] = 1 / vector[1], -vector[0] / vector[1] ** 2  # of k/γ
-    slopes = slopes[:, model.free]
     errors = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
     return dict(zip([*model.names, "k/gamma"], errors.tolist(), strict=True))
 
@@ -282,7 +281,8 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
     """Check a fit and name what it found."""
-    vector, own = fitted.unknowns
+    vector = fitted.common
+    own = fitted.own
     errors = _standard_errors(model, vector, fitted.covariance)
     power = np.nan, np.nan
     # A free γ would make up for another light, and run out of its bounds.
@@ -306,14 +306,15 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
     gains = np.repeat(np.exp(own[:, 0]), alike)
     locked = float(gains[0]) if alike > 1 else None
     counted = model.samples[fitted.used]
+    free = np.flatnonzero(model.sd)
     return PhotometricFit(
         photometry=Photometry(float(vector[0]), float(vector[1]), locked, surface),
         frames=frames,
         gains=gains,
         gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
         reflectance=np.exp(vector[model.of_brdf.stop :]),
-        names=[name for name, free in zip(model.names, model.free, strict=True) if free],
-        covariance=fitted.covariance,
+        names=[model.names[i] for i in free],
+        covariance=fitted.covariance[np.ix_(free, free)],
         standard_errors=errors,
         residuals=fitted.residual[:, 0],
         used=fitted.used,

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.calibration.least_squares import Arrow, Linearised
+from endolab.calibration.least_squares import Arrow
 from endolab.calibration.photometric.model import LightModel, hats
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -62,8 +62,7 @@ def regress(
     Returns the coefficients, what is left, (n,), and the equations.
     """
     ones = np.ones((len(target), 1, 1))
-    lin = Linearised(target[:, None], -columns[:, None], -ones)
-    arrow = Arrow(lin, weight, model.group)
+    arrow = Arrow(target[:, None], -columns[:, None], -ones, weight, model.group)
     solved, constant = arrow.solve(0.0)
     return solved, target - columns @ solved - constant[model.group, 0], arrow
 

@@ -20,9 +20,9 @@ from functools import cached_property
 
 import numpy as np
 
-from endolab.calibration.least_squares import Linearised
+from endolab.calibration.least_squares import Model
 from endolab.calibration.photometric.samples import Samples
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 
 GREY_LEVELS = 255.0  # of a stored value of 1
 # Stored values that the model may predict for a sample to count: noise of 3 grey levels cannot clip them.
@@ -30,11 +30,6 @@ LEVELS = (12 / 255, 240 / 255)
 # Exponent that brings the BRDF's nodes closer together near θ = 0.
 NODE_EXPONENT = 1.15
 LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
-
-
-# What is fitted, and what is given with it: the vector, (p,); and of each group, (groups, 1 + b), the log
-# of its gain, and errors of the poses, in standard deviations. If the gain is locked, there is one group.
-Unknowns = tuple[FloatArray, FloatArray]
 
 
 def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
@@ -60,26 +55,16 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class LightModel:
-    """The photometric fit as `least_squares` asks for it."""
+class LightModel(Model):
+    """The photometric fit as `least_squares` asks for it.
+
+    A group is what shares a gain: a frame, or all if it is locked. Its own unknowns are the logarithm of the
+    gain and errors of the frame's poses, in standard deviations.
+    """
 
     samples: Samples
-    group: IntArray  # (n,), frame that a sample takes its gain from, counted from 0
     nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
-    mean: FloatArray  # (p,), of each number of the vector before the fit
-    sd: FloatArray  # (p,), its standard deviation
-
-    @property
-    def free(self) -> BoolArray:
-        """Which numbers of the vector are fitted, (p,)."""
-        return self.sd > 0
-
-    @property
-    def names(self) -> list[str]:
-        """Of the numbers of the vector, (p,)."""
-        brdf = [f"brdf {node}" for node in range(len(self.nodes))]
-        materials = range(len(self.mean) - self.of_brdf.stop)
-        return ["k", "gamma", *brdf, *(f"reflectance {m}" for m in materials)]
+    names: list[str]  # of the common unknowns, (p,)
 
     @property
     def of_brdf(self) -> slice:
@@ -115,58 +100,40 @@ class LightModel:
         """Derivatives of L by the own unknowns, (n, 1 + b)."""
         return np.column_stack([np.ones(len(self.samples)), self.samples.slack])
 
-    def shine(self, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
+    def shine(self, vector: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return L, the logarithm of the light, (n,), and its derivatives by the vector, (n, p), γ apart."""
-        vector, own = unknowns
         columns = self.columns.copy()
         share = columns[:, self.of_brdf] * np.exp(vector[self.of_brdf])
         f = share.sum(axis=1, keepdims=True)
         columns[:, self.of_brdf] = share / f
-        others = np.delete(np.arange(len(self.mean)), self.of_brdf)
-        light = self.falloff + columns[:, others] @ vector[others] + np.log(f[:, 0])
+        others = vector.copy()
+        others[self.of_brdf] = 0
+        light = self.falloff + columns @ others + np.log(f[:, 0])
         light += np.einsum("nb,nb->n", self.own_columns, own[self.group])
         return light, columns
 
-    def level(self, light: FloatArray, gamma: float) -> FloatArray:
-        """Grey level of light whose logarithm is given, (n,); 0 where none can come from."""
-        # A wild step must not overflow.
-        return GREY_LEVELS * np.exp(np.minimum(light / gamma, 50.0)) * self.samples.lit
-
-    def usable(self, unknowns: Unknowns) -> BoolArray:
+    def usable(self, common: FloatArray, own: FloatArray) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
 
         Choosing by the measured level would keep what noise has moved into the range and drop
         what it has moved out: a bias of k and γ.
         """
-        light, _ = self.shine(unknowns)
-        level = self.level(light, unknowns[0][1]) / GREY_LEVELS
+        off, *_ = self.linearise(common, own)
+        level = self.samples.level - off[:, 0] / GREY_LEVELS
         return (level > LEVELS[0]) & (level < LEVELS[1])
 
-    def linearise(self, unknowns: Unknowns) -> Linearised:
-        """Residuals and their derivatives."""
-        vector, own = unknowns
-        gamma = vector[1]
-        light, columns = self.shine(unknowns)
+    def linearise(  # noqa: D102
+        self, common: FloatArray, own: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        gamma = common[1]
+        light, columns = self.shine(common, own)
         columns[:, 1] = -light / gamma
-        level = self.level(light, gamma)
+        # A wild step must not overflow.
+        level = GREY_LEVELS * np.exp(np.minimum(light / gamma, 50.0)) * self.samples.lit
         slope = (-level / gamma)[:, None]
-        return Linearised(
-            (GREY_LEVELS * self.samples.level - level)[:, None],
-            (slope * columns[:, self.free])[:, None],
-            (slope * self.own_columns)[:, None],
-            (vector - self.mean)[self.free],
-            self.sd[self.free] ** -2.0,
-            own,
-            # Nothing is known of the gain.
-            np.append(0.0, np.ones(self.samples.slack.shape[1])),
-        )
-
-    def take_step(
-        self, unknowns: Unknowns, common: FloatArray, own: FloatArray
-    ) -> Unknowns | None:
-        """Return the unknowns after a step; None where γ would lose its meaning."""
-        vector = unknowns[0].copy()
-        vector[self.free] += common
-        if not 0.1 < vector[1] < 20:
-            return None
-        return vector, unknowns[1] + own
+        off = GREY_LEVELS * self.samples.level - level
+        if not 0.1 < gamma < 20:  # it would lose its meaning
+            off = off * np.nan
+        by_vector = slope * columns
+        by_own = slope * self.own_columns
+        return off[:, None], by_vector[:, None], by_own[:, None]

@@ -106,34 +106,6 @@ def sample_places(target: Target) -> tuple[FloatArray, IntArray]:
     return readonly_copy(spots), material
 
 
-def _on_panel(
-    spots: FloatArray, pose: Pose, camera: Camera, size: tuple[int, int], side: int
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which of some places of a panel can be read in a picture of a size (width, height), px.
-
-    Around each that can, a square of `side` px is bare. Returns their numbers (m,), the nearest pixels
-    (m, 2), and the points where these pixels' rays meet the panel, camera frame, mm (m, 3).
-    """
-    centre = np.column_stack([spots[:, :2], np.zeros(len(spots))])
-    edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[:, 2, None]
-    pixel = camera.project(pose.transform(centre))
-    axes = camera.project(pose.transform(centre + edges)) - pixel
-    # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
-    # in the narrowest direction: the short axis of the ellipse that these two axes span.
-    axes = np.nan_to_num(axes).transpose(1, 2, 0)
-    short = np.linalg.svd(axes, compute_uv=False)[:, 1]
-    nearest = np.round(pixel)
-    half = side // 2
-    with np.errstate(invalid="ignore"):
-        inside = np.all((nearest >= half) & (nearest < np.array(size) - half), axis=1)
-        good = np.flatnonzero(inside & (short >= RIM + np.sqrt(2) * side / 2))
-    rays = camera.unproject(nearest[good])
-    facing = rays @ pose.normal
-    points = rays * ((pose.translation @ pose.normal) / facing)[:, None]
-    seen = (facing < 0) & (pose.translation @ pose.normal < 0)
-    return good[seen], nearest[good[seen]], points[seen]
-
-
 def sample_sheet(
     image: FloatArray,
     target: Target,
@@ -149,30 +121,42 @@ def sample_sheet(
     mean of a square of pixels, 3 × 3 in a large picture, else 1. At most `most` are kept, at random.
     """
     spots, material = sample_places(target)
-    height, width = image.shape
-    side = 3 if width >= LARGE_PICTURE else 1
-    linear = cv2.blur(image.astype(np.float32) ** ROUGH_GAMMA, (side, side))
     panel = target.panel_of(spots)
+    centre = np.column_stack([spots[:, :2], np.zeros(len(spots))])
+    edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[:, 2, None]
+    size = np.array(image.shape[::-1])
+    side = 3 if size[0] >= LARGE_PICTURE else 1
+    half = side // 2
+    linear = cv2.blur(image.astype(np.float32) ** ROUGH_GAMMA, (side, side))
     parts = []
     for number, pose in enumerate(poses):
-        on_panel = np.flatnonzero(panel == number)
-        if pose is None or not len(on_panel):
+        if pose is None:
             continue
-        read, pixels, points = _on_panel(
-            spots[on_panel], pose, camera, (width, height), side
-        )
-        column, row = pixels.astype(int).T
+        pixel = camera.project(pose.transform(centre))
+        axes = camera.project(pose.transform(centre + edges)) - pixel
+        # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
+        # in the narrowest direction: the short axis of the ellipse that these two axes span.
+        axes = np.nan_to_num(axes).transpose(1, 2, 0)
+        bare = np.linalg.svd(axes, compute_uv=False)[:, 1] >= RIM + np.sqrt(2) * side / 2
+        nearest = np.round(pixel)
+        inside = np.all((nearest >= half) & (nearest < size - half), axis=1)
+        rays = camera.unproject(nearest)
+        facing = rays @ pose.normal
+        height = pose.translation @ pose.normal
+        seen = bare & inside & (facing < 0) & (height < 0)
+        read = np.flatnonzero(seen & (panel == number))
+        points = rays[read] * (height / facing[read])[:, None]
+        column, row = nearest[read].astype(int).T
         level = linear[row, column].astype(np.float64) ** (1 / ROUGH_GAMMA)
-        plane = pose.normal / (pose.normal @ pose.translation)
+        # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
+        plane = pose.normal / height
         errors = pose.plane_errors()
         slack = np.zeros((len(read), 3 * target.panels))
-        # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
         change = 3 * points @ errors - plane @ errors / (plane @ plane)
         slack[:, 3 * number : 3 * number + 3] = change
         frames = np.full(len(read), frame)
         normals = np.tile(pose.normal, (len(read), 1))
-        which = material[on_panel[read]]
-        parts.append(Samples(frames, level, points, normals, which, slack))
+        parts.append(Samples(frames, level, points, normals, material[read], slack))
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples

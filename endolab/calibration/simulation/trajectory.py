@@ -40,7 +40,7 @@ def fold_pose(target: Target, pose: Pose, fold: float) -> Panels:
 
     One pose a panel; the ridge is towards the camera and stays in place.
     """
-    if target.fold_x is None:
+    if target.fold is None:
         return (pose,)
     ridge = np.array([target.fold_x, 0.0, 0.0])
     turns = Rotation.from_euler("y", [[fold / 2], [-fold / 2]]).as_matrix()
@@ -73,7 +73,7 @@ def trajectory(
 ) -> list[Panels]:
     """Move a sheet by hand, as `Shooting` says: for each of `count` frames the poses, one a panel."""
     how = Shooting(**shooting)
-    if how.fold and target.fold_x is None:
+    if how.fold and target.fold is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     # Smooth random motions that spend their time evenly over [-1, 1]: triangle waves with round corners.
     rng = np.random.default_rng([seed, 0])
@@ -93,7 +93,7 @@ def trajectory(
     axis = how.tilt * np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
     turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
     left, top, width, height = target.sheet
-    across = left + width / 2 if target.fold_x is None else target.fold_x
+    across = left + width / 2 if target.fold is None else target.fold_x
     middle = np.array([across, top + height / 2, 0.0])
     least_seen = 1.0 if target.found_whole else LEAST_SEEN
     poses = []

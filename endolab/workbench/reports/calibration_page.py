@@ -24,8 +24,9 @@ def _frames_of(session: Session) -> list[dict[str, Any]]:
     """Name, errors, reason to be left out, and corners of the panels, mm, of each frame."""
     greys = summary.light_errors(session)
     left, top, width, height = session.target.sheet
+    right = left + width
     fold = session.target.fold_x
-    edges = [left, left + width] if fold is None else [left, fold, left + width]
+    edges = [left, right] if fold > right else [left, fold, right]
     bottom = top + height
     sheets = [
         np.array([(x, top, 0), (end, top, 0), (end, bottom, 0), (x, bottom, 0)])

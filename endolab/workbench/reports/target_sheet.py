@@ -49,7 +49,7 @@ def draw_sheet(target: Target) -> Figure:
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     lines: dict[str, Any] = {"color": "0.4", "linewidth": 0.5}
     bottom = top + height
-    if target.fold_x is not None:
+    if target.fold is not None:
         axes.plot([target.fold_x] * 2, [top, bottom], "|", ms=12, **lines)
         axes.text(target.fold_x, top - 5, "fold here, away from you", ha="center", **words)
     names = [name for name, known in TARGETS.items() if known == target]
