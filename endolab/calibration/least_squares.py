@@ -30,7 +30,6 @@ import scipy
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.numerics.iteration import Status
-from endolab.numerics.penalties import huber
 
 HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
@@ -192,7 +191,7 @@ def _weigh(
     size = np.linalg.norm(lin.residual, axis=1) / sigma
     known = np.sum(lin.certainty * np.square(lin.off))
     known += np.sum(lin.own_certainty * np.square(lin.own))
-    cost = np.sum(huber(size[used], limit)) + 0.5 * known
+    cost = np.sum(scipy.special.huber(limit, size[used])) + 0.5 * known
     return float(cost), used * np.minimum(1, limit / np.maximum(size, 1e-9)) / sigma**2
 
 

@@ -39,7 +39,7 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import check_kinds, excerpt
-from endolab.numerics.iteration import Status, check_observers, close_observers, drive
+from endolab.numerics.iteration import Status, drive, watched
 from endolab.reconstruction.colours import NoColour, known_albedo
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
@@ -153,7 +153,6 @@ def estimate_light(
     wall = Lambertian() if albedo is None else Lambertian(albedo)  # type: ignore[arg-type]
     usual = Photometry(otherwise, gamma, None, wall)
     endoscope = Calibration(camera, usual)
-    watching = check_observers(observers)
     scans: list[_Scan] = []
     refused: dict[str, str] = {}
 
@@ -171,7 +170,7 @@ def estimate_light(
                 progress(done, frame.name)
         return Status.CONVERGED
 
-    with close_observers(watching):
+    with watched(observers) as watching:
         status = drive(scan_all(), watching, lambda *_: None)
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"

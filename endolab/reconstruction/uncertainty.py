@@ -43,13 +43,7 @@ from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.iteration import (
-    Status,
-    Stopped,
-    check_observers,
-    close_observers,
-    drive,
-)
+from endolab.numerics.iteration import Status, Stopped, drive, watched
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import links, px_per_reference
@@ -159,9 +153,8 @@ def uncertainty_of(
         )
     whole = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
-    watching = check_observers(observers)
     answers: dict[str, list[FloatArray]] = defaultdict(list)
-    with limit_threads(threads), close_observers(watching):
+    with limit_threads(threads), watched(observers) as watching:
         iterate = on_fewer_pixels(whole)
         surface = Linearised(iterate.problem, iterate.log_distance)
         rng = np.random.default_rng(0)

@@ -19,7 +19,7 @@ from endolab.model.ranges import RANGES
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import check_int
-from endolab.numerics.iteration import Status, check_observers, close_observers, drive
+from endolab.numerics.iteration import Status, drive, watched
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
@@ -307,8 +307,7 @@ def run(
             logs.append(_StageLog(iterate))
         logs[-1].add(iterate, seconds)
 
-    watching = check_observers(observers)
-    with close_observers(watching):
+    with watched(observers) as watching:
         status = drive(limit_steps(iterates, max_iterations), watching, keep)
         if not logs:
             raise ValueError(NOTHING)

@@ -8,14 +8,14 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import compare
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, finish
 from endolab.reconstruction.light_and_contours import separate
 from endolab.reconstruction.problem_of_frame import problem_of_frame
 from endolab.reconstruction.report import notes, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from tests.benchmarks.frames import cases_of
-from tests.tools.problems import Shot, finish, relit
+from tests.tools.problems import Shot, relit
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
