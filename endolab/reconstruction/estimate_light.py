@@ -40,7 +40,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import check_kinds, excerpt
 from endolab.numerics.iteration import Status, drive, watched
-from endolab.reconstruction.colours import NoColour, known_albedo
+from endolab.reconstruction.colours import AlbedoPrior, NoColour, known_albedo
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
 from endolab.reconstruction.report import light_verdict
@@ -201,21 +201,21 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
     settings = Settings(width=width, smooth=SMOOTH, highlights="ignore")
     check_frame(frame, calibration, settings)
     colours = problem_of_frame(frame, calibration, settings).colours
-    albedo = known_albedo(calibration)
+    prior = AlbedoPrior.of(known_albedo(calibration))
     fall = np.log(np.where(colours[1].mask, colours[1].field.cos_alpha, 1.0))
 
     def under(k: float) -> Problem:
         lit = [replace(c, photometry=replace(c.photometry, k=float(k))) for c in colours]
         return replace(lit[1], colours=tuple(lit))
 
-    found = yield from separate(under(EXPONENTS[FIRST]), albedo, False)
+    found = yield from separate(under(EXPONENTS[FIRST]), prior, False)
     surfaces = {FIRST: found.trial.surface}
     for index in (*range(FIRST + 1, len(EXPONENTS)), *reversed(range(FIRST))):
         neighbour = index - 1 if index > FIRST else index + 1
         # The surface of the same slants that makes the same picture under another k.
         moved = 0.5 * (EXPONENTS[index] - EXPONENTS[neighbour]) * fall
         start = surfaces[neighbour].log_distance + moved
-        trial = yield from separate_from(under(EXPONENTS[index]), albedo, start)
+        trial = yield from separate_from(under(EXPONENTS[index]), prior, start)
         surfaces[index] = trial.surface
 
     costs = np.zeros(len(EXPONENTS))
