@@ -100,7 +100,7 @@ def finish(
 
 
 @contextmanager
-def watched(observers: Any) -> Iterator[list[Any]]:
+def close_observers(observers: Any) -> Iterator[list[Any]]:
     """Give the observers, if all can be called, else ValueError; at the end close those that can be closed.
 
     All are closed, even if another fails to.

@@ -39,7 +39,7 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import check_kinds, excerpt
-from endolab.numerics.iteration import Status, drive, watched
+from endolab.numerics.iteration import Status, close_observers, drive
 from endolab.reconstruction.colours import AlbedoPrior, NoColour, known_albedo
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
@@ -170,7 +170,7 @@ def estimate_light(
                 progress(done, frame.name)
         return Status.CONVERGED
 
-    with watched(observers) as watching:
+    with close_observers(observers) as watching:
         status = drive(scan_all(), watching, lambda *_: None)
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"

@@ -28,8 +28,8 @@ def scale_by_length(
 ) -> Iterate:
     """Return the same surface in mm, by the one length that is known; without one, as it is.
 
-    Pixels are as for `factor_of_distance`, the two of a diameter at least `LEAST_APART` of the result apart. It
-    is straight from point to point: the width of a polyp or of an open forceps, the lumen's diameter.
+    Pixels are as for `factor_of_distance`, the two of a diameter at least `LEAST_APART` of the result apart.
+    It is straight from point to point: the width of a polyp or of an open forceps.
     """
     if median_distance is not None:
         factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
