@@ -181,26 +181,6 @@ class Coefficients:
         """Pixels that the equations are of."""
         return self.structure.active
 
-    @property
-    def by_v(self) -> FloatArray:
-        """a of J's rows a + b·∇."""
-        return self.parts[BY_V]
-
-    @property
-    def by_v_u(self) -> FloatArray:
-        """b of J, along rows."""
-        return self.parts[BY_U]
-
-    @property
-    def by_v_v(self) -> FloatArray:
-        """b of J, along columns."""
-        return self.parts[BY_W]
-
-    @property
-    def weight(self) -> FloatArray:
-        """W."""
-        return self.parts[WEIGHT]
-
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a fraction `damping` of a² W is added to its diagonal."""
         on = self.structure
