@@ -61,15 +61,11 @@ def _white_part(
     """
     own = colour / spread
     white = 1 / spread
-    least = 1e-9 * _dot(white, white)  # where the tissue itself is white
-    white -= own * (_dot(own, white) / _dot(own, own))[..., None]
-    squared = np.maximum(_dot(white, white), least)
-    part = _dot(white, light / spread) / squared
+    least = 1e-9 * np.vecdot(white, white)  # where the tissue itself is white
+    white -= own * (np.vecdot(own, white) / np.vecdot(own, own))[..., None]
+    squared = np.maximum(np.vecdot(white, white), least)
+    part = np.vecdot(white, light / spread) / squared
     return part, part * np.sqrt(squared)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ijk,ijk->ij", a, b))
 
 
 def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:

@@ -40,7 +40,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import check_kinds, excerpt
 from endolab.numerics.iteration import Status, close_observers, drive
-from endolab.reconstruction.colours import AlbedoPrior, NoColour, known_albedo
+from endolab.reconstruction.colours import NoColour, prior_of
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
 from endolab.reconstruction.report import light_verdict
@@ -201,7 +201,7 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
     settings = Settings(width=width, smooth=SMOOTH, highlights="ignore")
     check_frame(frame, calibration, settings)
     colours = problem_of_frame(frame, calibration, settings).colours
-    prior = AlbedoPrior.of(known_albedo(calibration))
+    prior = prior_of(calibration)
     fall = np.log(np.where(colours[1].mask, colours[1].field.cos_alpha, 1.0))
 
     def under(k: float) -> Problem:
