@@ -29,7 +29,6 @@ import scipy
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.numerics.iteration import Status
-from endolab.numerics.penalties import huber
 
 HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
@@ -207,7 +206,7 @@ def _equations(
     arrow.gradient += certainty * off
     arrow.own += np.diag(own_certainty)
     arrow.own_gradient += own_certainty * own
-    return float(np.sum(huber(size[used], limit)) + 0.5 * known), arrow
+    return float(np.sum(scipy.special.huber(limit, size[used])) + 0.5 * known), arrow
 
 
 def _descend(

@@ -16,6 +16,7 @@ from endolab.frames.frame import ROUNDING, power
 from endolab.frames.surround import dilate, square
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
+from endolab.numerics.stencils import links
 
 STEEPEST = (
     0.7  # change of log light over twice a highlight's width that still counts as a slope
@@ -60,15 +61,11 @@ def _white_part(
     """
     own = colour / spread
     white = 1 / spread
-    least = 1e-9 * _dot(white, white)  # where the tissue itself is white
-    white -= own * (_dot(own, white) / _dot(own, own))[..., None]
-    squared = np.maximum(_dot(white, white), least)
-    part = _dot(white, light / spread) / squared
+    least = 1e-9 * np.vecdot(white, white)  # where the tissue itself is white
+    white -= own * (np.vecdot(own, white) / np.vecdot(own, own))[..., None]
+    squared = np.maximum(np.vecdot(white, white), least)
+    part = np.vecdot(white, light / spread) / squared
     return part, part * np.sqrt(squared)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ijk,ijk->ij", a, b))
 
 
 def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
@@ -77,7 +74,7 @@ def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
     brightest = log_tissue
     rows, columns = log_tissue.shape
     edge = 2 * step
-    padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
+    padded = np.pad(log_tissue, edge, mode="edge")
     for turn in np.arange(8) * np.pi / 4:
         direction = np.array([np.sin(turn), np.cos(turn)])
         near, far = np.rint(np.outer((step, edge), direction)).astype(int) + edge
@@ -162,14 +159,12 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray) -> FloatArray:
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
     finite = np.where(np.isfinite(image), image, 0.0)
     log = np.log(np.maximum(extend(finite, known), 0.5 / 255)).reshape(holes.size, -1)
-    number = np.arange(holes.size).reshape(holes.shape)
-    here = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    there = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    shown = mask.ravel()
+    axis, here = np.nonzero(links(mask).reshape(2, -1))
+    there = here + np.array([1, holes.shape[1]])[axis]
     wanted = holes.ravel()
-    pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
+    pairs = np.stack([here, there])[:, wanted[here] | wanted[there]]
     graph = scipy.sparse.coo_array(
-        (np.ones(pairs.sum()), (here[pairs], there[pairs])), (holes.size, holes.size)
+        (np.ones(pairs.shape[1]), tuple(pairs)), (holes.size, holes.size)
     )
     laplacian = scipy.sparse.csgraph.laplacian(graph, symmetrized=True).tocsr()[wanted]
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.

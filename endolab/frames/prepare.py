@@ -26,15 +26,8 @@ class Prepared:
     """A frame that is ready to be solved, and what was found in it."""
 
     original: Frame  # as it came
-    frame: (
-        Frame  # ready: its mask leaves out all that is not tissue; on the grid of `camera`
-    )
-    camera: (
-        Camera  # the calibration's own, or the pinhole to which the frame was undistorted
-    )
-    canonical: (
-        FloatArray  # see `canonical_picture`; on the original grid, as are the masks below
-    )
+    frame: Frame  # ready: its mask leaves out all that is not tissue
+    canonical: FloatArray  # see `canonical_picture`
     field_of_view: BoolArray  # (H, W), what the endoscope shows
     lumen: BoolArray  # where noise says more than the wall
     highlights: (
@@ -120,7 +113,6 @@ def prepare(
     frame: Frame,
     calibration: Calibration,
     *,
-    undistort: bool = False,
     highlights: str = "keep",
 ) -> Prepared:
     """Make a real frame ready to be solved.
@@ -132,8 +124,6 @@ def prepare(
         what the endoscope shows is found and left out, as `endolab.reconstruct` does.
     calibration : Calibration
         Of the frame's size.
-    undistort : bool
-        Whether to resample to a pinhole camera of 90°; solvers do not need it.
     highlights : {"keep", "ignore", "inpaint"}
         What `endolab.reconstruct` means by it: take them as they are; as no
         evidence (`Frame.silent`: the surface goes on beneath them); or filled in from around.
@@ -158,7 +148,7 @@ def prepare(
     """
     if highlights not in tuple(TREATED):
         raise unknown_name("way with highlights", highlights, TREATED)
-    camera = calibration.fit(frame.name, frame.width, frame.height).camera
+    calibration = calibration.fit(frame.name, frame.width, frame.height)
     gamma = calibration.photometry.gamma
     image = np.nan_to_num(frame.image)
     field = frame.pixels_to_use()
@@ -186,15 +176,9 @@ def prepare(
     if highlights == "ignore" and mirrored.any():
         silent = mirrored if silent is None else silent | mirrored
     ready = Frame(image, field & ~lumen, frame.name, silent)
-    if undistort:
-        ready, camera = undistort_frame(ready, camera)
-        notes.append(
-            f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across."
-        )
     return Prepared(
         original=frame,
         frame=ready,
-        camera=camera,
         canonical=canonical,
         field_of_view=field,
         lumen=lumen,

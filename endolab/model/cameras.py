@@ -11,7 +11,7 @@ centre of the top-left pixel.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -47,11 +47,6 @@ class RayField:
         FloatArray  # (H, W, 3), the entries (uu, uv, vv) of G⁻¹, in pixels squared
     )
     valid: BoolArray  # (H, W), pixels that see something: inside the monotone range of the model
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.rays.shape[0], self.rays.shape[1]
 
     @property
     def cos_alpha(self) -> FloatArray:
@@ -194,22 +189,6 @@ class Camera:
         if (width, height) == (self.width, self.height):
             return self
         return _with_size(self, width, height)
-
-    def crop(self, column: int, row: int, width: int, height: int) -> Self:
-        """Return the camera of a rectangle of the picture, px from its first column and row on.
-
-        ValueError if the picture has no such rectangle.
-        """
-        fits = min(column, row) >= 0 < min(width, height)
-        if not fits or column + width > self.width or row + height > self.height:
-            raise ValueError(
-                f"crop must be COLUMN, ROW, WIDTH, HEIGHT within the calibration's "
-                f"{self.width}x{self.height} px, got {column},{row},{width},{height}"
-            )
-        moved: Any = self  # every model has a centre
-        return replace(
-            moved, width=width, height=height, cx=moved.cx - column, cy=moved.cy - row
-        )
 
 
 @lru_cache(maxsize=4)  # with their ray fields: those wanted, and coarse ones

@@ -50,7 +50,15 @@ class Calibration:
 
         ValueError if they have no such rectangle.
         """
-        return replace(self, camera=self.camera.crop(column, row, width, height))
+        camera: Any = self.camera  # every model has a centre
+        fits = min(column, row) >= 0 < min(width, height)
+        if not fits or column + width > camera.width or row + height > camera.height:
+            raise ValueError(
+                f"crop must be COLUMN, ROW, WIDTH, HEIGHT within the calibration's "
+                f"{camera.width}x{camera.height} px, got {column},{row},{width},{height}"
+            )
+        centre = {"cx": camera.cx - column, "cy": camera.cy - row}
+        return replace(self, camera=replace(camera, width=width, height=height, **centre))
 
     def fit(self, name: str, width: int, height: int) -> Self:
         """Return the same for pictures of this size, px, which have its shape.

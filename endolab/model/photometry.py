@@ -30,10 +30,6 @@ GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
 CENTRED_LIGHT = SpotLight()
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.einsum("...i,...i->...", a, b)
-
-
 @checked
 class Photometry:
     """Light, surface and response of an endoscope.
@@ -141,8 +137,8 @@ class Photometry:
             to_light = (np.asarray(light.position) - points) / reach[..., None]
             half = to_light + to_camera
             half /= np.linalg.norm(half, axis=-1, keepdims=True)
-            cosine = _dot(normals, to_light)
-            f = self.brdf.value(cosine, _dot(normals, half))
+            cosine = np.vecdot(normals, to_light)
+            f = self.brdf.value(cosine, np.vecdot(normals, half))
             linear += (cosine > 0) * radiance * f * cosine
         linear = linear * (self.attenuation(points[..., 2] / distance) * self._known_gain())
         return np.asarray(linear ** (1 / self.gamma))

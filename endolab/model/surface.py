@@ -18,20 +18,15 @@ from endolab.numerics.stencils import gradient
 XI = ("1/z", "d", "1/d")
 
 
-def check_xi(xi: str) -> str:
-    """Return `xi` if it is one of the maps; raise a ValueError that names them otherwise."""
-    if xi not in XI:
-        raise unknown_name("xi", xi, XI)
-    return xi
-
-
 def to_xi(log_distance: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
     """Map log-distance v = log d, d in mm, to ξ, mm or 1/mm.
 
     `cos_alpha` is the z component of the unit rays; "1/z" is nan where they do not point forward.
     """
     v = np.asarray(log_distance, float)
-    if check_xi(xi) == "d":
+    if xi not in XI:
+        raise unknown_name("xi", xi, XI)
+    if xi == "d":
         return np.exp(v)
     if xi == "1/d":
         return np.exp(-v)

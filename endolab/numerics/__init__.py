@@ -1,4 +1,4 @@
 """Arrays and loops that know nothing of endoscopes.
 
-Read `arrays`, `stencils`, `penalties`, `roots`, `compiled`, `iteration`.
+Read `arrays`, `stencils`, `roots`, `compiled`, `iteration`.
 """

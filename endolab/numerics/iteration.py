@@ -5,7 +5,7 @@ to see the steps is an observer: any callable ``step -> bool | None``, whose Tru
 """
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from enum import Enum
 from typing import Any, TypeVar
@@ -51,7 +51,7 @@ CLOCK = Clock()
 
 def drive(
     steps: Generator[Step, None, Status],
-    observers: Iterable[Callable[[Step], bool | None]],
+    observers: Sequence[Callable[[Step], bool | None]],
     keep: Callable[[Step, float], None],
     tells: Callable[[Step], bool] = lambda step: True,
 ) -> Status:
@@ -61,7 +61,6 @@ def drive(
     observers see it. An interrupt after the first step that `tells` something counts as a stop; one before
     it is passed on.
     """
-    watching = list(observers)
     seconds = 0.0
     begun = False
     try:
@@ -77,7 +76,7 @@ def drive(
             keep(step, seconds)
             begun = begun or tells(step)
             # All see it, whatever one says.
-            wishes = [observer(step) for observer in watching]
+            wishes = [observer(step) for observer in observers]
             if any(wishes):
                 return Status.STOPPED
     except KeyboardInterrupt:
@@ -88,31 +87,31 @@ def drive(
         steps.close()
 
 
-def finish(steps: Generator[object, None, Value]) -> Value:
-    """Run a generator to its end, unwatched, and return what it returns."""
+def finish(
+    steps: Generator[Step, None, Value], keep: Callable[[Step], object] = lambda step: None
+) -> Value:
+    """Run a generator to its end and return what it returns; `keep` is given every step."""
     while True:
         try:
-            next(steps)
+            keep(next(steps))
         except StopIteration as end:
             value: Value = end.value
             return value
 
 
-def check_observers(observers: Any) -> list[Any]:
-    """Return the observers, if all can be called; else ValueError."""
-    given = list(observers) if isinstance(observers, Iterable) else [None]
+@contextmanager
+def close_observers(observers: Any) -> Iterator[list[Any]]:
+    """Give the observers, if all can be called, else ValueError; at the end close those that can be closed.
+
+    All are closed, even if another fails to.
+    """
+    given: list[Any] = list(observers) if isinstance(observers, Iterable) else [None]
     if not all(map(callable, given)):
         raise ValueError(
             f"observers must be several that can be called, got {excerpt(observers)}"
         )
-    return given
-
-
-@contextmanager
-def close_observers(observers: Iterable[object]) -> Iterator[None]:
-    """Close every observer that can be closed at the end, even if another fails to."""
     with ExitStack() as ending:
-        for observer in observers:
+        for observer in given:
             if hasattr(observer, "close"):
                 ending.callback(observer.close)
-        yield
+        yield given

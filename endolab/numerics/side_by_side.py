@@ -12,6 +12,7 @@ from contextvars import copy_context
 from functools import partial
 from typing import TypeVar
 
+from endolab.numerics.iteration import finish
 from endolab.numerics.threads import limit_threads, threads
 
 WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
@@ -71,12 +72,8 @@ def run_together(
     """Run generators at once, a core each; return generators that yield and return what these did."""
 
     def record(steps: Generator[Item, None, Found]) -> tuple[list[Item], Found]:
-        items = []
-        while True:
-            try:
-                items.append(next(steps))
-            except StopIteration as end:
-                return items, end.value
+        items: list[Item] = []
+        return items, finish(steps, items.append)
 
     def replay(
         wait: Callable[[], tuple[list[Item], Found]],

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, copy_row, inner, kernel, pad_maps
 from endolab.numerics.threads import on_cores, rows_within
 
@@ -31,14 +31,11 @@ DOWN = (0, 0, 0, 1, -1, 1)
 RIGHT = (0, 1, -1, 0, 0, 1)
 FIRST, SECOND, CENTRAL = range(3)
 ROOT_2 = 2**0.5
-# Of each kind, which weights are not 0 everywhere: (term, neighbour).
-_CROSS = [(0, 0), (0, 1), (0, 2), (2, 0), (2, 3), (2, 4)]
-_SQUARE = [(1, 0), (1, 1), (1, 3), (1, 5)]
-ENTRIES = [
-    np.array([(0, 0), (0, 1), (2, 0), (2, 3)]),
-    np.array(sorted(_CROSS + _SQUARE)),
-    np.array(_CROSS),
-]
+# Which weights are not 0 everywhere, (term, neighbour): of each kind the first so many.
+ENTRIES = np.array(
+    [(0, 0), (0, 1), (2, 0), (2, 3), (0, 2), (2, 4), (1, 0), (1, 1), (1, 3), (1, 5)]
+)
+ENTRY_COUNT = (4, 10, 6)
 # Of each kind, with r = 1 where there is a link ahead, else 0, and l likewise behind: the weight of the pixel
 # ahead is r (a + b l), of that behind l (c + d r), and of the pixel itself what makes their sum 0.
 COEFFICIENTS = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 1.0), (1.0, -0.5, -1.0, 0.5))
@@ -109,11 +106,11 @@ def apply_row(link: ByteArray, kind: int, x: FloatArray, i: int, y: FloatArray) 
 
 @kernel
 def adjoint_row(
-    t: FloatArray, entries: IntArray, y: FloatArray, i: int, rows: Span, x: FloatArray
+    t: FloatArray, kind: int, y: FloatArray, i: int, rows: Span, x: FloatArray
 ) -> None:
     """Add Kᵀ y of a row to these rows of x."""
-    for n in range(len(entries)):
-        term, k = entries[n]
+    for n in range(ENTRY_COUNT[kind]):
+        term, k = ENTRIES[n]
         row = i + DOWN[k]
         column = PAD + RIGHT[k]
         if rows[0] <= row < rows[1]:
@@ -136,7 +133,7 @@ def apply_padded(
 
 @on_cores(cost=10)
 def adjoint_padded(
-    rows: Span, x: FloatArray, y: FloatArray, link: ByteArray, kind: int, entries: IntArray
+    rows: Span, x: FloatArray, y: FloatArray, link: ByteArray, kind: int
 ) -> None:
     """Write x = Kᵀ y of padded maps."""
     x[rows[0] : rows[1]] = 0.0
@@ -147,7 +144,7 @@ def adjoint_padded(
         stencil_row(link, kind, i, t)
         for k in range(3):
             copy_row(y[k, i, PAD:-PAD], row[k])
-        adjoint_row(t, entries, row, i, rows, x)
+        adjoint_row(t, kind, row, i, rows, x)
 
 
 @dataclass(frozen=True)
@@ -168,9 +165,7 @@ class Differences:
         """Kᵀ y, (H, W), of y (3, H, W)."""
         y = pad_maps(y)
         x = np.zeros(y.shape[1:])
-        adjoint_padded(
-            x, y, pad_maps(self.links.view(np.int8)), self.kind, ENTRIES[self.kind]
-        )
+        adjoint_padded(x, y, pad_maps(self.links.view(np.int8)), self.kind)
         return np.asarray(inner(x))
 
 

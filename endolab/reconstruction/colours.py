@@ -97,14 +97,15 @@ class AlbedoPrior:
         return block_diag(*np.reciprocal(widths), red_green_blue)
 
 
-def known_albedo(endoscope: Calibration) -> FloatArray | None:
-    """Return albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
+def prior_of(endoscope: Calibration) -> AlbedoPrior:
+    """Believe an endoscope's albedos in red, green and blue, or green's alone, as far as they can be."""
     albedo = np.asarray(getattr(endoscope.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     if albedo.ndim == 0:
-        return albedo if LEAST_ALBEDO < albedo < MOST_ALBEDO else None
-    possible = np.all((albedo > 0) & (albedo < 1))
-    differ = np.ptp(albedo) >= ALIKE * albedo.max()
-    return albedo if possible and differ else None
+        possible = bool(LEAST_ALBEDO < albedo < MOST_ALBEDO)
+    else:
+        differ = np.ptp(albedo) >= ALIKE * albedo.max()
+        possible = bool(differ and np.all((albedo > 0) & (albedo < 1)))
+    return AlbedoPrior.of(albedo if possible else None)
 
 
 class NoColour(ValueError):

@@ -39,8 +39,8 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import check_kinds, excerpt
-from endolab.numerics.iteration import Status, check_observers, close_observers, drive
-from endolab.reconstruction.colours import NoColour, known_albedo
+from endolab.numerics.iteration import Status, close_observers, drive
+from endolab.reconstruction.colours import NoColour, prior_of
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
 from endolab.reconstruction.report import light_verdict
@@ -153,7 +153,6 @@ def estimate_light(
     wall = Lambertian() if albedo is None else Lambertian(albedo)  # type: ignore[arg-type]
     usual = Photometry(otherwise, gamma, None, wall)
     endoscope = Calibration(camera, usual)
-    watching = check_observers(observers)
     scans: list[_Scan] = []
     refused: dict[str, str] = {}
 
@@ -171,7 +170,7 @@ def estimate_light(
                 progress(done, frame.name)
         return Status.CONVERGED
 
-    with close_observers(watching):
+    with close_observers(observers) as watching:
         status = drive(scan_all(), watching, lambda *_: None)
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"
@@ -202,21 +201,21 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
     settings = Settings(width=width, smooth=SMOOTH, highlights="ignore")
     check_frame(frame, calibration, settings)
     colours = problem_of_frame(frame, calibration, settings).colours
-    albedo = known_albedo(calibration)
+    prior = prior_of(calibration)
     fall = np.log(np.where(colours[1].mask, colours[1].field.cos_alpha, 1.0))
 
     def under(k: float) -> Problem:
         lit = [replace(c, photometry=replace(c.photometry, k=float(k))) for c in colours]
         return replace(lit[1], colours=tuple(lit))
 
-    found = yield from separate(under(EXPONENTS[FIRST]), albedo, False)
+    found = yield from separate(under(EXPONENTS[FIRST]), prior, False)
     surfaces = {FIRST: found.trial.surface}
     for index in (*range(FIRST + 1, len(EXPONENTS)), *reversed(range(FIRST))):
         neighbour = index - 1 if index > FIRST else index + 1
         # The surface of the same slants that makes the same picture under another k.
         moved = 0.5 * (EXPONENTS[index] - EXPONENTS[neighbour]) * fall
         start = surfaces[neighbour].log_distance + moved
-        trial = yield from separate_from(under(EXPONENTS[index]), albedo, start)
+        trial = yield from separate_from(under(EXPONENTS[index]), prior, start)
         surfaces[index] = trial.surface
 
     costs = np.zeros(len(EXPONENTS))

@@ -38,7 +38,7 @@ class Held:
         k = max(known.k + now.k - before.k, 0.0)
         problem = replace(
             self.problem,
-            camera=self.problem.camera if is_same else camera,
+            camera=camera,
             photometry=replace(known, k=k, gamma=now.gamma, gain=gain),
             xi=settings.xi,
             regulariser=settings.used_regulariser,

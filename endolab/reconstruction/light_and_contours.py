@@ -133,14 +133,14 @@ class Found:
 def light_and_contours(
     small: Problem,
     give_full: Callable[[], Problem],
-    albedo: FloatArray | None = None,
+    prior: AlbedoPrior,
     contours: bool | None = None,
     before: Result | None = None,
 ) -> Solving[tuple[Problem, FloatArray | None]]:
     """Take indirect light out of a picture, and cut its surface at contours; yield every solve's iterates.
 
-    `small` is the frame on few pixels, and `give_full` gives it on all, once that is needed. `albedo` is what
-    is known of the wall's: (3,), green's alone, or None. `contours` says whether to cut the surface, by
+    `small` is the frame on few pixels, and `give_full` gives it on all, once that is needed. `prior` is what
+    is known of the wall's albedo. `contours` says whether to cut the surface, by
     default if that explains the picture much better. `before` is an earlier result, of another frame say: it
     makes one round enough, and what it cut is cut without asking.
 
@@ -151,12 +151,12 @@ def light_and_contours(
     if small.colours:
         try:
             if before is None:
-                found = yield from separate(small, albedo, contours)
+                found = yield from separate(small, prior, contours)
             else:
                 found = yield from _separate_as_before(
-                    small, give_full(), albedo, contours, before
+                    small, give_full(), prior, contours, before
                 )
-            return _on_all_pixels(found, give_full(), albedo)
+            return _on_all_pixels(found, give_full(), prior)
         except NoColour as error:
             report = {"light": LightOutcome.NO_COLOUR, "reason": str(error)}
     # Green, or what there is.
@@ -204,11 +204,10 @@ def _with_contours(
 
 
 def separate(
-    problem: Problem, albedo: FloatArray | None = None, contours: bool | None = None
+    problem: Problem, prior: AlbedoPrior, contours: bool | None = None
 ) -> Solving[Found]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds."""
     colours = problem.colours
-    prior = AlbedoPrior.of(albedo)
 
     # Uncut: solve without the indirect light that is known so far, and ask the colours again.
     ratio = np.zeros((*problem.mask.shape, 3))
@@ -251,9 +250,7 @@ def separate(
 
 
 def separate_from(
-    problem: Problem,
-    albedo: FloatArray | None,
-    log_distance: FloatArray,
+    problem: Problem, prior: AlbedoPrior, log_distance: FloatArray
 ) -> Solving[Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
@@ -261,7 +258,6 @@ def separate_from(
     """
     colours = problem.colours
     surface = Iterate(problem, 0, log_distance, {})
-    prior = AlbedoPrior.of(albedo)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
     halvings = DESCENT.start_halvings  # the camera may have moved
@@ -274,7 +270,7 @@ def separate_from(
 def _separate_as_before(
     small: Problem,
     full: Problem,
-    albedo: FloatArray | None,
+    prior: AlbedoPrior,
     contours: bool | None,
     before: Result,
 ) -> Solving[Found]:
@@ -288,7 +284,7 @@ def _separate_as_before(
         contours=ContourOutcome.NONE_CLEAR,
         cuts=before.problem.cuts if is_same else None,  # another frame has other lines
         indirect_ratio=np.zeros((1, 1, 3)),
-        albedo=AlbedoPrior.of(albedo).albedo,
+        albedo=prior.albedo,
         min_steepness=guessed * (steepness or 0.0),
         in_tissue=in_tissue,
     )
@@ -300,7 +296,7 @@ def _separate_as_before(
         if small.cuts is not None:
             outcome = ContourOutcome.AS_BEFORE
     surface = resample_surface(before.iterate, small)
-    trial = yield from separate_from(small, albedo, surface)
+    trial = yield from separate_from(small, prior, surface)
     trial = replace(trial, min_steepness=steepness)
     return replace(lines, trial=trial, contours=outcome)
 
@@ -338,7 +334,7 @@ def problem_as_before(
 
 
 def _on_all_pixels(
-    found: Found, full: Problem, albedo: FloatArray | None
+    found: Found, full: Problem, prior: AlbedoPrior
 ) -> tuple[Problem, FloatArray | None]:
     """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial
@@ -360,7 +356,7 @@ def _on_all_pixels(
         light=light.outcome,
         reason=light.reason,
         wall_albedo=tuple(float(value) for value in light.albedo),
-        albedo_given=AlbedoPrior.of(albedo).is_given,
+        albedo_given=prior.is_given,
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
         lamp=light.lamp,

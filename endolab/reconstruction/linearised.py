@@ -18,7 +18,7 @@ from endolab.reconstruction.light_and_contours import nearest_pixels, resample_c
 from endolab.solvers.energy import model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid
-from endolab.solvers.normal_equations import Coefficients
+from endolab.solvers.normal_equations import WEIGHT, Coefficients
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate
 
@@ -43,12 +43,11 @@ class Linearised:
         model = model_image(problem, self.v)
         self.model = np.where(problem.mask, model, 0.0)  # I of the surface
         self.by_light = self.model / problem.photometry.gamma  # ∂I by the light's logarithm
-        self.weight = inner(found.weight)  # W; 0 where the picture says nothing
-        # A row of J is a + b·∇, ∇ being the mean of the differences to both sides.
+        # A row of J is a + b·∇, ∇ being the mean of the differences to both sides; W is 0 where the picture
+        # says nothing.
         self.differences = Differences(links(problem.mask, problem.cuts), CENTRAL)
-        self.by_v = inner(found.by_v)
-        by_v_u, by_v_v = inner(found.by_v_u), inner(found.by_v_v)
-        self.by_slope = np.stack([by_v_u, 0 * by_v_u, by_v_v])
+        self.by_v, by_u, by_w, self.weight = inner(found.parts[: WEIGHT + 1])
+        self.by_slope = np.stack([by_u, 0 * by_u, by_w])
 
     def apply(self, x: FloatArray) -> FloatArray:
         """J x: how the picture changes with v."""

@@ -33,7 +33,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.side_by_side import in_background
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.colours import known_albedo
+from endolab.reconstruction.colours import prior_of
 from endolab.reconstruction.held import Held
 from endolab.reconstruction.light_and_contours import (
     light_and_contours,
@@ -212,9 +212,8 @@ def _solve_in_stages(
     else:
         few = on_few_pixels(frame, settings)
         small = give_full() if few is None else problem_of_frame(frame, calibration, few)
-        albedo = known_albedo(calibration)
         problem, first = yield from light_and_contours(
-            small, give_full, albedo, contours, start
+            small, give_full, prior_of(calibration), contours, start
         )
 
     # So many times are rows and columns halved, for a grid on which a start becomes this problem's own.

@@ -8,19 +8,21 @@ so by `"evidence": {"photometry": {"nominal": true}}`; if k was asked of frames,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from endolab.model.endoscope import Calibration
-from endolab.numerics.checks import number
+from endolab.numerics.checked_types import checked
 from endolab.reconstruction.report import prior_notes
 
 UNMEASURED = {"k": 1.0, "gamma": 0.4}  # of a light that nobody measured
 
+Sigma = Annotated[float, Field(ge=0)]
 
-@dataclass(frozen=True)
+
+@checked
 class PriorSigma:
     """Standard deviations of what a reconstruction takes for granted; 0 is certainty.
 
@@ -28,26 +30,21 @@ class PriorSigma:
     for one that was not, see `of`.
     """
 
-    k: float = 0.05  # of the joint exponent of lamp and lens
-    gamma: float = 0.02  # of γ
-    gain: float = 0.05  # of the gain's logarithm
-    albedo: float = 0.05  # of the logarithm of the wall's mean albedo
-    texture: float = 0.03  # of the logarithm of its albedo from place to place, at least
-    bumps: float = 0.03  # of log d from place to place, where nothing tells of them
-    bounced: float = 0.15  # fraction of the indirect light that was removed
-    left_in: float = 1.0  # the same where all of it was left in, as in a single colour
-    lamp: float = 0.5  # of the lamps' common place off the optical centre, each way, mm
-    lam: float = 2.0  # of λ's logarithm
-    border: float = 0.035  # of log d where it enters over the picture's rim
-    behind: float = 0.07  # of log d where it enters behind a contour
+    k: Sigma = 0.05  # of the joint exponent of lamp and lens
+    gamma: Sigma = 0.02  # of γ
+    gain: Sigma = 0.05  # of the gain's logarithm
+    albedo: Sigma = 0.05  # of the logarithm of the wall's mean albedo
+    texture: Sigma = 0.03  # of the logarithm of its albedo from place to place, at least
+    bumps: Sigma = 0.03  # of log d from place to place, where nothing tells of them
+    bounced: Sigma = 0.15  # fraction of the indirect light that was removed
+    left_in: Sigma = 1.0  # the same where all of it was left in, as in a single colour
+    lamp: Sigma = 0.5  # of the lamps' common place off the optical centre, each way, mm
+    lam: Sigma = 2.0  # of λ's logarithm
+    border: Sigma = 0.035  # of log d where it enters over the picture's rim
+    behind: Sigma = 0.07  # of log d where it enters behind a contour
     # That every line that may be a contour is one: so or not, each as likely.
-    contours: float = 0.5
+    contours: Sigma = 0.5
     notes: tuple[str, ...] = ()  # sentences: which of them are measured, which stated
-
-    def __post_init__(self) -> None:
-        for choice in fields(self):
-            if choice.name != "notes":
-                number(f"the doubt about {choice.name}", getattr(self, choice.name), 0)
 
     @classmethod
     def of(cls, calibration: Calibration | None = None) -> PriorSigma:

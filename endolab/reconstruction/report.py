@@ -29,8 +29,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
     """
     return (
         *_of_scale(result),
-        *_of_albedo(result),
-        *_of_bounces(result),
+        *_of_wall(result),
         _of_gamma(result),
         *_of_evidence(result),
         *notes(result),
@@ -125,7 +124,7 @@ def _of_scale(result: Result | Iterate) -> Iterator[str]:
         yield f"By the gain of the calibration that length would be {report.length_by_gain:.3g} mm."
 
 
-def _of_albedo(result: Result | Iterate) -> Iterator[str]:
+def _of_wall(result: Result | Iterate) -> Iterator[str]:
     yield (
         "The wall is assumed to reflect the same everywhere; a patch that reflects 10 % more comes out "
         "5 % too near."
@@ -135,9 +134,6 @@ def _of_albedo(result: Result | Iterate) -> Iterator[str]:
             "Distances go with the square root of albedo times gain: "
             "if that product is really 10 % higher, every distance is 5 % too short."
         )
-
-
-def _of_bounces(result: Result | Iterate) -> Iterator[str]:
     if result.report.albedo is None:
         yield (
             "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "
@@ -255,12 +251,8 @@ WITHOUT_RAY = 0.02  # of the picture's pixels
 DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 
 
-def warnings(result: Result) -> tuple[str, ...]:
-    """List what can hardly be true of a result, a sentence each; usually nothing."""
-    return tuple(_warnings(result))
-
-
-def _warnings(result: Result) -> Iterator[str]:
+def warnings(result: Result) -> Iterator[str]:
+    """Say what can hardly be true of a result, a sentence each; usually nothing."""
     problem = result.problem
     mask = result.mask
     widest = float(

@@ -28,7 +28,8 @@ def scale_by_length(
 ) -> Iterate:
     """Return the same surface in mm, by the one length that is known; without one, as it is.
 
-    For the lengths see `factor_of_distance` and `factor_of_diameter`.
+    Pixels are as for `factor_of_distance`, the two of a diameter at least `LEAST_APART` of the result apart.
+    It is straight from point to point: the width of a polyp or of an open forceps.
     """
     if median_distance is not None:
         factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
@@ -39,7 +40,15 @@ def scale_by_length(
         factor = factor_of_distance(iterate, *known_distance)
     elif known_diameter is not None:
         by, length = "known diameter", known_diameter
-        factor = factor_of_diameter(iterate, *known_diameter)
+        mm, start, end = known_diameter
+        apart = np.linalg.norm(own_pixel(iterate, start)[0] - own_pixel(iterate, end)[0])
+        if apart < LEAST_APART:
+            raise ValueError(
+                f"the pixels {pixel_name(start)} and {pixel_name(end)} are {apart:.2g} px apart "
+                f"in the depth map, too near to measure by; at least {LEAST_APART} are needed"
+            )
+        across = _surface_at(iterate, start) - _surface_at(iterate, end)
+        factor = mm / float(np.linalg.norm(across))
     else:
         return iterate
     by_gain = length[0] / factor if scale_of(iterate) == "gain" else None
@@ -55,23 +64,6 @@ def factor_of_distance(
     centre of the upper left one; the median of a few pixels around decides, so that noise does not.
     """
     return mm / float(np.linalg.norm(_surface_at(result, (column, row))))
-
-
-def factor_of_diameter(
-    result: Result | Iterate, mm: float, start: Pixel, end: Pixel
-) -> float:
-    """What distances must be multiplied by so that two points of the surface are this far apart, mm.
-
-    The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
-    diameter. The pixels are as for `factor_of_distance`, at least `LEAST_APART` of the result apart.
-    """
-    apart = float(np.linalg.norm(own_pixel(result, start)[0] - own_pixel(result, end)[0]))
-    if apart < LEAST_APART:
-        raise ValueError(
-            f"the pixels {pixel_name(start)} and {pixel_name(end)} are {apart:.2g} px apart "
-            f"in the depth map, too near to measure by; at least {LEAST_APART} are needed"
-        )
-    return mm / float(np.linalg.norm(_surface_at(result, start) - _surface_at(result, end)))
 
 
 def in_unit(iterate: Iterate, factor: float, metric: bool = True, **scale: Any) -> Iterate:

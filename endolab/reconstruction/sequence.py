@@ -243,7 +243,7 @@ def scale_between(before: Result, result: Result) -> float:
         result.problem.field.rays,
     )
     old, new, n, u = (one[::step, ::step] for one in maps)
-    facing = np.einsum("...i,...i->...", n, u)
+    facing = np.vecdot(n, u)
     with np.errstate(invalid="ignore"):
         good = (old > 0) & (new > 0) & (facing < -GRAZING)
     if good.sum() < INDEPENDENT:

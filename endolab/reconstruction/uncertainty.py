@@ -39,17 +39,10 @@ from scipy.ndimage import binary_erosion, label
 from endolab.frames.frame import ROUNDING
 from endolab.frames.highlights import extend
 from endolab.model.endoscope import Calibration
-from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.compiled import inner, pad_maps
-from endolab.numerics.iteration import (
-    Status,
-    Stopped,
-    check_observers,
-    close_observers,
-    drive,
-)
+from endolab.numerics.iteration import Status, Stopped, close_observers, drive
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import links, px_per_reference
@@ -159,9 +152,8 @@ def uncertainty_of(
         )
     whole = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
-    watching = check_observers(observers)
     answers: dict[str, list[FloatArray]] = defaultdict(list)
-    with limit_threads(threads), close_observers(watching):
+    with limit_threads(threads), close_observers(observers) as watching:
         iterate = on_fewer_pixels(whole)
         surface = Linearised(iterate.problem, iterate.log_distance)
         rng = np.random.default_rng(0)
@@ -293,7 +285,7 @@ def solve_for_causes(
     for cause, light in light_changes(iterate, prior_sigma).items():
         answers[cause].append(surface.to_light(light))
         yield Progress(0, draws)
-    lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
+    lam = problem.lam * float(np.exp(prior_sigma.lam))
     # Every second line from some steepness on, of log d₀ per unit of length, is a contour.
     cuts = find_contours(problem.log_d0, mask) > 0.03
     cut = replace(problem, cuts=cuts if problem.cuts is None else cuts | problem.cuts)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.elementary import exp
 from endolab.numerics.stencils import CENTRAL, DOWN, adjoint_row, apply_row, stencil_row
@@ -47,8 +47,6 @@ class Penalties(NamedTuple):
     epsilon: float
     scale: float
     kind: int
-    entries: IntArray  # of K
-    central: IntArray  # of ∇
 
 
 @kernel
@@ -193,7 +191,7 @@ def _fill_sums(
     out: FloatArray,
 ) -> None:
     """Each band's part of `sums`."""
-    _, threshold, epsilon, scale, kind, _, _ = penalties
+    _, threshold, epsilon, scale, kind = penalties
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
     differences = np.zeros((2, 3, count))
@@ -253,7 +251,7 @@ def linearise(
 
     A row of J is a + b ∇, with a = ∂M/∂v and b = ∂M/∂∇v; W and Q are the parabolas that touch the penalties.
     """
-    lam, threshold, epsilon, scale, kind, entries, central = penalties
+    lam, threshold, epsilon, scale, kind = penalties
     gamma = wall.gamma
     count = v.shape[1] - 2 * PAD
     work = np.empty((8, count))
@@ -290,7 +288,7 @@ def linearise(
                 y[1, j] = square * differences[above, 1, j]
                 y[2, j] = p[j] * differences[above, 2, j]
             stencil_row(picture.link, kind, i - 1, t)
-            adjoint_row(t, entries, y, i - 1, rows, smooth)
+            adjoint_row(t, kind, y, i - 1, rows, smooth)
         if not first <= i < last:
             continue
         _predict_row(v, picture, wall, i, y, work)
@@ -316,7 +314,7 @@ def linearise(
             y[1, j] = 0.0
             y[2, j] = forced * work[6, j]
         stencil_row(picture.link, CENTRAL, i, t)
-        adjoint_row(t, central, y, i, rows, descent)
+        adjoint_row(t, CENTRAL, y, i, rows, descent)
 
 
 def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:

@@ -37,7 +37,7 @@ from endolab.numerics.compiled import (
     inner,
     pad_maps,
 )
-from endolab.numerics.stencils import CENTRAL, ENTRIES, links, shift
+from endolab.numerics.stencils import links, shift
 from endolab.solvers.energy_kernels import (
     Penalties,
     Picture,
@@ -273,8 +273,6 @@ class Grid(Structure):
             p.epsilon,
             self.scale,
             self.kind,
-            ENTRIES[self.kind],
-            ENTRIES[CENTRAL],
         )
         return picture, wall, penalties
 

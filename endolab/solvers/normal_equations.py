@@ -26,7 +26,14 @@ import numpy as np
 
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, clear_row, kernel
-from endolab.numerics.stencils import CENTRAL, DOWN, ENTRIES, RIGHT, stencil_row
+from endolab.numerics.stencils import (
+    CENTRAL,
+    DOWN,
+    ENTRIES,
+    ENTRY_COUNT,
+    RIGHT,
+    stencil_row,
+)
 from endolab.numerics.threads import on_cores, rows_within
 from endolab.solvers.interpolation import Structure
 
@@ -55,9 +62,9 @@ ALONG_COLUMNS = 5
 def products_of(kind: int) -> IntArray:
     """Of each term, which two neighbours bring a product to which entry: (term, first, other, entry)."""
     pixels: list[set[int]] = [set() for _ in range(6)]
-    for term, k in ENTRIES[kind]:
+    for term, k in ENTRIES[: ENTRY_COUNT[kind]]:
         pixels[term].add(int(k))
-    pixels[3] = {int(k) for _, k in ENTRIES[CENTRAL]}
+    pixels[3] = {int(k) for _, k in ENTRIES[: ENTRY_COUNT[CENTRAL]]}
     pixels[ALONG_ROWS] = {0, 1}
     pixels[ALONG_COLUMNS] = {0, 3}
     return np.array(
@@ -76,7 +83,6 @@ def _weigh_row(
     parts: FloatArray,
     link: ByteArray,
     kind: int,
-    entries: IntArray,
     i: int,
     t: FloatArray,
     qt: FloatArray,
@@ -115,8 +121,8 @@ def _weigh_row(
     stencil_row(link, kind, i, t)
     here = parts[SMOOTHNESS, i]
     below = parts[SMOOTHNESS, i + 1]
-    for n in range(len(entries)):
-        term, k = entries[n]
+    for n in range(ENTRY_COUNT[kind]):
+        term, k = ENTRIES[n]
         row = i + DOWN[k]
         column = PAD + RIGHT[k]
         for j in range(count):
@@ -137,7 +143,6 @@ def _assemble(
     parts: FloatArray,
     link: ByteArray,
     kind: int,
-    entries: IntArray,
     products: IntArray,
     damping: float,
 ) -> None:
@@ -150,7 +155,7 @@ def _assemble(
             clear_row(m[k, i])
     first, last = rows_within((rows[0] - 1, rows[1] + 1), PAD, m.shape[1] - PAD)
     for i in range(first, last):
-        _weigh_row(parts, link, kind, entries, i, t, qt)
+        _weigh_row(parts, link, kind, i, t, qt)
         for n in range(len(products)):
             term, k, other, entry = products[n]
             row = i + DOWN[k]
@@ -176,30 +181,10 @@ class Coefficients:
         """Pixels that the equations are of."""
         return self.structure.active
 
-    @property
-    def by_v(self) -> FloatArray:
-        """a of J's rows a + b·∇."""
-        return self.parts[BY_V]
-
-    @property
-    def by_v_u(self) -> FloatArray:
-        """b of J, along rows."""
-        return self.parts[BY_U]
-
-    @property
-    def by_v_v(self) -> FloatArray:
-        """b of J, along columns."""
-        return self.parts[BY_W]
-
-    @property
-    def weight(self) -> FloatArray:
-        """W."""
-        return self.parts[WEIGHT]
-
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a fraction `damping` of a² W is added to its diagonal."""
         on = self.structure
         m = np.empty((SEE, *self.active.shape)) if out is None else out
         kind = on.kind
-        _assemble(m, self.parts, on.link, kind, ENTRIES[kind], products_of(kind), damping)
+        _assemble(m, self.parts, on.link, kind, products_of(kind), damping)
         return m

@@ -44,7 +44,6 @@ from endolab.numerics.elementary import exp
 from endolab.numerics.iteration import Status
 from endolab.numerics.stencils import (
     CENTRAL,
-    ENTRIES,
     adjoint_padded,
     apply_padded,
     px_per_reference,
@@ -228,7 +227,7 @@ def primal_dual(
             slope *= share
         apply_padded(K_x, x_ahead, grid.link, kind)
         ascend(p, K_x, bound, tau_d, problem.epsilon / scale)
-        adjoint_padded(K_p, p, grid.link, kind, ENTRIES[kind])
+        adjoint_padded(K_p, p, grid.link, kind)
         descend(
             x,
             x_ahead,

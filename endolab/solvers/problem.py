@@ -10,17 +10,9 @@ from numpy.typing import NDArray
 
 from endolab.model.cameras import Camera, RayField
 from endolab.model.photometry import Photometry
-from endolab.model.ranges import check_range
-from endolab.model.surface import check_xi, to_xi
+from endolab.model.surface import to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import (
-    excerpt,
-    mask_array,
-    number,
-    readonly_copy,
-    real_array,
-    unknown_name,
-)
+from endolab.numerics.checks import excerpt, mask_array, readonly_copy, real_array
 from endolab.numerics.noise import noise_level
 from endolab.numerics.stencils import differences, px_per_reference
 from endolab.solvers.provenance import Report
@@ -32,7 +24,10 @@ EXACT, LOWER_BOUND, NONE = range(3)
 
 @dataclass(frozen=True)
 class Problem:
-    """A frame to be explained: everything a solver needs, and nothing it must look up."""
+    """A frame to be explained: everything a solver needs, and nothing it must look up.
+
+    Maps are checked; options are where they are given, in `Settings`.
+    """
 
     image: FloatArray  # (H, W), stored values of one channel in [0, 1]
     mask: BoolArray  # (H, W), pixels that take part
@@ -65,12 +60,6 @@ class Problem:
     report: Report = field(default_factory=Report, compare=False)  # where it comes from
 
     def __post_init__(self) -> None:
-        check_xi(self.xi)
-        if self.regulariser not in REGULARISERS:
-            raise unknown_name("regulariser", self.regulariser, REGULARISERS)
-        for name in ("lam", "epsilon", "threshold"):
-            object.__setattr__(self, name, number(name, getattr(self, name)))
-            check_range(name, getattr(self, name))
         shape = (self.camera.height, self.camera.width)
         image = real_array("image", self.image)
         for name, array in (("image", image), ("mask", mask_array("mask", self.mask))):

@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from endolab.model.ranges import RANGES
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import check_int
-from endolab.numerics.iteration import Status, check_observers, close_observers, drive
+from endolab.numerics.iteration import Status, close_observers, drive
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
@@ -27,6 +26,8 @@ from endolab.solvers.provenance import Report
 # the stage whose answer counts, and the same in a known unit
 SOLUTION = "solution"
 SCALED = "scaled"
+# In any unit; beyond, it is a slip of the pen. Their squares are numbers in single precision, too.
+DISTANCES = (1e-12, 1e12)
 NOTHING = "the solver produced no depth map that is finite"
 
 
@@ -142,7 +143,7 @@ class Result:
     stages: tuple[Stage, ...] = ()  # all, in order
 
     def __post_init__(self) -> None:
-        v, (least, most) = self.iterate.log_distance[self.mask], np.log(RANGES["distance"])
+        v, (least, most) = self.iterate.log_distance[self.mask], np.log(DISTANCES)
         if not (np.all(v >= least) and np.all(v <= most)):
             with np.errstate(over="ignore"):
                 span = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
@@ -307,8 +308,7 @@ def run(
             logs.append(_StageLog(iterate))
         logs[-1].add(iterate, seconds)
 
-    watching = check_observers(observers)
-    with close_observers(watching):
+    with close_observers(observers) as watching:
         status = drive(limit_steps(iterates, max_iterations), watching, keep)
         if not logs:
             raise ValueError(NOTHING)

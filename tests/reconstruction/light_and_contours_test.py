@@ -8,14 +8,15 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import compare
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, finish
+from endolab.reconstruction.colours import AlbedoPrior
 from endolab.reconstruction.light_and_contours import separate
 from endolab.reconstruction.problem_of_frame import problem_of_frame
 from endolab.reconstruction.report import notes, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from tests.benchmarks.frames import cases_of
-from tests.tools.problems import Shot, finish, relit
+from tests.tools.problems import Shot, relit
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
@@ -72,7 +73,7 @@ def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
 
 def test_the_computed_share_is_the_renderers(dry):
     problem = problem_of_frame(dry.frame, dry.calibration, Settings())
-    found = finish(separate(problem, ALBEDO)).trial
+    found = finish(separate(problem, AlbedoPrior.of(ALBEDO))).trial
     true = np.log1p(dry.indirect / dry.direct)
     made = np.log1p(found.indirect_ratio)
     for index, tolerance in enumerate((0.2, 0.08, 0.06)):

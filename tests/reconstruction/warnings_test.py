@@ -17,15 +17,14 @@ def wet():
 
 
 def doubts_of(image, calibration, mask, **options):
-    return warnings(
-        el.reconstruct(el.Frame(image, mask, "a"), calibration, width=WIDTH, **options)
-    )
+    frame = el.Frame(image, mask, "a")
+    return [*warnings(el.reconstruct(frame, calibration, width=WIDTH, **options))]
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "foggy"])
 def test_nothing_is_said_of_what_is_usual(name):
     sample = el.load_traced(name)
-    assert doubts_of(sample.frame.image, sample.calibration, sample.frame.mask) == ()
+    assert doubts_of(sample.frame.image, sample.calibration, sample.frame.mask) == []
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,7 @@ def test_a_thin_strip_that_runs_askew_costs_few_steps(thickness):
     coefficients, _ = equations(problem, truth)
     solver = Multigrid(coefficients)
     tilt = np.where(strip & problem.mask & (j > 115), (j - 115) / 200, 0.0)
-    b = np.zeros_like(coefficients.by_v)
+    b = np.zeros(coefficients.active.shape)
     multiply(solver.levels[0].matrix, pad_maps(tilt), b)
     assert solver.solve(b, 0.1, 200)[1] <= 4
 

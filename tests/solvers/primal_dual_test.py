@@ -1,20 +1,16 @@
 """The primal-dual path: known surfaces, and how it ends."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import endolab as el
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.primal_dual import primal_dual
-from endolab.solvers.problem import EXACT, NONE
 from tests.tools.problems import (
     SHEET,
     energies,
     errors_of,
     every_variant,
-    percent_off,
     problem_of,
 )
 
@@ -71,16 +67,3 @@ def test_another_brdf_than_a_lambertian_one():
     problem, seen = problem_of("curved", 60, brdf=SHEET, lam=0.1)
     result = el.run(primal_dual(problem))
     assert errors_of(result, seen).mean_percent < 0.2
-
-
-def test_a_white_blob_of_no_evidence_is_seen_through():
-    problem, seen = problem_of("plane", 80)
-    i, j = np.indices(problem.mask.shape)
-    blob = np.hypot(i - 30, j - 35) < 4
-    painted = replace(problem, image=np.where(blob, 1.0, problem.image))
-    evidence = np.where(blob, NONE, EXACT).astype(np.int8)
-    taken, ignored = (
-        percent_off(el.run(primal_dual(each, max_iterations=300)), seen, blob)
-        for each in (painted, replace(painted, evidence=evidence))
-    )
-    assert ignored < 0.1 < 10 < taken

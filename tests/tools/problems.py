@@ -134,15 +134,6 @@ class Shot:
         return errors_of(result, self.truth)
 
 
-def finish(steps):
-    """Run a generator to its end, unwatched, and return what it returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
-
-
 def moved_tube(t):
     """The tube, the camera having gone on by 3 t mm."""
     return Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))

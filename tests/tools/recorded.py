@@ -1,7 +1,5 @@
 """Recordings read back as they are, component by component."""
 
-import cv2
-import numpy as np
 import rerun as rr
 
 
@@ -46,6 +44,3 @@ class Recorded:
 
     def text(self, entity, component, k):
         return self.rows[entity][component][k][0].as_py()
-
-    def grey_picture(self, entity, k):
-        return cv2.imdecode(self.at(entity, "blob", k).astype(np.uint8), 0)

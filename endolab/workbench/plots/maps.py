@@ -216,7 +216,7 @@ def show_section(
     column : int, optional
         Which; the middle one by default.
     """
-    column = field.shape[1] // 2 if column is None else column
+    column = field.rays.shape[1] // 2 if column is None else column
     title = f"Section along column {column}" if title is None else title
     ax = decorate(ax, title, f"z [{unit}]", f"y [{unit}]")
     # The truth is black, as a reference should be.

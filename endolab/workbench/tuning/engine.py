@@ -118,7 +118,7 @@ class Answer:
     @cached_property
     def doubts(self) -> Sequence[str]:
         """What is doubtful about the surface, a sentence each."""
-        return warnings(self.result)
+        return tuple(warnings(self.result))
 
     @property
     def is_final(self) -> bool:
