@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 
 from endolab.model.cameras import Camera, RayField
 from endolab.model.photometry import Photometry
-from endolab.model.surface import to_xi
+from endolab.model.surface import XI, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import excerpt, mask_array, readonly_copy, real_array
+from endolab.numerics.checks import (
+    excerpt,
+    mask_array,
+    number,
+    readonly_copy,
+    real_array,
+    unknown_name,
+)
 from endolab.numerics.noise import noise_level
 from endolab.numerics.stencils import differences, px_per_reference
 from endolab.solvers.provenance import Report
@@ -24,10 +31,7 @@ EXACT, LOWER_BOUND, NONE = range(3)
 
 @dataclass(frozen=True)
 class Problem:
-    """A frame to be explained: everything a solver needs, and nothing it must look up.
-
-    Maps are checked; options are where they are given, in `Settings`.
-    """
+    """A frame to be explained: everything a solver needs, and nothing it must look up."""
 
     image: FloatArray  # (H, W), stored values of one channel in [0, 1]
     mask: BoolArray  # (H, W), pixels that take part
@@ -60,6 +64,11 @@ class Problem:
     report: Report = field(default_factory=Report, compare=False)  # where it comes from
 
     def __post_init__(self) -> None:
+        for name, known in (("xi", XI), ("regulariser", REGULARISERS)):
+            if getattr(self, name) not in known:
+                raise unknown_name(name, getattr(self, name), known)
+        for name, least in (("lam", 0.0), ("epsilon", 1e-12), ("threshold", 1e-9)):
+            object.__setattr__(self, name, number(name, getattr(self, name), least))
         shape = (self.camera.height, self.camera.width)
         image = real_array("image", self.image)
         for name, array in (("image", image), ("mask", mask_array("mask", self.mask))):
