@@ -18,9 +18,8 @@ class Pose:
 
     rotation: FloatArray  # R, (3, 3)
     translation: FloatArray  # t, (3,), mm: where the target's origin is
-    covariance: FloatArray = field(  # of `vector`, (6, 6)
-        default_factory=lambda: np.zeros((6, 6)), compare=False
-    )
+    # Of `vector`, (6, 6).
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
 
     @classmethod
     def of(cls, vector: FloatArray) -> Pose:

@@ -229,11 +229,9 @@ class Recorder:
         self._step = -(-problem.camera.width // self._max_width)
         self._begun = self._place
         if unit not in self._ends:
+            # A start is up to twice as far away as the end.
             near, far = limits("distance", iterate.distance)
-            self._ends[unit] = (
-                near / 2,
-                far,
-            )  # a start is up to twice as far away as the end
+            self._ends[unit] = near / 2, far
         # Where there are several runs, each has colours of its own.
         colour = None if self._run else SEARCHES.get(stage, OKABE_ITO.vermilion)
         title = f"{stage}?" if stage in SEARCHES else stage
