@@ -232,7 +232,7 @@ def _nothing_found_error(
 def describe_target(target: Target) -> str:
     """Say what a target is, in a few words."""
     is_dots = target.kind == "dots"
-    what = "dots of two sizes" if is_dots else f"squares of a {target.kind} board"
+    what = "dots of two sizes" if is_dots else f"squares of a {target.kind}"
     apart = f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart"
     folded = ", folded" if target.fold else ""
     is_old = isinstance(target, Charuco) and target.legacy
