@@ -229,9 +229,9 @@ class Recorder:
         self._step = -(-problem.camera.width // self._max_width)
         self._begun = self._place
         if unit not in self._ends:
-            # A start is up to twice as far away as the end.
+            # As if it faced the camera, a wall at 60° starts 1.4 times as far away as it is.
             near, far = limits("distance", iterate.distance)
-            self._ends[unit] = near / 2, far
+            self._ends[unit] = near / 1.4, far
         # Where there are several runs, each has colours of its own.
         colour = None if self._run else SEARCHES.get(stage, OKABE_ITO.vermilion)
         title = f"{stage}?" if stage in SEARCHES else stage
