@@ -22,7 +22,9 @@ alike, and the others not at all, because a Huber penalty is still pulled by the
 residuals are frozen while a cost is minimised; rounds repeat until a choice comes up again.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -183,11 +185,11 @@ def robust_sigma(
 
 def _equations(
     model: Model,
-    common: FloatArray,
-    own: FloatArray,
     used: BoolArray,
     sigma: float,
     limit: float,
+    common: FloatArray,
+    own: FloatArray,
 ) -> tuple[float, Arrow]:
     """Return a cost that is linear beyond `limit` σ, and equations of squares that have its gradient.
 
@@ -210,19 +212,18 @@ def _equations(
 
 
 def _descend(
-    model: Model,
+    equations: Callable[[FloatArray, FloatArray], tuple[float, Arrow]],
     common: FloatArray,
     own: FloatArray,
-    used: BoolArray,
-    sigma: float,
-    limit: float,
+    free: BoolArray,
     tolerance: float,
 ) -> tuple[FloatArray, FloatArray, Status]:
-    """Minimise the cost of `_equations` by steps of Levenberg and Marquardt.
+    """Minimise a cost, of which equations are given, by steps of Levenberg and Marquardt.
 
-    A step is the last if it moves no unknown by more than `tolerance` of its standard error.
+    Common unknowns that are not free stay. A step is the last if it moves no unknown by more than
+    `tolerance` of its standard error.
     """
-    cost, arrow = _equations(model, common, own, used, sigma, limit)
+    cost, arrow = equations(common, own)
     damping = 1e-10
     for _ in range(200):
         step, own_step = arrow.solve(damping)
@@ -231,9 +232,9 @@ def _descend(
         # A step that is short because it was damped proves nothing.
         is_last = damping < 1e-3 and fall < tolerance**2
         moved = common.copy()
-        moved[model.sd > 0] += step
+        moved[free] += step
         ahead = moved, own + own_step
-        lower, arrow_ahead = _equations(model, *ahead, used, sigma, limit)
+        lower, arrow_ahead = equations(*ahead)
         # An increase that is nothing against the tolerance is rounding.
         if lower <= cost * (1 + 1e-12) + 5e-9:
             (common, own), cost, arrow = ahead, lower, arrow_ahead
@@ -277,11 +278,12 @@ def fit(
         used = good
         # The Huber penalty only has to come near.
         limit, tolerance = (1e9, 1e-4) if near else (HUBER, 1.0)
-        common, own, status = _descend(model, common, own, used, sigma, limit, tolerance)
+        equations = partial(_equations, model, used, sigma, limit)
+        common, own, status = _descend(equations, common, own, free, tolerance)
         residual = model.linearise(common, own)[0]
     else:
         status = Status.STALLED
-    arrow = _equations(model, common, own, used, sigma, 1e9)[1]
+    arrow = _equations(model, used, sigma, 1e9, common, own)[1]
     of_free, of_own = arrow.covariance()
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = of_free
