@@ -15,7 +15,7 @@ from .io.datasets.folders import open_dataset as open_dataset
 from .io.datasets.known_endoscopes import load_calibration as load_calibration
 from .io.datasets.traced import load_traced as load_traced
 from .io.descriptions import write_calibration as write_calibration
-from .io.held import load_held as load_held
+from .io.found import load_found as load_found
 from .io.images import read_frame as read_frame
 from .io.surfaces import write_mesh as write_mesh
 from .io.video import open_frames as open_frames
@@ -35,6 +35,7 @@ from .reconstruction.estimate_light import estimate_light as estimate_light
 from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.pipeline import iterate as iterate
 from .reconstruction.pipeline import reconstruct as reconstruct
+from .reconstruction.pipeline import solve_found as solve_found
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
 from .reconstruction.uncertainty import uncertainty_of as uncertainty_of
 from .solvers.result import Iterate as Iterate

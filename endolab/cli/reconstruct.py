@@ -17,7 +17,7 @@ from endolab.cli.solving import (
     load_endoscope,
     show_progress,
 )
-from endolab.reconstruction.settings import option_types, takes_settings
+from endolab.reconstruction.settings import Settings, option_types, takes_settings
 
 # The command line writes these otherwise than Python does.
 OPTIONS = option_types() | {
@@ -25,6 +25,7 @@ OPTIONS = option_types() | {
     "known_distance": Several,
     "known_diameter": Diameter,
 }
+ANEW = "light and contours are found anew"
 SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
 
 
@@ -92,6 +93,7 @@ def reconstruct(
         Cores at most; by default ENDOLAB_THREADS, or all.
     **options
     """
+    from endolab.io.settings import read_settings
     from endolab.io.video import is_sequence
 
     is_video = is_sequence(frame)
@@ -99,8 +101,11 @@ def reconstruct(
         kinds = "--every and --limit are of a video, --uncertainty, --mesh and --prepare"
         raise ValueError(f"{kinds} of one picture")
     endoscope = load_endoscope(calibration, [frame], fov, crop)
-    known, keywords = load(endoscope, options, albedo, threads, settings)
+    kept = None if settings is None else read_settings(settings)
+    known, keywords = load(endoscope, options, albedo, threads, kept)
     if is_video:
+        if kept is not None and kept.found:
+            print(f"{ANEW}, in each frame: those of {settings} are of one picture")
         from endolab.batch.video import reconstruct_video
 
         with announce_compiling(), show_progress("frame") as follow_video:
@@ -129,6 +134,16 @@ def reconstruct(
     from endolab.reconstruction.report import summary
 
     picture = el.read_frame(frame, known, mask)
+    solve = partial(el.reconstruct, picture)
+    if kept is not None and kept.found:
+        found = el.load_found(kept.found)
+        if found.is_of(picture) and kept.mask and mask is None:
+            picture = el.read_frame(frame, known, kept.mask)
+        solve = partial(el.solve_found, found)
+        other = found.differences(picture, known, Settings.of(keywords))
+        if other:
+            solve = partial(el.reconstruct, picture)
+            print(f"{ANEW}: not of {settings} is {', '.join(other)}")
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
@@ -145,7 +160,7 @@ def reconstruct(
                 show(iterate.k, note=f"{iterate.stage}, energy {iterate.energy:.3e}")
 
             observers: list[Any] = [follow] if unrecorded else [recorder, follow]
-            result = el.reconstruct(picture, known, observers=observers, **keywords)
+            result = solve(known, observers=observers, **keywords)
             if uncertainty:
                 draws = [lambda progress: show(progress.done, progress.of, "σ")]
                 trusted = el.uncertainty_of(result, known, observers=draws)

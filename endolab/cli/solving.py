@@ -14,6 +14,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 if TYPE_CHECKING:
+    from endolab.io.settings import SolvingSettings
     from endolab.model.endoscope import Calibration
 
 Port = Annotated[int, Parameter(validator=Number(gte=1, lte=65535))]
@@ -57,24 +58,23 @@ def load(
     options: dict[str, Any],
     albedo: Any,
     threads: int | None,
-    settings: str | None = None,
+    kept: SolvingSettings | None = None,
 ) -> tuple[Calibration, dict[str, Any]]:
-    """Return a calibration, as it is believed to be, and the keywords of `endolab.reconstruct`."""
-    from endolab.io.settings import SolvingSettings, read_settings
+    """Return a calibration, as it is believed to be, and the keywords of `endolab.reconstruct`.
+
+    `kept` is what a file of settings says; options win.
+    """
+    from endolab.io.settings import SolvingSettings
     from endolab.reconstruction.settings import LENGTHS
 
     if threads is not None:
         os.environ["ENDOLAB_THREADS"] = str(threads)
-    kept = SolvingSettings() if settings is None else read_settings(settings)
+    kept = kept or SolvingSettings()
     if albedo is not None:
         kept = replace(kept, photometry={**kept.photometry, "albedo": albedo})
     if "contours" in options:
         options["contours"] = {"auto": None, "yes": True, "no": False}[options["contours"]]
     keywords = dict(kept.keywords)
-    if kept.held:
-        from endolab.io.held import load_held
-
-        keywords["held"] = load_held(kept.held)
     for name in LENGTHS if options.keys() & LENGTHS else ():  # one alone may fix the scale
         keywords.pop(name, None)
     return kept.apply(calibration), keywords | options

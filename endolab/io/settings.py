@@ -27,13 +27,19 @@ class SolvingSettings:
         Of `endolab.reconstruct`, those that are options of `Settings`.
     photometry : mapping
         What is believed of the light: see `LightBelief`.
-    held : str
-        A `held.npz` beside the file, which holds light and contours; nothing by default.
+    found, mask : str
+        Light and contours of one picture, and its mask, in files beside this one; nothing by default.
     """
 
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
-    held: str = ""
+    found: str = ""
+    mask: str = ""
+
+    @property
+    def settings(self) -> Settings:
+        """The options."""
+        return Settings(**self.keywords)
 
     def apply(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""
@@ -59,28 +65,29 @@ class _File(Settings):
 
     endolab_settings: Literal[1] = field(kw_only=True)
     photometry: LightBelief = LightBelief()
-    held: str = ""
+    found: str = ""
+    mask: str = ""
 
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
     """Write settings as JSON, whole or not at all; `read_settings` reads them."""
     content = {"endolab_settings": 1, **settings.keywords}
-    if settings.photometry:
-        content["photometry"] = dict(settings.photometry)
-    if settings.held:
-        content["held"] = settings.held
+    named = {name: getattr(settings, name) for name in ("photometry", "found", "mask")}
+    content |= {name: value for name, value in named.items() if value}
     write_atomically(path, as_json(content))
 
 
 def read_settings(path: PathLike) -> SolvingSettings:
     """Read settings; OSError or ValueError in one sentence, which names what in the file is wrong."""
     content = read_json(path, "settings file")
+    if isinstance(content, dict) and "held" in content:  # as 0.2 has it
+        content["found"] = content.pop("held")
     known = from_content(_File, content, str(path))
     light = content.pop("photometry", {})
-    held = content.pop("held", "")
+    files = {name: content.pop(name, "") for name in ("found", "mask")}
     del content["endolab_settings"]
     return SolvingSettings(
         {name: getattr(known, name) for name in content},
         {name: getattr(known.photometry, name) for name in light},
-        str(Path(path).parent / held) if held else "",
+        **{name: str(Path(path).parent / file) for name, file in files.items() if file},
     )

@@ -33,9 +33,9 @@ All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +63,7 @@ from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import DESCENT, gauss_newton
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
-from endolab.solvers.result import Iterate, Result, name_stage
+from endolab.solvers.result import Iterate, Result, Solving, name_stage
 
 # Stages
 SMOOTH = "smooth"  # one channel, before anything is cut
@@ -76,10 +76,6 @@ GUESSED_STEEPNESS = 0.8
 MOSTLY = 0.5
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
-
-
-Answer = TypeVar("Answer")
-Solving = Generator[Iterate, None, Answer]  # yields what is seen on the way
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Found:
+class Separation:
     """What the stage found on few pixels, and what tells how the picture is cut on all."""
 
     trial: Trial  # the surface that was chosen, with its light
@@ -132,17 +128,17 @@ class Found:
 
 def light_and_contours(
     small: Problem,
-    give_full: Callable[[], Problem],
+    full: Problem,
     prior: AlbedoPrior,
     contours: bool | None = None,
     before: Result | None = None,
 ) -> Solving[tuple[Problem, FloatArray | None]]:
     """Take indirect light out of a picture, and cut its surface at contours; yield every solve's iterates.
 
-    `small` is the frame on few pixels, and `give_full` gives it on all, once that is needed. `prior` is what
-    is known of the wall's albedo. `contours` says whether to cut the surface, by
-    default if that explains the picture much better. `before` is an earlier result, of another frame say: it
-    makes one round enough, and what it cut is cut without asking.
+    `small` is the frame on few pixels, `full` on all. `prior` is what is known of the wall's albedo.
+    `contours` says whether to cut the surface, by default if that explains the picture much better. `before`
+    is an earlier result, of another frame say: it makes one round enough, and what it cut is cut without
+    asking.
 
     Returns the problem of direct light on all pixels, or that of green where colours tell
     nothing; and a log d (H, W) to begin with, if there is one.
@@ -153,14 +149,11 @@ def light_and_contours(
             if before is None:
                 found = yield from separate(small, prior, contours)
             else:
-                found = yield from _separate_as_before(
-                    small, give_full(), prior, contours, before
-                )
-            return _on_all_pixels(found, give_full(), prior)
+                found = yield from _separate_as_before(small, full, prior, contours, before)
+            return _on_all_pixels(found, full, prior)
         except NoColour as error:
             report = {"light": LightOutcome.NO_COLOUR, "reason": str(error)}
     # Green, or what there is.
-    full = give_full()
     full = replace(full, colours=(), report=replace(full.report, **report))
     return (yield from _cut_one_channel(small, full, contours, before))
 
@@ -205,7 +198,7 @@ def _with_contours(
 
 def separate(
     problem: Problem, prior: AlbedoPrior, contours: bool | None = None
-) -> Solving[Found]:
+) -> Solving[Separation]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds."""
     colours = problem.colours
 
@@ -246,7 +239,7 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Found(trial, outcome, cuts, *lines_of, steepness, in_tissue)
+    return Separation(trial, outcome, cuts, *lines_of, steepness, in_tissue)
 
 
 def separate_from(
@@ -273,13 +266,13 @@ def _separate_as_before(
     prior: AlbedoPrior,
     contours: bool | None,
     before: Result,
-) -> Solving[Found]:
+) -> Solving[Separation]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
     in_tissue = steepness == constants.TISSUE_STEEPNESS
     guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
-    lines = Found(
+    lines = Separation(
         trial=Trial(before.iterate),
         contours=ContourOutcome.NONE_CLEAR,
         cuts=before.problem.cuts if is_same else None,  # another frame has other lines
@@ -313,6 +306,9 @@ def problem_as_before(
     is_same = (
         bool(full.colours)
         and old.fingerprint == full.report.fingerprint
+        and (old.smooth, old.highlights) == (full.report.smooth, full.report.highlights)
+        and solved.camera == full.camera
+        and replace(solved.photometry, gain=full.photometry.gain) == full.photometry
         and old.channel == SEPARATED
         and old.contours is not ContourOutcome.GIVEN
         and full.cuts is None
@@ -334,7 +330,7 @@ def problem_as_before(
 
 
 def _on_all_pixels(
-    found: Found, full: Problem, prior: AlbedoPrior
+    found: Separation, full: Problem, prior: AlbedoPrior
 ) -> tuple[Problem, FloatArray | None]:
     """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial

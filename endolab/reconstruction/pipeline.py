@@ -1,64 +1,60 @@
-"""Frame and endoscope in, surface out: the one call most people need, and its stages.
+"""Frame and endoscope in, surface out: the one call most people need, and the three it is made of.
 
-    frame, calibration, settings
+    frame, endoscope, settings
        |
-       |  problem of frame         one channel, or three, in full and on few pixels
+       |  find        one channel, or three, in full and on few pixels; light that came by way of other walls
+       |              is computed and taken out; where a fold hides a wall, the surface is cut
        v
-    Problem
-       |  light and contours       light that came by way of other walls is computed and taken out; where a
-       |                           fold hides a wall, the surface is cut
-       v
-    Problem
-       |  solve                    the energy of the paper is minimised
+    Found
+       |  solve       the energy of the paper is minimised, under any λ, regulariser, solver and light's law
        v
     surface
-       |  to scale                 millimetres, if a length is known
+       |  to scale    millimetres, if a length is known
        v
     Result
 
-The second is endolab's own. With ``channel="green", contours=False`` it does nothing, and what is left is
+The first is endolab's own. With ``channel="green", contours=False`` it finds nothing, and what is left is
 the method of the paper: one channel, all light taken for the lamp's, a surface without a cut.
 
-All that is solved on the way is yielded, so that observers see it. Who turns λ or the light's law holds what
-was found of light and contours (`held`), and only the third is done again.
+All that is solved on the way is yielded, so that observers see it. Who turns λ or the light's law keeps what
+was found, and does only the rest again (`solve_found`).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
-from endolab.numerics.side_by_side import in_background
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
-from endolab.reconstruction.held import Held
+from endolab.reconstruction.found import Found
 from endolab.reconstruction.light_and_contours import (
     light_and_contours,
     problem_as_before,
 )
 from endolab.reconstruction.problem_of_frame import (
     check_frame,
-    on_few_pixels,
     problem_of_frame,
+    problems_of_frame,
     start_from,
 )
-from endolab.reconstruction.scale import scale_by_length
+from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
+from endolab.solvers import solvers
 from endolab.solvers.gauss_newton import DESCENT
-from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,
     Observer,
     Result,
     Solver,
+    Solving,
     limit_steps,
     run,
 )
-from endolab.solvers.solvers import check_solver_options, options_of, solve
+from endolab.solvers.solvers import check_solver_options, options_of
 
 # The solver ends when two steps change distances by less than this fraction, root mean square. It is more if
 # the surface is cut: pieces that are joined at few pixels creep long after that.
@@ -73,7 +69,6 @@ def reconstruct(
     calibration: Calibration,
     *,
     start: Result | None = None,
-    held: Held | None = None,
     observers: Iterable[Observer] = (),
     threads: int | None = None,
     **options: Any,
@@ -90,9 +85,6 @@ def reconstruct(
     start : Result, optional
         An earlier result to start from. If it is of the same frame and endoscope, what was found of bounced
         light and contours stays: with another λ, say, the next result is a step or two away.
-    held : Held, optional
-        Direct light, contours and a start that were found before, as the tuner exports them
-        (`endolab.load_held`). Only energy, light and solver are then as asked.
     observers : iterable of callables
         Each is shown every iterate of every stage (`Iterate.stage`), and at last the answer in mm if a
         length is given; one that returns True stops the run.
@@ -125,22 +117,19 @@ def reconstruct(
     ('CONVERGED', True, (72, 96))
     """
     with limit_threads(threads):
+        if "held" in options:
+            raise ValueError("held= went: give what was found to endolab.solve_found()")
         settings = Settings.of(options)
-        if held is not None:
-            problem = held.problem_with(settings, calibration)
-            return run(_solve(problem, settings, held.start), observers)
-        give_full = _begin(frame, calibration, settings, start)
-        stages = _solve_in_stages(frame, calibration, settings, start, give_full)
 
-        def to_scale(answer: Iterate) -> Iterate:
+        def finish(answer: Iterate) -> Iterate:
             if answer.stage != SOLUTION:  # it was stopped on the way
-                problem = give_full()
-                report = replace(answer.report, asked=settings.as_dict())
-                problem = replace(problem, report=report, colours=())
-                answer = Iterate.of(problem, start_from(answer, problem))
-            return scale_by_length(answer, **settings.lengths)
+                full = problem_of_frame(frame, calibration, settings)
+                asked = replace(full.report, asked=settings.as_dict(), stage=answer.stage)
+                full = replace(full, report=asked, colours=())
+                answer = Iterate.of(full, start_from(answer, full))
+            return to_scale(answer, settings)
 
-        return run(stages, observers, last=to_scale)
+        return run(_stages(frame, calibration, settings, start), observers, last=finish)
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
@@ -166,78 +155,109 @@ def iterate(
             raise ValueError(
                 f"{name} is an option of reconstruct(); iterates have the unit of the gain"
             )
-    give_full = _begin(frame, calibration, settings, start)
-    return _solve_in_stages(frame, calibration, settings, start, give_full)
+    return _stages(frame, calibration, settings, start)
 
 
-def _begin(
+@check_kinds(found=Found, calibration=Calibration)
+@takes_settings
+def solve_found(
+    found: Found,
+    calibration: Calibration,
+    *,
+    observers: Iterable[Observer] = (),
+    threads: int | None = None,
+    **options: Any,
+) -> Result:
+    """Solve for a surface with the light and the contours that were found before.
+
+    Parameters
+    ----------
+    found : Found
+        As the tuner exports it (`endolab.load_found`).
+    calibration : Calibration
+        Camera and photometry as they are believed to be; k, γ and gain may be others than when it was found.
+    observers, threads
+        As for `reconstruct`.
+    **options
+        Those of `reconstruct`. What decides which light and contours are found must be as it was.
+
+    Returns
+    -------
+    Result
+        Of the pixels that were asked for when it was found.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if an argument cannot be used, or if an option wants light and contours found anew.
+    """
+    settings = Settings.of(options)
+    now = settings.search | {"width": settings.width, "cuts": settings.cuts}
+    was = found.settings.search | {"width": found.problem.mask.shape[1], "cuts": None}
+    for name in options.keys() & now.keys():
+        if name == "cuts" or now[name] != was[name]:
+            raise ValueError(
+                f"{name} belongs to what was found, with {was[name]}: reconstruct() finds light and contours "
+                "anew"
+            )
+    with limit_threads(threads):
+        steps = solve(found, settings, calibration)
+        return run(steps, observers, last=lambda answer: to_scale(answer, settings))
+
+
+def _stages(
     frame: Frame, calibration: Calibration, settings: Settings, start: Result | None
-) -> Callable[[], Problem]:
-    """Check what is given and prepare the frame on all its pixels, in the background if few come first."""
+) -> Solver:
+    """Check what is given, and return the iterates of all that is solved."""
     check_frame(frame, calibration, settings)
     if start is not None:
         check_solver_options(settings.solver, {"start": start})
 
-    def full() -> Problem:
-        return problem_of_frame(frame, calibration, settings)
+    def stages() -> Solver:
+        found = yield from find(frame, calibration, settings, start)
+        return (yield from solve(found, settings, calibration))
 
-    if on_few_pixels(frame, settings) is not None:
-        return in_background(full)
-    problem = full()
-    return lambda: problem
+    return stages()
 
 
-def _solve_in_stages(
-    frame: Frame,
-    calibration: Calibration,
-    settings: Settings,
-    start: Result | None,
-    give_full: Callable[[], Problem],
-) -> Solver:
-    """Take indirect light out, cut the surface where contours are, and solve what is left."""
+def find(
+    frame: Frame, calibration: Calibration, settings: Settings, start: Result | None = None
+) -> Solving[Found]:
+    """Take indirect light out of a frame, and cut its surface where contours are; yield all iterates.
+
+    Of a start that is of this picture and endoscope, light and contours stay.
+    """
     contours = settings.contours if settings.searches_contours else False
-    known = None  # the problem, if the start's light and contours are this picture's
-    first: FloatArray | None = None  # log d to begin with
-    converged_at = None
+    known = converged_at = None
     if start is not None:
-        full = give_full()
+        full = problem_of_frame(frame, calibration, settings)
         if start.mask.shape != full.mask.shape:
             raise ValueError(
                 f"start has shape {start.mask.shape}, the frame {full.mask.shape}"
             )
         known = problem_as_before(full, start, contours)
         converged_at = start.energy if start.status.is_done else None
-    if start is not None and known is not None:
-        problem, first = known, start_from(start.iterate, known)
-    else:
-        few = on_few_pixels(frame, settings)
-        small = give_full() if few is None else problem_of_frame(frame, calibration, few)
+    if known is None:
+        small, full = problems_of_frame(frame, calibration, settings)
         problem, first = yield from light_and_contours(
-            small, give_full, prior_of(calibration), contours, start
+            small, full, prior_of(calibration), contours, start
         )
+    else:
+        problem, first = known, None
+    found = Found(problem, settings, calibration, first, converged_at=converged_at)
+    if start is None or first is not None:
+        return found
+    halvings = DESCENT.start_halvings if known is None else found.halvings
+    return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
 
-    # So many times are rows and columns halved, for a grid on which a start becomes this problem's own.
-    halvings = DESCENT.like_halvings
-    if start is not None and first is None:  # of another picture, of one channel
-        first = start_from(start.iterate, problem)
-        halvings = DESCENT.start_halvings
-    return (yield from _solve(problem, settings, first, halvings, converged_at))
 
-
-def _solve(
-    problem: Problem,
-    settings: Settings,
-    start: FloatArray | None,
-    halvings: int = DESCENT.start_halvings,
-    converged_at: float | None = None,
-) -> Solver:
-    """Solve the problem that is left, from a first map if there is one."""
-    asked = settings.as_dict() | {"regulariser": problem.regulariser}
-    problem = replace(problem, report=replace(problem.report, asked=asked))
+def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
+    """Solve what was found, under the energy and the light's law that are asked for."""
+    problem, start = found.problem_with(settings, calibration)
     offered: dict[str, Any] = {
         "start": start,
-        "halvings": halvings,
-        "converged_at": converged_at,
+        "halvings": found.halvings,
+        "converged_at": found.converged_at,
         "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,
         "max_iterations": settings.max_iterations,
     }
@@ -247,7 +267,9 @@ def _solve(
         for name, value in offered.items()
         if name in accepted and value is not None
     }
-    steps = solve(problem, settings.solver, **{**options, **settings.solver_options})
+    steps = solvers.solve(
+        problem, settings.solver, **{**options, **settings.solver_options}
+    )
     if "max_iterations" not in accepted:
         steps = limit_steps(steps, settings.max_iterations)
     return (yield from steps)

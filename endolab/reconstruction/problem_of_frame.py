@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -44,11 +45,12 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     """
     width, height = _size_of_problem(frame, settings)
     picture_size = (frame.width, frame.height)
+    fingerprint = fingerprint_of(frame)
     photometry = calibration.photometry
     if width != frame.width:
         frame = frame.resize(width, height, photometry.gamma)
     camera = calibration.camera.resize(frame.width, frame.height)
-    highlights = settings.highlights or ("ignore" if settings.uses_colours else "keep")
+    highlights = settings.used_highlights
     seen = frame.pixels_to_use()
     known = seen & camera.field.valid
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
@@ -57,7 +59,6 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     if highlights == "ignore":
         silent = mirrored
     treated = replace(frame, image=inpaint(frame.image, mirrored, known))
-    fingerprint = _fingerprint(frame, calibration, settings.smooth, highlights)
 
     def make(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)
@@ -133,15 +134,24 @@ def make_problem(frame: Frame, calibration: Calibration, **options: object) -> P
     return problem_of_frame(frame, calibration, settings)
 
 
-def on_few_pixels(frame: Frame, settings: Settings) -> Settings | None:
-    """Return the settings by which light and contours are looked for first; None: on all pixels, or not."""
+def problems_of_frame(
+    frame: Frame, calibration: Calibration, settings: Settings
+) -> tuple[Problem, Problem]:
+    """Make the problem on few pixels, on which light and contours are looked for first, and that on all.
+
+    They are one if nothing is looked for, or if the frame is that small.
+    """
     width, height = _size_of_problem(frame, settings)
     fraction = FEW / max(width, height)
-    if not (settings.searches_contours or _asks_colours(frame, settings)):
-        return None
-    if fraction >= 1 or fraction * min(width, height) < LEAST_SIDE:
-        return None
-    return replace(settings, width=round(fraction * width), cuts=None)
+    is_asked = settings.searches_contours or _asks_colours(frame, settings)
+    if not is_asked or fraction >= 1 or fraction * min(width, height) < LEAST_SIDE:
+        full = problem_of_frame(frame, calibration, settings)
+        return full, full
+    few = replace(settings, width=round(fraction * width), cuts=None)
+    small, full = side_by_side(
+        partial(problem_of_frame, frame, calibration), (few, settings), width * height
+    )
+    return small, full
 
 
 def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> None:
@@ -174,16 +184,16 @@ def _asks_colours(frame: Frame, settings: Settings) -> bool:
     return settings.uses_colours and frame.image.ndim == 3
 
 
-def _fingerprint(frame: Frame, calibration: Calibration, *treated: object) -> str:
-    """Digits that are equal for the same picture of the same endoscope, whatever its gain."""
-    total = hashlib.blake2b(digest_size=16)
-    known = replace(calibration.photometry, gain=None)
+def fingerprint_of(frame: Frame) -> tuple[str, str]:
+    """Return digits of a picture and of its mask that are equal for equal ones."""
     silent = np.empty(0) if frame.silent is None else frame.silent
-    for part in (frame.image, frame.mask, silent):
-        total.update(np.ascontiguousarray(part).data)
-    described = (frame.name, frame.image.shape, calibration.camera, known, treated)
-    total.update(repr(described).encode())
-    return total.hexdigest()
+    digits = []
+    for arrays in ((frame.image,), (frame.mask, silent)):
+        total = hashlib.blake2b(digest_size=16)
+        for array in arrays:
+            total.update(np.ascontiguousarray(array).data)
+        digits.append(total.hexdigest())
+    return digits[0], digits[1]
 
 
 def in_units(problem: Problem) -> Problem:

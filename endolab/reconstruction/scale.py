@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from endolab.numerics.arrays import FloatArray, freeze
+from endolab.reconstruction.settings import Settings
 from endolab.solvers.result import SCALED, Iterate, Result
 
 Pixel = tuple[float, float]  # column, row
@@ -20,27 +21,23 @@ NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
 LEAST_APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
 
 
-def scale_by_length(
-    iterate: Iterate,
-    median_distance: float | None = None,
-    known_distance: tuple[float, float, float] | None = None,
-    known_diameter: tuple[float, Pixel, Pixel] | None = None,
-) -> Iterate:
+def to_scale(iterate: Iterate, settings: Settings) -> Iterate:
     """Return the same surface in mm, by the one length that is known; without one, as it is.
 
     Pixels are as for `factor_of_distance`, the two of a diameter at least `LEAST_APART` of the result apart.
     It is straight from point to point: the width of a polyp or of an open forceps.
     """
-    if median_distance is not None:
-        factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
-        return in_unit(iterate, factor, scale="median distance", length=median_distance)
     length: Any
-    if known_distance is not None:
-        by, length = "known distance", known_distance
-        factor = factor_of_distance(iterate, *known_distance)
-    elif known_diameter is not None:
-        by, length = "known diameter", known_diameter
-        mm, start, end = known_diameter
+    if settings.median_distance is not None:
+        length = settings.median_distance
+        factor = length / float(np.median(iterate.distance[iterate.mask]))
+        return in_unit(iterate, factor, scale="median distance", length=length)
+    if settings.known_distance is not None:
+        by, length = "known distance", settings.known_distance
+        factor = factor_of_distance(iterate, *length)
+    elif settings.known_diameter is not None:
+        by, length = "known diameter", settings.known_diameter
+        mm, start, end = length
         apart = np.linalg.norm(own_pixel(iterate, start)[0] - own_pixel(iterate, end)[0])
         if apart < LEAST_APART:
             raise ValueError(

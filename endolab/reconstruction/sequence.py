@@ -19,7 +19,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
-from endolab.reconstruction.scale import in_unit, scale_by_length
+from endolab.reconstruction.scale import in_unit, to_scale
 from endolab.reconstruction.settings import LENGTHS, Settings
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import ContourOutcome, Report
@@ -134,7 +134,7 @@ def reconstruct_sequence(
         If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
     lengths = {name: options.pop(name, None) for name in LENGTHS}
-    Settings(**lengths)  # checks them
+    known = Settings(**lengths)
     is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     carried = before
@@ -148,7 +148,7 @@ def reconstruct_sequence(
             result = found.result
             iterate = result.iterate
             if carried is None:
-                iterate = scale_by_length(iterate, **lengths)
+                iterate = to_scale(iterate, known)
             else:
                 factor = scale_between(carried.result, result)
                 if not (result.metric and np.isclose(factor, 1)):

@@ -135,6 +135,21 @@ class Settings:
         return "second" if self.regulariser == AUTO else self.regulariser
 
     @property
+    def used_highlights(self) -> str:
+        """What is done with highlights."""
+        return self.highlights or ("ignore" if self.uses_colours else "keep")
+
+    @property
+    def search(self) -> dict[str, Any]:
+        """What decides, at a width, which light and contours are found."""
+        return {
+            "channel": self.used_channel,
+            "contours": self.contours,
+            "highlights": self.used_highlights,
+            "smooth": self.smooth,
+        }
+
+    @property
     def lengths(self) -> dict[str, Any]:
         """What may fix the scale."""
         return {name: getattr(self, name) for name in LENGTHS}

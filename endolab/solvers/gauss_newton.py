@@ -401,20 +401,26 @@ class Look:
     energy that is told is that of c.
     """
 
-    def __init__(self, surface: Iterate) -> None:
+    def __init__(self, surface: Iterate, is_minimum: bool = True) -> None:
+        """Begin at a surface, which the first look corrects if it is no minimum of its energy."""
         problem = surface.problem
         self._set_grids(problem)
         v = self._fine.restrict(pad_maps(np.where(problem.mask, surface.log_distance, 0.0)))
-        begun = evaluate(self._coarse, self._coarse.below_ceiling(v), problem.lam)
-        steps = descend(self._coarse, begun, problem.lam, self._memory)
-        self._v = settle(steps, DESCENT.look_tolerance).v
+        self._v = self._coarse.below_ceiling(v)
+        if is_minimum:
+            begun = evaluate(self._coarse, self._v, problem.lam)
+            steps = descend(self._coarse, begun, problem.lam, self._memory)
+            self._v = settle(steps, DESCENT.look_tolerance).v
         self.start_from(surface)
 
     def start_from(self, surface: Iterate) -> None:
-        """Follow from this surface of the energy that was followed last, at full size."""
-        self._fine_start = pad_maps(
-            np.where(surface.problem.mask, surface.log_distance, 0.0)
+        """Follow from this surface of the energy that was followed last, at full size, in whatever unit."""
+        v = (
+            surface.log_distance
+            - _log_unit(surface.problem)
+            + _log_unit(self._coarse.problem)
         )
+        self._fine_start = pad_maps(np.where(surface.problem.mask, v, 0.0))
         self._start = self._v
 
     def _set_grids(self, problem: Problem) -> None:
@@ -423,7 +429,10 @@ class Look:
         self._memory = Memory()
 
     def follow(self, problem: Problem) -> Iterate:
-        """Step towards the surface of the same picture with another energy, and return it at full size."""
+        """Step towards the surface of the same picture with another energy, and return it at full size.
+
+        With another gain it begins at the same surface in another unit.
+        """
         before = self._coarse.problem
         if any(
             getattr(problem, name) != getattr(before, name)
@@ -435,6 +444,10 @@ class Look:
             for name in ("epsilon", "threshold", "photometry")
         ):
             self._coarse = self._fine.coarser_under(problem)
+        moved = _log_unit(problem) - _log_unit(before)
+        coarse, fine = (moved * pad_maps(one.mask) for one in (self._coarse, self._fine))
+        self._v, self._start = self._v + coarse, self._start + coarse
+        self._fine_start = self._fine_start + fine
         now = evaluate(self._coarse, self._coarse.below_ceiling(self._v), problem.lam)
         steps = descend(
             self._coarse, now, problem.lam, self._memory, DESCENT.look_inner_steps
@@ -443,3 +456,8 @@ class Look:
         self._v = found.v
         v = self._fine_start + self._fine.interpolate(self._v - self._start)
         return Iterate.of(problem, inner(v), terms=found.terms)
+
+
+def _log_unit(problem: Problem) -> float:
+    """log of what distances are in the unit of a problem's gain: they go with its square root."""
+    return 0.5 * float(np.log(problem.photometry.gain or 1.0))

@@ -40,6 +40,9 @@ class Report:
 
     # Options by name, of the surface that counts.
     asked: Mapping[str, object] = field(default_factory=dict)
+    stage: str = (
+        ""  # in which the run was stopped, if it was before light and contours were found
+    )
 
     # The picture
     frame: str = ""  # its name
@@ -62,8 +65,8 @@ class Report:
     without_ray: float = (
         0.0  # fraction of what it shows that the camera's model does not reach
     )
-    # Of picture, mask, endoscope and what was done with them: equal for equal ones.
-    fingerprint: str = field(default="", repr=False)
+    # Of picture and mask: equal for equal ones.
+    fingerprint: tuple[str, str] | None = field(default=None, repr=False)
 
     # Light that bounced
     light: LightOutcome | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -112,7 +112,9 @@ class Iterate:
 
 
 Observer = Callable[[Iterate], bool | None]
-Solver = Generator[Iterate, None, Status]
+Found = TypeVar("Found")
+Solving = Generator[Iterate, None, Found]  # yields what is solved on the way
+Solver = Solving[Status]
 
 
 @dataclass(frozen=True)
@@ -251,9 +253,7 @@ def limit_steps(
         steps.close()
 
 
-def name_stage(
-    steps: Solver, stage: str, round: int = 0
-) -> Generator[Iterate, None, Iterate]:
+def name_stage(steps: Solver, stage: str, round: int = 0) -> Solving[Iterate]:
     """Pass a solver's iterates on as those of a stage, and return the answer."""
     logs: list[_StageLog] = []
 

@@ -1,17 +1,20 @@
-"""Answers that follow a hand: the newest wish wins, and what was found of light and contours is held.
+"""Answers that follow a hand: the newest wish wins.
 
     a knob moves       look   a step on a quarter of the pixels, from the last answer
-    the hand rests     kept   the same problem at full size, from where light and contours were found
-    in idle time              the same for other λ, and on to larger ones until too little is explained
-    asked anew         anew   light and contours as well: what `reconstruct` makes of the frame
+    the hand rests     final  the same problem at full size, as `solve` gives it of what was found
+    in idle time              the same for other λ, to both sides until 99 % is crossed
+    asked anew         find   light and contours as well, by these knobs
 
 An energy's other solvers have no looks: their iterates are shown as they come. One thread does all of it;
-whatever takes long asks at each step whether a newer wish has come. A kept answer follows from the wish and
-from what is held alone, so that `held.npz` and the settings give it again, bit for bit.
+whatever takes long asks at each step whether a newer wish has come.
+
+An answer follows from its knobs, and from those by which light and contours were found: made afresh, it has
+the same bits. So what is kept is a memory and no more, and goes where it takes too much room.
 """
 
 from __future__ import annotations
 
+import operator
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -24,7 +27,7 @@ import numpy as np
 from skimage.measure import label
 
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, Stopped, finish
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import (
     ENOUGH_CONTRAST,
@@ -32,53 +35,79 @@ from endolab.reconstruction.contrast import (
     noise_of,
     suggest_lam,
 )
-from endolab.reconstruction.held import Held
-from endolab.reconstruction.pipeline import reconstruct
+from endolab.reconstruction.found import Found
+from endolab.reconstruction.pipeline import find, solve_found
 from endolab.reconstruction.report import warnings
+from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty, noise_left
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
-from endolab.solvers.result import Iterate, Observer, Result
-from endolab.workbench.plots.scales import truth_for
+from endolab.solvers.problem import Problem
+from endolab.solvers.result import SOLUTION, Iterate, Observer, Result
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 REST = 0.15  # s without a wish, after which the hand rests
-# Times the present λ, for the λ curve: from a tenth to ten times, the near ones first.
+# Times the present λ, for the λ curve: from a tenth to ten times, the near ones first; and from its ends on.
 LAM_FACTORS = (0.32, 3.2, 0.1, 10.0)
+LAM_STEP = 3.2
 # s between the iterates that are shown: of a frame's first run, coarse ones too, and of later ones
 FIRST_SIGHTS = 0.4
 BETWEEN = 0.06
-LARGEST_LAM = 100.0  # that the slider reaches
+LAMS = (1e-4, 100.0)  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
+PATH_BYTES = 24e6  # and of their maps
+KEPT_BYTES = 24e6  # of answers that are not on screen
+KEPT_FINDS = 2  # so many times light and contours are kept
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
 
 
 class AnswerKind(StrEnum):
-    """How an answer was found: some in passing, KEPT and ANEW to their end."""
+    """How an answer was found."""
 
     LOOK = "look"  # on few pixels, from the last answer
     ITERATE = "iterate"  # of a run that goes on, or of the last one
-    KEPT = "kept"
-    ANEW = "anew"
+    FINAL = "final"
 
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """What stays while energy and light are turned."""
+    """What stays while energy, light and unit are turned."""
 
+    knobs: Knobs  # by which it was found
     subject: Subject  # what is looked at
-    truth: FloatArray | None  # distance, (H, W), in the answers' unit; nan outside the mask
+    truth: FloatArray | None  # distance, (H, W), mm; nan outside the mask
+    per_mm: float  # of truth, in relative units
     noise: float  # of the grey picture, stored values
     noise_left: float  # of what is explained, once it was smoothed
+    found: Found | None = None  # None while it is being found
 
     @classmethod
-    def of(cls, subject: Subject, result: Result) -> Still:
-        """Note what a result that was found anew is compared with."""
+    def of(
+        cls, knobs: Knobs, subject: Subject, first: Iterate, found: Found | None = None
+    ) -> Still:
+        """Note what answers are compared with, of the first of them, or of an iterate before it."""
+        from endolab.metrics.depth_errors import resample_truth  # takes half a second
+
         truth = subject.truth
+        per_mm = 1.0
         if truth is not None:
-            truth = truth_for(result, truth)
-        return cls(subject, truth, noise_of(result.problem), noise_left(result)[0])
+            truth = resample_truth(truth, first.mask.shape)
+            truth[~first.mask | (truth <= 0)] = np.nan
+            per_mm = float(np.nanmedian(first.distance / truth))
+            if found is not None:  # whose unit may be another than that of a length
+                gains = (
+                    one.photometry.gain or 1.0 for one in (found.problem, first.problem)
+                )
+                per_mm *= float(np.sqrt(operator.truediv(*gains)))
+        noises = noise_of(first.problem), noise_left(first)[0]
+        return cls(knobs, subject, truth, per_mm, *noises, found)
+
+    def truth_in(self, unit: Result) -> FloatArray | None:
+        """Return the true distance, (H, W), in the unit of a result."""
+        if self.truth is None or unit.metric:
+            return self.truth
+        return self.per_mm * self.truth
 
 
 @dataclass(eq=False)
@@ -89,8 +118,8 @@ class Answer:
     kind: AnswerKind
     still: Still
     result: Result
-    held: Held | None = None  # what it was solved with; None if all was found anew
     path: Sequence[Iterate] = ()  # iterates of the run, some of many
+    state: int = 0  # counts wishes: that which it answered, when it was shown
     uncertainty: Uncertainty | None = None
 
     @cached_property
@@ -109,9 +138,10 @@ class Answer:
     @cached_property
     def errors(self) -> tuple[float, float] | None:
         """Mean and median error of the distance, %, if the truth is known."""
-        if self.still.truth is None:
+        truth = self.still.truth_in(self.result)
+        if truth is None:
             return None
-        error = 100 * np.abs(self.result.distance / self.still.truth - 1)
+        error = 100 * np.abs(self.result.distance / truth - 1)
         known = error[np.isfinite(error)]
         return float(known.mean()), float(np.median(known))
 
@@ -123,7 +153,12 @@ class Answer:
     @property
     def is_final(self) -> bool:
         """Whether its solver has come to its end."""
-        return self.kind in (AnswerKind.KEPT, AnswerKind.ANEW)
+        return self.kind is AnswerKind.FINAL
+
+    @property
+    def is_anew(self) -> bool:
+        """Whether light and contours were found by its own knobs."""
+        return self.settings == self.still.knobs
 
     @property
     def uses_lam(self) -> bool:
@@ -136,32 +171,53 @@ class Answer:
         cuts = self.result.problem.cuts
         return 0 if cuts is None else int(label(cuts.any(axis=0), connectivity=2).max())
 
+    def leave_screen(self) -> None:
+        """Forget all that is made again when it is shown, and the run."""
+        for stays in ("explained", "errors"):
+            getattr(self, stays)
+        iterate = self.result.iterate
+        iterate = replace(iterate, problem=replace(iterate.problem))
+        self.result = replace(self.result, iterate=iterate)
+        self.path = ()
+        vars(self).pop("residual", None)
 
-def shown_as(iterate: Iterate) -> Result:
-    """Return an iterate of a run that goes on as a result."""
+    @property
+    def nbytes(self) -> int:
+        """Of the maps that are its own."""
+        found = self.uncertainty
+        maps = (
+            []
+            if found is None
+            else [found.sigma, found.sigma_shape, *found.causes.values()]
+        )
+        return sum(one.nbytes for one in [self.result.iterate.log_distance, *maps])
+
+
+def shown_as(iterate: Iterate, knobs: Knobs) -> Result:
+    """Return an iterate of a run that goes on as a result, in mm if a length is known."""
     row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
+    if iterate.stage == SOLUTION:
+        iterate = to_scale(iterate, knobs)
     return Result(iterate, Status.STOPPED, [row], 0.0)
 
 
 def solve(
-    wish: Knobs,
-    subject: Subject,
-    observers: Iterable[Observer] = (),
-    still: Still | None = None,
-    held: Held | None = None,
-) -> Answer:
-    """Find an answer, here and now: all anew, as `reconstruct` does, or with what is held."""
+    wish: Knobs, subject: Subject, found: Found, observers: Iterable[Observer] = ()
+) -> tuple[Result, Sequence[Iterate]]:
+    """Solve with what was found, here and now; return some of the iterates, too.
+
+    Stopped, if an observer wants no answer any more.
+    """
     steps = Path()
-    result = reconstruct(
-        subject.frame,
+    result = solve_found(
+        found,
         wish.calibration_of(subject),
-        held=held,
         observers=[steps.add, *observers],
         **wish.solving_settings(subject).keywords,
     )
-    path = [one for one in steps.iterates if one.mask.shape == result.mask.shape]
-    kind = AnswerKind.ANEW if held is None else AnswerKind.KEPT
-    return Answer(wish, kind, still or Still.of(subject, result), result, held, path)
+    if result.status is Status.STOPPED:
+        raise Stopped
+    return result, steps.iterates
 
 
 class Engine:
@@ -178,28 +234,39 @@ class Engine:
         note: Callable[[], object] = lambda: None,
         refuse: Callable[[str], object] = lambda sentence: None,
     ) -> None:
-        self.source = source  # to be replaced at any time
+        self.source = source
         self.show = show
         self.note = note
         self.refuse = refuse
-        self.base: Answer | None = None  # whose light and contours are held
-        self.tried: list[Answer] = []  # with these
-        self._held: Held | None = None
+        self.finds: list[Knobs] = []  # by which light and contours were found, ever
+        self.stills: list[
+            Still
+        ] = []  # what of these is kept, the last that was used at the end
+        self.tried: list[Answer] = []  # with these, likewise
+        self.shown: Answer | None = None  # the last one
         self._look: Look | None = None
-        self._last: Iterate | None = None  # at full size, a look as well
         self._wish = Knobs()  # the newest
-        self._anew = False  # whether all is to be found again
+        self._base: Knobs | None = None  # by which its light and contours are to be found
+        self._asked = self._state = (
+            0  # so many wishes: in all, and up to the one that is answered
+        )
         self._news = threading.Event()  # a wish that nobody looks at yet
         self._asking = threading.Lock()
         self._thread = ThreadPoolExecutor(1, "endolab tuner")
 
     # From any thread ---------------------------------------------------------------------
 
-    def ask(self, wish: Knobs, anew: bool = False) -> None:
-        """Wish for an answer, and drop what was wished for before; returns at once."""
+    def ask(self, wish: Knobs, anew: bool = False, found: int | None = None) -> None:
+        """Wish for an answer, and drop what was wished for before; returns at once.
+
+        Light and contours are to be those of one of `finds`; or those of the wish before, where they can
+        stay; or, if asked `anew` and where they cannot, those that the wish itself finds.
+        """
         with self._asking:
-            self._anew |= anew
+            base = self._base if found is None else self.finds[found]
+            self._base = wish if anew or base is None or not wish.follows(base) else base
             self._wish = wish
+            self._asked += 1
             self._news.set()
         self.do(self._answer)
 
@@ -209,6 +276,8 @@ class Engine:
         def refuse_or_do() -> None:
             try:
                 job()
+            except Stopped:  # a newer wish has come
+                pass
             except Exception as error:  # whatever it is, the next wish may do better
                 self.refuse((str(error).strip() or type(error).__name__).splitlines()[0])
 
@@ -233,151 +302,195 @@ class Engine:
         lams = [one.settings.lam for one in curve]
         return suggest_lam(lams, [one.explained for one in curve])
 
-    def recall(self, wish: Knobs) -> Answer | None:
-        """Return what was solved for a wish, if it was, with what is held."""
-        return next((one for one in self.tried if one.settings == wish), None)
-
     def curve_of(self, answer: Answer) -> list[Answer]:
         """Return what was solved that differs from an answer by λ alone, by λ."""
         like = [
             one
             for one in self.tried
-            if replace(one.settings, lam=answer.settings.lam) == answer.settings
+            if one.still is answer.still
+            and one.settings.lam > 0
+            and replace(one.settings, lam=answer.settings.lam) == answer.settings
         ]
         return sorted(like, key=lambda one: one.settings.lam)
+
+    def number_of(self, answer: Answer) -> int | None:
+        """Return which of `finds` found an answer's light and contours; None while they are being found."""
+        known = answer.still.found is not None
+        return self.finds.index(answer.still.knobs) if known else None
+
+    def recall(self, wish: Knobs, still: Still) -> Answer | None:
+        """Return what was solved for a wish, if it was, with what was found."""
+        like = (one for one in self.tried if one.still is still)
+        return next((one for one in like if one.settings == wish), None)
+
+    def solve(
+        self, wish: Knobs, still: Still, observers: Iterable[Observer] = ()
+    ) -> Answer:
+        """Return what was solved for a wish, or solve it here and now."""
+        known = self.recall(wish, still)
+        if known is not None:
+            return known
+        assert still.found is not None
+        result, path = solve(wish, still.subject, still.found, observers)
+        return Answer(wish, AnswerKind.FINAL, still, result, path)
 
     # In the engine's thread --------------------------------------------------------------
 
     def _answer(self) -> None:
         if not self.is_stale():  # the newest was answered with the one before
             return
-        self._news.clear()
-        wish = self._wish
-        base = self.base
-        subject = self.source.subject(wish)
-        if (
-            base is None
-            or self._anew
-            or subject is not base.still.subject
-            or not wish.follows(base.settings)
-        ):
-            answer = self._find_anew(wish, subject)
-        else:
-            answer = self.recall(wish) or self._follow(wish)
-        if answer is None:
+        with self._asking:
+            self._news.clear()
+            wish = self._wish
+            base = self._base or wish
+            self._state = self._asked
+        try:
+            still = self._find(base)
+        except Exception:
+            with self._asking:  # what cannot be found is nobody's base
+                if self._base == base:
+                    self._base = None if self.shown is None else self.shown.still.knobs
+            raise
+        if self.is_stale():
             return
-        if answer not in self.tried:
-            self.tried.append(answer)
-        self._last = answer.result.iterate
-        self.show(answer)
-        if self._look is not None:
-            self._look.follow(answer.result.problem)
-            self._look.start_from(self._last)
+        answer = self.recall(wish, still) or self._follow(wish, still)
+        self._keep(answer)
+        if answer is not self.shown or answer.state != self._state:
+            self._show(answer)
+        if answer.settings.solver != FOLLOWS:
+            self._look = None
+        elif self._look is not None:
+            self._look.follow(problem_of(answer.settings, still))
+            self._look.start_from(answer.result.iterate)
         if self._rests():
             self.note()
             if answer.uses_lam:
                 self._try_others(answer)
 
-    def _find_anew(self, wish: Knobs, subject: Subject) -> Answer | None:
-        """Find all anew, and hold what was found of light and contours; None if a newer wish came."""
-        answer = solve(wish, subject, [self._show_long(wish, subject)])
-        with self._asking:
-            if self.is_stale() and self.base is not None:
-                return None
-            self._anew = False
-        result = answer.result
-        light = wish.calibration_of(subject).photometry
-        self._held = Held(result.problem, light, result.iterate.log_distance)
-        self.base = answer
-        self.tried = []
-        self._look = Look(result.iterate) if answer.uses_lam else None
-        return answer
+    def _find(self, knobs: Knobs) -> Still:
+        """Return what these knobs find; what is found anew is shown by their own answer, which is kept."""
+        still = next((one for one in self.stills if one.knobs == knobs), None)
+        if still is None:
+            subject = self.source.subject(knobs)
+            show = self._show_long(knobs, subject)
+            is_first = self.shown is None
 
-    def _follow(self, wish: Knobs) -> Answer | None:
-        """Show what follows at once; once the hand rests, solve at full size. None if a newer wish came."""
-        base = self.base
-        assert base is not None
-        assert self._held is not None
-        subject = base.still.subject
-        if wish.solver == FOLLOWS and self._look is not None:
-            problem = self._held.problem_with(wish, wish.calibration_of(subject))
+            def watch(iterate: Iterate) -> bool:
+                show(iterate)
+                return knobs != self._base and not is_first
+
+            def stop_or_show(iterate: Iterate) -> None:
+                if watch(iterate):
+                    raise Stopped
+
+            settings = knobs.solving_settings(subject).settings
+            steps = find(subject.frame, knobs.calibration_of(subject), settings)
+            found = finish(steps, stop_or_show)
+            result, path = solve(knobs, subject, found, [watch])
+            still = Still.of(knobs, subject, result.iterate, found)
+            if knobs not in self.finds:
+                self.finds.append(knobs)
+            answer = Answer(knobs, AnswerKind.FINAL, still, result, path)
+            self._keep(answer)
+            self._show(answer)
+        self.stills = [*(one for one in self.stills if one is not still), still]
+        self.stills = self.stills[-KEPT_FINDS:]
+        self.tried = [one for one in self.tried if one.still in self.stills]
+        return still
+
+    def _keep(self, answer: Answer) -> None:
+        """Keep an answer, with those of its λ curve; of others the last, as there is room."""
+        others = [one for one in self.tried if one is not answer]
+        curve = self.curve_of(answer)
+        room = KEPT_BYTES
+        self.tried = [answer]
+        for one in reversed(others):
+            if one not in curve:
+                room -= one.nbytes
+            if one in curve or room > 0:
+                self.tried.insert(0, one)
+
+    def _show(self, answer: Answer) -> None:
+        before = self.shown
+        self.shown = answer
+        answer.state = self._state
+        self.show(answer)
+        if before is not None and before is not answer and before.is_final:
+            before.leave_screen()
+
+    def _follow(self, wish: Knobs, still: Still) -> Answer:
+        """Show what follows at once; once the hand rests, solve at full size. Stopped by a newer wish."""
+        shown = self.shown
+        if shown is None or shown.still is not still:
+            self._look = None
+        elif wish.solver == FOLLOWS:
+            if self._look is None:
+                is_followed = shown.settings.solver == FOLLOWS
+                self._look = Look(shown.result.iterate, is_followed)
             with limit_threads(1):
-                self._last = self._look.follow(problem)
-            sofar = shown_as(self._last)
-            self.show(Answer(wish, AnswerKind.LOOK, base.still, sofar, self._held))
+                look = self._look.follow(problem_of(wish, still))
+            self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
             if not self._rests():
-                return None
-        answer = self.solve_held(wish, [self._show_long(wish, subject, self._held)])
-        return None if self.is_stale() else answer
+                raise Stopped
+        return self.solve(wish, still, [self._show_long(wish, still.subject, still)])
 
     def _show_long(
-        self, wish: Knobs, subject: Subject, held: Held | None = None
+        self, wish: Knobs, subject: Subject, still: Still | None = None
     ) -> Observer:
-        """Show iterates of a solver that has no looks, and of a frame's first run.
+        """Show iterates of a solver that has no looks, and all of a frame's first run.
 
         Stops when a newer wish came.
         """
-        base = self.base
-        still = base.still if base is not None and base.still.subject is subject else None
-        shape = None if base is None else base.result.mask.shape
+        before = self.shown
+        is_first = before is None or before.still.subject is not subject
         pause = FIRST_SIGHTS if still is None else BETWEEN
         last_shown = 0.0
 
         def watch(iterate: Iterate) -> bool:
             nonlocal last_shown
-            follows = wish.solver != FOLLOWS and iterate.mask.shape == shape
+            follows = wish.solver != FOLLOWS and iterate.stage == SOLUTION
             is_due = time.perf_counter() - last_shown > pause
-            if is_due and (still is None or follows):
-                sofar = shown_as(iterate)
-                if still is not None:
-                    self._last = iterate
-                of = still or Still.of(subject, sofar)
-                self.show(Answer(wish, AnswerKind.ITERATE, of, sofar, held))
+            if is_due and (is_first or follows):
+                of = still or Still.of(wish, subject, iterate)
+                sight = shown_as(iterate, wish)
+                self._show(Answer(wish, AnswerKind.ITERATE, of, sight))
                 last_shown = time.perf_counter()
-            return self.is_stale() and base is not None
+            return self.is_stale()
 
         return watch
-
-    def solve_held(self, wish: Knobs, observers: Iterable[Observer] = ()) -> Answer:
-        """Solve with what is held.
-
-        Gauss-Newton begins where light and contours were found; the paper's path is slow, and goes on from
-        what is shown.
-        """
-        base = self.base
-        held = self._held
-        assert base is not None
-        assert held is not None
-        if wish.solver == "primal_dual" and self._last is not None:
-            held = replace(held, start=self._last.log_distance)
-        return solve(wish, base.still.subject, observers, base.still, held)
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
         return not self._news.wait(REST)
 
     def _try_others(self, answer: Answer) -> None:
-        """Solve for other λ, and on to the right until too little is explained."""
+        """Solve for other λ, and on to both sides until 99 % is crossed. Stopped by a newer wish."""
         wish = answer.settings
-        wanted = [wish.lam * factor for factor in LAM_FACTORS]
 
         def stop(iterate: Iterate) -> bool:
             return self.is_stale()
 
+        wanted = [wish.lam * factor for factor in LAM_FACTORS]
         while wanted:
-            other = replace(wish, lam=float(f"{wanted.pop(0):.2g}"))
-            if not 0 < other.lam <= LARGEST_LAM:
-                continue
-            if self.recall(other) is None:
-                found = self.solve_held(other, [stop])
-                if self.is_stale():
-                    return
-                found.path = ()
-                self.tried.append(found)
-                self.note()
+            lams = [float(f"{lam:.2g}") for lam in wanted]
+            for lam in (lam for lam in lams if LAMS[0] <= lam <= LAMS[1]):
+                other = self.solve(replace(wish, lam=lam), answer.still, [stop])
+                if other not in self.tried:
+                    other.leave_screen()
+                    self.tried.insert(0, other)
+                    self.note()
             curve = self.curve_of(answer)
-            if not wanted and curve[-1].explained >= ENOUGH_CONTRAST:
-                wanted.append(3.2 * curve[-1].settings.lam)
+            ends = curve[0].settings.lam / LAM_STEP, curve[-1].settings.lam * LAM_STEP
+            wanted = [ends[0]] if curve[0].explained < ENOUGH_CONTRAST else []
+            wanted += [ends[1]] if curve[-1].explained >= ENOUGH_CONTRAST else []
+            wanted = [lam for lam in wanted if LAMS[0] <= lam <= LAMS[1]]
+
+
+def problem_of(wish: Knobs, still: Still) -> Problem:
+    """Return what a wish asks to be solved of what was found."""
+    assert still.found is not None
+    settings = wish.solving_settings(still.subject).settings
+    return still.found.problem_with(settings, wish.calibration_of(still.subject))[0]
 
 
 class Path:
@@ -390,10 +503,13 @@ class Path:
 
     def add(self, iterate: Iterate) -> None:
         """Note an iterate; an observer."""
+        if iterate.stage != SOLUTION:  # the last one in mm
+            return
         if (self._count - 1) % self._step:
             self.iterates.pop()  # which was the last one, and is no more
         self.iterates.append(iterate)
         self._count += 1
-        if len(self.iterates) > PATH_LENGTH:
+        length = min(PATH_LENGTH, int(PATH_BYTES // iterate.log_distance.nbytes))
+        if len(self.iterates) > max(length, 2):
             self.iterates = self.iterates[:-1:2] + self.iterates[-1:]
             self._step *= 2

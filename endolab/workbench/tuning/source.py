@@ -17,12 +17,13 @@ from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import unknown_name
-from endolab.reconstruction.settings import Settings
+from endolab.reconstruction.settings import LENGTHS, Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
-# Knobs of the energy and of the light's law: light that bounced and contours stay while these are turned.
+# Knobs of energy, light's law and unit: light that bounced and contours stay while these are turned.
 FOLLOWED = (
+    *LENGTHS,
     "lam",
     "regulariser",
     "xi",

@@ -13,6 +13,7 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +27,27 @@ from endolab.frames.nominal import nominal_calibration
 from endolab.io import datasets
 from endolab.io.atomic import read_bytes, stage_folder, write_atomically
 from endolab.io.descriptions import write_calibration
-from endolab.io.held import save_held
+from endolab.io.found import save_found
 from endolab.io.images import write_image
 from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, check_kinds, unknown_name
+from endolab.numerics.iteration import Status
+from endolab.reconstruction.pipeline import reconstruct, solve_found
 from endolab.reconstruction.report import advice, describe, what_changed
 from endolab.reconstruction.settings import Settings
-from endolab.reconstruction.uncertainty import uncertainty_of
+from endolab.reconstruction.uncertainty import Progress, uncertainty_of
 from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.plots.scales import MAPS, palette
-from endolab.workbench.tuning.engine import Answer, AnswerKind, Engine, shown_as, solve
+from endolab.workbench.tuning.engine import (
+    WITH_ENERGY,
+    Answer,
+    AnswerKind,
+    Engine,
+    shown_as,
+)
 from endolab.workbench.tuning.maps import PANELS, as_buffers, map_of, rgba, still_of
 from endolab.workbench.tuning.player import write_page
 from endolab.workbench.tuning.source import Knobs, Source
@@ -70,9 +79,8 @@ from endolab.io.settings import read_settings
 here = Path(__file__).parent
 saved = read_settings(here / "settings.json")
 calibration = saved.apply(el.load_calibration(here / "endoscope.json"))  # what is believed
-held = el.load_held(saved.held) if saved.held else None  # light and contours
-frame = el.read_frame(here / "{picture}", calibration{mask})
-result = el.reconstruct(frame, calibration, held=held, **saved.keywords)
+found = el.load_found(saved.found)  # light and contours
+result = el.solve_found(found, calibration, **saved.keywords)
 """
 # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
 DRAWS = 8
@@ -150,6 +158,7 @@ class TunerBox(anywidget.AnyWidget):
         self._settled: Answer | None = None  # the last that was final
         self._maps = set(PANELS[:2])  # that the page is sent
         self._change = ("", 0.0)  # by asking anew: a sentence, and % of the pixels
+        self._finds = 0  # so many times all was found anew
         self._is_open = False  # whether there is a page
         self._free = threading.Event()  # the page has painted what it was sent
         self._free.set()
@@ -178,6 +187,7 @@ class TunerBox(anywidget.AnyWidget):
                 "specs": [spec | known.get(spec["name"], {}) for spec in specs],
                 "first": vars(self.knobs),
                 "presets": {name: options | more for name, more in PRESETS.items()},
+                "with_energy": WITH_ENERGY,
                 "panels": [*PANELS],
                 "scales": {name: vars(scale) for name, scale in MAPS.items()},
                 "palettes": {
@@ -208,10 +218,16 @@ class TunerBox(anywidget.AnyWidget):
         except Exception as error:
             self._say_wrong((str(error).strip() or type(error).__name__).splitlines()[0])
 
-    def turn(self, values: dict[str, Any], anew: bool = False) -> None:
-        """Turn some knobs, and ask for what they say, light and contours too if `anew`; returns at once."""
+    def turn(
+        self, values: dict[str, Any], anew: bool = False, found: int | None = None
+    ) -> None:
+        """Turn some knobs, and ask for what they say; returns at once.
+
+        Light and contours stay as they are shown, if they can; or they are found `anew`; or are those of an
+        answer before, whose message had the number `found`.
+        """
         self.knobs = replace(self.knobs, **values)
-        self.engine.ask(self.knobs, anew)
+        self.engine.ask(self.knobs, anew, found)
 
     def _choose(self, names: list[str]) -> None:
         """Send these maps from now on."""
@@ -219,27 +235,46 @@ class TunerBox(anywidget.AnyWidget):
         if self.answer is not None:
             self._send_answer(self.answer)
 
-    def show_iterate(self, place: int) -> None:
-        """Show an iterate of the last run, from 1; the last one is the answer again."""
+    def show_iterate(self, place: int, state: int | None = None) -> None:
+        """Show an iterate of the last run, from 1; the last one is the answer again.
+
+        Nothing, if what is shown is not the `state` any more in which the page asked.
+        """
         answer = self._final()
+        if state not in (None, answer.state):
+            return
         if not 1 <= place <= len(answer.path):
             raise ValueError(f"there are {len(answer.path)} iterates, got {place}")
         shown = answer
         if place < len(answer.path):
-            passed = shown_as(answer.path[place - 1])
+            passed = shown_as(answer.path[place - 1], answer.settings)
             shown = replace(
                 answer, kind=AnswerKind.ITERATE, result=passed, uncertainty=None
             )
         self._post(*self._message(shown, self._maps))
 
-    def find_uncertainty(self) -> None:
-        """Find how far the answer that is shown can be trusted."""
+    def find_uncertainty(self, state: int | None = None) -> None:
+        """Find how far the answer that is shown can be trusted; a newer wish ends it.
+
+        Nothing, likewise.
+        """
         answer = self._final()
+        if state not in (None, answer.state):
+            return
         known = answer.settings.calibration_of(answer.still.subject)
 
+        def follow(progress: Progress) -> bool:
+            done = {"done": progress.done, "of": progress.of}
+            self.send({"sigma": done, "state": answer.state})
+            return self.engine.is_stale()
+
         def job() -> None:
-            answer.uncertainty = uncertainty_of(answer.result, known, draws=DRAWS)
-            self._show(answer)
+            if self.engine.is_stale() or self.engine.shown is not answer:
+                return
+            found = uncertainty_of(answer.result, known, draws=DRAWS, observers=[follow])
+            if found.status is not Status.STOPPED:
+                answer.uncertainty = found
+                self._show(answer)
 
         self.engine.do(job)
 
@@ -268,12 +303,16 @@ class TunerBox(anywidget.AnyWidget):
         self._free.wait(PAINTING)
         before = self.answer
         is_new = before is None or answer.still is not before.still
+        has_unit = before is not None and before.result.metric == answer.result.metric
         self.answer = answer
         if answer.is_final:
             if is_new:
-                self._change = _change(self._settled, answer)
+                finds = len(self.engine.finds)
+                is_found = finds > self._finds
+                self._change = _change(self._settled, answer) if is_found else ("", 0.0)
+                self._finds = finds
             self._settled = answer
-        self._send_answer(answer, still=is_new, anew=is_new)
+        self._send_answer(answer, still=is_new or not has_unit, anew=is_new)
 
     def _open(self) -> None:
         """Send all there is, to a page that was opened, or that shows something else now."""
@@ -283,11 +322,13 @@ class TunerBox(anywidget.AnyWidget):
             self._send_answer(answer, still=True, knobs=vars(self.knobs))
             self._note()
             return
-        image = self.engine.source.subject(self.knobs).frame.image
+        subject = self.engine.source.subject(self.knobs)
+        image = subject.frame.image
         step = -(-image.shape[1] // self.knobs.width)
         picture = rgba(image[::step, ::step])
         height, width = picture.shape[:2]
         still = {"width": width, "height": height, "window": [0, 0, width, height]}
+        still["has_gain"] = subject.calibration.photometry.gain is not None
         message = {"still": still, "line": "solving ...", "knobs": vars(self.knobs)}
         self._post(message, {"picture": picture})
 
@@ -301,7 +342,10 @@ class TunerBox(anywidget.AnyWidget):
             rows = answer.result.history
             message["energy"] = {name: [row[name] for row in rows] for name in columns}
         if still:
-            message["still"], fixed = still_of(answer.result.problem, answer.still.truth)
+            truth = answer.still.truth_in(answer.result)
+            message["still"], fixed = still_of(answer.result.problem, truth)
+            gain = answer.still.subject.calibration.photometry.gain
+            message["still"]["has_gain"] = gain is not None
             arrays |= fixed
         self._post(message, arrays)
 
@@ -320,13 +364,15 @@ class TunerBox(anywidget.AnyWidget):
         if answer.uses_lam:
             name = f"λ {answer.settings.lam:.3g}, {order}"
         line = describe(answer.result, answer.explained, answer.kind, answer.errors)
-        if answer.kind == AnswerKind.ANEW and self._change[0]:
+        if answer.is_final and answer.is_anew and self._change[0]:
             line = f"{self._change[0]} · {line}"
         several = self.engine.curve_of(answer)
         maps = {name: map_of(name, answer, several) for name in names}
         message = {
             "label": f"{name}, {100 * answer.explained:.1f} % explained",
-            "badge": "" if answer.held is None else "held",
+            "badge": "" if answer.is_anew else "held",
+            "state": answer.state,
+            "found": self.engine.number_of(answer),
             "line": line,
             "tone": "",
             "curve": self._curve(answer),
@@ -352,12 +398,13 @@ class TunerBox(anywidget.AnyWidget):
             for text in answer.doubts
         ]
         moved = self._change[1]
-        if answer.kind == AnswerKind.ANEW and moved >= LEAST_ELSEWHERE:
+        if answer.is_anew and moved >= LEAST_ELSEWHERE:
             share = f"{moved:.2g} %"
             text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
             chip = f"not unique: {share} of pixels"
             chips.append({"chip": chip, "text": text, "panel": "spread over λ"})
-        self.send({"curve": self._curve(answer), "chips": chips})
+        curve = self._curve(answer)
+        self.send({"curve": curve, "chips": chips, "state": answer.state})
 
     def _curve(self, answer: Answer) -> dict[str, Any]:
         """What each λ explains that was tried with the solver, the light and the contours of an answer."""
@@ -387,9 +434,9 @@ class TunerBox(anywidget.AnyWidget):
     ) -> Path:
         """Write all there is about the one answer into a folder.
 
-        That is `result.py`, `settings.json`, `endoscope.json`, the frame, `recording.rrd`, `held.npz` unless
-        all was asked anew, and what `save_result` writes; from the page also `board.png`, as it is seen. All
-        or none. A folder that holds files of others is written into only if `overwrite`.
+        That is `result.py`, `settings.json`, `endoscope.json`, `found.npz`, the frame, `recording.rrd`, and
+        what `save_result` writes; from the page also `board.png`, as it is seen. All or none. A folder that
+        holds files of others is written into only if `overwrite`.
         """
         # These draw: who waits for a first surface need not wait for them.
         from endolab.workbench.recording.recorder import record
@@ -397,33 +444,36 @@ class TunerBox(anywidget.AnyWidget):
 
         answer = self._final()
         subject = answer.still.subject
-        found = answer.uncertainty
-        saved = answer.settings.solving_settings(subject)
+        found = answer.still.found
+        assert found is not None
+        trusted = answer.uncertainty
+        saved = replace(answer.settings.solving_settings(subject), found="found.npz")
+        known = answer.settings.endoscope(subject.calibration)
         with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd", truth=subject.truth) as recorder:
-                solve(answer.settings, subject, [recorder], answer.still, answer.held)
-                if found is not None:
-                    recorder.add_uncertainty(found, answer.result)
-            save_result(answer.result, staging, uncertainty=found, overwrite=True)
+                anew = partial(reconstruct, subject.frame)
+                solve = anew if answer.is_anew else partial(solve_found, found)
+                believed = answer.settings.calibration_of(subject)
+                solve(believed, observers=[recorder], **saved.keywords)
+                if trusted is not None:
+                    recorder.add_uncertainty(trusted, answer.result)
+            save_result(answer.result, staging, uncertainty=trusted, overwrite=True)
             if board is not None:
                 write_atomically(staging / "board.png", board)
-            if answer.held is not None:
-                save_held(answer.held, staging / "held.npz")
-                saved = replace(saved, held="held.npz")
+            # The camera that is believed in now is the one beside it.
+            beside = replace(found.believed, camera=known.camera)
+            save_found(replace(found, believed=beside), staging / "found.npz")
             picture = "frame.png" if subject.path is None else subject.path.name
             if subject.path is None:
                 write_image(staging / picture, subject.frame.image, bits=16)
             else:
                 write_atomically(staging / picture, read_bytes(subject.path))
-            mask = ""
             if not subject.frame.mask.all():
                 write_image(staging / "mask.png", subject.frame.mask.astype(float))
-                mask = ', mask=here / "mask.png"'
-            known = answer.settings.endoscope(subject.calibration)
+                saved = replace(saved, mask="mask.png")
             write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
-            code = RESULT.format(picture=picture, mask=mask)
-            write_atomically(staging / "result.py", code.encode())
+            write_atomically(staging / "result.py", RESULT.encode())
         return Path(folder)
 
     def _export_aside(self, name: str, board: str) -> None:
@@ -450,10 +500,10 @@ class TunerBox(anywidget.AnyWidget):
             for order in orders
             for lam in lams
         ]
-        answers = [engine.recall(wish) or engine.solve_held(wish) for wish in wishes]
-        engine.tried += [one for one in answers if one not in engine.tried]
+        answers = [engine.solve(wish, answer.still) for wish in wishes]
         messages = [self._message(one, PANELS[:2])[0] for one in answers]
-        still, arrays = still_of(answer.result.problem, answer.still.truth)
+        truth = answer.still.truth_in(answer.result)
+        still, arrays = still_of(answer.result.problem, truth)
         specs = [
             spec for spec in self.facts["specs"] if spec["name"] in ("lam", "regulariser")
         ]

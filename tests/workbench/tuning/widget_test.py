@@ -14,7 +14,6 @@ from endolab.cli import main as cli
 from endolab.io.images import write_image
 from endolab.io.surfaces import read_depth
 from endolab.reconstruction.settings import option_types
-from endolab.workbench.tuning.engine import AnswerKind
 from endolab.workbench.tuning.widget import KNOBS, TunerBox
 
 GREEN = {"channel": "green", "contours": False}
@@ -55,7 +54,7 @@ def test_contours_are_held_until_all_is_asked_anew(tune):
     box, messages = tune()
     del messages[:]  # on the way to the first answer
     turn(box, gamma=1.9)
-    assert box.answer.kind is AnswerKind.KEPT
+    assert not box.answer.is_anew
     assert not any(message.get("anew") for message, _ in messages)
     badges = [message["badge"] for message, _ in messages if "badge" in message]
     assert badges[-1] == "held"
@@ -96,10 +95,10 @@ def test_each_map_that_a_panel_can_show_is_numbers_or_a_picture_of_the_frames_si
         ("file", {}),
         ("file", {"lam": 0.2, "k": 2.2, "regulariser": "first"}),
         ("scene", {"noise": 2.0, "gain": 1.5}),
-        ("nominal", {"fov": 100}),
+        ("nominal", {"fov": 100, "median_distance": 40.0}),
         ("nominal", {"left_out": [[0.5, 0.0, 0.7, 0.4]]}),
     ],
-    ids=["anew", "held", "scene", "fov", "rectangle"],
+    ids=["anew", "held", "scene", "fov and length", "rectangle"],
 )
 def test_what_is_exported_is_what_is_shown_to_the_bit(
     tune, seen, tmp_path, what, turned
@@ -121,7 +120,7 @@ def test_what_is_exported_is_what_is_shown_to_the_bit(
     assert np.array_equal(by_code.distance, shown, equal_nan=True)
     picture = "f.png" if what == "file" else "frame.png"
     command = f"reconstruct {out}/{picture} --calibration {out}/endoscope.json"
-    command += f" --settings {out}/settings.json --mask {out}/mask.png"
+    command += f" --settings {out}/settings.json"
     assert cli.main([*command.split(), "--out", str(tmp_path / "again")]) == 0
     again = read_depth(tmp_path / "again/depth.npz")["distance"]
     assert np.array_equal(again, shown.astype("f4"), equal_nan=True)
@@ -129,7 +128,7 @@ def test_what_is_exported_is_what_is_shown_to_the_bit(
     assert list(recorded.runs) == [""]
     names = {path.name for path in out.iterdir()}
     assert {"board.png", "depth.npz", "overview.png", "report.json"} <= names
-    assert ("held.npz" in names) == (box.answer.held is not None)
+    assert "found.npz" in names
 
 
 def test_a_frame_that_cannot_be_used_is_passed_by(tune, seen, tmp_path):
