@@ -17,7 +17,8 @@ async function play({ facts, first, messages, still, packed, low, step, end }, e
     }
     const names = [...before.map(({ name, kind }) => [name, kind]), ["distance", "f4"], ["model - frame", "f4"]];
     const buffers = [...before.map(({ content }) => content), distance, residual].map(({ buffer }) => new DataView(buffer));
-    for (const hear of listeners) hear({ ...answer, ...more, names, badge: "no Python", knobs: { lam: answer.asked.lam, regulariser } }, buffers);
+    const said = { ...answer, ...more, names, badge: "no Python", knobs: answer.asked, state: 0 };
+    for (const hear of listeners) hear(said, buffers);
   };
   const arrays = still.map(([name, kind, text]) => ({ name, kind, content: unpacked(kind, text) }));
   const model = {

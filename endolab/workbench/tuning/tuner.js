@@ -2,8 +2,11 @@
 // sends numbers, the page draws them. What is said comes as messages of which any part may be missing:
 //   maps               of each its title and keys; arrays of the same names. `painted` goes back once it is on the screen, and the
 //                      next picture may come
-//   still              width, height, unit and the window of the frame; arrays picture, rays, cuts, truth
+//   still              width, height, unit, has_gain and the window of the frame; arrays picture, rays, cuts, truth
 //   asked, moving      the knobs that it is the answer of, and whether it is not final
+//   state              which wish it answers: what comes of an older one than the screen's is dropped
+//   found              number of the light and contours that it was solved with; what is found anew has a greater one
+//   sigma              how many draws are done, of how many
 //   line, badge, chips, label, knobs, curve, energy, path
 const HELP = { Enter: "ask anew: light, contours, scales as the knobs are now", A: "keep as A, or drop it", V: "3D from the camera, or from outside",
   "P, N": "frame before, frame after", U: "undo", R: "reset all knobs", "?": "these keys", "click on a map": "lay the section",
@@ -16,6 +19,14 @@ const RESTS = 250; // ms without a picture, after which the hand rests
 const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97];
 
 const same = (some, others) => JSON.stringify(some) === JSON.stringify(others);
+
+// What is typed: a number, a list of them, null where nothing is; undefined if it is none of these.
+function typed(text) {
+  const parts = text.split(","), values = parts.map(Number);
+  if (!text.trim()) return null;
+  if (!values.every(Number.isFinite) || parts.some((part) => !part.trim())) return undefined;
+  return values.length > 1 ? values : values[0];
+}
 
 // Adds one knob; returns what shows a value in it. `turn` is called with another.
 function knob({ name, label, tip, options, range, log, hint, first }, to, turn) {
@@ -31,12 +42,15 @@ function knob({ name, label, tip, options, range, log, hint, first }, to, turn) 
   }
   const line = add("input", "", box, { ariaLabel: label, placeholder: hint ?? "" });
   line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); }; // JupyterLab keeps Enter's own effect
+  let present; // that is shown
   if (!range) {
+    const show = (value) => { present = value; line.value = value ?? ""; };
     line.onchange = () => {
-      const values = line.value.split(",").map(Number), known = values.every(Number.isFinite);
-      turn(line.value.trim() ? (known && (values.length > 1 ? values : values[0])) || line.value : null);
+      const value = typed(line.value);
+      if (value === undefined) show(present);
+      else turn(value);
     };
-    return (value) => { line.value = value ?? ""; };
+    return show;
   }
   const [min, max, step] = range, slider = add("input", "", box, { type: "range", min, max, step, ariaLabel: label });
   const give = (value) => turn(value === first ? null : value);
@@ -45,30 +59,72 @@ function knob({ name, label, tip, options, range, log, hint, first }, to, turn) 
     line.value = value;
     give(value);
   };
+  const show = (value) => {
+    present = value ?? first;
+    line.value = Number(present.toPrecision(6));
+    slider.value = log ? Math.log10(Math.max(present, 10 ** min)) : present;
+  };
   line.onchange = () => {
-    const value = Number(line.value);
-    if (line.value.trim() && Number.isFinite(value) && (!log || value > 0)) give(value);
-    else slider.oninput();
+    const value = typed(line.value);
+    if (typeof value === "number") give(value);
+    else show(present);
   };
-  return (value) => {
-    line.value = Number((value ?? first).toPrecision(6));
-    slider.value = log ? Math.log10(value) : value ?? first;
-  };
+  return show;
 }
 
 function render({ model, el }) {
   const root = add("div", "endolab-tuner", el), facts = model.get("facts");
   const palettes = Object.fromEntries(Object.entries(facts.palettes).map(([name, colours]) => [name, Uint32Array.from(colours)]));
   const now = root.endolab = { arrays: {}, maps: {}, knobs: {}, chips: [], held: {} }; // all that is known; tests read it here
-  let kept, box, cursor, corner, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 };
-  const visited = []; // knobs, for undo
+  let kept, cursor, corner, zoom = [0, 0, 1, 1], laid, wipe = 1, cut = { is_row: false, share: 0.5 };
   const send = (action, ...given) => model.send({ do: action, given });
   const tell = (text, tone = "") => Object.assign(line, { textContent: text, title: text, className: `endolab-line ${tone}` });
-  const show_knobs = () => { for (const [name, show] of shown) if (name in now.knobs) show(now.knobs[name]); };
-  const turn = (values) => {
+  // Why a knob that needs something has nothing to turn, if so.
+  const lacks = {
+    energy: () => !facts.with_energy.includes(now.knobs.solver) &&
+      "Off: this solver minimises no energy, which this is a part of.",
+    gain: () => !now.still?.has_gain &&
+      "Off: the gain of this endoscope is unknown, so that there is nothing to multiply.",
+  };
+  const show_knobs = () => {
+    for (const { name, tip, needs, show, box } of shown) {
+      if (name in now.knobs) show(now.knobs[name]);
+      const why = needs && lacks[needs]();
+      box.title = why || tip;
+      for (const part of box.querySelectorAll("input, select")) part.disabled = Boolean(why);
+    }
+  };
+
+  // Final answers, for undo: their knobs, and the number of what was found.
+  const visited = [], founds = {}; // founds: by the JSON of the knobs, what was found first with them
+  let here; // the one of the visited that is wished for
+  let settled, newest = -1; // the last state that was final, the greatest number
+  const visit = ({ asked, found, state }) => {
+    if (state === settled) return;
+    settled = state;
+    if (found > newest) founds[JSON.stringify(asked)] ??= found;
+    newest = Math.max(newest, found);
+    if (here && same(here.asked, asked)) here.found = found; // which may have been forgotten
+    else visited.push(here = { asked, found });
+  };
+  // `how`: whether all is to be found anew, and the number of what was found that is to be used.
+  const turn = (values, ...how) => {
     now.knobs = { ...now.knobs, ...values };
+    here = undefined;
     show_knobs();
-    send("turn", now.knobs);
+    send("turn", now.knobs, ...how);
+  };
+  const undo = () => {
+    if (here === visited.at(-1) && visited.length > 1) visited.pop();
+    const last = visited.at(-1);
+    if (!last) return;
+    turn(last.asked, false, last.found);
+    here = last;
+  };
+  // What these options give by themselves, wherever one comes from.
+  const begin_with = (options) => {
+    const knobs = { ...now.knobs, ...options }, found = founds[JSON.stringify(knobs)];
+    turn(knobs, found === undefined, found);
   };
 
   // Above the panels
@@ -80,18 +136,23 @@ function render({ model, el }) {
     add("span", "", keys, { textContent: does });
   }
   keys.onclick = () => { keys.hidden = true; };
-  const shown = facts.specs.map((spec) => [spec.name, knob(spec, spec.hidden ? advanced : sight, (value) => turn({ [spec.name]: value }))]);
+  const shown = facts.specs.map((spec) => {
+    const to = spec.hidden ? advanced : sight;
+    const show = knob(spec, to, (value) => turn({ [spec.name]: value }));
+    return { ...spec, show, box: to.lastChild };
+  });
   advanced.hidden = true;
   const button = (name, title, action, to = actions) => add("button", "", to, { textContent: name, title, onclick: action });
   const live = add("span", "endolab-live", actions, { hidden: facts.alone });
   button("ask anew", "Find light, contours and scales again, with the knobs as they are; Enter.", () => own.Enter(), live).className = "endolab-anew";
   button("undo", "Back to the knobs before; U.", () => own.u(), live);
   button("reset", "All knobs as they were at first; R.", () => own.r(), live);
-  const preset = add("select", "", live, { title: "All options at once." });
+  const preset = add("select", "", live, { ariaLabel: "preset",
+    title: "All options at once; frame, width and what is believed of the endoscope stay." });
   for (const name of ["preset ...", ...Object.keys(facts.presets)]) preset.add(new Option(name));
-  preset.onchange = () => { turn(facts.presets[preset.value]); preset.selectedIndex = 0; };
+  preset.onchange = () => { begin_with(facts.presets[preset.value]); preset.selectedIndex = 0; };
   const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.", () => keep_or_drop());
-  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => { tell("finding σ ..."); send("sigma"); }, live);
+  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => { tell("finding σ ..."); send("sigma", now.state); }, live);
   const folder = add("input", "endolab-folder", live, { value: "tuned", ariaLabel: "folder to export into" });
   button("export", "Write what is shown into that folder: board, result, settings, recording, code.",
     () => { tell(`exporting into ${folder.value} ...`); send("export", folder.value, board()); }, live);
@@ -104,17 +165,36 @@ function render({ model, el }) {
     title: "Left of this the maps show A, right of it B." });
   side.oninput = () => { wipe = Number(side.value); draw(); };
   const film = add("span", "endolab-film", actions, { hidden: true });
-  const play = button("▶", "Play the way of the solver to this answer.", () => toggle(), film);
+  const play = button("▶", "Play the way of the solver to this answer, once.", () => toggle(), film);
   const place = add("input", "", film, { type: "range", min: 1, step: 1, ariaLabel: "iterate" }), says = add("span", "", film);
   const say_iterate = () => { // which of the last run is shown
     says.textContent = `iterate ${now.path[place.value - 1]} of ${now.path.at(-1)}${place.value < now.path.length ? ", still falls" : ""}`;
   };
-  place.oninput = () => { say_iterate(); send("iterate", Number(place.value)); };
+  place.oninput = () => { say_iterate(); send("iterate", Number(place.value), now.state); };
   let playing = 0;
   const toggle = (on = !playing) => {
     clearInterval(playing);
-    playing = on ? setInterval(() => { place.value = Number(place.value) % place.max + 1; place.oninput(); }, 120) : 0;
+    playing = on ? setInterval(go_on, 120) : 0;
     play.textContent = on ? "⏸" : "▶";
+  };
+  // To the next iterate: from the last to the first, and at the last, which is the answer, no farther.
+  const go_on = () => {
+    place.value = Number(place.value) % place.max + 1;
+    place.oninput();
+    if (place.value === place.max) toggle(false);
+  };
+  const offer_film = (path) => {
+    film.hidden = path.length < 2;
+    Object.assign(place, { max: path.length, value: path.length, disabled: false });
+    play.disabled = false;
+    if (!film.hidden) say_iterate();
+  };
+  // What belongs to an answer that goes.
+  const leave_answer = () => {
+    toggle(false);
+    play.disabled = place.disabled = true;
+    says.textContent = "";
+    chips.replaceChildren();
   };
   const badge = add("span", "endolab-badge", status), line = add("span", "endolab-line", status), chips = add("span", "endolab-chips", status);
 
@@ -282,6 +362,7 @@ function render({ model, el }) {
   const draw_curve = (panel) => {
     const [pen, wide, tall] = pen_of(panel), { curve } = now;
     panel.title.textContent = curve?.title ?? "";
+    panel.axes = undefined; // where there are no dots, none is clicked
     if (!curve?.lams) return;
     const range = facts.specs.find((spec) => spec.name === "lam").range, has_errors = curve.errors.some((one) => one !== null);
     const most = Math.max(...curve.errors) * 1.15, y = { label: "explained [%]", low: 0.2, high: 4.1, ticks: SHARES.map((share) => [height_of(share / 100), String(share)]) };
@@ -319,7 +400,7 @@ function render({ model, el }) {
       surface.dress(one.picture ? as_picture(one.picture, width, height) : coloured(one.values, one, width, height));
     }
     laid = { cuts, step };
-    box ??= box_of(distance, rays);
+    const box = now.held.box ??= box_of(distance, rays);
     surface.show(distance, box);
     surface.draw(moves ? 0.5 : 1);
     panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
@@ -422,17 +503,37 @@ function render({ model, el }) {
   };
 
   // What is said
-  const hear = (message, buffers) => {
-    (message.names ?? []).forEach(([name, kind], i) => {
-      const { buffer, byteOffset, byteLength } = buffers[i], bytes = buffer.slice(byteOffset, byteOffset + byteLength);
-      now.arrays = { ...now.arrays, [name]: kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes) };
+  const scales = {}; // what is held of colours and axes, by the number of what was found
+  // Arrays of a message. A map belongs to its answer: with the next one's maps all others go.
+  const take = ({ names = [], maps }, buffers) => {
+    const stay = Object.entries(now.arrays).filter(([name]) => !maps || !(name in now.maps));
+    const came = names.map(([name, kind], i) => {
+      const { buffer, byteOffset, byteLength } = buffers[i];
+      const bytes = buffer.slice(byteOffset, byteOffset + byteLength);
+      return [name, kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes)];
     });
-    const maps = { ...now.maps, ...message.maps };
-    Object.assign(now, message, { maps });
-    if (message.anew) { now.held = {}; box = undefined; if (kept?.arrays.distance.length !== now.arrays.distance?.length) kept && keep_or_drop(); }
-    if (message.knobs) show_knobs();
+    now.arrays = Object.fromEntries([...stay, ...came]);
+  };
+  const hear = (message, buffers) => {
+    if (message.state < now.state) { // of another position of the knobs than the screen's
+      if (message.maps) send("painted");
+      return;
+    }
+    if (message.state > now.state) leave_answer();
+    const had = message.maps ? Object.keys(now.maps) : [];
+    take(message, buffers);
+    Object.assign(now, message);
+    if (message.anew) {
+      now.held = scales[now.found] ?? {};
+      if (kept && kept.arrays.distance.length !== now.arrays.distance?.length) keep_or_drop();
+    }
+    if (message.knobs || message.still) show_knobs();
     if (message.line !== undefined) tell(message.line, message.tone);
-    if (message.asked && !message.moving && !same(visited.at(-1), message.asked)) visited.push(message.asked);
+    if (message.sigma) tell(`finding σ: ${message.sigma.done} of ${message.sigma.of}`);
+    if (message.asked && !message.moving) {
+      scales[now.found] ??= now.held;
+      visit(message);
+    }
     badge.textContent = now.badge ?? "";
     badge.hidden = !now.badge;
     if (message.chips) {
@@ -447,15 +548,12 @@ function render({ model, el }) {
         return one;
       }));
     }
-    if (message.path) {
-      film.hidden = message.path.length < 2;
-      Object.assign(place, { max: message.path.length, value: message.path.length });
-      if (!film.hidden) say_iterate();
-    }
+    if (message.path) { toggle(false); offer_film(message.path); }
     if (message.maps) came = performance.now();
     const arrays = (message.names ?? []).map(([name]) => name);
     const is_still = message.maps && !now.moving ? ["3D"] : [];
-    draw(message.still ? undefined : new Set([...arrays, ...is_still, ...Object.keys(message), ...Object.keys(message.maps ?? {})]));
+    const news = [...arrays, ...had, ...is_still, ...Object.keys(message)];
+    draw(message.still ? undefined : new Set([...news, ...Object.keys(message.maps ?? {})]));
     if (message.maps) requestAnimationFrame(() => setTimeout(() => {
       send("painted");
       root.dispatchEvent(new CustomEvent("painted", { detail: now }));
@@ -486,12 +584,9 @@ function render({ model, el }) {
     const scenes = facts.specs.find((spec) => spec.name === "scene").options.map(([, scene]) => scene), scene = scenes[scenes.indexOf(now.knobs.scene) + by];
     if (typeof scene === typeof now.knobs.scene) turn({ scene });
   };
-  const undo = () => {
-    while (same(visited.at(-1), now.knobs) && visited.length > 1) visited.pop();
-    if (visited.length) turn(visited.at(-1));
-  };
-  const live_keys = { Enter: () => { tell("asking anew ..."); send("turn", {}, true); }, n: () => step(1), p: () => step(-1), u: undo,
-    r: () => turn({ ...facts.first, scene: now.knobs.scene }) };
+  const live_keys = { Enter: () => { tell("asking anew ..."); turn({}, true); },
+    n: () => step(1), p: () => step(-1), u: undo,
+    r: () => begin_with({ ...facts.first, scene: now.knobs.scene }) };
   const own = { a: keep_or_drop, v: () => surface.look(!surface.inside), "?": () => { keys.hidden = !keys.hidden; }, Escape: () => { keys.hidden = true; },
     ...(facts.alone ? {} : live_keys) };
   const on_key = (event) => {
