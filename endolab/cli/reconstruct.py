@@ -84,7 +84,7 @@ def reconstruct(
     mesh : bool
         Write mesh.ply too: triangles, cut at folds.
     prepare : bool
-        Leave out the dark lumen, find highlights, and draw it all: preparation.png.
+        Draw what was solved of the picture, and what was left out: preparation.png.
     every : int
         Of a video, every N-th frame only.
     limit : int
@@ -147,12 +147,9 @@ def reconstruct(
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
-    prepared = trusted = None
+    trusted = None
     read = (frame, calibration, mask, settings)
     with announce_compiling(), stage_folder(out, overwrite=overwrite, read=read) as folder:
-        if prepare:
-            prepared = el.prepare(picture, known, highlights="keep")
-            picture = prepared.frame
         recording = nullcontext() if unrecorded else el.record(folder / "recording.rrd")
         with recording as recorder, show_progress("it") as show:
 
@@ -170,7 +167,7 @@ def reconstruct(
             result,
             folder,
             mesh=mesh,
-            prepared=prepared,
+            prepare=prepare,
             uncertainty=trusted,
             overwrite=True,
         )
@@ -180,8 +177,7 @@ def reconstruct(
         lines.append(
             "--median-distance, --known-distance or --known-diameter fixes the scale."
         )
-    for more in (prepared, trusted):
-        lines += [] if more is None else more.notes
+    lines += [] if trusted is None else trusted.notes
     print(*lines, sep="\n")
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")

@@ -99,6 +99,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             metric=own.gain is not None,
             evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
+            seen=seen,
             xi=settings.xi,
             regulariser=settings.used_regulariser,
             lam=settings.lam,

@@ -9,16 +9,17 @@ from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
 from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
-from endolab.solvers.problem import LOWER_BOUND, NONE
+from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
 USUAL_GAMMA = 2.2  # a display's
+TREATED = {"keep": "were not looked for", "inpaint": "were filled in from around"}
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
@@ -31,7 +32,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
         *_of_scale(result),
         *_of_wall(result),
         _of_gamma(result),
-        *_of_evidence(result),
+        *_of_evidence(result.problem),
         *notes(result),
     )
 
@@ -160,9 +161,26 @@ def _of_gamma(result: Result | Iterate) -> str:
     )
 
 
-def _of_evidence(result: Result | Iterate) -> Iterator[str]:
+def notes_on_pixels(
+    problem: Problem, field_of_view: BoolArray, with_ray: BoolArray
+) -> Iterator[str]:
+    """Say what of a picture was solved, in a sentence each, from what the endoscope shows on, maps (H, W)."""
+    share = 100 * field_of_view.mean()
+    yield f"The endoscope shows, and the mask keeps, {share:.2g} % of the picture."
+    for part, why in (
+        (field_of_view & ~with_ray, "has no ray within 80° of the axis"),
+        (with_ray & ~problem.mask, "is too dark to tell a distance"),
+    ):
+        if part.any():
+            share = 100 * part[field_of_view].mean()
+            yield f"{share:.2g} % of that {why}, and is left out."
+    yield from (*_of_picture(problem.report), *_of_evidence(problem))
+    if problem.report.highlights in TREATED:
+        yield f"Highlights {TREATED[problem.report.highlights]}, and count as the wall."
+
+
+def _of_evidence(problem: Problem) -> Iterator[str]:
     """Say how many pixels are saturated, and how many say nothing."""
-    problem = result.problem
     if problem.evidence is None:
         return
     known = problem.evidence[problem.mask]
@@ -189,7 +207,7 @@ def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
         f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
         f"({result.problem.unit})"
     )
-    yield from (*notes(result), *_of_evidence(result), *warnings(result))
+    yield from (*notes(result), *_of_evidence(result.problem), *warnings(result))
     if sigma is not None:
         percent = 100 * sigma[result.mask] / known
         low, middle, high = np.percentile(percent, [10, 50, 90])

@@ -59,6 +59,9 @@ class Problem:
     evidence: NDArray[np.int8] | None = None
     # (H, W) or (H, W, 3), the frame as it looked, for people.
     picture: FloatArray | None = None
+    # (H, W), what the endoscope shows of it, and a mask that was given keeps, for people, too: pixels of it
+    # that are not in `mask` have no ray or are too dark.
+    seen: BoolArray | None = None
     # Red, green and blue of the picture, green being this problem's own; none if they are not to be asked.
     colours: tuple[Problem, ...] = ()
     report: Report = field(default_factory=Report, compare=False)  # where it comes from
@@ -81,6 +84,7 @@ class Problem:
         for name, kind, wanted in (
             ("cuts", bool, (2, *shape)),
             ("evidence", np.int8, shape),
+            ("seen", bool, shape),
         ):
             given = getattr(self, name)
             if given is not None and (

@@ -98,12 +98,26 @@ def test_reconstruct_writes_a_whole_folder(work):
     assert f"element vertex {mask.sum()}\n".encode() in (out / "cloud.ply").read_bytes()
 
 
-def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
-    solve, tmp_path, capsys
+def test_a_mesh_and_a_preparation_come_if_they_are_asked_for_and_change_no_bit(
+    work, tmp_path, rng
 ):
-    assert solve("--solver facing --out out --mesh --prepare") == 0
-    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
-    capsys.readouterr()
+    """Of a lumen where noise says more than the wall, too, which a preparation cut away once."""
+    picture = read_image(work / "sim/frame.png")
+    picture[40:80, 60:100] = 10 / 255
+    noisy = picture + rng.normal(scale=3 / 255, size=picture.shape)
+    write_image(tmp_path / "dark.png", np.clip(noisy, 0, 1))
+    known = f"--calibration {work}/sim/endoscope.json --solver facing"
+    for out in ("plain", "more --mesh --prepare"):
+        assert (
+            call(f"reconstruct {tmp_path}/dark.png {known} --out {tmp_path}/{out}") == 0
+        )
+    assert names(tmp_path / "more") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
+    plain, more = (maps(tmp_path / out / "depth.npz") for out in ("plain", "more"))
+    for name, values in plain.items():
+        np.testing.assert_array_equal(more[name], values)
+
+
+def test_snapshots_come_and_a_length_is_asked_for(solve, capsys):
     assert solve("--width 80 --solver fast_marching --out m", "unknown.json") == 0
     out, error = capsys.readouterr()
     assert error == ""

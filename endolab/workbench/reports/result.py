@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.prepare import Prepared
 from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_mesh
@@ -84,7 +83,7 @@ def save_result(
     folder: PathLike,
     *,
     mesh: bool = False,
-    prepared: Prepared | None = None,
+    prepare: bool = False,
     uncertainty: Uncertainty | None = None,
     overwrite: bool = False,
 ) -> None:
@@ -98,8 +97,8 @@ def save_result(
     mesh : bool
         Whether to write `mesh.ply`, cut at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
         whose colours show σ.
-    prepared : Prepared, optional
-        What `endolab.prepare` came to, to be drawn in `preparation.png`.
+    prepare : bool
+        Whether to write `preparation.png`: what was solved of the frame (`endolab.prepare`).
     uncertainty : Uncertainty, optional
         What `endolab.uncertainty_of` has found, for `depth.npz`, `report.json` and `overview.png`.
     overwrite : bool
@@ -130,8 +129,8 @@ def save_result(
     with stage_folder(folder, overwrite=overwrite) as staging:
         save_depth(staging / "depth.npz", result, result.metric, uncertainty)
         write_figure(staging / "overview.png", overview(result, uncertainty=uncertainty))
-        if prepared is not None:
-            write_figure(staging / "preparation.png", prepare_figure(prepared))
+        if prepare:
+            write_figure(staging / "preparation.png", prepare_figure(result))
         write_mesh(staging / "cloud.ply", cloud)
         if mesh:
             write_mesh(staging / "mesh.ply", make_mesh(result))
