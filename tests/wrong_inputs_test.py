@@ -263,6 +263,7 @@ CALLED = [
     Row("compare", lambda: el.metrics.compare(ONES, ONES[1:], ONES), "truth"),
     Row("align", lambda: el.metrics.compare(*[ONES] * 3, align="median"), "scale"),
     Row("coverage", lambda: el.metrics.coverage_of(ONES, ONES[1:], ONES), "sigma"),
+    Row("prepare", lambda: el.prepare(el.Frame(ONES / 2, ONES > 0)), "Result"),
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
     Row("held", lambda: el.load_held("two.npz"), "two.npz"),

@@ -166,7 +166,7 @@ def notes_on_pixels(
 ) -> Iterator[str]:
     """Say what of a picture was solved, in a sentence each, from what the endoscope shows on, maps (H, W)."""
     share = 100 * field_of_view.mean()
-    yield f"The endoscope shows, and the mask keeps, {share:.2g} % of the picture."
+    yield f"The endoscope shows, and the mask keeps, {share:.3g} % of the picture."
     for part, why in (
         (field_of_view & ~with_ray, "has no ray within 80° of the axis"),
         (with_ray & ~problem.mask, "is too dark to tell a distance"),
