@@ -13,6 +13,7 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -404,7 +405,10 @@ class TunerBox(anywidget.AnyWidget):
                 solve(answer.settings, subject, [recorder], answer.still, answer.held)
                 if found is not None:
                     recorder.add_uncertainty(found, answer.result)
-            save_result(answer.result, staging, uncertainty=found, overwrite=True)
+            undrawn = recorder.undrawn
+            save_result(
+                answer.result, staging, uncertainty=found, overwrite=True, undrawn=undrawn
+            )
             if board is not None:
                 write_atomically(staging / "board.png", board)
             if answer.held is not None:
@@ -424,17 +428,16 @@ class TunerBox(anywidget.AnyWidget):
             write_settings(saved, staging / "settings.json")
             code = RESULT.format(picture=picture, mask=mask)
             write_atomically(staging / "result.py", code.encode())
+        line = "; ".join([f"exported into {Path(folder).resolve()}", *undrawn])
+        self.send({"line": line, "tone": "endolab-wrong" if undrawn else ""})
         return Path(folder)
 
     def _export_aside(self, name: str, board: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
         folder = Path(name).expanduser()
 
-        def job() -> None:
-            self.export(folder, board=base64.b64decode(board.partition(",")[2]))
-            self.send({"line": f"exported into {folder.resolve()}", "tone": ""})
-
-        self.engine.do(job)
+        content = base64.b64decode(board.partition(",")[2])
+        self.engine.do(partial(self.export, folder, board=content))
 
     def export_html(self, path: str | Path) -> Path:
         """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""
