@@ -173,6 +173,7 @@ def reconstruct(
             prepared=prepared,
             uncertainty=trusted,
             overwrite=True,
+            undrawn=None if recorder is None else recorder.undrawn,
         )
         written = sorted(path.name for path in folder.iterdir())
     lines = [*summary(result, None if trusted is None else trusted.sigma)]

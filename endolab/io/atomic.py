@@ -1,6 +1,7 @@
 """Files and folders that are whole or not there, and JSON."""
 
 import json
+import logging
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -8,7 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from endolab.numerics.checks import shorten
+
 PathLike = str | os.PathLike[str]
+log = logging.getLogger("endolab")
 
 
 # Sentences ------------------------------------------------------------------------------
@@ -30,6 +34,25 @@ def name_damage(path: PathLike, what: str) -> Iterator[None]:
         yield
     except Exception as error:  # packages promise nothing about which, if a file is damaged
         raise ValueError(f"{os.fspath(path)}: not {what}") from error
+
+
+@contextmanager
+def say_undrawn(path: PathLike, undrawn: list[str]) -> Iterator[Path]:
+    """Give a path for what only shows numbers: if it cannot be drawn, the numbers are not lost.
+
+    Whatever the block raises becomes a sentence, logged and added to `undrawn`, and there is no such file,
+    nor an older one. A disk that is full, no memory and an interrupt are no picture's fault, and passed on.
+    """
+    target = Path(path)
+    try:
+        yield target
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        target.unlink(missing_ok=True)
+        why = f"{type(error).__name__}: {error}"
+        undrawn.append(shorten(f"{target.name} could not be drawn, {why}", 300))
+        log.warning("%s", undrawn[-1])
 
 
 # Written beside, then renamed -----------------------------------------------------------

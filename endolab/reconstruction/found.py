@@ -41,11 +41,7 @@ class Found:
         problem = replace(
             found,
             camera=calibration.camera.resize(columns, rows),
-            xi=settings.xi,
-            regulariser=settings.used_regulariser,
-            lam=settings.lam,
-            epsilon=settings.epsilon,
-            threshold=settings.threshold,
+            **settings.energy,
             report=replace(found.report, asked=asked),
         )
         channel = found.report.channel

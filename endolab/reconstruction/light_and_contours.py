@@ -308,7 +308,7 @@ def problem_as_before(
         and old.fingerprint == full.report.fingerprint
         and (old.smooth, old.highlights) == (full.report.smooth, full.report.highlights)
         and solved.camera == full.camera
-        and replace(solved.photometry, gain=full.photometry.gain) == full.photometry
+        and solved.is_lit_as(full)
         and old.channel == SEPARATED
         and old.contours is not ContourOutcome.GIVEN
         and full.cuts is None

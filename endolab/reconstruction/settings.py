@@ -150,6 +150,17 @@ class Settings:
         }
 
     @property
+    def energy(self) -> dict[str, Any]:
+        """What says which energy is minimised."""
+        return {
+            "xi": self.xi,
+            "regulariser": self.used_regulariser,
+            "lam": self.lam,
+            "epsilon": self.epsilon,
+            "threshold": self.threshold,
+        }
+
+    @property
     def lengths(self) -> dict[str, Any]:
         """What may fix the scale."""
         return {name: getattr(self, name) for name in LENGTHS}

@@ -457,7 +457,14 @@ class TunerBox(anywidget.AnyWidget):
                 solve(believed, observers=[recorder], **saved.keywords)
                 if trusted is not None:
                     recorder.add_uncertainty(trusted, answer.result)
-            save_result(answer.result, staging, uncertainty=trusted, overwrite=True)
+            undrawn = recorder.undrawn
+            save_result(
+                answer.result,
+                staging,
+                uncertainty=trusted,
+                overwrite=True,
+                undrawn=undrawn,
+            )
             if board is not None:
                 write_atomically(staging / "board.png", board)
             # The camera that is believed in now is the one beside it.
@@ -474,17 +481,16 @@ class TunerBox(anywidget.AnyWidget):
             write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
             write_atomically(staging / "result.py", RESULT.encode())
+        line = "; ".join([f"exported into {Path(folder).resolve()}", *undrawn])
+        self.send({"line": line, "tone": "endolab-wrong" if undrawn else ""})
         return Path(folder)
 
     def _export_aside(self, name: str, board: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
         folder = Path(name).expanduser()
 
-        def job() -> None:
-            self.export(folder, board=base64.b64decode(board.partition(",")[2]))
-            self.send({"line": f"exported into {folder.resolve()}", "tone": ""})
-
-        self.engine.do(job)
+        content = base64.b64decode(board.partition(",")[2])
+        self.engine.do(partial(self.export, folder, board=content))
 
     def export_html(self, path: str | Path) -> Path:
         """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""
