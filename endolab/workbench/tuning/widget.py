@@ -431,7 +431,11 @@ class TunerBox(anywidget.AnyWidget):
         folder = Path(name).expanduser()
 
         def job() -> None:
-            self.export(folder, board=base64.b64decode(board.partition(",")[2]))
+            try:
+                self.export(folder, board=base64.b64decode(board.partition(",")[2]))
+            except FileExistsError:  # whose own words are for who calls by code
+                text = f"{folder} is there already: export under another name"
+                raise ValueError(text) from None
             self.send({"line": f"exported into {folder.resolve()}", "tone": ""})
 
         self.engine.do(job)
