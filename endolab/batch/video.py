@@ -113,6 +113,8 @@ def reconstruct_video(
         interruption or a MemoryError, what is done stays, and the same call goes on.
     """
     check_int("every", every, 1)
+    if limit is not None:
+        check_int("limit", limit, 1)
     inside = None if mask is None else read_mask(mask)
     if inside is not None:
         check_size("the mask", inside.shape[::-1], calibration.camera)

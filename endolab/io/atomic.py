@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 from endolab.numerics.checks import shorten
@@ -72,6 +72,15 @@ def check_new(
     if is_there and not overwrite:
         text = "is there already; choose another name, or replace it with overwrite=True"
         raise FileExistsError(f"{target} {text}")
+
+
+def check_writable(path: PathLike) -> None:
+    """Raise OSError in one sentence, if no file can be written there: before a long run, not after it."""
+    target = Path(path)
+    with one_sentence(f"cannot write {target}"):
+        if target.is_dir():
+            raise OSError(f"cannot write {target}: it is a folder")
+        TemporaryFile(dir=target.parent).close()
 
 
 @contextmanager

@@ -188,7 +188,10 @@ def _with_contours(
 ) -> Problem:
     cut_links = 0 if problem.cuts is None else int(problem.cuts.sum())
     report = replace(
-        problem.report, contours=outcome, cut_links=cut_links, min_steepness=min_steepness
+        problem.report,
+        contours=outcome,
+        cut_links=cut_links,
+        min_steepness=min_steepness if cut_links else None,
     )
     return replace(problem, report=report)
 

@@ -105,7 +105,7 @@ class Settings:
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> Self:
         """Take keywords of `reconstruct`; those that are no options of it are the solver's own."""
-        names = {part.name for part in fields(cls)}
+        names = {part.name for part in fields(cls)} - {"solver_options"}
         own = {name: options[name] for name in names.intersection(options)}
         others = {name: value for name, value in options.items() if name not in names}
         return cls(**own, solver_options=others)

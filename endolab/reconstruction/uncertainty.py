@@ -413,7 +413,10 @@ def islands_without_evidence(surface: Linearised) -> BoolArray:
 
 
 def pixels_of_scale(iterate: Iterate) -> BoolArray:
-    """Pixels, (H, W), whose mean distance is known: none if the gain is, all if only the shape is."""
+    """Pixels of the mask, (H, W), whose mean distance is known: none if the gain is, all if only shape is.
+
+    One that was given, and that the mask of fewer pixels lacks, is stood for by its neighbour.
+    """
     report = iterate.report
     mask = iterate.mask
     if not report.scale:
@@ -421,8 +424,10 @@ def pixels_of_scale(iterate: Iterate) -> BoolArray:
     if report.scale not in ("known distance", "known diameter"):
         return mask
     fixed = np.zeros_like(mask)
+    inside = np.argwhere(mask)
     for pixel in np.reshape(report.length[1:], (-1, 2)):
-        fixed[own_pixel(iterate, pixel)[1]] = True
+        apart = np.linalg.norm(inside - own_pixel(iterate, pixel)[1], axis=1)
+        fixed[tuple(inside[apart.argmin()])] = True
     return fixed
 
 

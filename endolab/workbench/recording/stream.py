@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Self
 
 import rerun as rr
 
-from endolab.io.atomic import PathLike, one_sentence, say_undrawn, write_atomically
+from endolab.io.atomic import PathLike, check_writable, say_undrawn, write_atomically
 from endolab.workbench.recording.layouts import Shown, layout
 from endolab.workbench.recording.pictures import Painted
 
@@ -31,8 +30,7 @@ class Sink:
         self._entities: set[str] = set()
         if self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
-        with one_sentence(f"cannot write {path}"):  # told before the run, not after it
-            tempfile.TemporaryFile(dir=self.path.parent).close()
+        check_writable(path)
         self._stream = rr.RecordingStream("endolab")
         self._content = rr.binary_stream(self._stream)
 

@@ -490,7 +490,15 @@ class TunerBox(anywidget.AnyWidget):
         folder = Path(name).expanduser()
 
         content = base64.b64decode(board.partition(",")[2])
-        self.engine.do(partial(self.export, folder, board=content))
+
+        def job() -> None:
+            try:
+                self.export(folder, board=content)
+            except FileExistsError:  # whose own words are for who calls by code
+                text = f"{folder} is there already: export under another name"
+                raise ValueError(text) from None
+
+        self.engine.do(job)
 
     def export_html(self, path: str | Path) -> Path:
         """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""

@@ -184,6 +184,7 @@ def test_a_page_without_python_holds_all_lams(tune, tmp_path):
         ({"do": "turn", "given": [{"known_distance": "near"}]}, "known_distance"),
         ({"do": "turn", "given": [{"lam": -1}]}, "lam"),
         ({"do": "destroy", "given": []}, "destroy"),
+        ({"do": "export", "given": [__file__, ""]}, "under another name"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line_and_the_next_is_done(
