@@ -121,6 +121,7 @@ def reconstruct(
         if "held" in options:
             raise ValueError("held= went: give what was found to endolab.solve_found()")
         settings = Settings.of(options)
+        steps = _stages(frame, calibration, settings, start)
 
         def finish(answer: Iterate) -> Iterate:
             if answer.stage != SOLUTION:  # it was stopped on the way
@@ -130,7 +131,7 @@ def reconstruct(
                 answer = Iterate.of(full, start_from(answer, full))
             return to_scale(answer, settings)
 
-        return run(_stages(frame, calibration, settings, start), observers, last=finish)
+        return run(steps, observers, last=finish)
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
