@@ -20,9 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import pad_maps
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid, dot
 from endolab.solvers.normal_equations import Coefficients
+from endolab.solvers.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Step(NamedTuple):
     v: FloatArray
     terms: dict[str, float]
     length: float = 1.0  # of the step that was taken; 0 if no length lowered the energy
-    left: float = np.inf  # how much the energy may still fall, as the step tells
+    to_come: float = np.inf  # how much the energy may still fall, as the step tells
     damping: float = np.nan
     inner: int = 0  # steps of the inner solver
 
@@ -148,14 +150,15 @@ def descend(
             memory.multigrid = multigrid
             if now.length > 0:
                 break
-        left = promise * (1 + unsolved)
+        to_come = promise * (1 + unsolved)
         if now.length > 0:
             last_fall = fall
             fall = before.energy - now.energy
             if not np.isnan(last_fall):
                 rate = (rate + min(fall / last_fall, DESCENT.most_rate)) / 2
-            left = max(left, falls_to_come(fall, rate, promise if now.length == 1 else 0.0))
-        now = now._replace(left=left, damping=damping, inner=inner)
+            further = falls_to_come(fall, rate, promise if now.length == 1 else 0.0)
+            to_come = max(to_come, further)
+        now = now._replace(to_come=to_come, damping=damping, inner=inner)
         memory.learn(now, grid.slants(delta), coefficients)
         yield now
 
@@ -192,7 +195,7 @@ def line_search(
 
 def has_converged(step: Step, tolerance: float) -> bool:
     """Whether no more than this fraction of the energy is left to fall."""
-    return step.left <= tolerance * step.energy + DESCENT.rounding
+    return step.to_come <= tolerance * step.energy + DESCENT.rounding
 
 
 def falls_to_come(fall: float, rate: float, promise: float) -> float:
@@ -205,3 +208,17 @@ def falls_to_come(fall: float, rate: float, promise: float) -> float:
     if fall > promise > 0:
         rate = max(rate, min(fall / promise - 1, DESCENT.most_rate) ** 2)
     return fall * rate / (1 - rate)
+
+
+def energy_left(problem: Problem, log_distance: FloatArray) -> float:
+    """Share of its energy that one step from a map of v = log d, (H, W), would still remove.
+
+        (E(v) - E(v + s δ)) / E(v)
+
+    0 at a minimum. Where it is large, that much at least is left, and further steps may remove more.
+    """
+    grid = Grid.of(problem)
+    v = pad_maps(np.where(problem.mask, log_distance, 0.0))
+    start = evaluate(grid, v, problem.lam)
+    step = next(descend(grid, start, problem.lam))
+    return (start.energy - step.energy) / max(start.energy, DESCENT.rounding)
