@@ -10,7 +10,7 @@ from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
+from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE
@@ -248,6 +248,9 @@ DISTANCES = (2.0, 300.0)  # mm, of the median
 EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
 # Of living tissue, whose vessels, stains and wet spots no surface explains: it has 0.956 and more.
 TISSUE_EXPLAINED = 0.95
+NOISE = (
+    0.5  # of the picture's variance, once it was averaged; usual frames have up to .0003
+)
 DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
@@ -294,6 +297,8 @@ def warnings(result: Result) -> Iterator[str]:
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; {usual}"
         )
+    if noise_left(result)[0] ** 2 > NOISE * np.var(problem.image[mask]):
+        yield "More than half of the picture's contrast is noise: it may show nothing, or no cavity."
     if picture.ndim == 3:
         red, _, blue = np.median(picture[mask], axis=0)
         if blue > red:

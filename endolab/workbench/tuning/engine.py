@@ -104,7 +104,7 @@ class Answer:
     def explained(self) -> float:
         """Share of the picture's contrast that the surface explains."""
         problem = self.result.problem
-        return explained_share(problem, self.residual / 255, self.still.noise)
+        return explained_share(problem, self.residual / 255, self.still.noise_left)
 
     @cached_property
     def errors(self) -> tuple[float, float] | None:
