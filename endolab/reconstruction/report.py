@@ -10,6 +10,7 @@ from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import Status
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
@@ -378,7 +379,10 @@ def describe(
         ended = f"iterate {result.iterate.k}, still falls"
     else:
         status = result.status.name.lower().replace("_", " ")
-        ended = f"{status} in {result.seconds:.1f} s; {what_is_left(result)}"
+        ended = f"{status} in {result.seconds:.1f} s"
+        # Where Gauss-Newton has converged there is next to nothing, and the answer is to be seen at once.
+        if solver != "gauss_newton" or result.status is not Status.CONVERGED:
+            ended = f"{ended}; {what_is_left(result)}"
     return " · ".join([*parts, ended])
 
 

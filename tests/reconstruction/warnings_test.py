@@ -5,7 +5,7 @@ import pytest
 
 import endolab as el
 from endolab.cli.main import main
-from endolab.reconstruction.report import warnings
+from endolab.reconstruction.report import describe, summary, warnings
 from tests.tools.problems import Shot, relit
 
 WIDTH = 160
@@ -68,7 +68,10 @@ def test_a_solver_that_has_not_come_to_the_minimum_is_the_cause(options):
     shot = Shot("colon", el.load_calibration("paper", width=80))
     how = {"channel": "green", "contours": False, "lam": 0.03}
     assert list(warnings(shot.reconstruct(**how))) == []
-    (sentence,) = warnings(shot.reconstruct(**how, **options))
+    result = shot.reconstruct(**how, **options)
+    for line in (next(summary(result)), describe(result, 0.5, "kept", None)):
+        assert "lower its energy by" in line
+    (sentence,) = warnings(result)
     assert "contrast" in sentence
     assert "minimum" in sentence
     assert "λ" not in sentence
