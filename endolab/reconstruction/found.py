@@ -11,7 +11,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units
 from endolab.reconstruction.settings import SEPARATED, Settings
-from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 
 

@@ -60,7 +60,8 @@ from endolab.reconstruction.problem_of_frame import (
 )
 from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
-from endolab.solvers.gauss_newton import DESCENT, gauss_newton
+from endolab.solvers.descent import DESCENT
+from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, Solving, name_stage

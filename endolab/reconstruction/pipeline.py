@@ -43,7 +43,7 @@ from endolab.reconstruction.problem_of_frame import (
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers import solvers
-from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.descent import DESCENT
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,

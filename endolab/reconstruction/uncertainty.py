@@ -36,17 +36,17 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion, label
 
-from endolab.frames.frame import ROUNDING
 from endolab.frames.highlights import extend
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status, Stopped, close_observers, drive
-from endolab.numerics.noise import noise_level
+from endolab.numerics.noise import mean_weight
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import links, px_per_reference
 from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.contrast import noise_left
 from endolab.reconstruction.linearised import Linearised, on_fewer_pixels
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
@@ -249,12 +249,7 @@ def correlated_field(
     """A random field of unit variance: white noise, blurred by a Gaussian of this many px if by any."""
     margin = int(3 * length) + 1
     white = rng.standard_normal(np.add(shape, 2 * margin))
-    return _blur(white, length)[margin:-margin, margin:-margin] / _mean_weight(length)
-
-
-def _mean_weight(blur: float) -> float:
-    """What is left of the standard deviation of white noise: that of a Gaussian's weights, or all of it."""
-    return 1 / max(2 * np.sqrt(np.pi) * blur, 1.0)
+    return _blur(white, length)[margin:-margin, margin:-margin] / mean_weight(length)
 
 
 def _blur(a: FloatArray, sigma: float) -> FloatArray:
@@ -392,15 +387,6 @@ def texture_strength(
     least_left = 0.25 * np.median(usual[mask]) + 1e-9
     square = np.maximum(unexplained, 0.0) / np.maximum(usual, least_left)
     return np.hypot(0.76 * np.sqrt(square), least)
-
-
-def noise_left(result: Result | Iterate) -> tuple[float, float]:
-    """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
-    shown = result.problem.shown
-    green = shown if shown.ndim == 2 else shown[..., 1]
-    level = max(noise_level(green, result.mask), ROUNDING)
-    smooth = result.report.smooth
-    return level * _mean_weight(smooth), smooth
 
 
 def islands_without_evidence(surface: Linearised) -> BoolArray:

@@ -421,7 +421,7 @@ class TunerBox(anywidget.AnyWidget):
         }
         if len(tried) > 3:  # of fewer nothing follows
             best, at_least = self.engine.best_lam(answer)
-            title = "no λ tried explains 99 %: wet or noisy walls, or another light"
+            title = "no λ tried explains 99 %: wet or stained walls, or another light"
             if best is not None:
                 title = f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
             curve |= {"title": title, "best": best}
