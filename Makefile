@@ -1,7 +1,8 @@
 # Every target sets itself up in .venv first; nothing but Python (with venv) and make is needed.
 
 PYTHON ?= python3
-DATA   ?= $(or $(ENDOLAB_DATA),../shared/data)
+DATA   ?= $(or $(ENDOLAB_DATA),$(CURDIR)/../shared/data)
+export ENDOLAB_DATA := $(DATA)
 
 VENV  := .venv
 BIN   := $(VENV)/bin

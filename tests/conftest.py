@@ -32,6 +32,7 @@ for _name, _usual in (
 
 ROOT = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(ROOT)  # of programs that tests start
+os.environ.setdefault("ENDOLAB_DATA", str(ROOT.parent / "shared/data"))
 # Folders: what opens a browser, kills, fills a disk, measures.
 SLOW = ("browser", "hostile", "benchmarks")
 

@@ -16,7 +16,7 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 PROGRAM = ".venv/bin/endolab"
 NO_NAMES = {"told", "said", "judged"}  # which only tell that they tell
 # A function is named by a verb or by what it returns; these are quantities, and a decorator.
-PARTICIPLES = {"misplaced", "shown", "pictured", "checked", "explained"}
+PARTICIPLES = {"misplaced", "shown", "pictured", "checked", "explained", "left"}
 IRREGULAR = {
     "found",
     "kept",

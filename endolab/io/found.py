@@ -17,7 +17,7 @@ from endolab.numerics.checked_types import from_content
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
 

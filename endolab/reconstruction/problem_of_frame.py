@@ -100,11 +100,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
             seen=seen,
-            xi=settings.xi,
-            regulariser=settings.used_regulariser,
-            lam=settings.lam,
-            epsilon=settings.epsilon,
-            threshold=settings.threshold,
+            **settings.energy,
             cuts=settings.cuts,
             report=report,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -103,6 +103,10 @@ class Problem:
     def field(self) -> RayField:
         """The camera's ray field."""
         return self.camera.field
+
+    def is_lit_as(self, other: Problem) -> bool:
+        """Whether light and wall are those of another problem, whatever the unit."""
+        return replace(self.photometry, gain=None) == replace(other.photometry, gain=None)
 
     @property
     def shown(self) -> FloatArray:

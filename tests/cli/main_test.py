@@ -1,5 +1,6 @@
 """The command line: what it writes and prints, and how it ends."""
 
+import errno
 import json
 import os
 import shutil
@@ -133,6 +134,56 @@ def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys):
     capsys.readouterr()
     assert call(f"evaluate out/depth.npz {sim}/truth.npz --json") == 0
     assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
+
+
+REPORTS = "endolab.workbench.reports.result"
+RECORDING = "endolab.workbench.recording"
+# Where drawing fails, by what it is of.
+DRAWING = {
+    f"{REPORTS}.overview": "overview.png",
+    f"{REPORTS}.prepare_figure": "preparation.png",
+    f"{RECORDING}.recorder.paint": "recording.rrd",  # at the first iterate
+    f"{RECORDING}.recorder._settings": "recording.rrd",  # at the end
+    f"{RECORDING}.stream.layout": "recording.rrd",
+}
+
+
+def fail_with(error):
+    def fail(*given, **options):
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("place", DRAWING)
+def test_what_cannot_be_drawn_costs_no_answer(
+    place, solve, tmp_path, caplog, monkeypatch
+):
+    monkeypatch.setattr(place, fail_with(ValueError("no such colour")))
+    assert solve("--solver facing --out out --prepare") == 0
+    lost = DRAWING[place]
+    assert set(names(tmp_path / "out")) == {*OUTPUTS, "preparation.png"} - {lost}
+    sentence = report(tmp_path / "out")["warnings"][-1]
+    assert lost in sentence
+    assert "no such colour" in sentence
+    assert [one.getMessage() for one in caplog.records] == [sentence]
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 2),
+        (MemoryError(), 2),
+        (KeyboardInterrupt(), cli.INTERRUPTED),
+    ],
+)
+@pytest.mark.parametrize("place", [*DRAWING][::3])
+def test_a_full_disk_no_memory_and_an_interrupt_while_drawing_leave_nothing(
+    place, error, status, solve, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(place, fail_with(error))
+    assert solve("--solver facing --out out --prepare") == status
+    assert names(tmp_path) == []
 
 
 def test_options_arrive(solve, tmp_path):

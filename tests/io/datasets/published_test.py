@@ -40,6 +40,16 @@ def write_simcol3d(folder):
     write(folder, "Depth_0007.png", depth)
 
 
+def test_published_frames_are_where_they_are_said_to_be_and_nowhere_else(
+    tmp_path, monkeypatch
+):
+    for named, found in ((str(tmp_path), tmp_path), (str(tmp_path / "none"), None)):
+        monkeypatch.setenv("ENDOLAB_DATA", named)
+        assert datasets.data_folder() == found
+    monkeypatch.delenv("ENDOLAB_DATA")
+    assert datasets.data_folder() is None
+
+
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
 def test_a_frame_of_c3vd(tmp_path, suffix):
     write_c3vd(tmp_path, suffix)
