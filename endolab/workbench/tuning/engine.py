@@ -56,7 +56,7 @@ BETWEEN = 0.06
 LAMS = (1e-4, 100.0)  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 PATH_BYTES = 24e6  # and of their maps
-KEPT_BYTES = 24e6  # of answers that are not on screen
+KEPT_BYTES = 12e6  # of answers that are not on screen
 KEPT_FINDS = 2  # so many times light and contours are kept
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
@@ -357,7 +357,9 @@ class Engine:
             self._show(answer)
         if answer.settings.solver != FOLLOWS:
             self._look = None
-        elif self._look is not None:
+        elif self._look is None:
+            self._look = Look(answer.result.iterate)
+        else:
             self._look.follow(problem_of(answer.settings, still))
             self._look.start_from(answer.result.iterate)
         if self._rests():
@@ -422,9 +424,8 @@ class Engine:
         if shown is None or shown.still is not still:
             self._look = None
         elif wish.solver == FOLLOWS:
-            if self._look is None:
-                is_followed = shown.settings.solver == FOLLOWS
-                self._look = Look(shown.result.iterate, is_followed)
+            if self._look is None:  # another solver's surface
+                self._look = Look(shown.result.iterate, is_minimum=False)
             with limit_threads(1):
                 look = self._look.follow(problem_of(wish, still))
             self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
