@@ -52,6 +52,7 @@ from endolab.reconstruction.colours import (
     fit_light,
     refine_per_pixel,
 )
+from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.problem_of_frame import (
     in_units,
@@ -70,6 +71,7 @@ from endolab.solvers.result import Iterate, Result, Solving, name_stage
 SMOOTH = "smooth"  # one channel, before anything is cut
 BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
+LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 
 # Before indirect light is known, lines are less steep by this factor.
 GUESSED_STEEPNESS = 0.8
@@ -114,6 +116,7 @@ class Separation:
     albedo: FloatArray
     min_steepness: float | None
     in_tissue: bool = False  # whether they are looked for as in living tissue
+    lamp_ratio: FloatArray | None = None  # ω, (h, w)
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
@@ -133,13 +136,14 @@ def light_and_contours(
     prior: AlbedoPrior,
     contours: bool | None = None,
     before: Result | None = None,
+    lamps: Lamps | None = None,
 ) -> Solving[tuple[Problem, FloatArray | None]]:
     """Take indirect light out of a picture, and cut its surface at contours; yield every solve's iterates.
 
     `small` is the frame on few pixels, `full` on all. `prior` is what is known of the wall's albedo.
     `contours` says whether to cut the surface, by default if that explains the picture much better. `before`
     is an earlier result, of another frame say: it makes one round enough, and what it cut is cut without
-    asking.
+    asking. `lamps` are those that do not stand at the optical centre.
 
     Returns the problem of direct light on all pixels, or that of green where colours tell
     nothing; and a log d (H, W) to begin with, if there is one.
@@ -148,14 +152,28 @@ def light_and_contours(
     if small.colours:
         try:
             if before is None:
-                found = yield from separate(small, prior, contours)
+                found = yield from separate(small, prior, contours, lamps)
             else:
-                found = yield from _separate_as_before(small, full, prior, contours, before)
+                found = yield from _separate_as_before(
+                    small, full, prior, contours, before, lamps
+                )
             return _on_all_pixels(found, full, prior)
         except NoColour as error:
             report = {"light": LightOutcome.NO_COLOUR, "reason": str(error)}
     # Green, or what there is.
     full = replace(full, colours=(), report=replace(full.report, **report))
+    if lamps is not None:
+        start = None if before is None else start_from(before.iterate, small)
+        small = replace(small, colours=())
+        for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
+            options = {} if start is None else {"start": start}
+            surface = yield from solve_stage(
+                small, LAMPS, number, max_iterations=count, **options
+            )
+            small = divide_by_lamps(small, lamps.ratio(surface))
+            start = surface.log_distance
+        assert small.lamp_ratio is not None
+        full = divide_by_lamps(full, small.lamp_ratio)
     return (yield from _cut_one_channel(small, full, contours, before))
 
 
@@ -201,7 +219,10 @@ def _with_contours(
 
 
 def separate(
-    problem: Problem, prior: AlbedoPrior, contours: bool | None = None
+    problem: Problem,
+    prior: AlbedoPrior,
+    contours: bool | None = None,
+    lamps: Lamps | None = None,
 ) -> Solving[Separation]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds."""
     colours = problem.colours
@@ -213,6 +234,7 @@ def separate(
     for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
         lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
+        colours = _lit_by_lamps(colours, lamps, surface)
         if light.outcome is not LightOutcome.NONE_BOUNCED:
             ratio, light = estimate_indirect(colours, surface, prior)
     assert surface is not None
@@ -236,6 +258,7 @@ def separate(
     steepness = trial.min_steepness
 
     # The best of these, ι refined per pixel.
+    colours = _lit_by_lamps(colours, lamps, trial.surface)
     if trial.light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
         surface = yield from _solve_direct(
@@ -243,11 +266,25 @@ def separate(
         )
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Separation(trial, outcome, cuts, *lines_of, steepness, in_tissue)
+    lamp_ratio = colours[1].lamp_ratio
+    return Separation(trial, outcome, cuts, *lines_of, steepness, in_tissue, lamp_ratio)
+
+
+def _lit_by_lamps(
+    colours: Sequence[Problem], lamps: Lamps | None, surface: Iterate
+) -> Sequence[Problem]:
+    """Return the colours as one lamp at the optical centre would have lit them, by a surface."""
+    if lamps is None:
+        return colours
+    ratio = lamps.ratio(surface)
+    return tuple(divide_by_lamps(colour, ratio) for colour in colours)
 
 
 def separate_from(
-    problem: Problem, prior: AlbedoPrior, log_distance: FloatArray
+    problem: Problem,
+    prior: AlbedoPrior,
+    log_distance: FloatArray,
+    lamps: Lamps | None = None,
 ) -> Solving[Trial]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
@@ -255,6 +292,7 @@ def separate_from(
     """
     colours = problem.colours
     surface = Iterate(problem, 0, log_distance, {})
+    colours = _lit_by_lamps(colours, lamps, surface)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
     halvings = DESCENT.start_halvings  # the camera may have moved
@@ -270,6 +308,7 @@ def _separate_as_before(
     prior: AlbedoPrior,
     contours: bool | None,
     before: Result,
+    lamps: Lamps | None = None,
 ) -> Solving[Separation]:
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
@@ -293,9 +332,10 @@ def _separate_as_before(
         if small.cuts is not None:
             outcome = ContourOutcome.AS_BEFORE
     surface = resample_surface(before.iterate, small)
-    trial = yield from separate_from(small, prior, surface)
+    trial = yield from separate_from(small, prior, surface, lamps)
     trial = replace(trial, min_steepness=steepness)
-    return replace(lines, trial=trial, contours=outcome)
+    lamp_ratio = trial.surface.problem.lamp_ratio
+    return replace(lines, trial=trial, contours=outcome, lamp_ratio=lamp_ratio)
 
 
 def problem_as_before(
@@ -339,6 +379,8 @@ def _on_all_pixels(
     """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial
     light = trial.light
+    if found.lamp_ratio is not None:
+        full = divide_by_lamps(full, found.lamp_ratio)
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo, not light.reason)
     if trial.surface.problem.cuts is not None or found.contours is ContourOutcome.BY_LINES:

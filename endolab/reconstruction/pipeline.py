@@ -30,9 +30,12 @@ from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
 from endolab.reconstruction.found import Found
+from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.light_and_contours import (
+    LAMPS,
     light_and_contours,
     problem_as_before,
+    solve_stage,
 )
 from endolab.reconstruction.problem_of_frame import (
     check_frame,
@@ -240,10 +243,16 @@ def find(
         known = problem_as_before(full, start, contours)
         converged_at = start.energy if start.status.is_done else None
     if known is None:
-        small, full = problems_of_frame(frame, calibration, settings)
+        lamps = Lamps.of(calibration, settings)
+        small, full = problems_of_frame(frame, calibration, settings, lamps is not None)
         problem, first = yield from light_and_contours(
-            small, full, prior_of(calibration), contours, start
+            small, full, prior_of(calibration), contours, start, lamps
         )
+        if lamps is not None:  # once more, on all pixels
+            options = {} if first is None else {"start": first}
+            surface = yield from solve_stage(problem, LAMPS, **options)
+            problem = divide_by_lamps(problem, lamps.ratio(surface))
+            first = surface.log_distance
     else:
         problem, first = known, None
     found = Found(problem, settings, calibration, first, converged_at=converged_at)

@@ -132,7 +132,7 @@ def make_problem(frame: Frame, calibration: Calibration, **options: object) -> P
 
 
 def problems_of_frame(
-    frame: Frame, calibration: Calibration, settings: Settings
+    frame: Frame, calibration: Calibration, settings: Settings, has_lamps: bool = False
 ) -> tuple[Problem, Problem]:
     """Make the problem on few pixels, on which light and contours are looked for first, and that on all.
 
@@ -140,7 +140,7 @@ def problems_of_frame(
     """
     width, height = _size_of_problem(frame, settings)
     fraction = FEW / max(width, height)
-    is_asked = settings.searches_contours or _asks_colours(frame, settings)
+    is_asked = settings.searches_contours or _asks_colours(frame, settings) or has_lamps
     if not is_asked or fraction >= 1 or fraction * min(width, height) < LEAST_SIDE:
         full = problem_of_frame(frame, calibration, settings)
         return full, full

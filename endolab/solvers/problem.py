@@ -57,6 +57,9 @@ class Problem:
     # this. LOWER_BOUND (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
     # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
+    # ω, (H, W): light of the real lamps over that of the one at the optical centre, by whose 1/γ-th power the
+    # image was divided; None if it was not.
+    lamp_ratio: FloatArray | None = None
     # (H, W) or (H, W, 3), the frame as it looked, for people.
     picture: FloatArray | None = None
     # (H, W), what the endoscope shows of it, and a mask that was given keeps, for people, too: pixels of it
