@@ -21,7 +21,7 @@ TREATED = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prepared:
     """A frame that is ready to be solved, and what was found in it."""
 

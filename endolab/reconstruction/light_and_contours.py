@@ -82,7 +82,7 @@ Answer = TypeVar("Answer")
 Solving = Generator[Iterate, None, Answer]  # yields what is seen on the way
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A surface that is cut, or not, with the light that its colours tell."""
 
@@ -104,7 +104,7 @@ class Trial:
         return 0.0 if cuts is None else float(cuts.sum()) * max(mask.shape) / mask.sum()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Found:
     """What the stage found on few pixels, and what tells how the picture is cut on all."""
 

@@ -40,7 +40,7 @@ RAYS = 3000  # across the picture, at least
 BITS = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SheetFrame:
     """A simulated frame and its truth."""
 
