@@ -86,15 +86,15 @@ def test_frames_exact_with_three_grey_levels_of_noise_and_of_a_fisheye(
 
 
 @pytest.mark.parametrize("width", [96, 160])
-def test_the_contours_of_the_colon_halve_the_error(width):
+def test_the_colon_without_its_contours_and_with_them(width):
     """Measured 7.6 % and 2.2 % at 96 px, 7.3 % and 2.6 % at 160."""
     problem, seen = problem_of("colon", width)
     cut_problem = replace(problem, cuts=depth_cuts(seen.distance))
     results = [solve(each) for each in (problem, cut_problem)]
     assert {result.status for result in results} == {el.Status.CONVERGED}
     uncut, cut = (percent_off(result, seen) for result in results)
-    assert 5 < uncut < 9
-    assert cut < min(4.5, uncut / 2 + 0.5)
+    assert uncut < 9
+    assert cut < min(3.5, uncut)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3])
