@@ -5,7 +5,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 import endolab as el
 from endolab import datasets
@@ -71,19 +70,6 @@ def test_prepared_leaves_out_what_it_should(known, wet, way):
     assert not (ready.field_of_view & ~wet.mask).any()
     assert ready.frame.mask[ready.highlights & ~ready.lumen].all()
     assert np.array_equal(ready.frame.image, wet.image) == (way != "inpaint")
-
-
-def test_prepare_and_reconstruct_mean_the_same(known):
-    """Where nothing is too dark, what is prepared solves as what is not, given the same words."""
-    camera = el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
-    seen = el.render(el.SCENES["curved"], camera, known.photometry, **WET)
-    frame = el.Frame(seen.image, seen.mask)
-    mine = el.Calibration(camera, seen.photometry)
-    ready = prepare(frame, mine, highlights="ignore")
-    assert ready.highlights.any()
-    one = el.reconstruct(ready.frame, mine, channel="green")
-    other = el.reconstruct(frame, mine, channel="green", highlights="ignore")
-    assert_array_equal(one.distance, other.distance)
 
 
 def test_a_grey_and_a_saturated_frame_are_prepared(known, wet):

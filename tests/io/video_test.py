@@ -105,7 +105,7 @@ def test_values_that_are_no_power_of_the_light_are_named(
     with (tmp_path / "v.mp4").open("ab") as file:
         head = struct.pack(">I", 19) + b"colrnclx"
         file.write(head + struct.pack(">HHHB", 9, transfer, 9, 0))
-    assert numbers_in(tmp_path / "v.mp4") == [*range(30)]
+    assert len(open_frames(tmp_path / "v.mp4").names) == 30
     write_image(tmp_path / "a.png", pictures[0])
     png = (tmp_path / "a.png").read_bytes()
     chunk = b"cICP" + bytes([9, transfer, 0, 1])

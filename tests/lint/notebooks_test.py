@@ -9,7 +9,7 @@ import pytest
 
 from tests.tools.notebook_solutions import solutions
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 TEXTS = [
     *sorted((ROOT / "notebooks").rglob("*.md")),
