@@ -32,8 +32,8 @@ for _name, _usual in (
 
 ROOT = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(ROOT)  # of programs that tests start
-# Folders: what opens a browser, kills, fills a disk, measures; what goes through no reconstruction; what reads
-# the code and does not run it.
+# Folders: what opens a browser, kills, fills a disk, measures; what goes through no reconstruction; what only
+# reads the code.
 MARKS = {
     "slow": ("browser", "hostile", "benchmarks"),
     "quick": ("numerics", "model", "frames", "synthetic", "solvers", "metrics", "io"),
