@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import endolab as el
@@ -15,7 +16,6 @@ from endolab.io.video import is_sequence
 WALL = np.add.outer(np.arange(40), np.arange(50)) + 60  # to 148
 SHAPE = np.hypot(*np.indices((40, 50)) - np.array([[[20]], [[25]]])) < 18
 JP2 = [cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000]
-same = np.testing.assert_array_equal
 
 
 def store(path, stored, most=255):
@@ -57,7 +57,7 @@ def test_a_picture_is_read_as_it_is_stored(tmp_path, rng, kind):
         found = read_image(path)
         expected = stored[..., :3] if channels else stored
         found = found[..., 0] if found.ndim > expected.ndim else found
-        np.testing.assert_allclose(found, expected / most, atol=1e-5)
+        assert_allclose(found, expected / most, atol=1e-5)
 
 
 def test_a_jpeg_is_read_as_others_read_it(tmp_path):
@@ -65,7 +65,7 @@ def test_a_jpeg_is_read_as_others_read_it(tmp_path):
         Image.fromarray(WALL.astype(np.uint8)).convert(mode).save(tmp_path / "a.jpg")
         image = read_image(tmp_path / "a.jpg")
         first = image if mode == "L" else image[..., 0]
-        np.testing.assert_allclose(first * 255, WALL, atol=4)
+        assert_allclose(first * 255, WALL, atol=4)
 
 
 def test_a_written_picture_reads_back(tmp_path, rng):
@@ -73,7 +73,7 @@ def test_a_written_picture_reads_back(tmp_path, rng):
         stored = rng.integers(0, 2**bits, (5, 7, 3)) / (2**bits - 1)
         for image in (stored, stored[..., 0], np.where(stored > 0.3, 1.7, -0.3)):
             write_image(tmp_path / "a.png", image, bits)
-            same(read_image(tmp_path / "a.png"), np.clip(image, 0, 1))
+            assert_array_equal(read_image(tmp_path / "a.png"), np.clip(image, 0, 1))
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
@@ -85,7 +85,7 @@ def test_it_is_read_as_the_sensor_saw_it_however_it_is_marked(tmp_path, caplog, 
         tags[274] = orientation
         path = tmp_path / f"{orientation}.{suffix}"
         Image.fromarray(stored).save(path, exif=tags)
-        np.testing.assert_allclose(read_image(path), stored / 255, atol=0.1)
+        assert_allclose(read_image(path), stored / 255, atol=0.1)
         assert (path.name in caplog.text) is (orientation != 1)
 
 
@@ -156,7 +156,7 @@ def test_a_mask_may_be_stored_as_one_likes(tmp_path):
     deep = Image.fromarray(np.full((3, 4), 65535, np.uint16))
     for picture in (white.convert("1"), white.convert("P"), deep):
         picture.save(tmp_path / "m.png")
-        same(read_mask(tmp_path / "m.png"), np.ones((3, 4), bool))
+        assert_array_equal(read_mask(tmp_path / "m.png"), np.ones((3, 4), bool))
 
 
 @pytest.mark.parametrize("kind", ["rgba", "rgba16", "la", "tiff", "L", "RGB", "P"])
@@ -181,9 +181,9 @@ def test_transparent_pixels_are_no_wall_whatever_is_below(tmp_path, caplog, kind
             none = (7, 7, 7) if kind == "RGB" else 7
             picture.convert(kind).save(path, transparency=none)
         frame = el.read_frame(path)
-        same(frame.mask, SHAPE & (alpha == 255))
+        assert_array_equal(frame.mask, SHAPE & (alpha == 255))
         first = frame.image if frame.image.ndim == 2 else frame.image[..., 0]
-        np.testing.assert_allclose(first[frame.mask], WALL[frame.mask] / 255, atol=1e-9)
+        assert_allclose(first[frame.mask], WALL[frame.mask] / 255, atol=1e-9)
         # No white paper, either.
         assert not read_image(path)[alpha == 0].any()
     assert len(caplog.messages) == 3  # a warning each
@@ -201,12 +201,14 @@ def cut_out(path, grey):
 def test_a_mask_that_is_kept_in_alpha(tmp_path):
     """It is white, black, cut out of a frame; or drawn inside."""
     for grey in (np.full(SHAPE.shape, 255), np.zeros(SHAPE.shape), WALL):
-        same(read_mask(cut_out(tmp_path / "m.png", grey)), SHAPE)
-    same(read_mask(cut_out(tmp_path / "m.png", DRAWN)), SHAPE & (DRAWN > 0))
+        assert_array_equal(read_mask(cut_out(tmp_path / "m.png", grey)), SHAPE)
+    assert_array_equal(
+        read_mask(cut_out(tmp_path / "m.png", DRAWN)), SHAPE & (DRAWN > 0)
+    )
 
 
 def test_a_mask_does_not_bring_back_what_is_transparent(tmp_path):
     write_image(tmp_path / "m.png", DRAWN / 255)
     picture = cut_out(tmp_path / "a.png", np.where(SHAPE, WALL, 255))
     mask = el.read_frame(picture, mask=tmp_path / "m.png").mask
-    same(mask, SHAPE & (DRAWN > 0))
+    assert_array_equal(mask, SHAPE & (DRAWN > 0))
