@@ -387,5 +387,6 @@ def test_what_is_wrong_is_one_sentence(row, folder, tmp_path, monkeypatch, capfd
             sentence = sentence.removesuffix("\n")
         assert row.word in sentence
         assert "\n" not in sentence
+        assert "Input should" not in sentence  # pydantic's English
         assert len(sentence) < 700
     assert contents(here) == before

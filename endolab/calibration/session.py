@@ -49,7 +49,7 @@ class Verdict(Enum):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Session:
     """All that came of a calibration; `Session.samples.frame` counts the keys of `poses`."""
 

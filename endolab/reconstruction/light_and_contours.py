@@ -81,7 +81,7 @@ MOSTLY = 0.5
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A surface that is cut, or not, with the light that its colours tell."""
 
@@ -103,7 +103,7 @@ class Trial:
         return 0.0 if cuts is None else float(cuts.sum()) * max(mask.shape) / mask.sum()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Separation:
     """What the stage found on few pixels, and what tells how the picture is cut on all."""
 

@@ -67,7 +67,7 @@ LARGEST_SIGMA = 1.0  # of log d: what is worse is not known at all
 LENGTH = 12.0  # of a wall's texture: σ of a Gaussian, 1/320 of the longer side
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Uncertainty:
     """How far a result can be trusted; maps are (H, W), nan outside the mask."""
 

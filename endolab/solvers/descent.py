@@ -87,7 +87,7 @@ class Step(NamedTuple):
         return sum(self.terms.values())
 
 
-@dataclass
+@dataclass(eq=False)
 class Memory:
     """What a step hands on to the next one."""
 

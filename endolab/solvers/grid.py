@@ -74,7 +74,7 @@ CEILING = 0.7
 CEILING_MARGIN = 0.008
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid(Structure):
     """A problem on a grid; arrays are padded unless said otherwise."""
 

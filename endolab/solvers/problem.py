@@ -29,7 +29,7 @@ REGULARISERS = ("first", "second")  # in the order of the kinds of `numerics.ste
 EXACT, LOWER_BOUND, NONE = range(3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A frame to be explained: everything a solver needs, and nothing it must look up."""
 

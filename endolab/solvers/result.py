@@ -32,7 +32,7 @@ DISTANCES = (1e-12, 1e12)
 NOTHING = "the solver produced no depth map that is finite"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Iterate:
     """One step of a solver."""
 
@@ -129,7 +129,7 @@ class Stage:
     seconds: float  # observers apart
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """What a run found.
 

@@ -39,7 +39,7 @@ GAINS = 3.0  # largest over smallest, as in the paper
 RAYS = 3000  # across the picture, at least
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SheetFrame:
     """A simulated frame and its truth."""
 

@@ -20,7 +20,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """A published frame."""
 

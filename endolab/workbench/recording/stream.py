@@ -57,7 +57,9 @@ class Sink:
     def arrange(self, runs: Sequence[Shown], timeline: str) -> None:
         """Tell the viewer how to open the recording, unless it holds nothing."""
         if runs:
-            self._stream.send_blueprint(layout(runs, self._entities, timeline))
+            arranged = layout(runs, self._entities, timeline)
+            self._stream.send_blueprint(arranged)
+            arranged.stream.disconnect()
 
     def close(self, failed: bool = False) -> None:
         """Write the file, unless something has failed; a second call does nothing. OSError leaves no file."""
@@ -67,10 +69,11 @@ class Sink:
         with say_undrawn(self.path, self.undrawn):
             content = self._content.read()
             self._stream.disconnect()
-            # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew, which
-            # would end a session that the user has begun with `rr.init`.
-            if rr.get_application_id() is None:
-                rr.init("endolab", init_logging=False)
+            # As `rr.init` does, but the user's session goes on. Until then Rerun keeps streams that nobody
+            # has, with two threads each.
+            session = rr.get_global_data_recording()
+            rr.bindings.flush_and_cleanup_orphaned_recordings()
+            rr.set_global_data_recording(session)
             if self._entities and content is not None and not failed:
                 write_atomically(self.path, content)
 
