@@ -25,7 +25,7 @@ from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Solving
 
 # Nearer than twice a lamp's offset ω has no bound, and there a surface is too rough to tell it.
-BOUNDS = (0.6, 1.6)
+BOUNDS = (1 / 3, 3.0)
 MOVED = 0.005  # fraction of distances by which another ω must move them to be asked for once more
 
 

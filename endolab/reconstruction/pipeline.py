@@ -249,7 +249,7 @@ def find(
             small, full, prior_of(calibration), contours, start, lamps
         )
         if lamps is not None:  # once more, on all pixels
-            options = {} if first is None else {"start": first}
+            options = {} if first is None else {"start": first, "max_iterations": 1}
             surface = yield from solve_stage(problem, LAMPS, **options)
             problem = divide_by_lamps(problem, lamps.ratio(surface))
             first = surface.log_distance
