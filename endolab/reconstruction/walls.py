@@ -322,4 +322,4 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
 def sectors(points: FloatArray, count: int) -> IntArray:
     """Number of the sector around the axis in which each of points (N, 3) lies."""
     turn = np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi)
-    return (turn % 1.0 * count).astype(int)
+    return np.floor(turn * count).astype(int) % count
