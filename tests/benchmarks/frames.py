@@ -19,11 +19,11 @@ from tests.tools import random_frames
 from tests.tools.problems import Shot, errors_of
 
 NOMINAL = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
-# Where they lie, how they are read, which, on how many columns they are solved, and degrees off the axis
-# that are scored: C3VD's fisheye is not well known farther out.
+# Where they lie, how they are read, which, on how many columns they are solved, degrees off the axis
+# that are scored, and how many lamps beside the lens are sought.
 PUBLISHED = {
-    "c3vd": ("c3vd_trans_t1_a", datasets.read_c3vd, (1, 6), 338, 55.0),
-    "simcol3d": ("simcol3d", datasets.read_simcol3d, range(5), 320, 90.0),
+    "c3vd": ("c3vd_trans_t1_a", datasets.read_c3vd, (1, 6), 338, 55.0, 1),
+    "simcol3d": ("simcol3d", datasets.read_simcol3d, range(5), 320, 90.0, 0),
 }
 
 
@@ -123,7 +123,9 @@ def _described(path):
 
 def _published(wanted, folder):
     """Smaller frames, scaled by their median; the light of each is measured on the others, or nominal."""
-    place, read, indices, width, field = PUBLISHED[wanted.removesuffix("_nominal")]
+    place, read, indices, width, field, lamps = PUBLISHED[
+        wanted.removesuffix("_nominal")
+    ]
     samples = []
     if (folder / place).is_dir():
         samples = [read(folder / place, index) for index in indices]
@@ -135,6 +137,7 @@ def _published(wanted, folder):
                 [other.frame for other in others],
                 sample.calibration.camera,
                 [other.distance for other in others],
+                lamps,
             )
         yield Case(
             f"{wanted} {index}",

@@ -7,10 +7,12 @@ under direct light E shows, of light S that bounced (`interreflection`),
     I_c = (g_c a_c (E + S_c) cos^((1-b) k) α)^(1/γ),
 
 b being the share of the light's fall that is the lamp's (the lens's part lights no walls). Fitted are k, γ,
-three albedos, by which S differs between colours, and a brightness g_c for each frame and colour. What the
-model leaves goes on over much of a picture, so that errors are found by leaving out one of eight parts of
-the scene after the other, and to them comes what computed bounces are off by on path-traced frames. That γ of
-cameras is near 2.2, and albedos are those of tissue, is heard as four more measurements.
+three albedos, by which S differs between colours, and a brightness g_c for each frame and colour. Of lamps
+that stand beside the lens, E is ω times as bright (`lamps`), and their places (x, y) are fitted with the
+rest. What the model leaves goes on over much of a picture, so that errors are found by leaving out one of
+eight parts of the scene after the other, and to them comes what computed bounces are off by on path-traced
+frames. That γ of cameras is near 2.2, albedos are those of tissue, and lamps are in the endoscope's tip, is
+heard as more measurements.
 """
 
 import cv2
@@ -21,55 +23,80 @@ from endolab.frames.frame import SATURATED
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
+from endolab.model.lights import SpotLight
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
 from endolab.reconstruction.estimate_light import EXPONENTS
+from endolab.reconstruction.lamps import BOUNDS
 from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
 WIDTH = 225  # px, of what is fitted
-WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
+# Degrees from the axis. The nearest walls, at the rim, tell where lamps are: up to 60°, C3VD's came out at
+# (-0.1, 2.2) and k at 1.2, and its frames read 7.2 %; up to the rim (0.5, 1.8), 1.6, and 5.9 %.
+WIDEST = 80.0
 LAMP = 0.8  # b
 GAMMA, GAMMA_SIGMA = (
     2.2,
     0.2,
 )  # of cameras whose γ nobody measured, and its standard deviation
-# Of k, γ and albedos' logarithms, that computed bounces make.
+TIP = 3.0  # mm, standard deviation of x and y of a lamp in a tip that is 13 mm wide
+# Of k, γ and albedos' logarithms, and of a lamp's place, mm, that computed bounces make.
 MODEL_ERRORS = (0.1, 0.15, 0.1, 0.3, 0.3)
+PLACE_ERROR = 0.5
 USUAL_MISFIT = 8.0  # grey levels that the model leaves; larger ones count as lines
 SECTORS = 4  # around the axis, each with a near and a far part
 
 
-def measure_light(frames, camera, distances):
+def measure_light(frames, camera, distances, lamps=0):
     """Measure k, γ and a matt wall's albedos on colour frames of known distances, mm, nan where unknown.
 
+    And the places of so many `lamps` beside the lens, of equal weight; 0: one at the optical centre.
+
     Returned are the light, of unknown gain, the standard errors of "k", "gamma", "red", "green" and "blue",
-    and the median size of what the model leaves, grey levels.
+    and of the "lamps", x and y of each, mm, and the median size of what the model leaves, grey levels.
     """
     seen = [_Patches(*pair, camera) for pair in zip(frames, distances, strict=True)]
-    start = np.array([1.5, GAMMA, *np.log(TISSUE)])
+    levels = []
     for patches in seen:
         log_light = GAMMA * np.log(np.maximum(patches.grey, 1) / 255)
-        level = np.median(log_light - patches.light(1.5, np.array(TISSUE)), axis=0)
-        start = np.append(start, level)
-    fitted = _fit(seen, start)
-    parts = [_fit(seen, fitted, part)[:5] for part in range(2 * SECTORS)]
+        light = patches.light(1.5, np.array(TISSUE), np.empty((0, 2)))
+        levels.append(np.median(log_light - light, axis=0))
+    count = 5 + 2 * lamps
+    turn = 2 * np.pi * np.arange(lamps) / max(lamps, 1)
+    places = TIP * np.column_stack([np.cos(turn), np.sin(turn)])
+    start = np.concatenate([[1.5, GAMMA], np.log(TISSUE), places.ravel(), *levels])
+    fitted = _fit(seen, start, lamps)
+    parts = [_fit(seen, fitted, lamps, part)[:count] for part in range(2 * SECTORS)]
     apart = np.array(parts) - np.mean(parts, axis=0)
     covariance = (len(parts) - 1) / len(parts) * apart.T @ apart
-    covariance += np.diag(np.square(MODEL_ERRORS))
-    usual = np.array([GAMMA, *np.log(TISSUE)])
-    width = np.array([GAMMA_SIGMA, *[UNKNOWN] * 3])
+    covariance += np.diag(np.square([*MODEL_ERRORS, *2 * lamps * [PLACE_ERROR]]))
+    usual = np.array([GAMMA, *np.log(TISSUE), *2 * lamps * [0.0]])
+    width = np.array([GAMMA_SIGMA, *3 * [UNKNOWN], *2 * lamps * [TIP]])
     heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
-    k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
+    found = fitted[:count] + heard @ (usual - fitted[1:count])
+    k, gamma, *logs = found[:5]
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
     albedo = np.clip(np.exp(logs), LEAST_ALBEDO, MOST_ALBEDO)
-    spread[2:] *= albedo
+    spread[2:5] *= albedo
+    lights = lights_at(found[5:].reshape(-1, 2).round(1).tolist())
     light = Photometry(
-        round(max(float(k), 0.0), 2),
+        round(max(float(k) - bool(lights), 0.0), 2),
         round(float(gamma), 2),
         brdf=Lambertian(tuple(albedo.round(2).tolist())),
+        lights=lights,
     )
-    errors = dict(zip(("k", "gamma", *CHANNELS), spread.tolist(), strict=True))
-    return light, errors, float(np.median(np.abs(_left(seen, fitted))))
+    errors = dict(zip(("k", "gamma", *CHANNELS), spread[:5].tolist(), strict=True))
+    if lamps:
+        errors["lamps"] = spread[5:].reshape(-1, 2).tolist()
+    return light, errors, float(np.median(np.abs(_left(seen, fitted, lamps))))
+
+
+def lights_at(places):
+    """Lamps of a matt emitter's spread at (x, y) in the tip, mm, that share the light."""
+    return tuple(
+        SpotLight(position=(x, y, 0.0), exponent=1.0, weight=1 / len(places))
+        for x, y in places
+    )
 
 
 class _Patches:
@@ -97,11 +124,25 @@ class _Patches:
         self.grey = means[:, :3]  # stored values, grey levels
         self.aside = means[:, 3]  # log cos α, as far as it is the lens's
         self.direct = np.log(direct)
-        points = walls.points[: walls.count][full]
-        far = np.linalg.norm(points, axis=-1)
-        self.part = 2 * sectors(points, SECTORS) + (far > np.median(far))
+        self.points, self.normals = (
+            part[: walls.count][full] for part in (walls.points, walls.normals)
+        )
+        far = np.linalg.norm(self.points, axis=-1)
+        self.part = 2 * sectors(self.points, SECTORS) + (far > np.median(far))
 
-    def light(self, k, albedo):
+    def lamp_ratio(self, places):
+        """ω of lamps at places (L, 2), mm, (P,)."""
+        if not len(places):
+            return np.ones(len(self.points))
+        real, virtual = (
+            Photometry(0.0, 1.0, 1.0, lights=lights_at(at)).intensity(
+                self.points, self.normals
+            )
+            for at in (places.tolist(), [(0.0, 0.0)])
+        )
+        return np.clip(real / np.maximum(virtual, 1e-12), *BOUNDS)
+
+    def light(self, k, albedo, places):
         """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
         place = k / (EXPONENTS[1] - EXPONENTS[0])
         low = min(int(place), len(EXPONENTS) - 2)
@@ -112,22 +153,27 @@ class _Patches:
             for orders in self.orders[low : low + 2]
         )
         bounced = (1 - t) * less + t * more
-        return np.log(np.exp(direct)[:, None] + bounced) + (k * self.aside)[:, None]
+        lit = self.lamp_ratio(places) * np.exp(direct)
+        return np.log(lit[:, None] + bounced) + (k * self.aside)[:, None]
 
 
-def _left(seen, x, but=-1):
+def _left(seen, x, lamps, but=-1):
     """What the model leaves of frames, but for one part of the scene, grey levels.
 
-    x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
+    x holds k, γ, the logarithms of three albedos, x and y of the lamps, and three of the brightness for each
+    frame.
     """
     left = []
-    for patches, level in zip(seen, x[5:].reshape(-1, 3), strict=True):
-        modelled = np.exp((patches.light(x[0], np.exp(x[2:5])) + level) / x[1])
+    places = x[5 : 5 + 2 * lamps].reshape(-1, 2)
+    levels = x[5 + 2 * lamps :].reshape(-1, 3)
+    for patches, level in zip(seen, levels, strict=True):
+        light = patches.light(x[0], np.exp(x[2:5]), places)
+        modelled = np.exp((light + level) / x[1])
         left.append((255 * modelled - patches.grey)[patches.part != but].ravel())
     return np.concatenate(left)
 
 
-def _fit(seen, start, but=-1):
+def _fit(seen, start, lamps, but=-1):
     """Fit the model to frames, `but` for one part of the scene."""
     bounds = np.full((2, len(start)), np.inf)
     bounds[0] = -np.inf
@@ -135,7 +181,7 @@ def _fit(seen, start, but=-1):
     bounds[:, 1] = 1.2, 4.5
     bounds[:, 2:5] = np.log([[LEAST_ALBEDO], [MOST_ALBEDO]])
     return scipy.optimize.least_squares(
-        lambda x: _left(seen, x, but) / USUAL_MISFIT,
+        lambda x: _left(seen, x, lamps, but) / USUAL_MISFIT,
         np.clip(start, bounds[0] + 1e-3, bounds[1] - 1e-3),
         bounds=bounds,
         loss="soft_l1",

@@ -5,7 +5,9 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from tests.benchmarks.known_surface import measure_light
+from tests.benchmarks.known_surface import lights_at, measure_light
+
+DARK = (0.06, 0.05, 0.04)  # albedos of a wall from which hardly anything bounces
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "diffuse-3"])
@@ -18,6 +20,24 @@ def test_path_traced_frames_tell_their_light(name):
     assert light.gamma == pytest.approx(2.2, abs=min(2 * error["gamma"], 0.2))
     np.testing.assert_allclose(light.brdf.albedo, (0.75, 0.38, 0.30), atol=0.1)
     assert misfit < 4  # grey levels
+    light, error, misfit = measure_light([sample.frame], camera, [sample.distance], 1)
+    place = np.array(light.lights[0].position[:2])
+    assert np.all(np.abs(place) < 2 * np.array(error["lamps"][0]))  # true: the lens
+    assert light.simplify().k == pytest.approx(2.5, abs=0.3)
+
+
+def test_a_lamp_beside_the_lens_is_found():
+    """Measured, true (4, -2) mm and 1.5: (3.9, -1.9) and 1.51; with one at the lens k is 2.6 for 2.5."""
+    camera = el.load_calibration("simple", 320).camera
+    light = el.Photometry(
+        1.5, brdf=el.Lambertian(DARK), lights=lights_at([(4.0, -2.0)])
+    )
+    seen = el.render(el.SCENES["tube"], camera, light)
+    frame = el.Frame(seen.image, seen.mask)
+    found, _, misfit = measure_light([frame], camera, [seen.distance], 1)
+    np.testing.assert_allclose(found.lights[0].position, (4, -2, 0), atol=0.3)
+    assert found.k == pytest.approx(1.5, abs=0.1)
+    assert misfit < 1  # grey level
 
 
 def test_the_light_of_c3vd_is_what_its_frames_tell(data):
@@ -25,11 +45,16 @@ def test_the_light_of_c3vd_is_what_its_frames_tell(data):
     shipped = datasets.load_calibration("c3vd")
     frames = [one.frame for one in samples]
     distances = [one.distance for one in samples]
-    light, errors, misfit = measure_light(frames, shipped.camera, distances)
+    light, errors, misfit = measure_light(frames, shipped.camera, distances, 1)
     assert light == shipped.photometry
     evidence = shipped.evidence
-    known = evidence["photometry"]["standard_errors"]
+    known = dict(evidence["photometry"]["standard_errors"])
+    np.testing.assert_allclose(errors.pop("lamps"), known.pop("lamps"), atol=6e-4)
     assert errors == pytest.approx(known, abs=6e-4)
     assert misfit == pytest.approx(
         evidence["known_surface"]["misfit_grey_levels"], abs=6e-3
     )
+    usual = np.nanmedian(np.concatenate([part.ravel() for part in distances]))
+    assert round(usual, 1) == evidence["photometry"]["usual_distance"]
+    of_the_second = datasets.load_calibration("c3vd_v2")
+    assert of_the_second.photometry == shipped.photometry
