@@ -107,6 +107,28 @@ class Photometry:
             lights=(),
         )
 
+    @property
+    def lamps_aside(self) -> tuple[SpotLight, ...]:
+        """The lights, if none at the optical centre can stand for them without an error; else none."""
+        alike = {replace(light, weight=1.0) for light in self.lights}
+        if len(alike) == 1:
+            (one,) = alike
+            if one == replace(CENTRED_LIGHT, exponent=one.exponent):
+                return ()
+        return self.lights
+
+    def place_lamps(self, *positions: tuple[float, float, float]) -> Self:
+        """Return the same light from lamps at these places, mm, camera frame, in place of its own.
+
+        They shine forward, each with the exponent 1, which is less in k, and weigh the same.
+        """
+        known = self.simplify()
+        lights = tuple(
+            SpotLight(position, exponent=1.0, weight=1 / len(positions))
+            for position in positions
+        )
+        return replace(known, k=max(known.k - 1, 0.0), lights=lights)
+
     def attenuation(self, cos_alpha: ArrayLike) -> FloatArray:
         """μ′ = cos^k α, α being the angle between ray and axis; 0 from 90° on."""
         cosine = np.asarray(cos_alpha, float)

@@ -5,8 +5,8 @@ Solvers know one lamp, at the optical centre. At a surface that is known roughly
     ω = Σ_l b_l cosᵐψ_l f_r(θ_l) cos θ_l / d_l²  over  b cosᵐα f_r(θ) cos θ / d²,
 
 the real lamps' light over the virtual one's (`Photometry.intensity` of both). The picture divided by ω^(1/γ)
-is what the virtual lamp would have made; it is solved, and ω follows again from a better surface. As d_l is in
-mm, so must the surface be: by the gain, or by a length.
+is what the virtual lamp would have made; it is solved, and ω follows again from a better surface. As d_l is
+in mm, so must the surface be: by the gain, or by a length.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from endolab.model.endoscope import Calibration
-from endolab.model.photometry import CENTRED_LIGHT, Photometry
+from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.resampling import resample
 from endolab.reconstruction.scale import to_scale
@@ -42,7 +42,7 @@ class Lamps:
         Of an endoscope whose usual distance is known, that will do.
         """
         photometry = calibration.photometry
-        if not are_aside(photometry):
+        if not photometry.lamps_aside:
             return None
         if photometry.gain is None and not any(settings.lengths.values()):
             usual = calibration.evidence.get("photometry", {}).get("usual_distance")
@@ -65,15 +65,6 @@ class Lamps:
             stored = [light.intensity(points, normals) for light in (real, real.simplify())]
             ratio = (stored[0] / stored[1]) ** real.gamma
         return np.clip(np.where(np.isfinite(ratio), ratio, 1.0), *BOUNDS)
-
-
-def are_aside(photometry: Photometry) -> bool:
-    """Whether lamps are listed for which none at the optical centre can stand without an error."""
-    first, *others = (
-        replace(light, weight=1.0) for light in photometry.lights or (CENTRED_LIGHT,)
-    )
-    is_forward = first == replace(CENTRED_LIGHT, exponent=first.exponent)
-    return not is_forward or any(light != first for light in others)
 
 
 def divide_by_lamps(problem: Problem, ratio: FloatArray) -> Problem:

@@ -69,7 +69,7 @@ SETTLED_CUT = 1e-2
 SETTLED = 5e-4
 # Of the lamps' ω, where they or the unit are others than it was found with: steps of each round, and log of
 # the median distance from which on the unit is another.
-MOVED_ROUNDS = (2, 2)
+MOVED_ROUNDS = (2, 2, 2, 2)
 MOVED = 0.05
 
 
