@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,10 @@ import endolab as el
 from endolab.calibration.targets import Charuco, DotGrid
 from endolab.cli.main import main
 from endolab.io.video import write_video
+from endolab.numerics.iteration import finish
 from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.pipeline import find
+from endolab.reconstruction.settings import Settings
 from endolab.synthetic.scenes import Tube
 
 
@@ -38,6 +42,12 @@ SHEET = "--target chessboard --out"
 def solve(frame="frame.png", mask=None, **options):
     known = el.load_calibration("endoscope.json")
     return el.reconstruct(el.read_frame(frame, known, mask), known, **options)
+
+
+def solve_found(**options):
+    known = el.load_calibration("endoscope.json")
+    found = finish(find(el.read_frame("frame.png", known), known, Settings()))
+    return el.solve_found(found, known, **options)
 
 
 def option(typed, word, **options):
@@ -265,7 +275,8 @@ CALLED = [
     Row("coverage", lambda: el.metrics.coverage_of(ONES, ONES[1:], ONES), "sigma"),
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
-    Row("held", lambda: el.load_held("two.npz"), "two.npz"),
+    Row("found", lambda: el.load_found("two.npz"), "two.npz"),
+    Row("held", lambda: solve(held=1), "solve_found"),
     Row("record", lambda: el.record("run.txt"), "run.txt"),
     Row("tune", lambda: el.tune("a.png", el.load_calibration("c3vd")), "frame"),
     Row("no folder", lambda: el.open_dataset("none"), "none"),
@@ -274,6 +285,12 @@ CALLED = [
     Row("lossy", lambda: write_video("v.mp4", []), "mp4"),
     Row("outside", lambda: Tube(10.0, offset=(8.0, 8.0)), "inside"),
     Row("threads", lambda: limit_threads(0).__enter__(), "threads"),
+]
+ANEW = {"width": 48, "channel": "red", "contours": True, "highlights": "keep"}
+ANEW |= {"smooth": 1.0, "cuts": np.zeros((2, 48, 64), bool)}
+CALLED += [
+    Row(f"found {name}", partial(solve_found, **{name: value}), f"{name} belongs")
+    for name, value in ANEW.items()
 ]
 ROWS = [*OPTIONS, *PICTURES, *CALIBRATIONS, *SETTINGS, *TARGETS, *CALLED]
 ROWS += [Row(words, words, word) for words, word in TYPED.items()]

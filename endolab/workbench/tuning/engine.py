@@ -19,6 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -176,9 +177,12 @@ class Answer:
         for stays in ("explained", "errors"):
             getattr(self, stays)
         iterate = self.result.iterate
-        problem = iterate.problem
-        problem = replace(problem, camera=replace(problem.camera))  # without its rays
-        iterate = replace(iterate, problem=problem)
+        problem, found = iterate.problem, self.still.found
+        assert found is not None
+        camera = found.problem.camera  # rays are kept of this one alone
+        if camera != problem.camera:
+            camera = replace(problem.camera)
+        iterate = replace(iterate, problem=replace(problem, camera=camera))
         self.result = replace(self.result, iterate=iterate)
         self.path = ()
         vars(self).pop("residual", None)
@@ -247,7 +251,8 @@ class Engine:
         self.tried: list[Answer] = []  # with these, likewise
         self.shown: Answer | None = None  # the last one
         self.settled: Answer | None = None  # the last one that was final
-        self._look: Look | None = None
+        self._still: Still | None = None  # of the last wish
+        self._look: Look | None = None  # at its surfaces
         self._wish = Knobs()  # the newest
         self._base: Knobs | None = None  # by which its light and contours are to be found
         self._asked = self._state = (
@@ -352,7 +357,9 @@ class Engine:
             self._state = self._asked
         still = None
         try:
-            still = self._find(base, wish)
+            still = self._find(base)
+            if still is not self._still:
+                self._still, self._look = still, None
             answer = self.recall(wish, still) or self._follow(wish, still)
         except Stopped:
             raise
@@ -379,13 +386,11 @@ class Engine:
         if self._rests():
             self.note()
             if answer.uses_lam:
-                self._try_others(answer)
+                with suppress(ValueError):  # nobody has asked for what cannot be solved
+                    self._try_others(answer)
 
-    def _find(self, knobs: Knobs, wish: Knobs) -> Still:
-        """Return what these knobs find; if it is found anew, with their own answer, which is kept.
-
-        Stopped, if it is not wanted any more.
-        """
+    def _find(self, knobs: Knobs) -> Still:
+        """Return what these knobs find, and keep their own answer; stopped, if nobody wants it any more."""
         still = next((one for one in self.stills if one.knobs == knobs), None)
         if still is None:
             subject = self.source.subject(knobs)
@@ -407,42 +412,35 @@ class Engine:
             if knobs not in self.finds:
                 self.finds.append(knobs)
             answer = Answer(knobs, AnswerKind.FINAL, still, result, path)
-            if knobs != wish:
-                answer.leave_screen()
-            self._keep(answer)
+            self.tried.append(answer)
         self.stills = [*(one for one in self.stills if one is not still), still]
         self.stills = self.stills[-KEPT_FINDS:]
         self.tried = [one for one in self.tried if one.still in self.stills]
         return still
 
     def _keep(self, answer: Answer, other: Answer | None = None) -> None:
-        """Keep an answer, and another; as there is room, the last ones of its λ curve, and of all."""
+        """Keep an answer to be shown, and another; as there is room, the last of its λ curve, and of all."""
         new = [one for one in (other, answer) if one is not None]
         self.tried = [*(one for one in self.tried if one not in new), *new]
         curve = self.curve_of(answer)
         room = KEPT_ANSWERS * answer.result.iterate.log_distance.nbytes
-        go = []
         for one in sorted(self.tried[-2::-1], key=lambda one: one not in curve):
+            one.leave_screen()
             room -= one.nbytes
             if room < 0:
-                go.append(one)
-        self.tried = [one for one in self.tried if one not in go]
+                self.tried.remove(one)
 
     def _show(self, answer: Answer) -> None:
-        before = self.settled
         self.shown = answer
         answer.state = self._state
         self.show(answer)
         if answer.is_final:
             self.settled = answer
-            if before is not None and before is not answer:
-                before.leave_screen()
 
     def _follow(self, wish: Knobs, still: Still) -> Answer:
         """Show what follows at once; once the hand rests, solve at full size. Stopped by a newer wish."""
         near = self.shown
         if near is None or near.still is not still:
-            self._look = None
             near = self.recall(still.knobs, still)
         if near is not None and wish.solver == FOLLOWS:
             if self._look is None:
@@ -498,7 +496,6 @@ class Engine:
                 other = self.solve(replace(wish, lam=lam), answer.still, [stop])
                 curve[lam] = other
                 if other not in self.tried:
-                    other.leave_screen()
                     self._keep(answer, other)
                     self.note()
             least, most = min(curve), max(curve)
