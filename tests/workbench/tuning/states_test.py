@@ -24,8 +24,7 @@ from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.widget import TunerBox
 
 EXAMPLES = int(os.environ.get("ENDOLAB_EXAMPLES", "20"))
-KEPT = 5  # answers, beside the one on screen
-PATH_BYTES = 400e3  # of its run
+ROOM = {"KEPT_ANSWERS": 5, "PATH_BYTES": 400e3}
 # Light and contours stay while these are turned.
 STAY = {
     "lam": [0.05, 0.4, 3.0, 0.0],
@@ -226,18 +225,16 @@ class Page:
         )
         assert result.metric == fresh.metric == self.now["still"]["metric"]
         assert answer.uncertainty in (None, self.sigmas.get(repr(self.answered)))
-        self.check_words(answer.settings)
-        self.check_length(result, answer.settings)
+        knobs = answer.settings
+        has_lam = knobs.solver in ("gauss_newton", "primal_dual")
+        assert SOLVER_NAMES[knobs.solver] in self.line
+        assert (f"λ {knobs.lam:.3g}" in self.line) == has_lam
+        self.check_length(result, knobs)
         # Beside what is shown, what was found and what follows: answers, their run, and what is drawn of it.
         one = self.box.engine
         own = arrays_of(result, answer.uncertainty, one.stills, one.source, one._look)
         kept = sum((arrays_of(one.tried, answer) | dict.fromkeys(own, 0)).values())
-        assert kept <= PATH_BYTES + (KEPT + 4) * result.distance.nbytes
-
-    def check_words(self, knobs):
-        has_lam = knobs.solver in ("gauss_newton", "primal_dual")
-        assert SOLVER_NAMES[knobs.solver] in self.line
-        assert (f"λ {knobs.lam:.3g}" in self.line) == has_lam
+        assert kept <= 400e3 + (5 + 4) * result.distance.nbytes
 
     def check_length(self, result, knobs):
         far = result.distance
@@ -271,11 +268,9 @@ def tuned(tmp_path_factory):
 @pytest.fixture
 def quick(monkeypatch):
     """Short rests, few λ, little room."""
-    monkeypatch.setattr(engine, "REST", 0.02)
-    monkeypatch.setattr(engine, "LAM_FACTORS", (0.32, 3.2))
-    monkeypatch.setattr(engine, "LAMS", (0.01, 10.0))
-    monkeypatch.setattr(engine, "KEPT_ANSWERS", KEPT)
-    monkeypatch.setattr(engine, "PATH_BYTES", PATH_BYTES)
+    few = {"REST": 0.02, "LAM_FACTORS": (0.32, 3.2), "LAMS": (0.01, 10.0)}
+    for name, value in (few | ROOM).items():
+        monkeypatch.setattr(engine, name, value)
 
 
 @pytest.mark.usefixtures("quick")
