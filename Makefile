@@ -1,7 +1,8 @@
 # Every target sets itself up in .venv first; nothing but Python (with venv) and make is needed.
 
 PYTHON ?= python3
-DATA   ?= $(or $(ENDOLAB_DATA),../shared/data)
+DATA   ?= $(or $(ENDOLAB_DATA),$(CURDIR)/../shared/data)
+export ENDOLAB_DATA := $(DATA)
 
 VENV  := .venv
 BIN   := $(VENV)/bin
@@ -9,7 +10,7 @@ PIP   := $(BIN)/python -m pip --disable-pip-version-check
 READY := $(VENV)/.ready
 
 FRAME  := $(DATA)/c3vd_trans_t1_a/0001_color.png
-NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
+NBVAL  := -p nbval -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
@@ -34,7 +35,7 @@ demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it wi
 
 test: $(READY) ## run the tests, then every notebook with the solutions of its exercises
 	@unset MPLBACKEND; export OPENBLAS_NUM_THREADS=1; status=0; \
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" || status=1; \
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not lint" || status=1; \
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(NBVAL) notebooks || status=1; \
 	exit $$status
 
@@ -48,11 +49,12 @@ html: $(READY) ## render notebooks and a reference to build/html; with SOLUTIONS
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html $(if $(SOLUTIONS),--solutions)
 	@echo 'Look at build/html/index.html'
 
-lint: $(READY) ## check style, format, spelling and types
+lint: $(READY) ## check style, format, spelling, types, imports, words and notebooks
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/codespell
 	$(BIN)/mypy
+	$(BIN)/python -m pytest -q tests/lint
 
 bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.speed

@@ -9,7 +9,6 @@ from .calibration.session import calibrate as calibrate
 from .calibration.targets import TARGETS as TARGETS
 from .frames.frame import Frame as Frame
 from .frames.nominal import nominal_calibration as nominal_calibration
-from .frames.prepare import prepare as prepare
 from .io import datasets as datasets
 from .io.datasets.folders import open_dataset as open_dataset
 from .io.datasets.known_endoscopes import load_calibration as load_calibration
@@ -36,6 +35,7 @@ from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.pipeline import iterate as iterate
 from .reconstruction.pipeline import reconstruct as reconstruct
 from .reconstruction.pipeline import solve_found as solve_found
+from .reconstruction.prepare import prepare as prepare
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
 from .reconstruction.uncertainty import uncertainty_of as uncertainty_of
 from .solvers.result import Iterate as Iterate

@@ -32,16 +32,23 @@ for _name, _usual in (
 
 ROOT = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(ROOT)  # of programs that tests start
-# Folders: what opens a browser, kills, fills a disk, measures.
-SLOW = ("browser", "hostile", "benchmarks")
+os.environ.setdefault("ENDOLAB_DATA", str(ROOT.parent / "shared/data"))
+# Folders: what opens a browser, kills, fills a disk, measures; what goes through no reconstruction; what only
+# reads the code.
+MARKS = {
+    "slow": ("browser", "hostile", "benchmarks"),
+    "quick": ("numerics", "model", "frames", "synthetic", "solvers", "metrics", "io"),
+    "lint": ("lint",),
+}
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is slow by nature; `make test` leaves it to `make test-slow`."""
+    """Mark tests by their folders: `make test` leaves to `make test-slow` and `make lint` what is theirs."""
     for item in items:
-        if item.path.relative_to(ROOT).parts[1] in SLOW:
-            item.add_marker(pytest.mark.slow)
+        for mark, folders in MARKS.items():
+            if item.path.relative_to(ROOT).parts[1] in folders:
+                item.add_marker(mark)
 
 
 def missing_system(sentence: str) -> NoReturn:

@@ -23,8 +23,7 @@ from endolab.metrics.depth_errors import (
     resample_truth,
 )
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import BoolArray
-from endolab.numerics.checks import number
+from endolab.numerics.checks import PATH, mask_array, number
 
 log = logging.getLogger("endolab")
 
@@ -59,7 +58,7 @@ def evaluate(
     truth_kind: str | None = None,
     truth_unit: float | None = None,
     camera: Camera | None = None,
-    mask: PathLike | BoolArray | None = None,
+    mask: PathLike | np.ndarray | None = None,
     align: str | None = None,
     max_angle: float = 90.0,
 ) -> Evaluation:
@@ -74,8 +73,8 @@ def evaluate(
     camera : Camera, optional
         Of the picture, of any size of its proportions. Needed if one file holds z and the other distance, and
         neither both; without any, z is compared with z.
-    mask : path or (H, W) bool array, optional
-        A picture of the truth's size, bright where it counts.
+    mask : path or (H, W) array, optional
+        Of the truth's size: a picture, bright where it counts, or bool, 0 and 1, or whole numbers.
     align : {"none", "scale", "affine"}, optional
         As for `compare`, disparities as disparities; scale by default for a depth map without a unit, else
         none. A disparity is compared as z, what is affine as the kind that it is.
@@ -122,7 +121,7 @@ def evaluate(
             f"{name} holds {depth.kind}, the truth {true.kind}, and no camera: give one (--calibration)"
         )
     if mask is not None:
-        inside = mask if isinstance(mask, np.ndarray) else read_mask(mask)
+        inside = read_mask(mask) if isinstance(mask, PATH) else mask_array("mask", mask)
         if inside.shape != true.values.shape:
             rows, columns = true.values.shape
             raise ValueError(f"the mask must have the truth's size, {columns}x{rows} px")

@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ import joblib
 
 from endolab.batch.table import MEASURED, Row, measure_result, write_rows
 from endolab.frames.frame import Frame
-from endolab.io.atomic import PathLike, check_new
+from endolab.io.atomic import PathLike, check_new, check_writable
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
 from endolab.metrics.depth_errors import compare, resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import list_of
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
 from endolab.reconstruction.settings import Settings
@@ -77,7 +79,7 @@ def sweep(
     table : path
         CSV with the columns `SWEEP_COLUMNS`, a row for every reconstruction: errors in mm, % and degrees
         (of results in relative units after scaling by the median); an error is one sentence. It is
-        replaced whole after each reconstruction.
+        replaced whole after each reconstruction, from the first that could be made on.
     overwrite : bool
         Replace a file of that name.
     recording : path, optional
@@ -98,8 +100,8 @@ def sweep(
     Raises
     ------
     ValueError, OSError
-        In one sentence, if the table or the recording is there already or cannot be written, or if a
-        recording is asked for of several frames.
+        In one sentence, if the table or the recording is there already or cannot be written, if a recording
+        is asked for of several frames, or if no row could be made; then there is neither.
 
     Examples
     --------
@@ -109,44 +111,48 @@ def sweep(
     >>> [(row["lam"], row["status"]) for row in rows]
     [(0.1, 'SETTLED'), (1.0, 'CONVERGED')]
     """
-    given = " ".join(f"{name}={value}" for name, value in sorted(options.items()))
-    frames = list(frames)
-    truths: Sequence[Truth | None] = truth or [None] * len(frames)
-    recorder = None
+    frames = list_of("frames", "frames", frames)
+    truths = [None] * len(frames) if truth is None else list_of("truths", "truth", truth)
+    calls = []
+    for (frame, true), *energy in itertools.product(
+        zip(frames, truths, strict=True),
+        list_of("words", "xi", xi),
+        list_of("words", "regulariser", regulariser),
+        list_of("numbers", "lam", lam),
+    ):
+        setting = dict(zip(ENERGY, (solver, *energy), strict=True))
+        Settings.of(setting | options)  # refused now, rather than in a row
+        calls.append((frame, true, calibration, setting, options))
+    read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]
+    check_new(table, overwrite, read)
+    check_writable(table)
+    recording_of: Any = nullcontext()
     if recording is not None:
         if len(frames) != 1:
             raise ValueError(f"a recording is of one frame, got {len(frames)}")
         check_new(recording, overwrite)
         from endolab.workbench.recording.recorder import record  # Rerun is asked for
 
-        shown = None if truth is None else _read_truth(truth[0])[0]
-        recorder = record(recording, truth=shown)
+        shown = None if truths[0] is None else _read_truth(truths[0])[0]
+        recording_of = record(recording, truth=shown)
         n_jobs = 1
-    tasks = []
-    for (frame, true), *energy in itertools.product(
-        zip(frames, truths, strict=True), xi, regulariser, lam
-    ):
-        setting = dict(zip(ENERGY, (solver, *energy), strict=True))
-        Settings.of(setting | options)  # refused now, rather than in a row
-        row = setting | {"options": given}
-        call = (frame, true, calibration, setting | options, row, recorder)
-        tasks.append(joblib.delayed(_solve_row)(*call))
-    read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]
-    check_new(table, overwrite, read)
     rows: list[Row] = []
-    write_rows(table, SWEEP_COLUMNS, rows)  # now, rather than after an hour's run
+    solve = joblib.delayed(_solve_row)
     parallel = joblib.Parallel(
         n_jobs, return_as="generator", initializer=_end_with, initargs=(os.getpid(),)
     )
-    for row in parallel(tasks):
-        if row["status"] == Status.STOPPED.name:
-            raise KeyboardInterrupt  # the user's, which ends more than this row
-        rows.append(row)
-        write_rows(table, SWEEP_COLUMNS, rows)
-        if progress is not None:
-            progress(len(rows), len(tasks), row)
-    if recorder is not None:
-        recorder.close()
+    with recording_of as recorder:
+        for row in parallel(solve(*call, recorder) for call in calls):
+            if row["status"] == Status.STOPPED.name:
+                raise KeyboardInterrupt  # the user's, which ends more than this row
+            rows.append(row)
+            made = [row for row in rows if not row["error"]]
+            if made:
+                write_rows(table, SWEEP_COLUMNS, rows)
+            if progress is not None:
+                progress(len(rows), len(calls), row)
+        if not made:
+            raise ValueError(f"no row could be made; the first: {rows[0]['error']}")
     return rows
 
 
@@ -173,17 +179,19 @@ def _solve_row(
     frame: Frame | PathLike,
     truth: Truth | None,
     calibration: Calibration,
+    setting: Row,
     options: dict[str, Any],
-    row: Row,
     observer: Callable[[Iterate], object] | None,
 ) -> Row:
     """Make one row; runs in a worker."""
-    row = dict.fromkeys(SWEEP_COLUMNS, math.nan) | row | {"status": "", "error": ""}
+    row: Row = dict.fromkeys(SWEEP_COLUMNS, math.nan)
+    row |= setting | {"status": "", "error": ""}
     row["frame"] = frame.name if isinstance(frame, Frame) else Path(frame).name
+    row["options"] = " ".join(f"{name}={options[name]}" for name in sorted(options))
     started = time.perf_counter()
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
-        result = reconstruct(picture, calibration, **options)
+        result = reconstruct(picture, calibration, **setting, **options)
         if observer is not None:
             name = "λ {lam:g}, {regulariser}, ξ {xi}".format(**row)
             observer(replace(result.iterate, k=0, stage=name))

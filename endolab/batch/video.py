@@ -21,6 +21,7 @@ from endolab.io.atomic import (
     name_damage,
     read_bytes,
     read_json,
+    say_undrawn,
     write_atomically,
 )
 from endolab.io.images import read_mask
@@ -112,6 +113,8 @@ def reconstruct_video(
         interruption or a MemoryError, what is done stays, and the same call goes on.
     """
     check_int("every", every, 1)
+    if limit is not None:
+        check_int("limit", limit, 1)
     inside = None if mask is None else read_mask(mask)
     if inside is not None:
         check_size("the mask", inside.shape[::-1], calibration.camera)
@@ -165,7 +168,9 @@ def reconstruct_video(
             (folder.rows[name], as_frame(name, image).image, folder.maps(name))
             for name, image in frames.read([row["frame"] for row in made])
         )
-        record_sequence(recording, made[0]["unit"], calibration.camera, shown)
+        with say_undrawn(recording, folder.undrawn):
+            record_sequence(recording, made[0]["unit"], calibration.camera, shown)
+        folder.write()
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 
 
@@ -188,6 +193,7 @@ class _Folder:
     frames: Frames
     settings: dict[str, Any]  # of frames made with others nothing is taken
     rows: dict[str, Row] = field(default_factory=dict)  # of the table, by the frame's name
+    undrawn: list[str] = field(default_factory=list)  # why there is no recording
 
     def read_done(self) -> None:
         """Read the table of an earlier call; ValueError in one sentence, if it is of something else."""
@@ -260,6 +266,7 @@ class _Folder:
             "frames": len(self.frames),
             "done": len(units),
             "unit": units[0],
+            "warnings": self.undrawn,
             "settings": self.settings,
         }
         write_atomically(self.path / "report.json", as_json(report))

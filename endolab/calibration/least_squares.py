@@ -38,7 +38,7 @@ SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
 
 
 # The problem ----------------------------------------------------------------------------
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """A calibration problem: n measurements of m numbers (2 for pixels, 1 for grey levels)."""
 
@@ -142,7 +142,7 @@ class Arrow:
 
 
 # The fit --------------------------------------------------------------------------------
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """What a fit found; `status` says why it ended."""
 

@@ -1,7 +1,7 @@
 """A calibration from end to end: frames of a target in, the endoscope's camera and light out."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
@@ -49,7 +49,7 @@ class Verdict(Enum):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Session:
     """All that came of a calibration; `Session.samples.frame` counts the keys of `poses`."""
 
@@ -270,7 +270,8 @@ def calibrate(
     ----------
     frames : iterable of (str, image)
         Names and stored values, (H, W) or (H, W, 3), in the order of time; None for one that
-        cannot be read. Iterated over twice: to find the target, then for its brightness.
+        cannot be read. Read twice, to find the target, then for its brightness; what can be read once
+        alone, such as a generator, is held in memory.
     target : Target
     camera : KannalaBrandt or BrownConrady, optional
         If known; then only the light is calibrated.
@@ -304,6 +305,8 @@ def calibrate(
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
     LightOptions(**light)  # checks them, before a long search
     check_int("every", every, 1)
+    if isinstance(frames, Iterator):
+        frames = list(frames)
     if detections is None:
         detections, size = detect_all(
             frames,

@@ -1,19 +1,12 @@
 """The commands about calibration: target, calibrate, calibrate-light, convert."""
 
 import os
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from endolab._extras import lacking
-from endolab.cli.solving import Value, show_progress
-
-
-def _size(kind: Any, tokens: Sequence[Any]) -> Any:
-    """Read ``1440x1080``."""
-    columns, rows = map(int, tokens[0].value.split("x"))
-    return columns, rows
+from endolab.cli.solving import Count, Size, Value, show_progress
 
 
 def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
@@ -53,7 +46,7 @@ def calibrate(
     overwrite: bool = False,
     camera: str | None = None,
     lens: Literal["auto", "fisheye", "brown"] = "auto",
-    every: int = 20,
+    every: Count = 20,
     leave_out: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     channel: Literal["grey", "red", "green", "blue"] = "grey",
     gamma: Value = 2.2,
@@ -145,7 +138,7 @@ def calibrate_light(
     camera: str,
     out: str,
     overwrite: bool = False,
-    frames: int = 8,
+    frames: Count = 8,
     gamma: float = 2.2,
     albedo: Value = None,
 ) -> None:
@@ -210,7 +203,7 @@ def convert(
     /,
     *,
     out: str,
-    size: Annotated[Any, Parameter(converter=_size, n_tokens=1)] = None,
+    size: Size = None,
     overwrite: bool = False,
 ) -> None:
     """Make an endoscope.json of another program's calibration.
@@ -235,10 +228,11 @@ def convert(
     import endolab as el
     from endolab.io.atomic import check_new
     from endolab.io.datasets.endomapper import find_calibrations, read_endomapper
+    from endolab.io.datasets.known_endoscopes import CALIBRATIONS
     from endolab.reconstruction.report import WITHOUT_RAY
 
     check_new(out, overwrite, (source, photometry))
-    if os.path.isdir(source):
+    if source not in CALIBRATIONS and os.path.isdir(source):
         source, photometry = map(str, find_calibrations(source))
     if photometry is None:
         calibration = el.load_calibration(source, size=size)

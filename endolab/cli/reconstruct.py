@@ -8,7 +8,9 @@ from cyclopts import Parameter
 
 from endolab._extras import lacking
 from endolab.cli.solving import (
+    Count,
     Diameter,
+    Distance,
     Rectangle,
     Several,
     Value,
@@ -22,7 +24,7 @@ from endolab.reconstruction.settings import Settings, option_types, takes_settin
 # The command line writes these otherwise than Python does.
 OPTIONS = option_types() | {
     "contours": Literal["auto", "yes", "no"] | None,
-    "known_distance": Several,
+    "known_distance": Distance,
     "known_diameter": Diameter,
 }
 ANEW = "light and contours are found anew"
@@ -45,9 +47,9 @@ def reconstruct(
     uncertainty: bool = False,
     mesh: bool = False,
     prepare: bool = False,
-    every: int | None = None,
-    limit: int | None = None,
-    threads: int | None = None,
+    every: Count | None = None,
+    limit: Count | None = None,
+    threads: Count | None = None,
     **options: Any,
 ) -> None:
     """Make a surface of a frame, or of each frame of a video.
@@ -84,7 +86,7 @@ def reconstruct(
     mesh : bool
         Write mesh.ply too: triangles, cut at folds.
     prepare : bool
-        Leave out the dark lumen, find highlights, and draw it all: preparation.png.
+        Draw what was solved of the picture, and what was left out: preparation.png.
     every : int
         Of a video, every N-th frame only.
     limit : int
@@ -147,12 +149,9 @@ def reconstruct(
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
-    prepared = trusted = None
+    trusted = None
     read = (frame, calibration, mask, settings)
     with announce_compiling(), stage_folder(out, overwrite=overwrite, read=read) as folder:
-        if prepare:
-            prepared = el.prepare(picture, known, highlights="keep")
-            picture = prepared.frame
         recording = nullcontext() if unrecorded else el.record(folder / "recording.rrd")
         with recording as recorder, show_progress("it") as show:
 
@@ -170,9 +169,10 @@ def reconstruct(
             result,
             folder,
             mesh=mesh,
-            prepared=prepared,
+            prepare=prepare,
             uncertainty=trusted,
             overwrite=True,
+            undrawn=None if recorder is None else recorder.undrawn,
         )
         written = sorted(path.name for path in folder.iterdir())
     lines = [*summary(result, None if trusted is None else trusted.sigma)]
@@ -180,8 +180,7 @@ def reconstruct(
         lines.append(
             "--median-distance, --known-distance or --known-diameter fixes the scale."
         )
-    for more in (prepared, trusted):
-        lines += [] if more is None else more.notes
+    lines += [] if trusted is None else trusted.notes
     print(*lines, sep="\n")
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
@@ -202,7 +201,7 @@ def sweep(
     jobs: int | None = None,
     overwrite: bool = False,
     albedo: Value = None,
-    threads: int | None = None,
+    threads: Count | None = None,
     **options: Any,
 ) -> None:
     """Make one table of errors and energies of many frames and settings.
@@ -257,8 +256,6 @@ def sweep(
             **keywords,
         )
     failed = [row for row in rows if row["error"]]
-    if len(failed) == len(rows):
-        raise ValueError(f"no row could be made; the first: {failed[0]['error']}")
     for row in failed:
         print(f"not done: {row['frame']}, λ {row['lam']:g}: {row['error']}")
     print(f"{len(rows) - len(failed)} of {len(rows)} rows, written to {out}")

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from endolab.cli.solving import show_progress
+from endolab.cli.solving import Count, show_progress
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -23,12 +23,12 @@ def simulate(
     out: str,
     overwrite: bool = False,
     calibration: str = "paper",
-    width: int = 640,
+    width: Count = 640,
     noise: float = 1.0,
     seed: int = 0,
     highlights: float | None = None,
     target: str | None = None,
-    frames: int | None = None,
+    frames: Count | None = None,
     video: bool = False,
 ) -> None:
     """Render a scene: a frame with its truth.

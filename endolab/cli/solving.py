@@ -6,7 +6,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from endolab.io.settings import SolvingSettings
     from endolab.model.endoscope import Calibration
 
+Count = Annotated[int, Parameter(validator=Number(gte=1))]
 Port = Annotated[int, Parameter(validator=Number(gte=1, lte=65535))]
+Reader = Callable[[Any, Sequence[Any]], Any]
 
 
 def _several(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
@@ -35,22 +37,34 @@ def _value(_: Any, tokens: Sequence[Any]) -> Any:
     return values if len(values) > 1 else values[0]
 
 
+def _numbers(form: str, kind: type = float, between: str = ",") -> Reader:
+    """Make what reads as many numbers as a form has, such as ``MM,COLUMN,ROW``."""
+
+    def read(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
+        with suppress(ValueError):
+            given = tuple(map(kind, tokens[0].value.split(between)))
+            if len(given) == len(form.split(between)):
+                return given
+        raise ValueError(f"expected {form}, got {tokens[0].value}")
+
+    return read
+
+
 def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
-    """Read ``MM,COLUMN1,ROW1,COLUMN2,ROW2``."""
-    mm, *pixels = _several(_, tokens)
+    mm, *pixels = _numbers("MM,COLUMN1,ROW1,COLUMN2,ROW2")(_, tokens)
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
 
 
-def _rectangle(_: Any, tokens: Sequence[Any]) -> tuple[int, int, int, int]:
-    """Read ``COLUMN,ROW,WIDTH,HEIGHT``."""
-    column, row, width, height = map(int, tokens[0].value.split(","))
-    return column, row, width, height
+def _read_by(read: Reader) -> Any:
+    return Annotated[Any, Parameter(converter=read, n_tokens=1)]
 
 
-Several = Annotated[Any, Parameter(converter=_several, n_tokens=1)]
-Value = Annotated[Any, Parameter(converter=_value, n_tokens=1)]
-Diameter = Annotated[Any, Parameter(converter=_diameter, n_tokens=1)]
-Rectangle = Annotated[Any, Parameter(converter=_rectangle, n_tokens=1)]
+Several = _read_by(_several)
+Value = _read_by(_value)
+Distance = _read_by(_numbers("MM,COLUMN,ROW"))
+Diameter = _read_by(_diameter)
+Rectangle = _read_by(_numbers("COLUMN,ROW,WIDTH,HEIGHT", int))
+Size = _read_by(_numbers("COLUMNSxROWS", int, "x"))
 
 
 def load(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Port, Rectangle, load_endoscope
+from endolab.cli.solving import Count, Port, Rectangle, load_endoscope
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -26,7 +26,7 @@ def tune(
     fov: float | None = None,
     crop: Rectangle = None,
     truth: str | None = None,
-    width: int = 320,
+    width: Count = 320,
     port: Port = 8877,
     origin: str | None = None,
     no_browser: bool = False,

@@ -1,4 +1,4 @@
 """What a picture shows before anything is solved.
 
-Read `surround`, `frame`, `highlights`, `boxes`, `prepare`.
+Read `surround`, `frame`, `highlights`, `boxes`, `undistort`.
 """

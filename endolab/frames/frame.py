@@ -28,7 +28,7 @@ TINT = 0.04
 LEAST_COSINE = float(np.cos(np.deg2rad(80.0)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """A picture and the pixels of it that are to be used.
 
@@ -64,7 +64,7 @@ class Frame:
     name: str = "frame"
     silent: BoolArray | None = None
     _resized: dict[tuple[int, int, float], Frame] = field(
-        default_factory=dict, init=False, repr=False, compare=False
+        default_factory=dict, init=False, repr=False
     )
 
     def __post_init__(self) -> None:
@@ -166,8 +166,9 @@ class Frame:
         A frame remembers the last few, for who solves it again and again.
         """
         key = width, height, gamma
-        if key in self._resized:
-            return self._resized[key]
+        known = self._resized
+        if key in known:
+            return known[key]
         if not (1 <= width <= self.width and 1 <= height <= self.height):
             raise ValueError(
                 f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
@@ -196,13 +197,13 @@ class Frame:
         image = np.stack([average_light(plane) for plane in planes], axis=-1)
         silent = None if self.silent is None else shrink(self.silent) > 0
         shape = (height, width, *self.image.shape[2:])
-        if len(self._resized) > 2:
-            self._resized.clear()
         image = image.reshape(shape)
         small = Frame(image, kept, self.name, silent)
         # A picture in colour stays one, though its colours may have averaged out.
         object.__setattr__(small, "image", freeze(image))
-        self._resized[key] = small
+        # Replaced, never changed, as another thread may look into it.
+        last = dict([*self._resized.items()][-2:])
+        object.__setattr__(self, "_resized", last | {key: small})
         return small
 
 

@@ -1,14 +1,18 @@
 """Files and folders that are whole or not there, and JSON."""
 
 import json
+import logging
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
+from endolab.numerics.checks import shorten
+
 PathLike = str | os.PathLike[str]
+log = logging.getLogger("endolab")
 
 
 # Sentences ------------------------------------------------------------------------------
@@ -32,6 +36,25 @@ def name_damage(path: PathLike, what: str) -> Iterator[None]:
         raise ValueError(f"{os.fspath(path)}: not {what}") from error
 
 
+@contextmanager
+def say_undrawn(path: PathLike, undrawn: list[str]) -> Iterator[Path]:
+    """Give a path for what only shows numbers: if it cannot be drawn, the numbers are not lost.
+
+    Whatever the block raises becomes a sentence, logged and added to `undrawn`, and there is no such file,
+    nor an older one. A disk that is full, no memory and an interrupt are no picture's fault, and passed on.
+    """
+    target = Path(path)
+    try:
+        yield target
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        target.unlink(missing_ok=True)
+        why = f"{type(error).__name__}: {error}"
+        undrawn.append(shorten(f"{target.name} could not be drawn, {why}", 300))
+        log.warning("%s", undrawn[-1])
+
+
 # Written beside, then renamed -----------------------------------------------------------
 def check_new(
     path: PathLike, overwrite: bool = False, read: Sequence[PathLike | None] = ()
@@ -49,6 +72,15 @@ def check_new(
     if is_there and not overwrite:
         text = "is there already; choose another name, or replace it with overwrite=True"
         raise FileExistsError(f"{target} {text}")
+
+
+def check_writable(path: PathLike) -> None:
+    """Raise OSError in one sentence, if no file can be written there: before a long run, not after it."""
+    target = Path(path)
+    with one_sentence(f"cannot write {target}"):
+        if target.is_dir():
+            raise OSError(f"cannot write {target}: it is a folder")
+        TemporaryFile(dir=target.parent).close()
 
 
 @contextmanager

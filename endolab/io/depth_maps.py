@@ -21,7 +21,7 @@ INVERSE = ("disp", "inv")  # how the name of a disparity begins
 WHAT = "a depth map (.npz, .npy, .png of 8 or 16 bits, .tif of 8 or 16 bits or of floats)"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DepthMap:
     """A depth map that a file or an array holds."""
 

@@ -17,12 +17,12 @@ from endolab.numerics.checked_types import from_content
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
 
 FOUND_FILE = "light and contours that endolab found"
-ARRAYS = ("image", "mask", "evidence", "cuts", "picture")
+ARRAYS = ("image", "mask", "evidence", "cuts", "picture", "seen")
 
 
 def save_found(found: Found, path: PathLike) -> None:

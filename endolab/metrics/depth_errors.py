@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import unknown_name
+from endolab.numerics.checks import mask_array, unknown_name
 from endolab.numerics.stencils import forward_gradient, links
 
 
@@ -100,11 +100,13 @@ def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     return mean / np.linalg.norm(mean, axis=-1, keepdims=True)
 
 
-def known_in_all(mask: BoolArray | None, **maps: FloatArray) -> BoolArray:
+def known_in_all(mask: BoolArray | None, **maps: np.ndarray) -> BoolArray:
     """Pixels of a mask that are positive and finite in all maps, (H, W), of which there must be one."""
     shape = np.shape(next(iter(maps.values())))
     known = np.ones(shape, dtype=bool)
-    for name, given in (maps if mask is None else maps | {"mask": mask}).items():
+    if mask is not None:
+        maps["mask"] = mask_array("mask", mask)
+    for name, given in maps.items():
         if np.shape(given) != shape:
             raise ValueError(f"{name} has shape {np.shape(given)}, the depth map {shape}")
         known &= np.isfinite(given) & (given > 0)

@@ -11,7 +11,7 @@ from endolab.model.mesh import Mesh
 from endolab.numerics.arrays import FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SurfaceDistance:
     """How far a mesh is from the true surface."""
 

@@ -11,7 +11,7 @@ centre of the top-left pixel.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Annotated, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -29,11 +29,11 @@ Centre = Annotated[float, Field(ge=-1e6, le=1e6)]  # px
 Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]  # of a distortion
 Degree = Annotated[float, Field(ge=-1e7, le=1e7)]  # of a polynomial in px, its coefficient
 Affine = Annotated[float, Field(ge=-1e3, le=1e3)]
-Lens = TypeVar("Lens", bound="Camera")
+FEW_PIXELS = 400 * 400
 WithSlope = tuple[FloatArray, FloatArray]  # a value and its derivative
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RayField:
     """The rays of every pixel of a camera and the metric that they induce on the grid.
 
@@ -158,7 +158,11 @@ class Camera:
 
     @cached_property
     def field(self) -> RayField:
-        """The ray field of every pixel; computed once."""
+        """The ray field of every pixel, that of an equal camera if it was asked for lately."""
+        remember = _few_pixels if self.width * self.height <= FEW_PIXELS else _one_size
+        return remember(self)
+
+    def _find_field(self) -> RayField:
         shape = (self.height, self.width)
         rays = np.empty((*shape, 3))
         jacobian = np.empty((*shape, 3, 2))
@@ -182,25 +186,23 @@ class Camera:
         return RayField(rays, jacobian, inverse, valid)
 
     def resize(self, width: int, height: int) -> Self:
-        """Return the camera of the same picture resampled to another size, px; its outer edges stay.
-
-        The same one as before, if this size was asked for lately: its ray field is computed once.
-        """
+        """Return the camera of the same picture resampled to another size, px; its outer edges stay."""
         if (width, height) == (self.width, self.height):
             return self
-        return _with_size(self, width, height)
+        scale = (width / self.width, height / self.height)
+        scaled = {
+            name: getattr(self, name) * scale[axis]
+            for name, axis in self._in_pixels.items()
+        }
+        scaled["cx"] += 0.5 * scale[0] - 0.5
+        scaled["cy"] += 0.5 * scale[1] - 0.5
+        return replace(self, width=width, height=height, **scaled)
 
 
-@lru_cache(maxsize=4)  # with their ray fields: those wanted, and coarse ones
-def _with_size(camera: Lens, width: int, height: int) -> Lens:
-    scale = (width / camera.width, height / camera.height)
-    scaled = {
-        name: getattr(camera, name) * scale[axis]
-        for name, axis in camera._in_pixels.items()
-    }
-    scaled["cx"] += 0.5 * scale[0] - 0.5
-    scaled["cy"] += 0.5 * scale[1] - 0.5
-    return replace(camera, width=width, height=height, **scaled)
+# Ray fields that outlive their cameras, 97 bytes a pixel: some of few pixels, as light, contours and σ are
+# found on, and one of any size, at which the next picture may be solved.
+_few_pixels = lru_cache(maxsize=3)(Camera._find_field)
+_one_size = lru_cache(maxsize=1)(Camera._find_field)
 
 
 @checked

@@ -7,7 +7,7 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray, IndexArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A surface made of triangles."""
 

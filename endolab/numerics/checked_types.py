@@ -2,10 +2,10 @@
 
     @checked
     class Light:
-        gamma: Annotated[float, Field(gt=0, le=10, description="response exponent")] = 2.2
+        gamma: Annotated[float, Field(ge=0.1, le=10)] = 2.2
 
     Light(2.2), Light(gamma=2.2), replace(light, gamma=2)      # as with any dataclass
-    Light(gamma=-1)              # ValueError: gamma must be greater than 0, got -1
+    Light(gamma=-1)              # ValueError: gamma must be at least 0.1, got -1
     from_content(Light, {"gama": 2}, "light.json")
                                  # ValueError: light.json: gama is unknown; did you mean gamma?
 
@@ -15,8 +15,6 @@ Truth values and text are no numbers; NumPy's numbers, arrays and lists are take
 import dataclasses
 import functools
 import json
-import re
-from collections.abc import Sequence
 from typing import Annotated, Any, TypeVar, Union, dataclass_transform
 
 import numpy as np
@@ -61,15 +59,13 @@ def checked(cls: type[Kind]) -> type[Kind]:
 
     @functools.wraps(validate)
     def construct(self: Any, *args: Any, **kwargs: Any) -> None:
+        # By name, so that pydantic tells an argument's name, not its place.
+        first = dict(zip(names, as_plain(args), strict=False))
+        named = {name: as_plain(value) for name, value in kwargs.items()}
         try:
-            validate(
-                self,
-                *map(as_plain, args),
-                **{name: as_plain(value) for name, value in kwargs.items()},
-            )
+            validate(self, *args[len(names) :], **first, **named)
         except ValidationError as error:
-            given = dict(zip(names, args, strict=False)) | kwargs
-            raise ValueError(_sentence(error, made, given, names)) from None
+            raise ValueError(_sentence(error, made, first | named)) from None
 
     made.__init__ = construct
     return made
@@ -79,12 +75,11 @@ class OneOf:
     """In ``Annotated[Base, OneOf(A, B)]``: one of these types, told apart by one of their keys."""
 
     def __init__(self, *kinds: type, key: str = "model") -> None:
-        self.kinds = kinds
-        self.key = key
+        union: Any = Union.__getitem__(kinds)
+        self.kind = Annotated[union, Field(discriminator=key)]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        union: Any = Union.__getitem__(self.kinds)
-        return handler.generate_schema(Annotated[union, Field(discriminator=self.key)])
+        return handler.generate_schema(self.kind)
 
 
 def from_content(kind: Any, content: Any, name: str) -> Any:
@@ -104,59 +99,68 @@ def to_content(value: Any) -> dict[str, Any]:
 
 
 # Sentences ------------------------------------------------------------------------------
-def _sentence(
-    error: ValidationError, kind: Any, content: Any, names: Sequence[str] = ()
-) -> str:
-    """Say what is wrong: an unknown key, else what lies deepest; `names` are of arguments in their order."""
+# By the type of pydantic's error; in braces is what it tells.
+_SENTENCES = {
+    "missing": "is missing",
+    "union_tag_not_found": "is missing",
+    "value_error": "{error}",
+    "int_type": "must be a whole number, got {given}",
+    "float_type": "must be a number, got {given}",
+    "finite_number": "must be a finite number, got {given}",
+    "bool_type": "must be true or false, got {given}",
+    "string_type": "must be text, got {given}",
+    "tuple_type": "must be a list, got {given}",
+    "too_long": "must have at most {max_length} entries, got {given}",
+    "dict_type": "must be an object, got {given}",
+    "dataclass_type": "must be an object, got {given}",
+    "model_attributes_type": "must be an object, got {given}",
+    "dataclass_exact_type": "must be a {class_name}, got {given}",
+    "literal_error": "must be {expected}, got {given}",
+    "greater_than_equal": "must be at least {ge:g}, got {given}",
+    "less_than_equal": "must be at most {le:g}, got {given}",
+    "less_than": "must be less than {lt:g}, got {given}",
+}
+
+
+def _sentence(error: ValidationError, kind: Any, content: Any) -> str:
+    """Say what is wrong: an unknown key, else what lies deepest."""
     complaints = []
     for fault in error.errors():
-        path = ""
+        path: list[Any] = []
         inside = content
-        missing = fault["loc"][-1] if fault["type"] == "missing" else None
         for step in fault["loc"]:
-            if inside is content and isinstance(step, int) and step < len(names):
-                step = names[step]
-            if isinstance(inside, list | tuple) and isinstance(step, int):
-                path += f"[{step}]"
-                inside = inside[step] if step < len(inside) else None
-            elif isinstance(inside, dict) and (step in inside or step == missing):
-                path += f".{step}"
-                inside = inside.get(step)
-            # Else it is the name of one of several types.
-        text = _complaint(fault, kind)
-        depth = len(re.findall(r"[.[]", path)) + 99 * text.startswith(" is unknown")
-        complaints.append((depth, path + text))
-    return max(complaints, key=lambda one: one[0])[1].lstrip(" .:")
+            try:
+                inside = inside[step]
+            except (LookupError, TypeError):
+                if (step, fault["type"]) != (fault["loc"][-1], "missing"):
+                    continue  # it is the name of one of several types
+            path.append(step)
+        text = _complaint(fault, path, kind)
+        where = "".join(f"[{one}]" if isinstance(one, int) else f".{one}" for one in path)
+        joint = " " if text.startswith(("must ", "is ")) else ": "
+        is_key = fault["type"] == "unexpected_keyword_argument"
+        complaints.append((is_key, len(path), (where + joint + text).lstrip(" .:")))
+    return max(complaints, key=lambda one: one[:2])[-1]
 
 
-def _keys_in(hint: Any) -> list[str]:
-    """List the keys of all checked types that an annotation names."""
-    inside = hint.kinds if isinstance(hint, OneOf) else getattr(hint, "__args__", ())
-    inside = [*inside, *getattr(hint, "__metadata__", ())]
-    keys = []
-    for name, part in getattr(hint, "__pydantic_fields__", {}).items():
-        keys.append(part.alias or name)
-        inside += [part.annotation, *part.metadata]
-    return [*keys, *(key for one in inside for key in _keys_in(one))]
-
-
-def _complaint(fault: Any, kind: Any) -> str:
-    """Say what is wrong with a value, to stand behind its path."""
-    facts = fault.get("ctx", {})
-    words = re.findall(r"'([^']*)'", facts.get("expected_tags", facts.get("expected", "")))
-    if fault["type"] == "value_error":
-        return f": {facts['error']}".replace(": must", " must")
-    if fault["type"] == "missing":
-        return " is missing"
+def _complaint(fault: Any, path: list[Any], kind: Any) -> str:
+    """Say what is wrong with the value at the end of a path, or the key beyond it that tells types apart."""
+    facts = {"tag": fault["input"], "msg": fault["msg"], **fault.get("ctx", {})}
+    if "discriminator" in facts:
+        path.append(facts["discriminator"].strip("'"))
     if fault["type"] == "unexpected_keyword_argument":
-        key = fault["loc"][-1]
-        meant = nearest(key, _keys_in(kind))
-        is_misspelt = meant not in ("", key)
-        return " is unknown" + (f"; did you mean {meant}?" if is_misspelt else "")
-    if words:
-        what = (facts.get("discriminator") or str(fault["loc"][-1])).strip("'")
-        return f": {unknown_name(what, facts.get('tag', fault['input']), words)}"
-    text = re.sub(r"^: \w+ should", " must", f": {fault['msg']}")
-    if "equal to" in text:
-        text = f" must be at {'least' if 'ge' in facts else 'most'} {min(facts.values()):g}"
-    return f"{text}, got {excerpt(fault['input'])}"
+        meant = nearest(path[-1], _keys_in(kind) - {path[-1]})
+        return f"is unknown; did you mean {meant}?" if meant else "is unknown"
+    # 'one', 'another' or 'a third'
+    choices = facts.get("expected_tags", facts.get("expected", "")).split("'")[1::2]
+    if choices:
+        return str(unknown_name(path[-1], facts["tag"], choices))
+    words = _SENTENCES.get(fault["type"], "{msg}, got {given}")
+    return words.format(given=excerpt(fault["input"]), **facts)
+
+
+def _keys_in(kind: Any) -> set[str]:
+    """List the keys of a checked type and of those within it."""
+    schema = TypeAdapter(kind).json_schema()
+    types = (schema, *schema.get("$defs", {}).values())
+    return {key for one in types for key in one.get("properties", ())}

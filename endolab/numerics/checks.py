@@ -98,6 +98,14 @@ def check_int(name: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
+def list_of(kind: str, name: str, value: Any) -> list[Any]:
+    """Return what there is in a list, or in what is iterated over, at least one; else ValueError."""
+    listed = [] if isinstance(value, str) or not isinstance(value, Iterable) else [*value]
+    if not listed:
+        raise ValueError(f"{name} must be a list of {kind}, got {excerpt(value)}")
+    return listed
+
+
 def real_array(name: str, value: Any) -> FloatArray:
     """Return an array of real numbers, as it is if it is one; else ValueError."""
     try:

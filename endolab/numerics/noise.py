@@ -21,3 +21,8 @@ def noise_level(image: FloatArray, mask: BoolArray) -> float:
     size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
     nth = int(0.8 * (size.size - 1))  # of stored bytes many are equal, but for rounding
     return float(np.partition(size, nth)[: nth + 1].mean() / 0.5586)
+
+
+def mean_weight(blur: float) -> float:
+    """What is left of the standard deviation of white noise: that of a Gaussian's weights, or all of it."""
+    return 1 / max(2 * np.sqrt(np.pi) * blur, 1.0)

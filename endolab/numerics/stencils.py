@@ -147,7 +147,7 @@ def adjoint_padded(
         adjoint_row(t, kind, row, i, rows, x)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Differences:
     """K of maps (H, W) over `links` (2, H, W), of a kind."""
 

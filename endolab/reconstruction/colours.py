@@ -51,7 +51,7 @@ SETTLED = 1e-3  # change of what is fitted by a step that is the last
 LEAST_PATCHES = 30  # that show all three colours
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AlbedoPrior:
     """What is believed of a wall's albedos before the colours are asked."""
 
@@ -112,7 +112,7 @@ class NoColour(ValueError):
     """The three colours of a picture are one, so that nothing of bounced light can be told from them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Light:
     """What three colours tell of a wall and its light."""
 
@@ -131,7 +131,7 @@ class Light:
         return self.factor * walls.under(self.lamp * k).indirect_ratio(self.albedo)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Patches:
     """What the fit needs of a picture and its walls; P patches of it that show all three colours."""
 

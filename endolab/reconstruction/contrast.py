@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
-from endolab.numerics.noise import noise_level
+from endolab.numerics.noise import mean_weight, noise_level
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.problem import Problem
-from endolab.solvers.result import Result
+from endolab.solvers.result import Iterate, Result
 
 # What the largest λ that does not smooth too much still explains: 1, 1 and 0.1 are λ that were found so
 # on the demo's colon, on C3VD and on an in-vivo sinus, and the truth of the first two agrees.
@@ -19,14 +20,10 @@ ENOUGH_CONTRAST = 0.99
 
 @check_kinds(result=Result)
 def explained_contrast(result: Result) -> float:
-    """Return the fraction of the picture's variance that the surface explains, but for noise.
+    """Return the fraction of the picture's variance that the surface explains, noise left out.
 
-    With r what the model is brighter than the picture, and σ the picture's noise, it is
-
-        1 - (var(r) + σ²) / var(picture)
-
-    over the pixels that can contradict the model. It falls as λ grows: what is smoothed away is no
-    longer explained.
+    It is of the picture that is solved, averaged where it is noisy, and falls as λ grows: what is smoothed
+    away is no longer explained.
 
     Parameters
     ----------
@@ -35,28 +32,37 @@ def explained_contrast(result: Result) -> float:
     Returns
     -------
     float
-        1 where all is explained; 0 or less where nothing is.
+        1 where all but noise is explained; 0 or less where nothing is.
     """
     problem = result.problem
     residual = model_image(problem, result.iterate.log_distance) - problem.image
     residual = np.where(contradicts(problem, residual), residual, np.nan)
-    return explained_share(problem, residual, noise_of(problem))
+    return explained_share(problem, residual, noise_left(result)[0])
 
 
-def noise_of(problem: Problem) -> float:
-    """Return the standard deviation of the noise of a problem's picture, in stored values of grey."""
-    picture = problem.shown
-    grey = picture if picture.ndim == 2 else picture.mean(axis=-1)
-    return noise_level(grey, problem.mask)
+def noise_left(result: Result | Iterate) -> tuple[float, float]:
+    """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
+    shown = result.problem.shown
+    green = shown if shown.ndim == 2 else shown[..., 1]
+    level = max(noise_level(green, result.mask), ROUNDING)
+    smooth = result.report.smooth
+    return level * mean_weight(smooth), smooth
 
 
 def explained_share(problem: Problem, residual: FloatArray, noise: float) -> float:
-    """Return what `explained_contrast` does, from a residual that is nan where pixels cannot contradict."""
+    """Return what `explained_contrast` does.
+
+    With r what the model is brighter than the picture I, and σ the noise that is in both, it is
+
+        1 - max(var(r) - σ², 0) / (var(I) - σ²)
+
+    over the pixels that can contradict the model; `residual` is r there and nan elsewhere.
+    """
     compared = problem.mask & np.isfinite(residual)
-    spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
-    if spread == 0:
+    contrast = float(np.var(problem.image[compared])) - noise**2 if compared.any() else 0.0
+    if contrast <= 0:
         return 1.0
-    return 1 - (float(np.var(residual[compared])) + noise**2) / spread
+    return 1 - max(float(np.var(residual[compared])) - noise**2, 0.0) / contrast
 
 
 def suggest_lam(

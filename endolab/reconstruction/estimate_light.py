@@ -68,7 +68,7 @@ FOUND = 0.5  # standard error up to which k is found; knowing nothing: 1.7
 ROUGHLY = 1.0  # likewise, found roughly
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightEstimate:
     """What frames tell of the light's fall-off.
 
@@ -183,7 +183,7 @@ def estimate_light(
 # One frame ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Scan:
     """What one frame costs under each of EXPONENTS."""
 

@@ -11,7 +11,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units
 from endolab.reconstruction.settings import SEPARATED, Settings
-from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 
 
@@ -41,11 +41,7 @@ class Found:
         problem = replace(
             found,
             camera=calibration.camera.resize(columns, rows),
-            xi=settings.xi,
-            regulariser=settings.used_regulariser,
-            lam=settings.lam,
-            epsilon=settings.epsilon,
-            threshold=settings.threshold,
+            **settings.energy,
             report=replace(found.report, asked=asked),
         )
         channel = found.report.channel

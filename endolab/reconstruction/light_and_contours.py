@@ -60,7 +60,8 @@ from endolab.reconstruction.problem_of_frame import (
 )
 from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
-from endolab.solvers.gauss_newton import DESCENT, gauss_newton
+from endolab.solvers.descent import DESCENT
+from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, Solving, name_stage
@@ -78,7 +79,7 @@ MOSTLY = 0.5
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A surface that is cut, or not, with the light that its colours tell."""
 
@@ -100,7 +101,7 @@ class Trial:
         return 0.0 if cuts is None else float(cuts.sum()) * max(mask.shape) / mask.sum()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Separation:
     """What the stage found on few pixels, and what tells how the picture is cut on all."""
 
@@ -188,7 +189,10 @@ def _with_contours(
 ) -> Problem:
     cut_links = 0 if problem.cuts is None else int(problem.cuts.sum())
     report = replace(
-        problem.report, contours=outcome, cut_links=cut_links, min_steepness=min_steepness
+        problem.report,
+        contours=outcome,
+        cut_links=cut_links,
+        min_steepness=min_steepness if cut_links else None,
     )
     return replace(problem, report=report)
 
@@ -308,7 +312,7 @@ def problem_as_before(
         and old.fingerprint == full.report.fingerprint
         and (old.smooth, old.highlights) == (full.report.smooth, full.report.highlights)
         and solved.camera == full.camera
-        and replace(solved.photometry, gain=full.photometry.gain) == full.photometry
+        and solved.is_lit_as(full)
         and old.channel == SEPARATED
         and old.contours is not ContourOutcome.GIVEN
         and full.cuts is None

@@ -98,6 +98,7 @@ def on_fewer_pixels(iterate: Iterate, most: int = 400) -> Iterate:
         cuts=None if problem.cuts is None else resample_cuts(problem.cuts, (height, width)),
         camera=problem.camera.resize(width, height),
         picture=None,
+        seen=None,
     )
     return Iterate.of(smaller, iterate.log_distance[nearest])
 

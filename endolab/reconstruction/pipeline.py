@@ -43,7 +43,7 @@ from endolab.reconstruction.problem_of_frame import (
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers import solvers
-from endolab.solvers.gauss_newton import DESCENT
+from endolab.solvers.descent import DESCENT
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,
@@ -56,10 +56,11 @@ from endolab.solvers.result import (
 )
 from endolab.solvers.solvers import check_solver_options, options_of
 
-# The solver ends when two steps change distances by less than this fraction, root mean square. It is more if
-# the surface is cut: pieces that are joined at few pixels creep long after that.
+# The solver ends when two steps change distances by less than this fraction, root mean square. It is more for
+# a surface that is cut, under the energy for which its start was found: pieces that are joined at few pixels
+# creep long after that. Under another it has a way to go, and would seem to rest long before.
 SETTLED_CUT = 1e-2
-SETTLED_UNCUT = 5e-4
+SETTLED = 5e-4
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
@@ -120,6 +121,7 @@ def reconstruct(
         if "held" in options:
             raise ValueError("held= went: give what was found to endolab.solve_found()")
         settings = Settings.of(options)
+        steps = _stages(frame, calibration, settings, start)
 
         def finish(answer: Iterate) -> Iterate:
             if answer.stage != SOLUTION:  # it was stopped on the way
@@ -129,7 +131,7 @@ def reconstruct(
                 answer = Iterate.of(full, start_from(answer, full))
             return to_scale(answer, settings)
 
-        return run(_stages(frame, calibration, settings, start), observers, last=finish)
+        return run(steps, observers, last=finish)
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
@@ -254,11 +256,12 @@ def find(
 def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     """Solve what was found, under the energy and the light's law that are asked for."""
     problem, start = found.problem_with(settings, calibration)
+    is_near = settings.energy == found.settings.energy and problem.is_lit_as(found.problem)
     offered: dict[str, Any] = {
         "start": start,
         "halvings": found.halvings,
         "converged_at": found.converged_at,
-        "settled": SETTLED_UNCUT if problem.cuts is None else SETTLED_CUT,
+        "settled": SETTLED_CUT if is_near and problem.cuts is not None else SETTLED,
         "max_iterations": settings.max_iterations,
     }
     accepted = options_of(settings.solver)

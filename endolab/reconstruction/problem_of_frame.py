@@ -99,11 +99,8 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             metric=own.gain is not None,
             evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
-            xi=settings.xi,
-            regulariser=settings.used_regulariser,
-            lam=settings.lam,
-            epsilon=settings.epsilon,
-            threshold=settings.threshold,
+            seen=seen,
+            **settings.energy,
             cuts=settings.cuts,
             report=report,
         )

@@ -9,16 +9,18 @@ from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
 from endolab.frames.surround import unclear_surround
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.iteration import Status
+from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
-from endolab.solvers.problem import LOWER_BOUND, NONE
+from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
 USUAL_GAMMA = 2.2  # a display's
+TREATED = {"keep": "were not looked for", "inpaint": "were filled in from around"}
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
@@ -31,7 +33,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
         *_of_scale(result),
         *_of_wall(result),
         _of_gamma(result),
-        *_of_evidence(result),
+        *_of_evidence(result.problem),
         *notes(result),
     )
 
@@ -164,9 +166,26 @@ def _of_gamma(result: Result | Iterate) -> str:
     )
 
 
-def _of_evidence(result: Result | Iterate) -> Iterator[str]:
+def notes_on_pixels(
+    problem: Problem, field_of_view: BoolArray, with_ray: BoolArray
+) -> Iterator[str]:
+    """Say what of a picture was solved, in a sentence each, from what the endoscope shows on, maps (H, W)."""
+    share = 100 * field_of_view.mean()
+    yield f"The endoscope shows, and the mask keeps, {share:.3g} % of the picture."
+    for part, why in (
+        (field_of_view & ~with_ray, "has no ray within 80° of the axis"),
+        (with_ray & ~problem.mask, "is too dark to tell a distance"),
+    ):
+        if part.any():
+            share = 100 * part[field_of_view].mean()
+            yield f"{share:.2g} % of that {why}, and is left out."
+    yield from (*_of_picture(problem.report), *_of_evidence(problem))
+    if problem.report.highlights in TREATED:
+        yield f"Highlights {TREATED[problem.report.highlights]}, and count as the wall."
+
+
+def _of_evidence(problem: Problem) -> Iterator[str]:
     """Say how many pixels are saturated, and how many say nothing."""
-    problem = result.problem
     if problem.evidence is None:
         return
     known = problem.evidence[problem.mask]
@@ -181,10 +200,15 @@ def _of_evidence(result: Result | Iterate) -> Iterator[str]:
         yield f"Highlights and overlays hide {fraction_of(NONE)}, where the surface is interpolated."
 
 
+def what_is_left(result: Result) -> str:
+    """Say how far a result is from its energy's minimum."""
+    return f"one step of Gauss-Newton would lower its energy by {100 * result.left:.0f} %"
+
+
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
     """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
-    yield f"{result.status.name}: {result.status.value}"
+    yield f"{result.status.name}: {result.status.value.rstrip('.')}; {what_is_left(result)}."
     yield (
         f"{result.iterations} iterations, {result.seconds:.2f} s, energy {result.energy:.3e}, "
         f"{known.size} pixels"
@@ -193,7 +217,7 @@ def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
         f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
         f"({result.problem.unit})"
     )
-    yield from (*notes(result), *_of_evidence(result), *warnings(result))
+    yield from (*notes(result), *_of_evidence(result.problem), *warnings(result))
     if sigma is not None:
         percent = 100 * sigma[result.mask] / known
         low, middle, high = np.percentile(percent, [10, 50, 90])
@@ -247,11 +271,17 @@ DISTANCES = (2.0, 300.0)  # mm, of the median
 EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
 # Of living tissue, whose vessels, stains and wet spots no surface explains: it has 0.956 and more.
 TISSUE_EXPLAINED = 0.95
+NOISE = (
+    0.5  # of the picture's variance, once it was averaged; usual frames have up to .0003
+)
 DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
 SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
 WITHOUT_RAY = 0.02  # of the picture's pixels
+# Of the energy, from one step of Gauss-Newton: where Gauss-Newton ends by itself it is .18 at most, and of
+# primal-dual's surfaces .24 and more.
+LEFT = 0.2
 DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 
 
@@ -280,9 +310,18 @@ def warnings(result: Result) -> Iterator[str]:
                 "in tissue 95 % and more is usual. What may be: wet spots, vessels, folds that were not "
                 "found, another k or γ, λ too large, or no endoscope's frame."
             )
+        solver = str(result.report.asked.get("solver", ""))
+        by_newton = solver == "gauss_newton"
+        if not (by_newton and result.status.is_done) and result.left > LEFT:
+            usual = (
+                f"{SOLVER_NAMES.get(solver, 'the solver')} has not come to the energy's minimum: "
+                f"{what_is_left(result)}; {'more steps do' if by_newton else 'solver gauss_newton does'}."
+            )
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; {usual}"
         )
+    if noise_left(result)[0] ** 2 > NOISE * np.var(problem.image[mask]):
+        yield "More than half of the picture's contrast is noise: it may show nothing, or no cavity."
     if picture.ndim == 3:
         red, _, blue = np.median(picture[mask], axis=0)
         if blue > red:
@@ -356,12 +395,17 @@ def describe(
     parts.append(f"explains {100 * explained:.1f} %")
     if errors is not None:
         parts.append(f"error: mean {errors[0]:.1f} %, median {errors[1]:.1f} %")
-    ended = f"{result.status.name.lower()} in {result.seconds:.1f} s"
     if reached == "look":
         ended = "follows the hand"
     elif reached == "iterate":
         ended = f"iterate {result.iterate.k}, still falls"
-    return " · ".join([*parts, ended.replace("_", " ")])
+    else:
+        status = result.status.name.lower().replace("_", " ")
+        ended = f"{status} in {result.seconds:.1f} s"
+        # Where Gauss-Newton has converged there is next to nothing, and the answer is to be seen at once.
+        if solver != "gauss_newton" or result.status is not Status.CONVERGED:
+            ended = f"{ended}; {what_is_left(result)}"
+    return " · ".join([*parts, ended])
 
 
 def advice(explained: float, best: float | None) -> str:

@@ -40,7 +40,7 @@ GRAZING = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Carried:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
@@ -79,7 +79,7 @@ class Carried:
         return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """What became of one frame."""
 

@@ -105,7 +105,7 @@ class Settings:
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> Self:
         """Take keywords of `reconstruct`; those that are no options of it are the solver's own."""
-        names = {part.name for part in fields(cls)}
+        names = {part.name for part in fields(cls)} - {"solver_options"}
         own = {name: options[name] for name in names.intersection(options)}
         others = {name: value for name, value in options.items() if name not in names}
         return cls(**own, solver_options=others)
@@ -147,6 +147,17 @@ class Settings:
             "contours": self.contours,
             "highlights": self.used_highlights,
             "smooth": self.smooth,
+        }
+
+    @property
+    def energy(self) -> dict[str, Any]:
+        """What says which energy is minimised."""
+        return {
+            "xi": self.xi,
+            "regulariser": self.used_regulariser,
+            "lam": self.lam,
+            "epsilon": self.epsilon,
+            "threshold": self.threshold,
         }
 
     @property

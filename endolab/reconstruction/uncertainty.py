@@ -36,17 +36,17 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion, label
 
-from endolab.frames.frame import ROUNDING
 from endolab.frames.highlights import extend
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status, Stopped, close_observers, drive
-from endolab.numerics.noise import noise_level
+from endolab.numerics.noise import mean_weight
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import links, px_per_reference
 from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.contrast import noise_left
 from endolab.reconstruction.linearised import Linearised, on_fewer_pixels
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
@@ -67,7 +67,7 @@ LARGEST_SIGMA = 1.0  # of log d: what is worse is not known at all
 LENGTH = 12.0  # of a wall's texture: σ of a Gaussian, 1/320 of the longer side
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Uncertainty:
     """How far a result can be trusted; maps are (H, W), nan outside the mask."""
 
@@ -249,12 +249,7 @@ def correlated_field(
     """A random field of unit variance: white noise, blurred by a Gaussian of this many px if by any."""
     margin = int(3 * length) + 1
     white = rng.standard_normal(np.add(shape, 2 * margin))
-    return _blur(white, length)[margin:-margin, margin:-margin] / _mean_weight(length)
-
-
-def _mean_weight(blur: float) -> float:
-    """What is left of the standard deviation of white noise: that of a Gaussian's weights, or all of it."""
-    return 1 / max(2 * np.sqrt(np.pi) * blur, 1.0)
+    return _blur(white, length)[margin:-margin, margin:-margin] / mean_weight(length)
 
 
 def _blur(a: FloatArray, sigma: float) -> FloatArray:
@@ -394,15 +389,6 @@ def texture_strength(
     return np.hypot(0.76 * np.sqrt(square), least)
 
 
-def noise_left(result: Result | Iterate) -> tuple[float, float]:
-    """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
-    shown = result.problem.shown
-    green = shown if shown.ndim == 2 else shown[..., 1]
-    level = max(noise_level(green, result.mask), ROUNDING)
-    smooth = result.report.smooth
-    return level * _mean_weight(smooth), smooth
-
-
 def islands_without_evidence(surface: Linearised) -> BoolArray:
     """Pixels, (H, W), of islands of which the picture says nothing."""
     mask = surface.problem.mask
@@ -413,7 +399,10 @@ def islands_without_evidence(surface: Linearised) -> BoolArray:
 
 
 def pixels_of_scale(iterate: Iterate) -> BoolArray:
-    """Pixels, (H, W), whose mean distance is known: none if the gain is, all if only the shape is."""
+    """Pixels of the mask, (H, W), whose mean distance is known: none if the gain is, all if only shape is.
+
+    One that was given, and that the mask of fewer pixels lacks, is stood for by its neighbour.
+    """
     report = iterate.report
     mask = iterate.mask
     if not report.scale:
@@ -421,8 +410,10 @@ def pixels_of_scale(iterate: Iterate) -> BoolArray:
     if report.scale not in ("known distance", "known diameter"):
         return mask
     fixed = np.zeros_like(mask)
+    inside = np.argwhere(mask)
     for pixel in np.reshape(report.length[1:], (-1, 2)):
-        fixed[own_pixel(iterate, pixel)[1]] = True
+        apart = np.linalg.norm(inside - own_pixel(iterate, pixel)[1], axis=1)
+        fixed[tuple(inside[apart.argmin()])] = True
     return fixed
 
 

@@ -129,7 +129,7 @@ def exchange_between(
     return factors
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Walls:
     """A surface as patches that exchange light: the picture's patches first, then the walls behind them."""
 

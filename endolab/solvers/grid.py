@@ -74,7 +74,7 @@ CEILING = 0.7
 CEILING_MARGIN = 0.008
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid(Structure):
     """A problem on a grid; arrays are padded unless said otherwise."""
 
@@ -315,7 +315,7 @@ class Grid(Structure):
 
         The model is far from linear in the slope of v where the wall faces the camera. A step whose own slope
         has tan² = S darkens it by ½ |∂²M| S beside what is linear; half the square of that, as it would be
-        for `slants`, those of a likely step, is added: see `gauss_newton`. Pixels near the ceiling that
+        for `slants`, those of a likely step, is added: see `descent`. Pixels near the ceiling that
         are drawn beyond it are held. The memory of `old` is used; it is spoilt, as is the right-hand side by
         the next call.
         """

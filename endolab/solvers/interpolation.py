@@ -202,7 +202,7 @@ class Interpolation(NamedTuple):
         _add_down(self.pixel, self.row, self.column, self.weight, r, out)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Structure:
     """What of a grid depends on mask and cuts alone, here and on coarser grids; padded arrays."""
 

@@ -169,7 +169,7 @@ def _assemble(
                 m[CENTRE, i, j] += damping * parts[WEIGHT, i, j] * by_v * by_v
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coefficients:
     """What the normal equations are made of: `PARTS` padded maps, and what they are on."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,7 @@ REGULARISERS = ("first", "second")  # in the order of the kinds of `numerics.ste
 EXACT, LOWER_BOUND, NONE = range(3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A frame to be explained: everything a solver needs, and nothing it must look up."""
 
@@ -59,6 +59,9 @@ class Problem:
     evidence: NDArray[np.int8] | None = None
     # (H, W) or (H, W, 3), the frame as it looked, for people.
     picture: FloatArray | None = None
+    # (H, W), what the endoscope shows of it, and a mask that was given keeps, for people, too: pixels of it
+    # that are not in `mask` have no ray or are too dark.
+    seen: BoolArray | None = None
     # Red, green and blue of the picture, green being this problem's own; none if they are not to be asked.
     colours: tuple[Problem, ...] = ()
     report: Report = field(default_factory=Report, compare=False)  # where it comes from
@@ -81,6 +84,7 @@ class Problem:
         for name, kind, wanted in (
             ("cuts", bool, (2, *shape)),
             ("evidence", np.int8, shape),
+            ("seen", bool, shape),
         ):
             given = getattr(self, name)
             if given is not None and (
@@ -99,6 +103,10 @@ class Problem:
     def field(self) -> RayField:
         """The camera's ray field."""
         return self.camera.field
+
+    def is_lit_as(self, other: Problem) -> bool:
+        """Whether light and wall are those of another problem, whatever the unit."""
+        return replace(self.photometry, gain=None) == replace(other.photometry, gain=None)
 
     @property
     def shown(self) -> FloatArray:

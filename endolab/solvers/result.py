@@ -19,6 +19,7 @@ from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, close_observers, drive
+from endolab.solvers.descent import energy_left
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
@@ -31,7 +32,7 @@ DISTANCES = (1e-12, 1e12)
 NOTHING = "the solver produced no depth map that is finite"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Iterate:
     """One step of a solver."""
 
@@ -128,7 +129,7 @@ class Stage:
     seconds: float  # observers apart
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """What a run found.
 
@@ -173,6 +174,14 @@ class Result:
     def energy(self) -> float:
         """Energy of the answer."""
         return self.iterate.energy
+
+    @cached_property
+    def left(self) -> float:
+        """Share of the energy, from 0 to 1, that one Gauss-Newton step from the answer would still remove.
+
+        Found when it is asked for: it takes such a step, whatever solved the problem.
+        """
+        return energy_left(self.problem, self.iterate.log_distance)
 
     @property
     def metric(self) -> bool:

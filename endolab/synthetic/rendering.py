@@ -20,7 +20,7 @@ RIPPLE_SLOPE = 0.12
 LARGEST_EFFECT = 100.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rendered:
     """A rendered frame and its truth."""
 

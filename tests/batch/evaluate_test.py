@@ -124,7 +124,8 @@ def test_a_mask(tmp_path, truth, guess):
     mask[10:30, 20:50] = 1
     write_image(tmp_path / "mask.png", mask)
     expected = papers(guess[10:30, 20:50], truth[0][10:30, 20:50])
-    for given in (tmp_path / "mask.png", mask > 0):
+    kinds = [(255 * mask).astype("u1"), *map(mask.astype, ("?", "u1", "i8", "f4"))]
+    for given in (tmp_path / "mask.png", *kinds):
         part = evaluate(tmp_path / "z.npy", truth[1], unit=1, mask=given)
         assert part.errors.pixels == 600
         assert figures(part) == pytest.approx(expected, rel=1e-4)

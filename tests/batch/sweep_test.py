@@ -101,6 +101,16 @@ def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
         )
 
 
+def test_what_cannot_be_recorded_costs_no_row(frames, tmp_path, monkeypatch, caplog):
+    monkeypatch.delattr("endolab.workbench.recording.recorder.paint")
+    how = {"table": tmp_path / "1.csv", "recording": tmp_path / "lam.rrd"}
+    rows = sweep(frames[:1], CALIBRATION, lam=[0.1, 1], **how)
+    assert [row["error"] for row in rows] == ["", ""]
+    assert [path.name for path in tmp_path.iterdir()] == ["1.csv"]
+    (logged,) = caplog.records
+    assert "lam.rrd could not be drawn" in logged.getMessage()
+
+
 def test_workers_end_with_a_sweep_that_is_killed(tmp_path):
     table = tmp_path / "t.csv"
     program = subprocess.Popen([sys.executable, "-c", KILLED, str(table)])

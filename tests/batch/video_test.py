@@ -126,6 +126,20 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, failure, lost):
     assert (out / "recording.rrd").stat().st_mtime_ns == written
 
 
+def test_what_cannot_be_recorded_costs_no_frame(film, out, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.delattr("endolab.workbench.recording.recorder.paint_surface")
+        found = reconstruct_video(film, UNKNOWN, out, limit=2)
+    assert "recording.rrd" not in names(out)
+    assert [path.name for path in found.paths] == names(out)
+    warnings = json.loads((out / "report.json").read_text())["warnings"]
+    assert "recording.rrd could not be drawn" in " ".join(warnings)
+    again = reconstruct_video(film, UNKNOWN, out, limit=2)
+    assert again.done_before == 2
+    assert len(recorded(out)) == 2
+    assert json.loads((out / "report.json").read_text())["warnings"] == []
+
+
 def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(
     out, tmp_path, shots, monkeypatch
 ):

@@ -68,6 +68,15 @@ def test_frames_that_are_left_out_count_for_nothing(video):
         calibrate(frames, SHEET, leave_out=["none"], **how)
 
 
+def test_frames_that_can_be_read_once_are_enough(video):
+    frames = video[0][:3]
+    several, once = (
+        calibrate(given, SHEET, camera=CAMERA).samples
+        for given in (frames, iter(frames))
+    )
+    assert len(once) == len(several) > 0
+
+
 def test_a_known_camera_is_kept(video):
     frames, _, detections = video
     few = {name: detections[name] for name in list(detections)[:6]}

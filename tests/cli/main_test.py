@@ -1,5 +1,6 @@
 """The command line: what it writes and prints, and how it ends."""
 
+import errno
 import json
 import os
 import shutil
@@ -98,12 +99,25 @@ def test_reconstruct_writes_a_whole_folder(work):
     assert f"element vertex {mask.sum()}\n".encode() in (out / "cloud.ply").read_bytes()
 
 
-def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(
-    solve, tmp_path, capsys
+def test_a_mesh_and_a_preparation_come_if_they_are_asked_for_and_change_no_bit(
+    work, tmp_path, rng
 ):
-    assert solve("--solver facing --out out --mesh --prepare") == 0
-    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
-    capsys.readouterr()
+    """Of a lumen where noise says more than the wall, too, which a preparation cut away once."""
+    picture = read_image(work / "sim/frame.png")
+    picture[40:80, 60:100] = 10 / 255
+    noisy = picture + rng.normal(scale=3 / 255, size=picture.shape)
+    write_image(tmp_path / "dark.png", np.clip(noisy, 0, 1))
+    known = f"--calibration {work}/sim/endoscope.json --solver facing"
+    for out in ("plain", "more --mesh --prepare"):
+        assert (
+            call(f"reconstruct {tmp_path}/dark.png {known} --out {tmp_path}/{out}") == 0
+        )
+    assert names(tmp_path / "more") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
+    plain, more = (maps(tmp_path / out / "depth.npz") for out in ("plain", "more"))
+    np.testing.assert_array_equal(more["distance"], plain["distance"])
+
+
+def test_snapshots_come_and_a_length_is_asked_for(solve, capsys):
     assert solve("--width 80 --solver fast_marching --out m", "unknown.json") == 0
     out, error = capsys.readouterr()
     assert error == ""
@@ -120,6 +134,56 @@ def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys):
     capsys.readouterr()
     assert call(f"evaluate out/depth.npz {sim}/truth.npz --json") == 0
     assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
+
+
+REPORTS = "endolab.workbench.reports.result"
+RECORDING = "endolab.workbench.recording"
+# Where drawing fails, by what it is of.
+DRAWING = {
+    f"{REPORTS}.overview": "overview.png",
+    f"{REPORTS}.prepare_figure": "preparation.png",
+    f"{RECORDING}.recorder.paint": "recording.rrd",  # at the first iterate
+    f"{RECORDING}.recorder._settings": "recording.rrd",  # at the end
+    f"{RECORDING}.stream.layout": "recording.rrd",
+}
+
+
+def fail_with(error):
+    def fail(*given, **options):
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("place", DRAWING)
+def test_what_cannot_be_drawn_costs_no_answer(
+    place, solve, tmp_path, caplog, monkeypatch
+):
+    monkeypatch.setattr(place, fail_with(ValueError("no such colour")))
+    assert solve("--solver facing --out out --prepare") == 0
+    lost = DRAWING[place]
+    assert set(names(tmp_path / "out")) == {*OUTPUTS, "preparation.png"} - {lost}
+    sentence = report(tmp_path / "out")["warnings"][-1]
+    assert lost in sentence
+    assert "no such colour" in sentence
+    assert [one.getMessage() for one in caplog.records] == [sentence]
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 2),
+        (MemoryError(), 2),
+        (KeyboardInterrupt(), cli.INTERRUPTED),
+    ],
+)
+@pytest.mark.parametrize("place", [*DRAWING][::3])
+def test_a_full_disk_no_memory_and_an_interrupt_while_drawing_leave_nothing(
+    place, error, status, solve, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(place, fail_with(error))
+    assert solve("--solver facing --out out --prepare") == status
+    assert names(tmp_path) == []
 
 
 def test_options_arrive(solve, tmp_path):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -40,6 +41,16 @@ def test_a_wet_wall_has_those_that_the_film_mirrors_and_fewer_are_found_without_
         assert (found & truth).sum() > 0.6 * found.sum()
     same = np.repeat(image[..., 1:2], 3, axis=-1)
     assert np.mean(find_highlights(same, mask) != found) < 0.005
+
+
+@pytest.mark.parametrize("size", [0.5, 0.8, 1.5])
+def test_white_letters_are_taken_for_highlights(size):
+    image, mask, _ = wall("colon", noise=2.0, bits=8, texture=0.1)
+    ink = np.zeros(mask.shape, np.uint8)
+    cv2.putText(ink, "EXIT 12:34", (150, 180), cv2.FONT_HERSHEY_SIMPLEX, size, 255, 2)
+    share = ink[..., None] / 255
+    found = find_highlights(image * (1 - share) + 0.95 * share, mask)
+    assert found[ink > 127].mean() > 0.99
 
 
 ROWS, COLUMNS = np.indices((240, 320))

@@ -10,6 +10,7 @@ from endolab.frames.surround import field_of_view, unclear_surround
 
 HIGH = 360
 WIDE = 480
+BLACK = (0, 0, 0)
 BLUE = (20, 20, 160)
 ROW, COLUMN = np.indices((HIGH, WIDE))
 DOWN = np.abs(ROW - (HIGH - 1) / 2)
@@ -49,59 +50,69 @@ def assert_found(levels, inside, soft=0):
     assert (deep & ~shown).sum() <= 0.02 * inside.sum()
 
 
-@pytest.mark.parametrize("level", [0, 4, 8, 16, 32, 64, 128, 200, 255, BLUE])
-@pytest.mark.parametrize("inside", SHAPES.values(), ids=SHAPES)
-def test_a_surround_of_any_level_is_left_out(wall, inside, level):
-    assert_found(surrounded(wall, inside, np.array(level)), inside)
+def sharp(shape):
+    inside = SHAPES[shape]
+    return lambda wall, rng, level: (surrounded(wall, inside, level), inside)
 
 
-@pytest.mark.parametrize("level", [0, 16, 255])
-@pytest.mark.parametrize(
-    ("noise", "soft", "quality"),
-    [(3, 0, 100), (8, 2, 75), (13, 0, 100), (0, 6, 100), (3, 6, 75)],
-)
-def test_noise_soft_edges_and_codecs_do_not_hide_it(
-    wall, rng, level, noise, soft, quality
-):
-    image = surrounded(wall, DISC, level, soft)
+def blurred(noise, soft, quality=100):
+    """With noise, an edge that is `soft` px wide, and the marks of a codec."""
     strength = np.where(DISC, min(noise, 3), noise)[..., None]
-    image += strength * rng.normal(size=image.shape)
-    if quality < 100:
+
+    def show(wall, rng, level):
+        image = surrounded(wall, DISC, level, soft)
+        image += strength * rng.normal(size=image.shape)
         stored = np.clip(np.round(image), 0, 255).astype(np.uint8)
         how = (cv2.IMWRITE_JPEG_QUALITY, quality)
-        image = cv2.imdecode(cv2.imencode(".jpg", stored, how)[1], cv2.IMREAD_COLOR)
-    assert_found(np.round(image), DISC, soft)
+        jpeg = cv2.imencode(".jpg", stored, how)[1]
+        return cv2.imdecode(jpeg, cv2.IMREAD_COLOR), DISC, soft
+
+    return show
 
 
-@pytest.mark.parametrize(
-    "boxes",
-    [
-        [],
-        [(0, 0, 50, HIGH, (60, 60, 90))],
-        [(439, 60, 2, 240, (230, 230, 230))],
-        [(0, 300, 60, 60, (200, 120, 30))],
-        [(0, 0, 30, HIGH, (0, 0, 0)), (WIDE - 30, 0, 30, HIGH, (0, 0, 0))],
-    ],
-    ids=["text", "column", "scale bar", "corner", "bars"],
-)
-@pytest.mark.parametrize("level", [0, 16, 128])
-def test_text_and_boxes_on_the_surround_belong_to_it(wall, boxes, level):
-    around = np.full(wall.shape, level, dtype=np.uint8)
-    for left, top, width, height, colour in boxes:
-        cv2.rectangle(around, (left, top, width, height), colour, cv2.FILLED)
-    for line, words in enumerate(("NAME J D", "12/04/26", "ID 0042")):
-        place = (6, 30 + 22 * line)
-        cv2.putText(around, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230,) * 3, 1)
-    assert_found(surrounded(wall, DISC, around), DISC)
+def with_text(*boxes):
+    """Text and boxes on the surround belong to it."""
+
+    def show(wall, rng, level):
+        around = np.full(wall.shape, level, dtype=np.uint8)
+        for *box, colour in boxes:
+            cv2.rectangle(around, box, colour, cv2.FILLED)
+        for line, words in enumerate(("NAME J D", "12/04/26", "ID 0042")):
+            place = (6, 30 + 22 * line)
+            cv2.putText(around, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230,) * 3)
+        return surrounded(wall, DISC, around), DISC
+
+    return show
 
 
-@pytest.mark.parametrize("level", [0, 16, 64, 200])
-def test_a_dark_wall_at_the_edge_stays(wall, rng, level):
-    """By and by it becomes as dark as a surround, and darker."""
+def fading(wall, rng, level):
+    """By and by the wall becomes as dark as a surround, and darker."""
     away = np.clip((np.hypot(ROW - 250, COLUMN - 350) - 40) / 60, 0, 1)
     dark = np.maximum(wall * away[..., None] ** 1.5, (11, 9, 8))
     noise = rng.normal(size=wall.shape)
-    assert_found(np.round(surrounded(dark, DISC, level) + noise), DISC)
+    return np.round(surrounded(dark, DISC, level) + noise), DISC
+
+
+SHOWN = {
+    **{shape: sharp(shape) for shape in SHAPES},
+    "noise": blurred(3, 0),
+    "a codec": blurred(8, 2, 75),
+    "more noise": blurred(13, 0),
+    "soft": blurred(0, 6),
+    "soft, a codec": blurred(3, 6, 75),
+    "text": with_text(),
+    "column": with_text((0, 0, 50, HIGH, (60, 60, 90))),
+    "scale bar": with_text((439, 60, 2, 240, (230, 230, 230))),
+    "corner": with_text((0, 300, 60, 60, (200, 120, 30))),
+    "bars": with_text((0, 0, 30, HIGH, BLACK), (WIDE - 30, 0, 30, HIGH, BLACK)),
+    "fading": fading,
+}
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_a_surround_of_any_level_is_left_out_and_the_wall_stays(wall, rng, name):
+    for level in (0, 4, 8, 16, 32, 64, 128, 200, 255, BLUE):
+        assert_found(*SHOWN[name](wall, rng, np.array(level)))
 
 
 def test_a_picture_that_a_wall_fills_has_no_surround(wall):

@@ -5,6 +5,7 @@ import io
 import numpy as np
 import pydicom
 import pytest
+from numpy.testing import assert_allclose
 from PIL import Image
 from pydicom import uid
 
@@ -45,14 +46,14 @@ def test_a_dicom_picture_is_read_in_its_colours(tmp_path, compression, colours):
         stored = np.asarray(Image.fromarray(seen).convert("YCbCr"))
     path = write(tmp_path / "IM0001", stored, colours, compression=compression)
     assert not is_sequence(path)
-    np.testing.assert_allclose(el.read_frame(path).image * 255, seen, atol=6)
+    assert_allclose(el.read_frame(path).image * 255, seen, atol=6)
 
 
 @pytest.mark.parametrize("bits", [10, 12, 16])
 def test_all_its_bits_are_read(tmp_path, rng, bits):
     stored = rng.integers(0, 2**bits, (6, 8)).astype(np.uint16)
     found = read_image(write(tmp_path / "a.dcm", stored, "MONOCHROME2", bits))
-    np.testing.assert_allclose(found, stored / (2**bits - 1), atol=1e-5)
+    assert_allclose(found, stored / (2**bits - 1), atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -67,8 +68,8 @@ def test_all_its_bits_are_read(tmp_path, rng, bits):
 def test_several_frames_have_their_times(tmp_path, tags, times):
     stored = np.stack([COLOURS, COLOURS // 2, COLOURS // 3])
     frames = open_frames(write(tmp_path / "a.dcm", stored, **tags))
-    np.testing.assert_allclose([*frames.times.values()], times)
-    np.testing.assert_allclose([image * 255 for _, image in frames], stored)
+    assert_allclose([*frames.times.values()], times)
+    assert_allclose([image * 255 for _, image in frames], stored)
 
 
 def test_pixels_become_square(tmp_path, caplog):

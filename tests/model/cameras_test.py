@@ -1,6 +1,8 @@
 """Cameras against OpenCV, against their own definitions, and there and back again."""
 
+import gc
 import pickle
+import weakref
 from dataclasses import replace
 
 import cv2
@@ -169,11 +171,19 @@ def test_jacobian_is_the_derivative_of_the_rays(camera):
     assert_allclose(found[calm], expected[calm], rtol=0, atol=1e-7)
 
 
-def test_a_camera_is_resized_once_and_stays_as_it_was():
+def test_equal_cameras_have_one_ray_field_and_the_camera_stays_as_it_was():
     camera = replace(ENDOSCOPE)
-    assert camera.resize(64, 48) is camera.resize(64, 48)  # with its ray field
+    assert camera.resize(64, 48).field is camera.resize(64, 48).field
     assert (camera, hash(camera)) == (ENDOSCOPE, hash(ENDOSCOPE))
     assert pickle.loads(pickle.dumps(camera)) == camera
+
+
+def test_of_many_sizes_the_ray_fields_of_one_and_of_few_pixels_are_kept():
+    few, many = [(k, 30) for k in range(20, 30)], [(k, 500) for k in range(400, 404)]
+    fields = [weakref.ref(ENDOSCOPE.resize(*size).field) for size in [*many, *few]]
+    gc.collect()
+    sizes = [field().valid.size for field in fields if field() is not None]
+    assert sorted(sizes) == [27 * 30, 28 * 30, 29 * 30, 403 * 500]
 
 
 @every_camera

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import endolab as el
-from tests.tools.problems import Shot
+from endolab.reconstruction.contrast import explained_share, noise_left
+from endolab.solvers.result import Iterate
+from tests.tools.problems import Shot, at_truth
 
 LAMS = (0.1, 1.0, 10.0, 100.0)
 
@@ -19,6 +21,29 @@ def explained():
 def test_it_falls_as_lam_grows(explained):
     assert explained[0] > 0.99
     assert np.all(np.diff(explained) < 0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 8.0])
+def test_noise_counts_as_explained(noise):
+    """The true surface explains all, and one that is bright alike everywhere nothing, whatever the noise."""
+    problem, truth = at_truth("curved", noise=noise, bits=8)
+    truth = el.Result(Iterate.of(problem, truth), el.Status.CONVERGED, [], 0.0)
+    assert el.explained_contrast(truth) == pytest.approx(1, abs=0.003)
+    assert el.explained_contrast(truth) <= 1
+    flat = np.where(problem.mask, 0.5 - problem.image, np.nan)
+    assert explained_share(problem, flat, noise_left(truth)[0]) == pytest.approx(0)
+
+
+def test_a_lam_is_suggested_in_noise():
+    shot = Shot("colon", el.load_calibration("paper", width=160), noise=8, bits=8)
+    how = {"channel": "grey", "contours": False}
+    lams = (0.1, 1.0, 10.0)
+    explained = [
+        el.explained_contrast(shot.reconstruct(lam=lam, **how)) for lam in lams
+    ]
+    lam, at_least = el.suggest_lam(lams, explained)
+    assert 0.1 < lam < 10
+    assert not at_least
 
 
 def test_the_suggested_lam_lies_between_what_does_and_what_does_not_explain_enough():

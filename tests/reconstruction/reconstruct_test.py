@@ -207,6 +207,21 @@ def test_contours_that_are_not_wanted_are_not_said_to_be_unclear_after_another_f
     assert again.report.contours is ContourOutcome.NOT_ASKED
 
 
+def test_where_nothing_is_cut_no_line_is_steep_enough():
+    known = el.load_calibration("simple", width=80)
+    light = known.photometry.channel("green")
+    colon, plane = (
+        el.render(el.SCENES[name], known.camera, light) for name in ("colon", "plane")
+    )
+    before = None
+    for seen, is_cut in ((colon, True), (plane, False)):
+        endoscope = el.Calibration(known.camera, seen.photometry)
+        frame = el.Frame(seen.image, seen.mask)
+        before = el.reconstruct(frame, endoscope, start=before, contours=True)
+        assert (before.report.cut_links > 0) is is_cut
+        assert (before.report.min_steepness is not None) is is_cut
+
+
 TURNS = {
     "mirrored": np.fliplr,
     "upside down": lambda a: a[::-1, ::-1],

@@ -21,6 +21,7 @@ from endolab.reconstruction.uncertainty import (
     correlated_field,
     enlarge,
     on_fewer_pixels,
+    pixels_of_scale,
     uncertainty_of,
 )
 from endolab.solvers.gauss_newton import gauss_newton
@@ -286,6 +287,21 @@ def test_sigma_of_a_large_frame_is_that_of_fewer_pixels(column):
     assert abs(cut - (column - 2) / 5) < 1
     enlarged = enlarge(small.distance[None], small.mask, large.mask)
     np.testing.assert_allclose(enlarged[0], large.distance, rtol=0.05)
+
+
+def test_a_length_of_a_large_frame_is_of_a_pixel_that_is_kept():
+    """The one that was given is in the mask, and of fewer pixels that it lies in none is."""
+    problem, truth = at_truth("plane", 602)
+    mask = problem.mask.copy()
+    mask[200:206, 300:306] = False
+    mask[201, 301] = True
+    known = {"scale": "known distance", "length": (30.0, 301.0, 201.0)}
+    report = replace(problem.report, picture_size=mask.shape[::-1], **known)
+    problem = replace(problem, mask=mask, report=report)
+    small = on_fewer_pixels(Iterate.of(problem, truth), 120)
+    (row,), (column,) = np.nonzero(pixels_of_scale(small))
+    assert small.mask[row, column]
+    assert np.hypot(row - 201 / 602 * 120, column - 301 / 602 * 120) < 2
 
 
 # The linear answer

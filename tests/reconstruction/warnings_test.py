@@ -5,8 +5,8 @@ import pytest
 
 import endolab as el
 from endolab.cli.main import main
-from endolab.reconstruction.report import warnings
-from tests.tools.problems import relit
+from endolab.reconstruction.report import describe, summary, warnings
+from tests.tools.problems import Shot, relit
 
 WIDTH = 160
 
@@ -57,6 +57,24 @@ def test_a_light_of_something_else_is_doubted(wet, change, named):
     known = relit(wet.calibration, **change)
     warnings = doubts_of(wet.frame.image, known, wet.frame.mask, channel="green")
     assert named in " ".join(warnings)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"solver": "primal_dual"}, {"solver": "facing"}, {"observers": [lambda _: True]}],
+)
+def test_a_solver_that_has_not_come_to_the_minimum_is_the_cause(options):
+    """And neither λ nor the frame, which Gauss-Newton explains."""
+    shot = Shot("colon", el.load_calibration("paper", width=80))
+    how = {"channel": "green", "contours": False, "lam": 0.03}
+    assert list(warnings(shot.reconstruct(**how))) == []
+    result = shot.reconstruct(**how, **options)
+    for line in (next(summary(result)), describe(result, 0.5, "kept", None)):
+        assert "lower its energy by" in line
+    (sentence,) = warnings(result)
+    assert "contrast" in sentence
+    assert "minimum" in sentence
+    assert "λ" not in sentence
 
 
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):

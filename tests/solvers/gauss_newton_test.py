@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
@@ -86,15 +87,15 @@ def test_frames_exact_with_three_grey_levels_of_noise_and_of_a_fisheye(
 
 
 @pytest.mark.parametrize("width", [96, 160])
-def test_the_contours_of_the_colon_halve_the_error(width):
+def test_the_colon_without_its_contours_and_with_them(width):
     """Measured 7.6 % and 2.2 % at 96 px, 7.3 % and 2.6 % at 160."""
     problem, seen = problem_of("colon", width)
     cut_problem = replace(problem, cuts=depth_cuts(seen.distance))
     results = [solve(each) for each in (problem, cut_problem)]
     assert {result.status for result in results} == {el.Status.CONVERGED}
     uncut, cut = (percent_off(result, seen) for result in results)
-    assert 5 < uncut < 9
-    assert cut < min(4.5, uncut / 2 + 0.5)
+    assert uncut < 9
+    assert cut < min(3.5, uncut)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3])
@@ -122,7 +123,7 @@ def test_islands_share_the_number_of_steps_and_nothing_else(rng):
     beside.__dict__["xi_median"] = both.xi_median  # of the whole frame, so shared
     left = mask & (columns < 40)
     found, expected = (solve(each).distance[left] for each in (beside, both))
-    np.testing.assert_allclose(found, expected, rtol=1e-3)
+    assert_allclose(found, expected, rtol=1e-3)
 
 
 def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
@@ -145,7 +146,7 @@ def test_the_tube_with_its_border_given(tube):
     given = np.isfinite(inflow) & problem.mask
     for start in (None, problem.log_d0):
         result = solve(problem, inflow=inflow, start=start)
-        np.testing.assert_array_equal(result.iterate.log_distance[given], inflow[given])
+        assert_array_equal(result.iterate.log_distance[given], inflow[given])
         assert np.all(np.diff(energies(result)) < 0)
         if start is None:
             assert percent_off(result, seen) < 0.1 < percent_off(without, seen) / 5
@@ -238,7 +239,7 @@ def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regul
             alone = solve(each, max_iterations=8).distance
         with limit_threads(2):
             together = solve(each, max_iterations=8).distance
-        np.testing.assert_array_equal(alone, together)
+        assert_array_equal(alone, together)
 
 
 ROWS, COLUMNS = np.indices((72, 96))
@@ -315,4 +316,4 @@ def test_a_frame_that_is_explained_exactly_has_converged():
     assert result.status is el.Status.CONVERGED
     assert result.energy < 1e-24
     log_distance = result.iterate.log_distance
-    np.testing.assert_allclose(log_distance, result.problem.log_d0, rtol=0, atol=1e-9)
+    assert_allclose(log_distance, result.problem.log_d0, rtol=0, atol=1e-9)

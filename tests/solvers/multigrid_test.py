@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab.numerics.compiled import inner, pad_maps
@@ -66,8 +67,8 @@ def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(
     fine = Grid.of(replace(problem, cuts=cuts))
     v = pad_maps(2.0 + step * (columns > last) + 0.02 * columns - 0.01 * rows)
     back = inner(fine.interpolate(fine.restrict(v)) - v)
-    np.testing.assert_allclose(back, 0, atol=off)
-    np.testing.assert_allclose(back[:, np.abs(columns[0] - last) > 4], 0, atol=1e-13)
+    assert_allclose(back, 0, atol=off)
+    assert_allclose(back[:, np.abs(columns[0] - last) > 4], 0, atol=1e-13)
 
 
 @pytest.mark.parametrize("centre", [(30, 40), (31, 41), (30.5, 40.3)])
@@ -85,9 +86,7 @@ def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
         levels = inner(v)
         assert set(np.unique(levels)) == {1.0, 2.0}
         for axis, link in ((1, inner(grid.link)[0]), (0, inner(grid.link)[1])):
-            np.testing.assert_array_equal(
-                link > 0, levels == shift(levels, 1, axis, 0.0)
-            )
+            assert_array_equal(link > 0, levels == shift(levels, 1, axis, 0.0))
         assert np.isin(np.round(inner(fine.interpolate(v)), 12), (1.0, 2.0)).all()
 
 
@@ -119,7 +118,7 @@ def test_restriction_is_the_adjoint_of_interpolation(system, rng):
     down = np.zeros(below.shape)
     structure.way.adjoint(fine * structure.active, below, down)
     way = interpolation(structure)
-    np.testing.assert_allclose(down[below > 0], fine.ravel() @ way, atol=1e-11)
+    assert_allclose(down[below > 0], fine.ravel() @ way, atol=1e-11)
     assert not down[below == 0].any()
     assert not way[structure.active.ravel() == 0].any()
 
@@ -223,4 +222,4 @@ def test_a_step_on_a_turned_grid_is_the_turned_one(size, turn):
     expected = turn(step_of(mask, image, between(apart)))
     found = step_of(turn(mask), turn(image), between(turn(apart)))
     tolerance = 1e-6 * np.abs(expected).max()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
+    assert_allclose(found, expected, rtol=0, atol=tolerance)

@@ -44,14 +44,14 @@ def test_it_says_that_it_has_not_settled_while_the_surface_moves():
     )
 
 
-def test_it_leaves_the_energys_minimum():
-    """To 3.9 times its energy: its normals are of a patch; without patches ripples grow, so far to 2.1."""
+@pytest.mark.parametrize("patch", [8, 0])
+def test_it_comes_to_rest_at_one_surface_wherever_it_begins(patch):
+    """At d₀ or at Gauss-Newton's: half of the pixels end within .03 % and, without patches, .16 %."""
     problem, _ = problem_of("colon", 80)
-    lowest = el.run(gauss_newton(problem))
-    for patch in (8, 0):
-        start = lowest.iterate.log_distance
-        result = el.run(primal_dual(problem, start, patch=patch, max_iterations=400))
-        assert 1.5 * lowest.energy < energies(result)[-1] < 6 * lowest.energy
+    lowest = el.run(gauss_newton(problem)).iterate.log_distance
+    runs = [primal_dual(problem, start, patch=patch) for start in (None, lowest)]
+    one, other = (list(steps)[-1].log_distance for steps in runs)
+    assert np.median(np.abs(one - other)[problem.mask]) < 0.005
 
 
 @every_variant

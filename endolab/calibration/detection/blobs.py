@@ -21,7 +21,7 @@ LEAST_DARKNESS = 0.25
 GREY_DARKNESS = 0.3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Blobs:
     """Dark spots of a picture."""
 

@@ -45,7 +45,7 @@ WINDOW = 0.45
 SPOILT = 0.8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Detection:
     """Features of a target that were found in a picture."""
 

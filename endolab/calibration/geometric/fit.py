@@ -49,7 +49,7 @@ FARTHEST_BROWN = 3.0
 HOLD_OUT = 6  # parts of the views, of which each is held out once
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GeometricFit:
     """What a geometric calibration found.
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from endolab.numerics.arrays import FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pose:
     """A rigid motion from the target's frame to the camera's: x_c = R x_t + t."""
 

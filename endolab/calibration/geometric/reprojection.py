@@ -40,7 +40,7 @@ BESIDE_FOLD = 0.75
 FINEST = 0.03
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """One panel of the target in one frame."""
 
@@ -67,7 +67,7 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     return views
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reprojection(Model):
     """The residuals of views, by the camera's vector and `Pose.vector` of each view."""
 

@@ -54,7 +54,7 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     return nodes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightModel(Model):
     """The photometric fit as `least_squares` asks for it.
 

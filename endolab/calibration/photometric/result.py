@@ -28,7 +28,7 @@ class Doubt(Enum):
     CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AngleErrors:
     """How far the fall-off of a calibration is off, against the angle off the axis."""
 
@@ -44,7 +44,7 @@ class AngleErrors:
         return float(known.max()) if known.size else np.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PhotometricFit:
     """A photometric calibration with its evidence.
 

@@ -27,7 +27,7 @@ GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
 MOST_OF_A_FRAME = 200
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples:
     """Brightness at known places of a surface, in many frames."""
 

@@ -11,6 +11,7 @@ from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, nan_if_undefined
 from endolab.numerics.checked_types import checked
+from endolab.numerics.checks import check_int
 
 Panels = tuple[Pose, ...]  # one pose a panel
 LEAST_SEEN = 0.25  # of the features, in every frame
@@ -27,12 +28,17 @@ class Shooting:
     distance: tuple[float, float] = (25.0, 100.0)
     # The largest angle of its normal to the axis, rad; 0: frontal.
     tilt: Annotated[float, Field(ge=0, le=1.4)] = float(np.deg2rad(55))
-    # Standard deviation, grey levels of 255; without noise nothing is rounded to 8 bits.
+    # Standard deviation, grey levels of 255.
     noise: Annotated[float, Field(ge=0)] = 3.0
     # Share of glints and dust; of samples, of those that have any level.
     outliers: Annotated[float, Field(ge=0, lt=1)] = 0.0
     # One gain for all frames of a video, instead of one that follows the sheet.
     locked: bool = False
+
+    @property
+    def bits(self) -> int | None:
+        """To how many a level is rounded; without noise it is not."""
+        return 8 if self.noise else None
 
 
 def fold_pose(target: Target, pose: Pose, fold: float) -> Panels:
@@ -72,6 +78,7 @@ def trajectory(
     target: Target, camera: Camera, count: int, *, seed: int = 0, **shooting: Any
 ) -> list[Panels]:
     """Move a sheet by hand, as `Shooting` says: for each of `count` frames the poses, one a panel."""
+    check_int("count", count, 1)
     how = Shooting(**shooting)
     if how.fold and target.fold is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")

@@ -37,10 +37,9 @@ MOST_CELLS = 6000  # ... which has at most so many along a side
 WHITE = 0.7  # stored value that the gain gives to the bright part of the sheet
 GAINS = 3.0  # largest over smallest, as in the paper
 RAYS = 3000  # across the picture, at least
-BITS = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SheetFrame:
     """A simulated frame and its truth."""
 
@@ -158,8 +157,7 @@ def render_sheet(
     spots = (draws < how.outliers / 2 / blot.sum()).astype(np.float32)
     dust, glints = np.moveaxis(cv2.dilate(spots, blot), -1, 0)
     linear = linear * (1 - 0.8 * dust) + 1.5 * glints
-    bits = BITS if how.noise else None
-    image = develop(linear, photometry.gamma, how.noise, bits, seed)
+    image = develop(linear, photometry.gamma, how.noise, how.bits, seed)
     return SheetFrame(image, panels, gain)
 
 
@@ -208,7 +206,7 @@ def simulate_samples(
         some = rng.permutation(np.flatnonzero(seen))[:per_frame]
         parts.append(Samples(frame, light, points, normals, material)[some])
     samples = Samples.concatenate(parts)
-    level = develop(samples.level, photometry.gamma, how.noise, BITS, seed)
+    level = develop(samples.level, photometry.gamma, how.noise, how.bits, seed)
     wild = rng.random(len(level)) < how.outliers
     level = np.where(wild, rng.random(len(level)), level)
     return replace(samples, level=level), np.array([gain for _, gain in film])

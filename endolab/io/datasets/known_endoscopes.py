@@ -34,7 +34,8 @@ def load_calibration(
     ----------
     name_or_path : {"paper", "simple", "c3vd", "c3vd_v2", "simcol3d"} or path
         The paper's endoscope, a 90° pinhole, those of three data sets; or a file: `endoscope.json`, or
-        another program's calibration, ``FILE#NAME`` for one of several cameras.
+        another program's calibration, ``FILE#NAME`` for one of several cameras. A name is the endoscope's,
+        whatever lies in the folder: ``./c3vd`` is a file.
     width : int, optional
         For pictures of this many columns and the same shape, px.
     size : (columns, rows), optional
@@ -58,7 +59,7 @@ def load_calibration(
     (480, 360, 2.5)
     """
     name = str(name_or_path)
-    if name in CALIBRATIONS and not os.path.exists(name):
+    if name in CALIBRATIONS:
         calibration = CALIBRATIONS[name]
     elif not os.path.exists(split_choice(name)[0]) and not Path(name).suffix:
         raise unknown_name("calibration", name, CALIBRATIONS, "a file")

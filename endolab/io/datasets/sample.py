@@ -20,7 +20,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """A published frame."""
 
@@ -30,12 +30,9 @@ class Sample:
 
 
 def data_folder() -> Path | None:
-    """Folder of published frames: $ENDOLAB_DATA, else ../shared/data beside the checkout; or None."""
+    """Folder of published frames, which $ENDOLAB_DATA names; None if there is none."""
     named = os.environ.get("ENDOLAB_DATA")
-    folder = (
-        Path(named) if named else Path(__file__).resolve().parents[4] / "shared" / "data"
-    )
-    return folder if folder.is_dir() else None
+    return Path(named) if named and os.path.isdir(named) else None
 
 
 # Layouts -------------------------------------------------------------------------------------

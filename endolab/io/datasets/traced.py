@@ -34,7 +34,7 @@ GREY_STEPS = 8 * 255
 TRACED = ("matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "foggy")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TracedSample(Sample):
     """A path-traced frame with its truth.
 

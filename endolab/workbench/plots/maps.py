@@ -16,10 +16,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from endolab.frames.prepare import Prepared
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.reconstruction.prepare import prepare
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.energy import model_image
@@ -298,30 +298,33 @@ def overview(
     return figure
 
 
-def prepare_figure(prepared: Prepared) -> Figure:
-    """Draw the steps from a frame as it came to a frame that is solved, as the paper does.
+def prepare_figure(result: Result) -> Figure:
+    """Draw what was solved of a frame (`endolab.prepare`), as the paper does: from the picture to its light.
 
     Returns
     -------
     Figure
         Four panels, 1600 px wide when saved; not one of pyplot's.
     """
-    original = prepared.original.image
+    prepared = prepare(result)
     inside = prepared.field_of_view
-    seen = np.where(inside[..., None], in_colour(original), np.nan)
-    ready = prepared.frame
-    solved = np.where(ready.mask[..., None], in_colour(ready.image), np.nan)
-    tall = min(original.shape[0] / original.shape[1], 2.0)  # that a page stays one
-    with page(16, 14 * tall + 2.4) as figure:
+    seen = np.where(inside[..., None], in_colour(prepared.picture), np.nan)
+    tall = min(inside.shape[0] / inside.shape[1], 2.0)  # that a page stays one
+    with page(16, 14 * tall + 3.2) as figure:
         panels = figure.subplots(2, 2)
-        show_picture(original, panels[0, 0], "Original")
+        show_picture(prepared.picture, panels[0, 0])
         show_picture(prepared.canonical, panels[0, 1], "Canonical")
-        masks = show_picture(seen, panels[1, 0], "Masks")
-        for name, colour in (("lumen", HOUSE.blue), ("highlights", HOUSE.green)):
-            part = getattr(prepared, name)
-            masks.imshow(part[..., None] * to_rgba(colour, 0.75), interpolation="nearest")
+        pixels = show_picture(seen, panels[1, 0], "Pixels")
+        for name, part, colour in (
+            ("no ray within 80°", prepared.without_ray, HOUSE.vermilion),
+            ("too dark", prepared.dark, HOUSE.blue),
+            ("saturated", prepared.saturated, HOUSE.orange),
+            ("highlights", prepared.highlights, HOUSE.green),
+        ):
+            over = part[..., None] * to_rgba(colour, 0.75)
+            pixels.imshow(over, interpolation="nearest")
             label = f"{name}, {100 * part[inside].mean():.2g} %"
-            masks.plot([], [], "s", ms=10, color=colour, label=label)
-        legend_below(masks)
-        show_picture(solved, panels[1, 1], "Pixels to be solved")
+            pixels.plot([], [], "s", ms=10, color=colour, label=label)
+        legend_below(pixels)
+        show_picture(prepared.solved, panels[1, 1], "Light that was solved")
     return figure

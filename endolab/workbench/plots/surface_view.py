@@ -18,7 +18,8 @@ COLUMNS = 240  # more cost time and show no more
 FARTHEST = 8.0  # median distances that the view reaches
 # The viewer stands to the left of the optical axis and above it.
 TO_VIEWER = Rotation.from_euler("yx", [-30, 20], degrees=True).as_matrix()
-TO_LAMP = (-0.35, 0.35, 0.87)  # over the viewer's left shoulder
+TO_LAMP = np.array([-0.35, 0.35, 0.87])  # over the viewer's left shoulder
+TO_LAMP /= np.linalg.norm(TO_LAMP)
 
 
 @house()
@@ -61,7 +62,7 @@ def show_cloud(
     shown = corners[seen]
     order = np.argsort(-shown[:, 0, 2])  # the farthest first
     lengths = np.linalg.norm(normals[seen], axis=1, keepdims=True)
-    light = 0.4 + 0.6 * (normals[seen] / lengths @ TO_LAMP).clip(0)
+    light = 0.4 + 0.6 * (normals[seen] / lengths @ TO_LAMP).clip(0, 1)
     faces = brighten(mesh.colours[mesh.triangles[seen, 0]]) * light[:, None]
     # An array: Matplotlib takes several times as long over a list.
     flat: Any = shown[order, :, :2]

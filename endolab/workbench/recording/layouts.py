@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from endolab.workbench.plots.scales import MAPS, three_digits
@@ -78,9 +79,15 @@ class Shown:
         )
 
 
-def layout(
-    runs: Sequence[Shown], entities: Collection[str], timeline: str
-) -> rrb.Blueprint:
+class Layout(rrb.Blueprint):
+    """How a recording opens. Its `stream`, on which Rerun writes it down, ends when it is disconnected."""
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+        super()._log_to_stream(stream)
+
+
+def layout(runs: Sequence[Shown], entities: Collection[str], timeline: str) -> Layout:
     """Pictures and surface of each run, side by side; curves, stages and words of all beside them.
 
     `entities` are those that were logged of a run.
@@ -105,7 +112,7 @@ def layout(
         words.append(rrb.TextDocumentView(origin=where, name=one.title("Settings")))
     columns = [one.pictures(entities, 2 if alone else 1) for one in runs]
     last = rrb.Vertical(rrb.Tabs(*beside, active_tab=0), rrb.Tabs(*words, active_tab=0))
-    return rrb.Blueprint(
+    return Layout(
         rrb.Horizontal(*columns, last, column_shares=[2 if alone else 1, *[1] * len(runs)]),
         # Slow enough for a run of few iterates.
         rrb.TimePanel(state="collapsed", timeline=timeline, fps=5),

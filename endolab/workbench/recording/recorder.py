@@ -72,7 +72,8 @@ def record(
     Recorder
         Give it to ``run`` or call it with each iterate, then `Recorder.close` it. As a context manager it
         stays open until the block ends, for `Recorder.add_uncertainty` or for several runs, which are
-        shown side by side; if the block fails there is no file::
+        shown side by side; if the block fails there is no file. What cannot be drawn costs no run:
+        `Recorder.undrawn` says why there is no recording::
 
             with el.record("run.rrd") as recorder:
                 result = el.reconstruct(frame, calibration, observers=[recorder])
@@ -119,6 +120,7 @@ class Recorder:
         run: str = "",
     ) -> None:
         self.path = sink.path
+        self.undrawn = sink.undrawn  # in a sentence, if there can be no recording
         self._sink = sink
         self._truth = truth
         self._max_width = max_width
@@ -141,29 +143,33 @@ class Recorder:
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
-        last = self._last
-        begins = last is None or (last.stage, last.round) != (iterate.stage, iterate.round)
-        if last is not None and begins:
-            self._end_stage(last)
-        self._last = iterate
-        self._place += 1
-        self._sink.at(ITERATIONS, self._place)
-        if last is None:
-            self._log({"world": rr.ViewCoordinates.RDF, **all_names()}, static=True)
-        if begins:
-            self._begin_stage(iterate)
-        numbers = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
-        numbers |= iterate.scalars
-        if self._truth is not None:
-            off = np.abs(error_percent(iterate, self._truth))
-            numbers["error"] = float(np.nanmean(off))
-        curves = {f"plots/{name}": value for name, value in numbers.items()}
-        # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
-        self._log(scalars(curves | _logarithms(iterate)))
-        # Ever fewer, that a recording stays small.
-        often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
-        if begins or (often and iterate.stage == SOLUTION):
-            self._log_pictures(iterate)
+        if self.undrawn:
+            return
+        with self._sink.drawing():
+            last = self._last
+            stage = (iterate.stage, iterate.round)
+            begins = last is None or (last.stage, last.round) != stage
+            if last is not None and begins:
+                self._end_stage(last)
+            self._last = iterate
+            self._place += 1
+            self._sink.at(ITERATIONS, self._place)
+            if last is None:
+                self._log({"world": rr.ViewCoordinates.RDF, **all_names()}, static=True)
+            if begins:
+                self._begin_stage(iterate)
+            numbers = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
+            numbers |= iterate.scalars
+            if self._truth is not None:
+                off = np.abs(error_percent(iterate, self._truth))
+                numbers["error"] = float(np.nanmean(off))
+            curves = {f"plots/{name}": value for name, value in numbers.items()}
+            # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
+            self._log(scalars(curves | _logarithms(iterate)))
+            # Ever fewer, that a recording stays small.
+            often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
+            if begins or (often and iterate.stage == SOLUTION):
+                self._log_pictures(iterate)
 
     def add_uncertainty(self, uncertainty: Uncertainty, result: Result | Iterate) -> None:
         """Show how far the run's end can be trusted, before the recording is closed.
@@ -180,17 +186,20 @@ class Recorder:
         ValueError
             If the recording is closed, nothing was recorded, or what was is not of the same size.
         """
+        if self.undrawn:
+            return
         shape = uncertainty.sigma.shape
         recorded = None if self._last is None else self._last.mask.shape
         if shape != recorded:
             raise ValueError(f"uncertainty has shape {shape}, what was recorded {recorded}")
-        step = self._step
-        percent = (100 * uncertainty.sigma / result.distance)[::step, ::step]
-        source = uncertainty.dominant_source[::step, ::step]
-        sources = np.where(source > 0, source + LINE, 0)
-        maps = {"sigma": in_steps(percent, ENDS["σ"]), "dominant_source": sources}
-        self._sink.at(ITERATIONS, self._place)
-        self._log({name: class_map(codes) for name, codes in maps.items()})
+        with self._sink.drawing():
+            step = self._step
+            percent = (100 * uncertainty.sigma / result.distance)[::step, ::step]
+            source = uncertainty.dominant_source[::step, ::step]
+            sources = np.where(source > 0, source + LINE, 0)
+            maps = {"sigma": in_steps(percent, ENDS["σ"]), "dominant_source": sources}
+            self._sink.at(ITERATIONS, self._place)
+            self._log({name: class_map(codes) for name, codes in maps.items()})
 
     def __enter__(self) -> Self:
         self._within = True
@@ -210,7 +219,7 @@ class Recorder:
         if self._within or not self._sink.open:
             return
         shown = []
-        with self._sink:
+        with self._sink, self._sink.drawing():
             for one in (self, *self._runs.values()):
                 last = one._last
                 if last is not None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
 import rerun as rr
 
-from endolab.io.atomic import PathLike, one_sentence, write_atomically
+from endolab.io.atomic import PathLike, check_writable, say_undrawn, write_atomically
 from endolab.workbench.recording.layouts import Shown, layout
 from endolab.workbench.recording.pictures import Painted
 
@@ -25,12 +25,12 @@ class Sink:
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self.open = True  # for what is logged
+        self.undrawn: list[str] = []  # a sentence, if there can be no recording
         # That were logged at some time, but for the run's name.
         self._entities: set[str] = set()
         if self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
-        with one_sentence(f"cannot write {path}"):  # told before the run, not after it
-            tempfile.TemporaryFile(dir=self.path.parent).close()
+        check_writable(path)
         self._stream = rr.RecordingStream("endolab")
         self._content = rr.binary_stream(self._stream)
 
@@ -38,10 +38,18 @@ class Sink:
         """Log at this place of a timeline from now on."""
         self._stream.set_time(timeline, sequence=number)
 
-    def log(self, painted: Painted, run: str = "", static: bool = False) -> None:
-        """Log of a run, now or for all times."""
+    @contextmanager
+    def drawing(self) -> Iterator[None]:
+        """Log within a block; if it fails, there is no recording, and `undrawn` says why."""
         if not self.open:
             raise ValueError("the recording is closed")
+        with say_undrawn(self.path, self.undrawn):
+            yield
+        if self.undrawn:
+            self.close(failed=True)
+
+    def log(self, painted: Painted, run: str = "", static: bool = False) -> None:
+        """Log of a run, now or for all times."""
         for entity, what in painted.items():
             self._stream.log(f"{run}/{entity}", what, static=static, strict=True)
         self._entities |= set() if static else painted.keys()
@@ -49,21 +57,25 @@ class Sink:
     def arrange(self, runs: Sequence[Shown], timeline: str) -> None:
         """Tell the viewer how to open the recording, unless it holds nothing."""
         if runs:
-            self._stream.send_blueprint(layout(runs, self._entities, timeline))
+            arranged = layout(runs, self._entities, timeline)
+            self._stream.send_blueprint(arranged)
+            arranged.stream.disconnect()
 
     def close(self, failed: bool = False) -> None:
         """Write the file, unless something has failed; a second call does nothing. OSError leaves no file."""
         if not self.open:
             return
         self.open = False
-        content = self._content.read()
-        self._stream.disconnect()
-        # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew, which
-        # would end a session that the user has begun with `rr.init`.
-        if rr.get_application_id() is None:
-            rr.init("endolab", init_logging=False)
-        if self._entities and content is not None and not failed:
-            write_atomically(self.path, content)
+        with say_undrawn(self.path, self.undrawn):
+            content = self._content.read()
+            self._stream.disconnect()
+            # As `rr.init` does, but the user's session goes on. Until then Rerun keeps streams that nobody
+            # has, with two threads each.
+            session = rr.get_global_data_recording()
+            rr.bindings.flush_and_cleanup_orphaned_recordings()
+            rr.set_global_data_recording(session)
+            if self._entities and content is not None and not failed:
+                write_atomically(self.path, content)
 
     def __enter__(self) -> Self:
         return self

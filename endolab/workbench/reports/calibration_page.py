@@ -10,7 +10,7 @@ import numpy as np
 from endolab._extras import lacking
 from endolab.calibration import summary
 from endolab.calibration.session import Named, Session
-from endolab.io.atomic import as_json, write_atomically
+from endolab.io.atomic import as_json, say_undrawn, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
 from endolab.numerics.arrays import FloatArray
@@ -65,8 +65,10 @@ def write_report(
     """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder that is there.
 
     `frames` are those that were calibrated from: each becomes a small picture, too. `channel` is the one
-    whose response was calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
+    whose response was calibrated. Without Jinja2, of the extra `lab`, there is all but the page. The
+    `warnings` in `report.json` say what could not be drawn.
     """
+    undrawn: list[str] = []
     source = str(getattr(frames, "path", ""))
     name = figures.best_frame(session)
     # Black where it can no longer be read.
@@ -74,33 +76,40 @@ def write_report(
     for number, (one, picture) in enumerate(frames):
         if picture is not None:
             found = session.detections[one].pixels
-            write_atomically(folder / f"frame_{number}.jpg", _small(picture, found))
+            with say_undrawn(folder / f"frame_{number}.jpg", undrawn) as path:
+                write_atomically(path, _small(picture, found))
             image = picture if one == name else image
-    drawn = {"camera": figures.geometry_figure(session, image)}
+    pages = {"camera": lambda: figures.geometry_figure(session, image)}
     if session.light is not None:
-        drawn["light"] = figures.light_figure(session, image)
+        pages["light"] = lambda: figures.light_figure(session, image)
     if session.geometry is not None or session.light is not None:
-        drawn["uncertainty"] = figures.uncertainty_figure(session)
-    for title, figure in drawn.items():
-        write_figure(folder / f"{title}.png", figure)
+        pages["uncertainty"] = lambda: figures.uncertainty_figure(session)
+    for title, draw in pages.items():
+        with say_undrawn(folder / f"{title}.png", undrawn) as path:
+            write_figure(path, draw())
     if not lacking("jinja2"):
         from jinja2 import StrictUndefined, Template
 
-        page = Template(
-            Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8"),
-            autoescape=True,
-            lstrip_blocks=True,
-            trim_blocks=True,
-            undefined=StrictUndefined,
-        )
-        text = page.render(
-            session=session,
-            summary=summary,
-            source=source,
-            shown=name,
-            frames=_frames_of(session),
-        )
-        write_atomically(folder / "report.html", text.encode())
-    facts = summary.evidence(session, source, channel)
-    write_atomically(folder / "report.json", as_json({"endolab": 1, **facts}))
+        with say_undrawn(folder / "report.html", undrawn) as path:
+            page = Template(
+                Path(__file__).with_suffix(".html.j2").read_text(encoding="utf-8"),
+                autoescape=True,
+                lstrip_blocks=True,
+                trim_blocks=True,
+                undefined=StrictUndefined,
+            )
+            text = page.render(
+                session=session,
+                summary=summary,
+                source=source,
+                shown=name,
+                frames=_frames_of(session),
+            )
+            write_atomically(path, text.encode())
+    facts = {
+        "endolab": 1,
+        "warnings": undrawn,
+        **summary.evidence(session, source, channel),
+    }
+    write_atomically(folder / "report.json", as_json(facts))
     write_camera(session.camera, folder / "camera.json")

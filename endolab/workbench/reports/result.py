@@ -5,8 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from endolab.frames.prepare import Prepared
-from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
+from endolab.io.atomic import (
+    PathLike,
+    as_json,
+    say_undrawn,
+    stage_folder,
+    write_atomically,
+)
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_mesh
 from endolab.model.mesh import Mesh
@@ -35,6 +40,7 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
         "ended": result.status.value,
         "iterations": result.iterations,
         "energy": result.energy,
+        "left": result.left,
         "terms": dict(result.iterate.terms),
         "seconds": result.seconds,
         "stages": [asdict(stage) for stage in result.stages],
@@ -84,9 +90,10 @@ def save_result(
     folder: PathLike,
     *,
     mesh: bool = False,
-    prepared: Prepared | None = None,
+    prepare: bool = False,
     uncertainty: Uncertainty | None = None,
     overwrite: bool = False,
+    undrawn: list[str] | None = None,
 ) -> None:
     """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
 
@@ -98,12 +105,15 @@ def save_result(
     mesh : bool
         Whether to write `mesh.ply`, cut at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
         whose colours show σ.
-    prepared : Prepared, optional
-        What `endolab.prepare` came to, to be drawn in `preparation.png`.
+    prepare : bool
+        Whether to write `preparation.png`: what was solved of the frame (`endolab.prepare`).
     uncertainty : Uncertainty, optional
         What `endolab.uncertainty_of` has found, for `depth.npz`, `report.json` and `overview.png`.
     overwrite : bool
         Whether to write into a folder that holds files of others, and replace them.
+    undrawn : list of str, optional
+        What could not be drawn before, a sentence each (`Recorder.undrawn`), for the `warnings` of
+        `report.json`. A figure that cannot be drawn is added; all else is written.
 
     Raises
     ------
@@ -127,15 +137,20 @@ def save_result(
         result.normals[inside],
         result.problem.unit,
     )
+    undrawn = [] if undrawn is None else undrawn
     with stage_folder(folder, overwrite=overwrite) as staging:
         save_depth(staging / "depth.npz", result, result.metric, uncertainty)
-        write_figure(staging / "overview.png", overview(result, uncertainty=uncertainty))
-        if prepared is not None:
-            write_figure(staging / "preparation.png", prepare_figure(prepared))
+        with say_undrawn(staging / "overview.png", undrawn) as path:
+            write_figure(path, overview(result, uncertainty=uncertainty))
+        if prepare:
+            with say_undrawn(staging / "preparation.png", undrawn) as path:
+                write_figure(path, prepare_figure(result))
         write_mesh(staging / "cloud.ply", cloud)
         if mesh:
             write_mesh(staging / "mesh.ply", make_mesh(result))
         if mesh and uncertainty is not None:
             coloured = make_mesh(result, sigma=uncertainty.sigma)
             write_mesh(staging / "mesh_uncertainty.ply", coloured)
-        write_atomically(staging / "report.json", as_json(report(result, uncertainty)))
+        facts = report(result, uncertainty)
+        facts["warnings"] += undrawn
+        write_atomically(staging / "report.json", as_json(facts))

@@ -33,14 +33,14 @@ from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
-    noise_of,
+    noise_left,
     suggest_lam,
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.pipeline import find, solve_found
 from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
-from endolab.reconstruction.uncertainty import Uncertainty, noise_left
+from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.problem import Problem
@@ -79,8 +79,7 @@ class Still:
     subject: Subject  # what is looked at
     truth: FloatArray | None  # distance, (H, W), mm; nan outside the mask
     per_mm: float  # of truth, in relative units
-    noise: float  # of the grey picture, stored values
-    noise_left: float  # of what is explained, once it was smoothed
+    noise_left: float  # of the picture once it was smoothed, stored values
     found: Found | None = None  # None while it is being found
 
     @classmethod
@@ -101,8 +100,7 @@ class Still:
                     one.photometry.gain or 1.0 for one in (found.problem, first.problem)
                 )
                 per_mm *= float(np.sqrt(operator.truediv(*gains)))
-        noises = noise_of(first.problem), noise_left(first)[0]
-        return cls(knobs, subject, truth, per_mm, *noises, found)
+        return cls(knobs, subject, truth, per_mm, noise_left(first)[0], found)
 
     def truth_in(self, unit: Result) -> FloatArray | None:
         """Return the true distance, (H, W), in the unit of a result."""
@@ -134,7 +132,7 @@ class Answer:
     def explained(self) -> float:
         """Share of the picture's contrast that the surface explains."""
         problem = self.result.problem
-        return explained_share(problem, self.residual / 255, self.still.noise)
+        return explained_share(problem, self.residual / 255, self.still.noise_left)
 
     @cached_property
     def errors(self) -> tuple[float, float] | None:
@@ -366,9 +364,8 @@ class Engine:
         except Exception:
             settled = self.settled
             with self._asking:
-                if (
-                    still is None and self._base == base
-                ):  # what is not found is nobody's base
+                # What cannot be found is nobody's base.
+                if still is None and self._base == base:
                     self._base = None if settled is None else settled.still.knobs
             if self.is_stale():  # who asks for something else need not know
                 raise Stopped from None
@@ -380,7 +377,9 @@ class Engine:
             self._show(answer)
         if answer.settings.solver != FOLLOWS:
             self._look = None
-        elif self._look is not None:
+        elif self._look is None:
+            self._look = Look(answer.result.iterate)
+        else:
             self._look.follow(problem_of(answer.settings, still))
             self._look.start_from(answer.result.iterate)
         if self._rests():

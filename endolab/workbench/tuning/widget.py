@@ -418,7 +418,7 @@ class TunerBox(anywidget.AnyWidget):
         }
         if len(tried) > 3:  # of fewer nothing follows
             best, at_least = self.engine.best_lam(answer)
-            title = "no λ tried explains 99 %: wet or noisy walls, or another light"
+            title = "no λ tried explains 99 %: wet or stained walls, or another light"
             if best is not None:
                 title = f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
             curve |= {"title": title, "best": best}
@@ -454,7 +454,14 @@ class TunerBox(anywidget.AnyWidget):
                 solve(believed, observers=[recorder], **saved.keywords)
                 if trusted is not None:
                     recorder.add_uncertainty(trusted, answer.result)
-            save_result(answer.result, staging, uncertainty=trusted, overwrite=True)
+            undrawn = recorder.undrawn
+            save_result(
+                answer.result,
+                staging,
+                uncertainty=trusted,
+                overwrite=True,
+                undrawn=undrawn,
+            )
             if board is not None:
                 write_atomically(staging / "board.png", board)
             # The camera that is believed in now is the one beside it.
@@ -471,15 +478,22 @@ class TunerBox(anywidget.AnyWidget):
             write_calibration(known, staging / "endoscope.json")
             write_settings(saved, staging / "settings.json")
             write_atomically(staging / "result.py", RESULT.encode())
+        line = "; ".join([f"exported into {Path(folder).resolve()}", *undrawn])
+        self.send({"line": line, "tone": "endolab-wrong" if undrawn else ""})
         return Path(folder)
 
     def _export_aside(self, name: str, board: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
         folder = Path(name).expanduser()
 
+        content = base64.b64decode(board.partition(",")[2])
+
         def job() -> None:
-            self.export(folder, board=base64.b64decode(board.partition(",")[2]))
-            self.send({"line": f"exported into {folder.resolve()}", "tone": ""})
+            try:
+                self.export(folder, board=content)
+            except FileExistsError:  # whose own words are for who calls by code
+                text = f"{folder} is there already: export under another name"
+                raise ValueError(text) from None
 
         self.engine.do(job)
 

@@ -1,6 +1,5 @@
 """Detection of targets: rendered sheets of known pose, and published frames."""
 
-import time
 from dataclasses import replace
 
 import cv2
@@ -145,13 +144,10 @@ def test_nothing_is_found_where_nothing_is(name, rng):
     target = TARGETS[name]
     if name != "chessboard":
         images.append(picture(target, [posed(target, 60)])[:, ::-1].copy())
-    start = time.perf_counter()
     for image in images:
         found = detect(image, target)
         assert len(found.ids) == 0
         assert found.reason
-    # Measured 0.3 to 4 s, most of it for 12 dark megapixels; once 219 s.
-    assert time.perf_counter() - start < 30
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.5, 0.12])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab.calibration.photometric.fit import calibrate_light
@@ -40,7 +41,7 @@ def test_every_derivative_agrees_with_finite_differences(rng):
             for size in (1e-6, -1e-6)
         )
         expected = (after - before) / 2e-6
-        np.testing.assert_allclose(slopes, expected, rtol=2e-5, atol=1e-3)
+        assert_allclose(slopes, expected, rtol=2e-5, atol=1e-3)
 
 
 def check_residuals(fit, samples):
@@ -49,7 +50,7 @@ def check_residuals(fit, samples):
     light = fit.gains[np.searchsorted(fit.frames, samples.frame)]
     light = light * fit.reflectance[samples.material]
     left = samples.level - level * light ** (1 / fit.photometry.gamma)
-    np.testing.assert_allclose(GREY_LEVELS * left, fit.residuals, atol=1e-9)
+    assert_allclose(GREY_LEVELS * left, fit.residuals, atol=1e-9)
 
 
 def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
@@ -65,7 +66,7 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     assert np.std(brdf / brdf.mean()) < 0.006
     scale = fit.gains / gains
     assert np.std(scale / scale.mean()) < 0.008
-    np.testing.assert_allclose(scale.mean() * brdf.mean(), 1.0, atol=0.01)
+    assert_allclose(scale.mean() * brdf.mean(), 1.0, atol=0.01)
 
 
 def moved_planes(samples, size, rng):
@@ -131,9 +132,9 @@ def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_p
     rows = [flat.frame, flat.level, flat.points / 1000, flat.normals, flat.material]
     rows[0] = 1000 - 7 * flat.frame
     fit = calibrate_light(Samples(*(row[::-1] for row in rows)))
-    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
-    np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains / 1e6, rtol=1e-6)
-    np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
+    assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
+    assert_allclose(fit.gains[::-1], flat_fit.gains / 1e6, rtol=1e-6)
+    assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
 
 
 def test_a_locked_gain_is_one_number_and_gives_gamma():
@@ -170,5 +171,5 @@ def test_a_fall_off_of_another_shape_shows_by_angle(flat, flat_fit):
 def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     level = np.where(flat.frame == 7, 1.0, flat.level)
     fit = calibrate_light(replace(flat, level=level))
-    np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
+    assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
     assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]

@@ -1,6 +1,7 @@
 """Calibrations as their own programs write them: the same rays, or one sentence."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ import yaml
 from numpy.testing import assert_allclose
 
 import endolab as el
+from endolab.cli.main import main
 from endolab.io.cameras.formats import read_camera
 
 POINTS = np.array([[0.3, -0.2, 1.0], [-0.25, 0.1, 1.0], [0.05, 0.3, 1.0]])
@@ -142,6 +144,16 @@ COLMAP = {
         79.925719677,
     ),
 }
+
+
+def test_a_name_is_the_endoscopes_whatever_lies_in_the_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("c3vd").mkdir()
+    el.write_calibration(el.load_calibration("simple"), "paper")
+    for name in ("c3vd", "paper"):
+        assert el.load_calibration(name) is el.datasets.CALIBRATIONS[name]
+        assert main(["convert", name, "--out", f"{name}.json"]) == 0
+    assert el.load_calibration("./paper").camera == el.load_calibration("simple").camera
 
 
 @pytest.mark.parametrize("line", COLMAP)

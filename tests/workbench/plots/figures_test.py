@@ -30,7 +30,7 @@ def drawn(colon):
     samples = session.samples
     name, image = frames[0]
     detection = session.detections[name]
-    known = el.Calibration(problem.camera, problem.photometry)
+    result = el.Result(start, el.Status.CONVERGED, [], 0.1)
     return {
         "show_picture": (seen.image,),
         "show_depth": (start,),
@@ -54,8 +54,8 @@ def drawn(colon):
         "show_brdf": (light,),
         "show_scores": (light.errors_by_angle(samples),),
         "show_ridge": ([calibrate_light(samples, gamma=g) for g in (2.0, 2.4)],),
-        "overview": (el.Result(start, el.Status.CONVERGED, [], 0.1),),
-        "prepare_figure": (el.prepare(el.Frame(seen.image, seen.mask), known),),
+        "overview": (result,),
+        "prepare_figure": (result,),
         "geometry_figure": (session, image),
         "light_figure": (session, image),
         "uncertainty_figure": (session,),

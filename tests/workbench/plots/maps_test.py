@@ -4,9 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import example, settings
+from hypothesis import given as tried
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 import endolab as el
 from endolab import plots
+from endolab.workbench.plots.style import HOUSE
 
 
 def test_a_depth_map_has_limits_and_equal_ratios_are_equal_steps():
@@ -33,17 +40,59 @@ def test_isolines_lie_at_the_ticks_and_not_across_jumps():
 
 
 @pytest.mark.parametrize("value", [np.nan, 40.0])
-def test_what_is_unknown_or_flat_is_drawn(value):
+def test_what_is_unknown_is_grey_and_what_is_flat_has_one_colour(value):
     flat = np.full((9, 9), value)
-    nothing = np.full((9, 9, 3), np.nan)
+    facing = flat[..., None] * [0.0, 0.0, -1 / 40]
     for ax in (
         plots.show_depth(flat),
         plots.show_sigma(flat),
         plots.show_error(flat, flat),
-        plots.show_normals(nothing),
-        plots.show_cloud(nothing, np.ones((9, 9))),
+        plots.show_normals(facing),
     ):
         ax.figure.canvas.draw()
+        page = np.asarray(ax.figure.canvas.buffer_rgba())[::-1, :, :3] / 255
+        places = ax.transData.transform(np.argwhere(np.ones((9, 9))))
+        colours = page[tuple(places.astype(int).T[::-1])]
+        assert np.ptp(colours, axis=0).max() == 0
+        is_grey = np.allclose(colours, HOUSE.left_out, atol=1 / 255)
+        assert is_grey == np.isnan(value)
+
+
+# What each figure is drawn of: points, distances and the picture.
+DRAWN = {
+    plots.show_cloud: lambda points, distance, picture: (points, picture),
+    plots.show_picture: lambda points, distance, picture: (picture,),
+    plots.show_normals: lambda points, distance, picture: (points,),
+    plots.show_depth: lambda points, distance, picture: (distance,),
+    plots.show_error: lambda points, distance, picture: (distance, distance[::-1]),
+    plots.show_sigma: lambda points, distance, picture: (distance,),
+}
+
+
+@st.composite
+def seen_surfaces(draw):
+    """Distances of few pixels, with holes and folds, and a picture of them, black and white, too."""
+    shape = draw(st.tuples(st.integers(2, 8), st.integers(2, 8)))
+    far = st.floats(0.01, 1000) | st.sampled_from([np.nan, 5.0, 50.0])
+    value = st.floats(0, 1) | st.sampled_from([0.0, 1.0])
+    coloured = draw(st.sampled_from([shape, (*shape, 3)]))
+    distance = draw(arrays(float, shape, elements=far))
+    return distance, draw(arrays(float, coloured, elements=value))
+
+
+# It was refused: where a white bowl faces the lamp, it was brighter than white.
+@example(plots.show_cloud, (np.full((64, 64), 50.0), np.ones((64, 64))))
+@settings(max_examples=30, deadline=None, derandomize=True, database=None)
+@tried(st.sampled_from([*DRAWN]), seen_surfaces())
+def test_any_picture_over_any_surface_is_drawn(show, seen):
+    distance, picture = seen
+    y, x = (np.linspace(-1, 1, count) for count in distance.shape)
+    rays = np.stack(np.broadcast_arrays(x, y[:, None], 1.0), axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    figure = Figure(dpi=30)
+    points = distance[..., None] * rays
+    show(*DRAWN[show](points, distance, picture), figure.subplots())
+    FigureCanvasAgg(figure).draw()
 
 
 def test_an_error_is_above_0_where_the_estimate_is_too_far():

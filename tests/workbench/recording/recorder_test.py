@@ -208,6 +208,25 @@ def test_nothing_is_left_of_a_run_that(what, tmp_path, solved):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_run_goes_on_if_it_cannot_be_recorded(tmp_path, solved, monkeypatch):
+    """Of several runs that share a file, too; what was there is not taken for theirs."""
+    steps = solved[0]
+    uncertainty = el.uncertainty_of(steps[-1], draws=4)
+    (tmp_path / "run.rrd").write_bytes(b"an old recording")
+    with el.record(tmp_path / "run.rrd") as both:
+        one = both.run("one")
+        one(steps[0])
+        with monkeypatch.context() as patch:
+            patch.delattr("endolab.workbench.recording.recorder.paint")
+            result = el.run(iter_of(steps), observers=[one])
+        assert result.iterations == 3
+        one.add_uncertainty(uncertainty, result)
+        both.run("other")(steps[0])
+    (sentence,) = both.undrawn
+    assert "run.rrd could not be drawn" in sentence
+    assert list(tmp_path.iterdir()) == []
+
+
 # Damaged files ------------------------------------------------------------------------
 @pytest.mark.parametrize("content", [b"", b"RRF2", b"RRF2\0\x63\0\0" + bytes(99), None])
 def test_what_is_no_recording_or_is_cut_off_is_named(content, tmp_path, solved):

@@ -60,6 +60,20 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path, report):
     assert read_camera(tmp_path / "camera.json") == session.camera
 
 
+def test_a_page_or_a_figure_that_cannot_be_drawn_costs_no_number(tmp_path, monkeypatch):
+    page = "endolab.workbench.reports.calibration_page"
+    for name in ("figures.light_figure", "_small", "_frames_of"):
+        monkeypatch.setattr(f"{page}.{name}", lambda *given: 1 / 0)
+    session, frames = simulated()
+    write_report(session, frames[:1], tmp_path)
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == {"camera.png", "uncertainty.png", "report.json", "camera.json"}
+    facts = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert facts["verdict"] == session.verdict.value
+    lost = [sentence.split()[0] for sentence in facts["warnings"]]
+    assert lost == ["frame_0.jpg", "light.png", "report.html"]
+
+
 def test_without_light_and_with_a_given_camera_the_page_says_so_and_no_html_is_taken_in(
     report,
 ):

@@ -53,6 +53,7 @@ def test_a_result_is_saved_whole(tmp_path, result):
         "scale": "gain",
         "meaning": list(meaning(result)),
         "energy": sum(report["terms"].values()),
+        "left": result.left,
     }
     assert {name: report[name] for name in expected} == expected
     assert report["energy"] == result.energy

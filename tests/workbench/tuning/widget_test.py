@@ -118,6 +118,23 @@ def test_what_is_exported_is_what_is_shown_to_the_bit(
     assert "found.npz" in names
 
 
+def test_what_cannot_be_drawn_costs_no_export(tune, tmp_path, monkeypatch):
+    box, messages = tune()
+    monkeypatch.delattr("endolab.workbench.reports.result.overview")
+    monkeypatch.delattr("endolab.workbench.recording.recorder.paint")
+    box._hear(box, {"do": "export", "given": [str(tmp_path / "out"), ""]}, [])
+    box.engine.wait(60)
+    message, _ = messages[-1]
+    assert message["tone"] == "endolab-wrong"
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"depth.npz", "report.json", "result.py"} <= names
+    warnings = json.loads((tmp_path / "out/report.json").read_text())["warnings"]
+    for lost in ("overview.png", "recording.rrd"):
+        assert lost not in names
+        assert lost in message["line"]
+        assert lost in " ".join(warnings)
+
+
 def test_an_export_answers_for_its_picture_alone_and_options_win(
     tune, seen, tmp_path, monkeypatch, capsys
 ):
@@ -181,6 +198,7 @@ def test_a_page_without_python_holds_all_lams(tune, tmp_path):
         ({"do": "turn", "given": [{"known_distance": "near"}]}, "known_distance"),
         ({"do": "turn", "given": [{"lam": -1}]}, "lam"),
         ({"do": "destroy", "given": []}, "destroy"),
+        ({"do": "export", "given": [__file__, ""]}, "under another name"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line_and_the_next_is_done(

@@ -9,7 +9,7 @@ import pytest
 
 from tests.tools.notebook_solutions import solutions
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 TEXTS = [
     *sorted((ROOT / "notebooks").rglob("*.md")),
@@ -39,25 +39,31 @@ def path(request):
     return request.param
 
 
-@pytest.fixture
-def cells(path):
+def cells_of(path):
     """Cells of a notebook, each with its source as one text."""
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     return [cell | {"text": "".join(cell["source"])} for cell in cells]
 
 
+@pytest.fixture
+def cells(path):
+    return cells_of(path)
+
+
+def texts_of(cells, kind):
+    return [cell["text"] for cell in cells if cell["cell_type"] == kind]
+
+
 def code_of(cells):
-    return [cell["text"] for cell in cells if cell["cell_type"] == "code"]
+    return texts_of(cells, "code")
 
 
 def links_of(path):
     """Targets of the links in a notebook's or a page's text, code left out."""
-    text = path.read_text(encoding="utf-8")
     if path.suffix == ".ipynb":
-        cells = json.loads(text)["cells"]
-        text = "\n\n".join(
-            "".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"
-        )
+        text = "\n\n".join(texts_of(cells_of(path), "markdown"))
+    else:
+        text = path.read_text(encoding="utf-8")
     return LINK.findall(re.sub(r"```.*?```", "", text, flags=re.DOTALL))
 
 
@@ -100,11 +106,7 @@ def test_it_opens_by_saying_what_one_will_do_learn_and_need(cells):
 
 def test_it_keeps_to_its_budget(cells):
     assert len(cells) <= MOST_CELLS
-    prose = " ".join(
-        NO_PROSE.sub(" ", cell["text"])
-        for cell in cells
-        if cell["cell_type"] == "markdown"
-    )
+    prose = NO_PROSE.sub(" ", "\n\n".join(texts_of(cells, "markdown")))
     assert sum(any(map(str.isalpha, word)) for word in prose.split()) <= MOST_WORDS
     assert (
         sum(bool(line.strip()) for text in code_of(cells) for line in text.splitlines())
@@ -124,9 +126,7 @@ def test_it_closes_with_an_assertion_and_two_exercises(cells):
         i for i, cell in enumerate(cells) if cell["text"].startswith("## Exercises")
     )
     assert "assert " in code_of(cells[:start])[-1]
-    text = "\n".join(
-        cell["text"] for cell in cells[start:] if cell["cell_type"] == "markdown"
-    )
+    text = "\n".join(texts_of(cells[start:], "markdown"))
     assert all(f"**{number}" in text for number in (1, 2))
     assert len(code_of(cells[start:])) >= 2, "each exercise has a cell to answer in"
 
@@ -147,8 +147,7 @@ def test_its_links_lead_somewhere(page):
 
 def test_each_notebook_leads_to_the_next_one_and_to_the_library():
     for path, after in zip(NOTEBOOKS, [*NOTEBOOKS[1:], None], strict=True):
-        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-        closing = "".join(cells[-1]["source"]).split("**Next:**")
+        closing = cells_of(path)[-1]["text"].split("**Next:**")
         assert len(closing) == 2, f"{path.name} does not end in **Next:** and a link"
         assert f"({after.name if after else 'README.md'})" in closing[1], path.name
         assert any(link.startswith("../endolab/") for link in links_of(path)), path.name

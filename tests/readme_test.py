@@ -1,6 +1,5 @@
-"""The README is one page and its commands work; no name in the code only tells that it tells."""
+"""The commands of the README work."""
 
-import ast
 import re
 import shlex
 import signal
@@ -14,32 +13,6 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 PROGRAM = ".venv/bin/endolab"
-NO_NAMES = {"told", "said", "judged"}  # which only tell that they tell
-# A function is named by a verb or by what it returns; these are quantities, and a decorator.
-PARTICIPLES = {"misplaced", "shown", "pictured", "checked", "explained"}
-IRREGULAR = {
-    "found",
-    "kept",
-    "held",
-    "seen",
-    "made",
-    "begun",
-    "drawn",
-    "known",
-    "given",
-    "taken",
-    "left",
-    "shown",
-    "told",
-    "said",
-    "sent",
-    "cut_off",
-    "built",
-    "written",
-    "hidden",
-    "grown",
-    "chosen",
-}
 
 
 def blocks(language):
@@ -53,40 +26,6 @@ def commands():
         for text in blocks("sh")
         for line in text.splitlines()
     ]
-
-
-def names_in(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        for field in ("id", "attr", "arg", "name"):
-            if isinstance(name := getattr(node, field, None), str):
-                yield name
-
-
-def test_the_readme_is_one_page():
-    assert len(README.split()) <= 1000
-    assert len(README.splitlines()) <= 130
-
-
-def test_no_name_only_tells_that_it_tells():
-    paths = [
-        path
-        for folder in ("endolab", "tests")
-        for path in (ROOT / folder).rglob("*.py")
-    ]
-    assert {name for path in paths for name in names_in(path)} & NO_NAMES == set()
-
-
-def test_functions_are_verbs_or_what_they_return():
-    names = set()
-    for path in (ROOT / "endolab").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef):
-                names.add(node.name)
-    plain = {name: name.strip("_") for name in names if "_" not in name.strip("_")}
-    is_participle = {
-        name for name, word in plain.items() if word in IRREGULAR or word.endswith("ed")
-    }
-    assert is_participle - {"_embed", "need"} == PARTICIPLES
 
 
 def test_make_knows_the_targets_of_the_readme():
