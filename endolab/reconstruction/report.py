@@ -47,7 +47,11 @@ def notes(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def _of_picture(report: Report) -> Iterator[str]:
-    """Say that a calibration was scaled, and that a box was left out."""
+    """Say that a run was stopped early, that a calibration was scaled, and that a box was left out."""
+    if report.stage:
+        yield (
+            f"It was stopped in the stage '{report.stage}': light and contours were still being looked for."
+        )
     own, known = report.picture_size, report.calibrated_size
     if own and known and own != known:
         yield (

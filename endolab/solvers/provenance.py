@@ -106,6 +106,8 @@ class Report:
         if self.picture_size is not None:
             names = "frame picture_size width height smooth highlights misplaced"
             done = {name: getattr(self, name) for name in names.split()}
+        if self.stage:
+            done["stage"] = self.stage
         if self.contours is not None:
             done["contours"] = self.cut_links > 0
         if self.lamps:
