@@ -35,6 +35,12 @@ from endolab.calibration.photometric.identifiability import (
     refuse,
     signals,
 )
+from endolab.calibration.photometric.lamps import (
+    Choice,
+    Lamps,
+    choose_lamps,
+    with_lamps,
+)
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LEVELS,
@@ -45,6 +51,7 @@ from endolab.calibration.photometric.model import (
 from endolab.calibration.photometric.result import Doubt, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
+from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checked_types import Whole, checked
@@ -93,6 +100,8 @@ class LightOptions:
     reflectance : sequence
         Of materials 1 and up, relative to material 0: a number, (value, sd), or None if free.
         They share the shape of the BRDF.
+    lamps : {"auto", "centre", "one", "two"}
+        Lamps whose places beside the lens are sought; auto: the fewest that explain frames held out.
     """
 
     gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = FIRST_GAMMA
@@ -100,6 +109,7 @@ class LightOptions:
     nodes: Annotated[Whole, Field(ge=2)] = 15
     gain: Literal["free", "locked"] = "free"
     reflectance: tuple[Known, ...] = ()
+    lamps: Lamps = "auto"
 
 
 def _belief(known: Any, first: float) -> tuple[float, float]:
@@ -117,7 +127,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     samples : Samples
         Of a calibration sheet, or of any surface that is known.
     **options
-        Of `LightOptions`: gamma, brdf, nodes, gain, reflectance.
+        Of `LightOptions`: gamma, brdf, nodes, gain, reflectance, lamps.
 
     Returns
     -------
@@ -155,7 +165,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
         ("light", good.sum() < LEAST_SAMPLES, f"{lit}, {LEAST_SAMPLES} are needed; {ways}")
     )
     model = _model(samples, good, how)
-    of_k, of_gamma = signals(model, good)
+    of_k, of_gamma, of_lamp = signals(model, good)
     _refuse_untold(model, of_k, of_gamma)
     # What is roughly known is held at its value: a γ that the samples cannot tell, and beside a γ that is
     # sought reflectances. Left to the fit, they would follow the error of interpolating the BRDF between few
@@ -163,14 +173,17 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
     held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
-    fitted = fit(stiff, model.mean, _start(model, good))
-    covariance = fitted.covariance
+    centred = fit(stiff, model.mean, _start(model, good))
+    choice = choose_lamps(stiff, centred, how.lamps, of_lamp)
+    model = with_lamps(model, choice.model.lamps)
+    covariance = choice.fitted.covariance
     # Its uncertainty is given back, and with it that of what hangs on it.
-    for i in np.flatnonzero(held):
+    for i in np.flatnonzero(model.sd != choice.model.sd):
         along = covariance[i] / covariance[i, i]  # d(all)/d(held)
         wider = model.sd[i] ** 2 - covariance[i, i]
         covariance = covariance + wider * np.outer(along, along)
-    return _result(model, replace(fitted, covariance=covariance))
+    fitted = replace(choice.fitted, covariance=covariance)
+    return _result(model, fitted, choice)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -269,7 +282,8 @@ def _standard_errors(
 ) -> dict[str, float]:
     """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
     slopes = np.eye(len(vector) + 1, len(vector))
-    slopes[:, 2:] *= np.exp(vector[2:])  # of logarithms
+    start = model.of_brdf.start
+    slopes[:, start:] *= np.exp(vector[start:])  # of logarithms
     slopes[-1, :2] = 1 / vector[1], -vector[0] / vector[1] ** 2  # of k/γ
     errors = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
     return dict(zip([*model.names, "k/gamma"], errors.tolist(), strict=True))
@@ -279,15 +293,17 @@ def _range(values: FloatArray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
+def _result(model: LightModel, fitted: Fit, choice: Choice) -> PhotometricFit:
     """Check a fit and name what it found."""
     vector = fitted.common
+    places = vector[model.of_lamps].reshape(-1, 2)
     own = fitted.own
     errors = _standard_errors(model, vector, fitted.covariance)
     power = np.nan, np.nan
     # A free γ would make up for another light, and run out of its bounds.
     if np.isfinite(model.sd[1]):
-        power = power_of_lamp(model, vector[1], fitted.used & (model.samples.level > 0))
+        seen = fitted.used & (model.samples.level > 0)
+        power = power_of_lamp(model, vector[1], places, seen)
     _refuse_run_away(model, fitted, errors, power)
     clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
     doubts = {
@@ -307,8 +323,14 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
     locked = float(gains[0]) if alike > 1 else None
     counted = model.samples[fitted.used]
     free = np.flatnonzero(model.sd)
+    k, gamma = vector[:2].tolist()
+    spread = min(1.0, k) if len(places) else 0.0
+    lights = tuple(
+        SpotLight((x, y, 0.0), exponent=spread, weight=1 / len(places))
+        for x, y in places.tolist()
+    )
     return PhotometricFit(
-        photometry=Photometry(float(vector[0]), float(vector[1]), locked, surface),
+        photometry=Photometry(k - spread, gamma, locked, surface, lights),
         frames=frames,
         gains=gains,
         gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
@@ -322,6 +344,8 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
         alpha_range=_range(np.arccos(np.minimum(counted.cos_alpha, 1.0))),
         theta_range=_range(counted.theta),
         power=power,
+        place=choice.place,
+        held_out=choice.held_out,
         doubts=[doubt for doubt, is_so in doubts.items() if is_so],
         status=fitted.status,
     )

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.least_squares import Arrow
-from endolab.calibration.photometric.model import LightModel, hats
+from endolab.calibration.photometric.model import LightModel, hats, light_beside
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 # What samples must show before k and γ are believed.
@@ -67,8 +67,11 @@ def regress(
     return solved, target - columns @ solved - constant[model.group, 0], arrow
 
 
-def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
-    """Measure what the good samples know of k, and of γ; what is roughly known is believed."""
+def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
+    """Measure what the good samples know of k, of γ, and of 1 mm of a lamp's place (the worse of x and y).
+
+    What is roughly known is believed.
+    """
     weight = np.where(good, model.samples.level**2, 0.0)
     material = slice(model.of_brdf.stop, None)
     others = model.materials[:, np.isinf(model.sd[material])].astype(float)
@@ -79,15 +82,21 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
     k = model.log_cos_alpha
     gamma = model.falloff + model.materials @ model.mean[material]
     _, of_k, _ = regress(model, k, others, weight)
-    _, of_gamma, _ = regress(model, gamma, np.column_stack([others, k]), weight)
-    squares = np.average([of_k**2, of_gamma**2], axis=1, weights=weight)
-    return float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
+    known = np.column_stack([others, k])
+    _, of_gamma, _ = regress(model, gamma, known, weight)
+    by_place = light_beside(model.samples, np.zeros(2))[1]
+    of_lamp = [regress(model, axis, known, weight)[1] for axis in by_place.T]
+    left = np.square([of_k, of_gamma, *of_lamp])
+    of_k, of_gamma, *sides = np.sqrt(np.average(left, axis=1, weights=weight)).tolist()
+    return of_k, of_gamma, min(sides)
 
 
-def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[float, float]:
+def power_of_lamp(
+    model: LightModel, gamma: float, places: FloatArray, used: BoolArray
+) -> tuple[float, float]:
     """Measure how much of 1/d² cos θ is in the brightness within frames: 1 of a lamp at the lens.
 
-    The surface is taken to be matt. Returns the exponent, and its standard error; both hold for this γ.
+    Or of lamps at `places`, (m, 2), mm, if there are any. The surface is taken to be matt. Returns the exponent, and its standard error; both hold for this γ.
     Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
     1/cos³ θ would pass for it, so that neither residuals nor k betray it.
     """
@@ -95,7 +104,9 @@ def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[flo
     weight = np.where(used, level**2, 0.0)
     material = slice(model.of_brdf.stop, None)
     loose = model.sd[material] > 0
-    lamp = model.falloff, model.log_cos_alpha, model.materials[:, loose]
+    ratio = [light_beside(model.samples, place)[0] for place in places] or [1.0]
+    falloff = model.falloff + np.log(np.mean(ratio, axis=0))
+    lamp = falloff, model.log_cos_alpha, model.materials[:, loose]
     given = model.materials @ np.where(loose, 0.0, model.mean[material])
     light = gamma * np.log(level) - given
     solved, left, arrow = regress(model, light, np.column_stack(lamp), weight)

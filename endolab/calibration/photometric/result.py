@@ -5,6 +5,7 @@ from enum import Enum
 
 import numpy as np
 
+from endolab.calibration.photometric.lamps import Place
 from endolab.calibration.photometric.model import GREY_LEVELS
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import TabulatedBRDF
@@ -70,13 +71,16 @@ class PhotometricFit:
     # Power of the fall-off of a lamp at the lens that the brightness shows, and its standard error: 1 of
     # such a lamp, 0 of a lit room; nan if γ was sought.
     power: tuple[float, float]
+    place: Place  # where the lamps come from
+    # Lamps that were tried → root mean square residual of frames held out, grey levels.
+    held_out: dict[str, float]
     doubts: list[Doubt]
     status: Status
 
     @property
     def k(self) -> float:
         """Joint exponent of light and vignetting."""
-        return self.photometry.k
+        return self.photometry.simplify().k
 
     @property
     def ratio(self) -> float:

@@ -1,0 +1,154 @@
+"""Where the lamps are: as few of them as explain frames that were not fitted to.
+
+A lamp beside the lens shows where the sheet is near: by 1 mm it moves the light of one side of the picture
+against the other's by 4 sin α / d or so. One lamp is sought from the lens; two, of which a pair and its mirror
+image leave about as much, from several pairs about the one.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+
+from endolab.calibration.least_squares import OUTLIER, Fit, fit
+from endolab.calibration.photometric.identifiability import refuse
+from endolab.calibration.photometric.model import LightModel
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+LAMPS = ("centre", "one", "two")
+Lamps = Literal["auto", "centre", "one", "two"]
+PLACE_SD = 10.0  # mm; what is believed of a lamp's place beforehand
+FARTHEST_LAMP = 15.0  # mm from the lens, on the widest of tips
+# Part of the light that 1 mm of a lamp must change, in ways that nothing else does.
+LEAST_LAMP_SIGNAL = 0.006
+APART = 3.0  # mm, from the one lamp to each of a pair, to begin with
+PAIRS = 4  # directions of that
+FEW = 3000  # samples, of which the best of these is found
+FIXED = 1e-9  # standard deviation of what is not to move
+PARTS = 2  # of the frames, of which each is held out once
+LEAST_FALL = 2.0  # of its own ±, by which more lamps explain frames held out better
+
+
+class Place(Enum):
+    """Where the lamps of a calibration come from."""
+
+    GIVEN = "The lamps are as many as was asked for."
+    HELD_OUT = "The lamps are the fewest that explain frames held out."
+    UNTOLD = "Where the lamp is was not told, and it was left at the lens: the sheet must be near, and tilted."
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The model that was chosen, its fit, and why."""
+
+    model: LightModel
+    fitted: Fit
+    place: Place
+    held_out: dict[str, float]  # of each that was tried, rms of residuals held out, grey levels
+
+
+def with_lamps(model: LightModel, lamps: int) -> LightModel:
+    """Add the places of so many lamps to the unknowns of a model that has its lamp at the lens."""
+    names = [f"lamp {number} {axis}" for number in range(1, lamps + 1) for axis in "xy"]
+    return replace(
+        model,
+        mean=np.insert(model.mean, 2, np.zeros(2 * lamps)),
+        sd=np.insert(model.sd, 2, np.full(2 * lamps, PLACE_SD)),
+        names=[*model.names[:2], *names, *model.names[2:]],
+        lamps=lamps,
+    )
+
+
+def choose_lamps(model: LightModel, centred: Fit, wanted: Lamps, signal: float) -> Choice:
+    """Fit as many lamps as are wanted, from the fit of one at the lens."""
+    told = signal >= LEAST_LAMP_SIGNAL
+    if wanted == "centre" or (wanted == "auto" and not told):
+        return Choice(
+            model, centred, Place.GIVEN if wanted == "centre" else Place.UNTOLD, {}
+        )
+    nearest = model.samples.distance.min()
+    tilt = np.rad2deg(model.samples.theta[model.samples.lit].max())
+    refuse(
+        (
+            "lamps",
+            not told,
+            f"these samples do not tell where the lamps are: 1 mm changes {100 * signal:.2g} % of the light "
+            f"({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {nearest:.0f} mm away or more, and "
+            f"seen at up to {tilt:.0f}°; bring it nearer and tilt it, or take lamps (--lamps) centre",
+        )
+    )
+    tried = {"centre": (model, centred)}
+    for count, name in enumerate(LAMPS[1:], 1):
+        each = with_lamps(model, count)
+        fitted = _fit_lamps(each, tried[LAMPS[count - 1]][1])
+        tried[name] = each, fitted
+        if name == wanted:
+            places = fitted.common[each.of_lamps].reshape(-1, 2)
+            far = np.hypot(*places.T).max()
+            refuse(
+                (
+                    "lamps",
+                    far > FARTHEST_LAMP,
+                    f"a lamp ran to {far:.0f} mm from the lens, {FARTHEST_LAMP:g} mm at most are an endoscope's; "
+                    "use its own light, and no other",
+                )
+            )
+            return Choice(each, fitted, Place.GIVEN, {})
+
+    limit = (OUTLIER * centred.sigma) ** 2
+    squares = {name: np.minimum(_hold_out(*each), limit) for name, each in tried.items()}
+    _, frame = np.unique(model.samples.frame, return_inverse=True)
+    best = "centre"
+    for name in LAMPS[1:]:
+        falls = np.bincount(frame, np.nan_to_num(squares[best] - squares[name]))
+        each, fitted = tried[name]
+        near = np.all(np.abs(fitted.common[each.of_lamps]) < FARTHEST_LAMP)
+        if near and falls.sum() > LEAST_FALL * falls.std(ddof=1) * np.sqrt(len(falls)):
+            best = name
+    rms = {name: float(np.sqrt(np.nanmean(values))) for name, values in squares.items()}
+    return Choice(*tried[best], Place.HELD_OUT, rms)
+
+
+def _fit_lamps(model: LightModel, before: Fit) -> Fit:
+    """Fit lamps, from the fit of one fewer."""
+    fewer = before.common[2 : model.of_lamps.stop - 2]
+    angles = np.pi / PAIRS * np.arange(PAIRS)
+    apart = APART * np.column_stack([np.cos(angles), np.sin(angles)])
+    starts = np.hstack([fewer + apart, fewer - apart]) if fewer.size else np.zeros((1, 2))
+    rest = before.common[model.of_lamps.stop - 2 :]
+    vectors = [np.concatenate([before.common[:2], start, rest]) for start in starts]
+    if len(vectors) > 1:
+        few, own = _part(
+            model, before, np.arange(len(model.samples)) % (len(model.samples) // FEW + 1) == 0
+        )
+        fits = [fit(few, vector, own) for vector in vectors]
+        vectors = [min(fits, key=lambda each: each.sigma).common]
+    return fit(model, vectors[0], before.own)
+
+
+def _part(
+    model: LightModel, fitted: Fit, which: BoolArray
+) -> tuple[LightModel, FloatArray]:
+    """Return the model of some samples, and the own unknowns of their groups."""
+    groups, group = np.unique(model.group[which], return_inverse=True)
+    return replace(model, samples=model.samples[which], group=group), fitted.own[groups]
+
+
+def _hold_out(model: LightModel, fitted: Fit) -> FloatArray:
+    """Return the squared residuals, (n,), of frames as the others predict them; nan out of the sensor's range.
+
+    Their gains are their own.
+    """
+    _, frame = np.unique(model.samples.frame, return_inverse=True)
+    squares = np.full(len(frame), np.nan)
+    for part in range(PARTS):
+        held = frame % PARTS == part
+        known, own = _part(model, fitted, ~held)
+        common = fit(known, fitted.common, own).common
+        others, own = _part(model, fitted, held)
+        fixed = replace(others, mean=common, sd=np.full(len(common), FIXED))
+        found = fit(fixed, common, own)
+        good = fixed.usable(found.common, found.own)
+        squares[held] = np.where(good, found.residual[:, 0] ** 2, np.nan)
+    return squares
