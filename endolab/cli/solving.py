@@ -55,6 +55,12 @@ def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
 
 
+def _lamp(_: Any, tokens: Sequence[Any]) -> tuple[float, ...]:
+    given = tokens[0].value
+    form = "X,Y,Z" if given.count(",") == 2 else "X,Y"
+    return _numbers(form)(_, tokens)
+
+
 def _read_by(read: Reader) -> Any:
     return Annotated[Any, Parameter(converter=read, n_tokens=1)]
 
@@ -64,6 +70,8 @@ Value = _read_by(_value)
 Distance = _read_by(_numbers("MM,COLUMN,ROW"))
 Diameter = _read_by(_diameter)
 Rectangle = _read_by(_numbers("COLUMN,ROW,WIDTH,HEIGHT", int))
+# mm in the camera frame: x right, y down.
+Lamp = Annotated[Any, Parameter(converter=_lamp, n_tokens=1, allow_leading_hyphen=True)]
 Size = _read_by(_numbers("COLUMNSxROWS", int, "x"))
 
 

@@ -31,12 +31,12 @@ from endolab.calibration.least_squares import Fit, fit
 from endolab.calibration.photometric.identifiability import (
     LEAST_GAMMA_SIGNAL,
     LEAST_K_SIGNAL,
+    one_sided,
     power_of_lamp,
     refuse,
     signals,
 )
 from endolab.calibration.photometric.lamps import (
-    Choice,
     Lamps,
     choose_lamps,
     with_lamps,
@@ -51,7 +51,6 @@ from endolab.calibration.photometric.model import (
 from endolab.calibration.photometric.result import Doubt, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
-from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checked_types import Whole, checked
@@ -71,6 +70,7 @@ LEAST_POWER = 0.6
 USUAL_POWER = 0.85
 # Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
 LARGEST_SIGMA = 15.0
+LARGEST_SIDE = 0.05  # part of the light by which one side of the picture may be too bright
 HELD_TO = 1e-3  # of its standard deviation, to which an unknown is held
 # Standard deviations of the noise by which levels should stay inside the sensor's range.
 CLEARANCE = 3.5
@@ -174,16 +174,17 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
     centred = fit(stiff, model.mean, _start(model, good))
-    choice = choose_lamps(stiff, centred, how.lamps, of_lamp)
-    model = with_lamps(model, choice.model.lamps)
-    covariance = choice.fitted.covariance
+    stiff, fitted, held_out = choose_lamps(stiff, centred, how.lamps, of_lamp)
+    model = with_lamps(model, stiff.lamps)
+    covariance = fitted.covariance
     # Its uncertainty is given back, and with it that of what hangs on it.
-    for i in np.flatnonzero(model.sd != choice.model.sd):
+    for i in np.flatnonzero(model.sd != stiff.sd):
         along = covariance[i] / covariance[i, i]  # d(all)/d(held)
         wider = model.sd[i] ** 2 - covariance[i, i]
         covariance = covariance + wider * np.outer(along, along)
-    fitted = replace(choice.fitted, covariance=covariance)
-    return _result(model, fitted, choice)
+    fitted = replace(fitted, covariance=covariance)
+    untold = how.lamps == "auto" and not held_out
+    return _result(model, fitted, held_out, untold)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -293,7 +294,9 @@ def _range(values: FloatArray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _result(model: LightModel, fitted: Fit, choice: Choice) -> PhotometricFit:
+def _result(
+    model: LightModel, fitted: Fit, held_out: dict[str, float], untold: bool
+) -> PhotometricFit:
     """Check a fit and name what it found."""
     vector = fitted.common
     places = vector[model.of_lamps].reshape(-1, 2)
@@ -305,10 +308,13 @@ def _result(model: LightModel, fitted: Fit, choice: Choice) -> PhotometricFit:
         seen = fitted.used & (model.samples.level > 0)
         power = power_of_lamp(model, vector[1], places, seen)
     _refuse_run_away(model, fitted, errors, power)
+    side = one_sided(model, fitted)
     clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
         Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
+        Doubt.UNTOLD_PLACE: untold,
+        Doubt.OTHER_PLACE: side[0] - 2 * side[1] > LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
         Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,
     }
@@ -323,14 +329,9 @@ def _result(model: LightModel, fitted: Fit, choice: Choice) -> PhotometricFit:
     locked = float(gains[0]) if alike > 1 else None
     counted = model.samples[fitted.used]
     free = np.flatnonzero(model.sd)
-    k, gamma = vector[:2].tolist()
-    spread = min(1.0, k) if len(places) else 0.0
-    lights = tuple(
-        SpotLight((x, y, 0.0), exponent=spread, weight=1 / len(places))
-        for x, y in places.tolist()
-    )
+    light = Photometry(float(vector[0]), float(vector[1]), locked, surface)
     return PhotometricFit(
-        photometry=Photometry(k - spread, gamma, locked, surface, lights),
+        photometry=light.with_lamps(places.tolist()) if len(places) else light,
         frames=frames,
         gains=gains,
         gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
@@ -344,8 +345,7 @@ def _result(model: LightModel, fitted: Fit, choice: Choice) -> PhotometricFit:
         alpha_range=_range(np.arccos(np.minimum(counted.cos_alpha, 1.0))),
         theta_range=_range(counted.theta),
         power=power,
-        place=choice.place,
-        held_out=choice.held_out,
+        held_out=held_out,
         doubts=[doubt for doubt, is_so in doubts.items() if is_so],
         status=fitted.status,
     )

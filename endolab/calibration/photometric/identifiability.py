@@ -25,8 +25,13 @@ from typing import Any
 
 import numpy as np
 
-from endolab.calibration.least_squares import Arrow
-from endolab.calibration.photometric.model import LightModel, hats, light_beside
+from endolab.calibration.least_squares import Arrow, Fit
+from endolab.calibration.photometric.model import (
+    GREY_LEVELS,
+    LightModel,
+    hats,
+    light_beside,
+)
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 # What samples must show before k and γ are believed.
@@ -96,19 +101,40 @@ def power_of_lamp(
 ) -> tuple[float, float]:
     """Measure how much of 1/d² cos θ is in the brightness within frames: 1 of a lamp at the lens.
 
-    Or of lamps at `places`, (m, 2), mm, if there are any. The surface is taken to be matt. Returns the exponent, and its standard error; both hold for this γ.
-    Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
+    Or of lamps at `places`, (m, 2), mm, if there are any. The surface is taken to be matt. Returns the
+    exponent, and its standard error; both hold for this γ. Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
     1/cos³ θ would pass for it, so that neither residuals nor k betray it.
     """
     level = np.where(used, model.samples.level, 1.0)
     weight = np.where(used, level**2, 0.0)
     material = slice(model.of_brdf.stop, None)
     loose = model.sd[material] > 0
-    ratio = [light_beside(model.samples, place)[0] for place in places] or [1.0]
-    falloff = model.falloff + np.log(np.mean(ratio, axis=0))
+    falloff = model.falloff
+    if len(places):
+        ratios = [light_beside(model.samples, place)[0] for place in places]
+        falloff = falloff + np.log(np.mean(ratios, axis=0))
     lamp = falloff, model.log_cos_alpha, model.materials[:, loose]
     given = model.materials @ np.where(loose, 0.0, model.mean[material])
     light = gamma * np.log(level) - given
     solved, left, arrow = regress(model, light, np.column_stack(lamp), weight)
     rest = np.sum(weight * left**2) / (used.sum() + 1)
     return float(solved[0]), float(np.sqrt(rest * arrow.covariance()[0][0, 0]))
+
+
+def one_sided(model: LightModel, fitted: Fit) -> tuple[float, float]:
+    """Measure by what part of the light one side of the picture is brighter than a fit says.
+
+    From rim to rim of what was seen, by the residuals of the samples that count; and its standard error.
+    """
+    samples = model.samples
+    predicted = samples.level - fitted.residual[:, 0] / GREY_LEVELS
+    level = np.where(fitted.used, predicted, 1.0)
+    weight = np.where(fitted.used, level**2, 0.0)
+    off = fitted.common[1] * fitted.residual[:, 0] / GREY_LEVELS / level
+    across = samples.points[:, :2] / samples.distance[:, None]
+    slope, left, arrow = regress(model, off, across, weight)
+    wide = 2 * np.linalg.norm(across[fitted.used], axis=1).max()
+    error = np.sqrt(
+        arrow.covariance()[0].trace() * np.sum(weight * left**2) / fitted.used.sum()
+    )
+    return wide * float(np.linalg.norm(slope)), wide * float(error)

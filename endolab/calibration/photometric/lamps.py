@@ -1,17 +1,18 @@
 """Where the lamps are: as few of them as explain frames that were not fitted to.
 
-A lamp beside the lens shows where the sheet is near: by 1 mm it moves the light of one side of the picture
-against the other's by 4 sin α / d or so. One lamp is sought from the lens; two, of which a pair and its mirror
-image leave about as much, from several pairs about the one.
+A lamp beside the lens shows where the sheet is near: 1 mm of it moves the light there, d away and α off the
+axis, by 4 sin α / d or so. One lamp is sought from the lens; two, of which a pair and its mirror image leave
+about as much, from several pairs about the one.
 """
 
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from endolab.calibration.least_squares import OUTLIER, Fit, fit
+from endolab.calibration import least_squares
+from endolab.calibration.least_squares import OUTLIER, Fit
 from endolab.calibration.photometric.identifiability import refuse
 from endolab.calibration.photometric.model import LightModel
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -26,26 +27,14 @@ APART = 3.0  # mm, from the one lamp to each of a pair, to begin with
 PAIRS = 4  # directions of that
 FEW = 3000  # samples, of which the best of these is found
 FIXED = 1e-9  # standard deviation of what is not to move
+# Of a standard error: where a sample's half angle passes a node of the BRDF the cost has a kink, and a finer
+# step need never come.
+FINEST_STEP = 0.01
 PARTS = 2  # of the frames, of which each is held out once
 LEAST_FALL = 2.0  # of its own ±, by which more lamps explain frames held out better
 
 
-class Place(Enum):
-    """Where the lamps of a calibration come from."""
-
-    GIVEN = "The lamps are as many as was asked for."
-    HELD_OUT = "The lamps are the fewest that explain frames held out."
-    UNTOLD = "Where the lamp is was not told, and it was left at the lens: the sheet must be near, and tilted."
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The model that was chosen, its fit, and why."""
-
-    model: LightModel
-    fitted: Fit
-    place: Place
-    held_out: dict[str, float]  # of each that was tried, rms of residuals held out, grey levels
+fit = partial(least_squares.fit, finest=FINEST_STEP)
 
 
 def with_lamps(model: LightModel, lamps: int) -> LightModel:
@@ -60,13 +49,17 @@ def with_lamps(model: LightModel, lamps: int) -> LightModel:
     )
 
 
-def choose_lamps(model: LightModel, centred: Fit, wanted: Lamps, signal: float) -> Choice:
-    """Fit as many lamps as are wanted, from the fit of one at the lens."""
+def choose_lamps(
+    model: LightModel, centred: Fit, wanted: Lamps, signal: float
+) -> tuple[LightModel, Fit, dict[str, float]]:
+    """Fit as many lamps as are wanted, from the fit of one at the lens.
+
+    Returns their model and fit, and, where they were chosen by frames held out, the root mean square residual
+    of these, grey levels, of each that was tried.
+    """
     told = signal >= LEAST_LAMP_SIGNAL
     if wanted == "centre" or (wanted == "auto" and not told):
-        return Choice(
-            model, centred, Place.GIVEN if wanted == "centre" else Place.UNTOLD, {}
-        )
+        return model, centred, {}
     nearest = model.samples.distance.min()
     tilt = np.rad2deg(model.samples.theta[model.samples.lit].max())
     refuse(
@@ -90,11 +83,11 @@ def choose_lamps(model: LightModel, centred: Fit, wanted: Lamps, signal: float) 
                 (
                     "lamps",
                     far > FARTHEST_LAMP,
-                    f"a lamp ran to {far:.0f} mm from the lens, {FARTHEST_LAMP:g} mm at most are an endoscope's; "
+                    f"a lamp ran to {far:.0f} mm from the lens, an endoscope's is {FARTHEST_LAMP:g} mm at most; "
                     "use its own light, and no other",
                 )
             )
-            return Choice(each, fitted, Place.GIVEN, {})
+            return each, fitted, {}
 
     limit = (OUTLIER * centred.sigma) ** 2
     squares = {name: np.minimum(_hold_out(*each), limit) for name, each in tried.items()}
@@ -107,7 +100,7 @@ def choose_lamps(model: LightModel, centred: Fit, wanted: Lamps, signal: float) 
         if near and falls.sum() > LEAST_FALL * falls.std(ddof=1) * np.sqrt(len(falls)):
             best = name
     rms = {name: float(np.sqrt(np.nanmean(values))) for name, values in squares.items()}
-    return Choice(*tried[best], Place.HELD_OUT, rms)
+    return *tried[best], rms
 
 
 def _fit_lamps(model: LightModel, before: Fit) -> Fit:
@@ -120,9 +113,11 @@ def _fit_lamps(model: LightModel, before: Fit) -> Fit:
     vectors = [np.concatenate([before.common[:2], start, rest]) for start in starts]
     if len(vectors) > 1:
         few, own = _part(
-            model, before, np.arange(len(model.samples)) % (len(model.samples) // FEW + 1) == 0
+            model,
+            before,
+            np.arange(len(model.samples)) % (len(model.samples) // FEW + 1) == 0,
         )
-        fits = [fit(few, vector, own) for vector in vectors]
+        fits = [fit(few, vector, own, finest=1.0) for vector in vectors]
         vectors = [min(fits, key=lambda each: each.sigma).common]
     return fit(model, vectors[0], before.own)
 
@@ -136,9 +131,9 @@ def _part(
 
 
 def _hold_out(model: LightModel, fitted: Fit) -> FloatArray:
-    """Return the squared residuals, (n,), of frames as the others predict them; nan out of the sensor's range.
+    """Return the squared residuals, (n,), of frames as the others predict them, but for their gains.
 
-    Their gains are their own.
+    nan out of the sensor's range.
     """
     _, frame = np.unique(model.samples.frame, return_inverse=True)
     squares = np.full(len(frame), np.nan)

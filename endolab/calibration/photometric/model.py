@@ -33,6 +33,8 @@ GREY_LEVELS = 255.0  # of a stored value of 1
 LEVELS = (12 / 255, 240 / 255)
 # Exponent that brings the BRDF's nodes closer together near θ = 0.
 NODE_EXPONENT = 1.15
+# Cosine of the steepest incidence of lamps' light, on average, at which a sample counts.
+GRAZING = 0.05
 LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
 
 
@@ -73,10 +75,13 @@ def light_beside(
     distance = samples.distance
     offset = np.append(place, 0.0) - points
     reach = np.linalg.norm(offset, axis=1)
-    height = np.maximum(np.vecdot(normals, offset), 1e-9 * reach)
+    height = np.vecdot(normals, offset)
+    behind = height < 1e-4 * reach
+    height = np.where(behind, 1e-4 * reach, height)
     nearer = (distance / reach) ** 4 / np.maximum(-np.vecdot(normals, points), 1e-9)
     ratio = height * nearer
     by_place = nearer[:, None] * normals - 4 * (ratio / reach**2)[:, None] * offset
+    by_place[behind] = 0
 
     to_lamp = offset / reach[:, None]
     half = to_lamp - points / distance[:, None]
@@ -176,7 +181,15 @@ class LightModel(Model):
         """
         off, *_ = self.linearise(common, own)
         level = self.samples.level - off[:, 0] / GREY_LEVELS
-        return (level > LEVELS[0]) & (level < LEVELS[1])
+        good = (level > LEVELS[0]) & (level < LEVELS[1])
+        if self.lamps:
+            cosines = []
+            for place in common[self.of_lamps].reshape(-1, 2):
+                offset = np.append(place, 0.0) - self.samples.points
+                cosine = np.vecdot(self.samples.normals, offset)
+                cosines.append(np.maximum(cosine / np.linalg.norm(offset, axis=1), 0))
+            good &= np.mean(cosines, axis=0) > GRAZING
+        return good
 
     def linearise(  # noqa: D102
         self, common: FloatArray, own: FloatArray
