@@ -102,8 +102,9 @@ def power_of_lamp(
     """Measure how much of 1/d² cos θ is in the brightness within frames: 1 of a lamp at the lens.
 
     Or of lamps at `places`, (m, 2), mm, if there are any. The surface is taken to be matt. Returns the
-    exponent, and its standard error; both hold for this γ. Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
-    1/cos³ θ would pass for it, so that neither residuals nor k betray it.
+    exponent, and its standard error; both hold for this γ. Light that stays in the room gives 0, however it
+    is exposed: for a flat sheet, a BRDF of 1/cos³ θ would pass for it, so that neither residuals nor k betray
+    it.
     """
     level = np.where(used, model.samples.level, 1.0)
     weight = np.where(used, level**2, 0.0)

@@ -25,7 +25,9 @@ FARTHEST_LAMP = 15.0  # mm from the lens, on the widest of tips
 LEAST_LAMP_SIGNAL = 0.006
 APART = 3.0  # mm, from the one lamp to each of a pair, to begin with
 PAIRS = 4  # directions of that
-FEW = 3000  # samples, of which the best of these is found
+# Samples by which the number of lamps is chosen; of them, one in so many tells which pair to begin with.
+FEW = 12000
+ONE_IN = 4
 FIXED = 1e-9  # standard deviation of what is not to move
 # Of a standard error: where a sample's half angle passes a node of the BRDF the cost has a kink, and a finer
 # step need never come.
@@ -71,36 +73,43 @@ def choose_lamps(
             f"seen at up to {tilt:.0f}°; bring it nearer and tilt it, or take lamps (--lamps) centre",
         )
     )
-    tried = {"centre": (model, centred)}
-    for count, name in enumerate(LAMPS[1:], 1):
-        each = with_lamps(model, count)
-        fitted = _fit_lamps(each, tried[LAMPS[count - 1]][1])
-        tried[name] = each, fitted
-        if name == wanted:
-            places = fitted.common[each.of_lamps].reshape(-1, 2)
-            far = np.hypot(*places.T).max()
-            refuse(
-                (
-                    "lamps",
-                    far > FARTHEST_LAMP,
-                    f"a lamp ran to {far:.0f} mm from the lens, an endoscope's is {FARTHEST_LAMP:g} mm at most; "
-                    "use its own light, and no other",
-                )
-            )
-            return each, fitted, {}
-
-    limit = (OUTLIER * centred.sigma) ** 2
-    squares = {name: np.minimum(_hold_out(*each), limit) for name, each in tried.items()}
-    _, frame = np.unique(model.samples.frame, return_inverse=True)
-    best = "centre"
-    for name in LAMPS[1:]:
-        falls = np.bincount(frame, np.nan_to_num(squares[best] - squares[name]))
-        each, fitted = tried[name]
-        near = np.all(np.abs(fitted.common[each.of_lamps]) < FARTHEST_LAMP)
-        if near and falls.sum() > LEAST_FALL * falls.std(ddof=1) * np.sqrt(len(falls)):
-            best = name
-    rms = {name: float(np.sqrt(np.nanmean(values))) for name, values in squares.items()}
-    return *tried[best], rms
+    count = len(model.samples)
+    few, own = _part(model, centred, np.arange(count) % -(-count // FEW) == 0)
+    models = [with_lamps(few, lamps) for lamps in range(len(LAMPS))]
+    fits = [fit(few, centred.common, own)]
+    for each in models[1:]:
+        fits.append(_fit_lamps(each, fits[-1]))
+    held_out = {}
+    if wanted == "auto":
+        limit = (OUTLIER * centred.sigma) ** 2
+        squares = np.minimum(list(map(_hold_out, models, fits)), limit)
+        held_out = dict(
+            zip(LAMPS, np.sqrt(np.nanmean(squares, axis=1)).tolist(), strict=True)
+        )
+        _, frame = np.unique(few.samples.frame, return_inverse=True)
+        best = 0
+        for lamps in range(1, len(LAMPS)):
+            falls = np.bincount(frame, np.nan_to_num(squares[best] - squares[lamps]))
+            places = fits[lamps].common[models[lamps].of_lamps]
+            near = np.abs(places).max() < FARTHEST_LAMP
+            if near and falls.sum() > LEAST_FALL * falls.std() * np.sqrt(len(falls)):
+                best = lamps
+    else:
+        best = LAMPS.index(wanted)
+    if best == 0:
+        return model, centred, held_out
+    model = with_lamps(model, best)
+    fitted = fit(model, fits[best].common, centred.own)
+    far = np.abs(fitted.common[model.of_lamps]).max()
+    refuse(
+        (
+            "lamps",
+            far > FARTHEST_LAMP,
+            f"a lamp ran {far:.0f} mm aside, where no endoscope of {FARTHEST_LAMP:g} mm or less has one; use "
+            "its own light, and no other",
+        )
+    )
+    return model, fitted, held_out
 
 
 def _fit_lamps(model: LightModel, before: Fit) -> Fit:
@@ -112,11 +121,7 @@ def _fit_lamps(model: LightModel, before: Fit) -> Fit:
     rest = before.common[model.of_lamps.stop - 2 :]
     vectors = [np.concatenate([before.common[:2], start, rest]) for start in starts]
     if len(vectors) > 1:
-        few, own = _part(
-            model,
-            before,
-            np.arange(len(model.samples)) % (len(model.samples) // FEW + 1) == 0,
-        )
+        few, own = _part(model, before, np.arange(len(model.group)) % ONE_IN == 0)
         fits = [fit(few, vector, own, finest=1.0) for vector in vectors]
         vectors = [min(fits, key=lambda each: each.sigma).common]
     return fit(model, vectors[0], before.own)
