@@ -31,6 +31,7 @@ from endolab.calibration.least_squares import Fit, fit
 from endolab.calibration.photometric.identifiability import (
     LEAST_GAMMA_SIGNAL,
     LEAST_K_SIGNAL,
+    LEAST_LAMP_SIGNAL,
     one_sided,
     power_of_lamp,
     refuse,
@@ -173,18 +174,27 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
     held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
-    centred = fit(stiff, model.mean, _start(model, good))
-    stiff, fitted, held_out = choose_lamps(stiff, centred, how.lamps, of_lamp)
-    model = with_lamps(model, stiff.lamps)
-    covariance = fitted.covariance
-    # Its uncertainty is given back, and with it that of what hangs on it.
-    for i in np.flatnonzero(model.sd != stiff.sd):
-        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
-        wider = model.sd[i] ** 2 - covariance[i, i]
-        covariance = covariance + wider * np.outer(along, along)
-    fitted = replace(fitted, covariance=covariance)
-    untold = how.lamps == "auto" and not held_out
-    return _result(model, fitted, held_out, untold)
+    fitted = fit(stiff, model.mean, _start(model, good))
+    told = how.lamps == "centre" or of_lamp >= LEAST_LAMP_SIGNAL
+    if how.lamps == "auto":  # another light than an endoscope's is refused before a search
+        centred = _result(model, stiff, fitted, {}, told)
+        if not told:
+            return centred
+    held_out: dict[str, float] = {}
+    if how.lamps != "centre":
+        near = f"{samples.distance[good].min():.0f} mm"
+        refuse(
+            (
+                "lamps",
+                not told,
+                "these samples do not determine where the lamps are: 1 mm changes the light by "
+                f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} away "
+                "or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
+            )
+        )
+        stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
+        model = with_lamps(model, stiff.lamps)
+    return _result(model, stiff, fitted, held_out, told)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -295,9 +305,20 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 
 def _result(
-    model: LightModel, fitted: Fit, held_out: dict[str, float], untold: bool
+    model: LightModel,
+    stiff: LightModel,
+    fitted: Fit,
+    held_out: dict[str, float],
+    told: bool,
 ) -> PhotometricFit:
-    """Check a fit and name what it found."""
+    """Check a fit of the model with some unknowns held, and name what it found."""
+    covariance = fitted.covariance
+    # Their uncertainty is given back, and with it that of what hangs on them.
+    for i in np.flatnonzero(model.sd != stiff.sd):
+        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
+        wider = model.sd[i] ** 2 - covariance[i, i]
+        covariance = covariance + wider * np.outer(along, along)
+    fitted = replace(fitted, covariance=covariance)
     vector = fitted.common
     places = vector[model.of_lamps].reshape(-1, 2)
     own = fitted.own
@@ -306,14 +327,14 @@ def _result(
     # A free γ would make up for another light, and run out of its bounds.
     if np.isfinite(model.sd[1]):
         seen = fitted.used & (model.samples.level > 0)
-        power = power_of_lamp(model, vector[1], places, seen)
+        power = power_of_lamp(model, vector[1], seen)
     _refuse_run_away(model, fitted, errors, power)
     side = one_sided(model, fitted)
     clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
         Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
-        Doubt.UNTOLD_PLACE: untold,
+        Doubt.UNTOLD_PLACE: not told,
         Doubt.OTHER_PLACE: side[0] - 2 * side[1] > LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
         Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,

@@ -42,6 +42,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 RICH_NODES = 60  # of the BRDF, in the regression
 LEAST_GAMMA_SIGNAL = 0.018
 LEAST_K_SIGNAL = 0.012
+LEAST_LAMP_SIGNAL = 0.006  # of 1 mm
 
 
 class NotIdentifiableError(ValueError):
@@ -96,25 +97,18 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     return of_k, of_gamma, min(sides)
 
 
-def power_of_lamp(
-    model: LightModel, gamma: float, places: FloatArray, used: BoolArray
-) -> tuple[float, float]:
+def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[float, float]:
     """Measure how much of 1/d² cos θ is in the brightness within frames: 1 of a lamp at the lens.
 
-    Or of lamps at `places`, (m, 2), mm, if there are any. The surface is taken to be matt. Returns the
-    exponent, and its standard error; both hold for this γ. Light that stays in the room gives 0, however it
-    is exposed: for a flat sheet, a BRDF of 1/cos³ θ would pass for it, so that neither residuals nor k betray
-    it.
+    The surface is taken to be matt. Returns the exponent, and its standard error; both hold for this γ.
+    Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
+    1/cos³ θ would pass for it, so that neither residuals nor k betray it.
     """
     level = np.where(used, model.samples.level, 1.0)
     weight = np.where(used, level**2, 0.0)
     material = slice(model.of_brdf.stop, None)
     loose = model.sd[material] > 0
-    falloff = model.falloff
-    if len(places):
-        ratios = [light_beside(model.samples, place)[0] for place in places]
-        falloff = falloff + np.log(np.mean(ratios, axis=0))
-    lamp = falloff, model.log_cos_alpha, model.materials[:, loose]
+    lamp = model.falloff, model.log_cos_alpha, model.materials[:, loose]
     given = model.materials @ np.where(loose, 0.0, model.mean[material])
     light = gamma * np.log(level) - given
     solved, left, arrow = regress(model, light, np.column_stack(lamp), weight)

@@ -13,16 +13,12 @@ import numpy as np
 
 from endolab.calibration import least_squares
 from endolab.calibration.least_squares import OUTLIER, Fit
-from endolab.calibration.photometric.identifiability import refuse
 from endolab.calibration.photometric.model import LightModel
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-LAMPS = ("centre", "one", "two")
 Lamps = Literal["auto", "centre", "one", "two"]
+LAMPS = ("centre", "one", "two")  # by their number
 PLACE_SD = 10.0  # mm; what is believed of a lamp's place beforehand
-FARTHEST_LAMP = 15.0  # mm from the lens, on the widest of tips
-# Part of the light that 1 mm of a lamp must change, in ways that nothing else does.
-LEAST_LAMP_SIGNAL = 0.006
 APART = 3.0  # mm, from the one lamp to each of a pair, to begin with
 PAIRS = 4  # directions of that
 # Samples by which the number of lamps is chosen; of them, one in so many tells which pair to begin with.
@@ -52,27 +48,13 @@ def with_lamps(model: LightModel, lamps: int) -> LightModel:
 
 
 def choose_lamps(
-    model: LightModel, centred: Fit, wanted: Lamps, signal: float
+    model: LightModel, centred: Fit, wanted: Lamps
 ) -> tuple[LightModel, Fit, dict[str, float]]:
     """Fit as many lamps as are wanted, from the fit of one at the lens.
 
     Returns their model and fit, and, where they were chosen by frames held out, the root mean square residual
     of these, grey levels, of each that was tried.
     """
-    told = signal >= LEAST_LAMP_SIGNAL
-    if wanted == "centre" or (wanted == "auto" and not told):
-        return model, centred, {}
-    nearest = model.samples.distance.min()
-    tilt = np.rad2deg(model.samples.theta[model.samples.lit].max())
-    refuse(
-        (
-            "lamps",
-            not told,
-            f"these samples do not tell where the lamps are: 1 mm changes {100 * signal:.2g} % of the light "
-            f"({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {nearest:.0f} mm away or more, and "
-            f"seen at up to {tilt:.0f}°; bring it nearer and tilt it, or take lamps (--lamps) centre",
-        )
-    )
     count = len(model.samples)
     few, own = _part(model, centred, np.arange(count) % -(-count // FEW) == 0)
     models = [with_lamps(few, lamps) for lamps in range(len(LAMPS))]
@@ -90,26 +72,14 @@ def choose_lamps(
         best = 0
         for lamps in range(1, len(LAMPS)):
             falls = np.bincount(frame, np.nan_to_num(squares[best] - squares[lamps]))
-            places = fits[lamps].common[models[lamps].of_lamps]
-            near = np.abs(places).max() < FARTHEST_LAMP
-            if near and falls.sum() > LEAST_FALL * falls.std() * np.sqrt(len(falls)):
+            if falls.sum() > LEAST_FALL * falls.std() * np.sqrt(len(falls)):
                 best = lamps
     else:
         best = LAMPS.index(wanted)
     if best == 0:
         return model, centred, held_out
     model = with_lamps(model, best)
-    fitted = fit(model, fits[best].common, centred.own)
-    far = np.abs(fitted.common[model.of_lamps]).max()
-    refuse(
-        (
-            "lamps",
-            far > FARTHEST_LAMP,
-            f"a lamp ran {far:.0f} mm aside, where no endoscope of {FARTHEST_LAMP:g} mm or less has one; use "
-            "its own light, and no other",
-        )
-    )
-    return model, fitted, held_out
+    return model, fit(model, fits[best].common, centred.own), held_out
 
 
 def _fit_lamps(model: LightModel, before: Fit) -> Fit:
