@@ -24,7 +24,7 @@ ONE_SIDE = ((4.0, 2.0, 0.0), (-1.0, 4.0, 0.0))
 def seen_by(scene, lamps, width=240):
     """A scene that lamps at these places light, as a frame, its calibration and its truth."""
     paper = el.load_calibration("paper", width)
-    light = paper.photometry.place_lamps(*lamps) if lamps else paper.photometry
+    light = paper.photometry.with_lamps(lamps) if lamps else paper.photometry
     seen = el.render(SCENES[scene], paper.camera, light, noise=1, bits=8)
     return (
         el.Frame(seen.image, seen.mask),
@@ -108,7 +108,7 @@ def test_what_was_found_has_the_lamps_to_the_bit_and_follows_when_they_move(tmp_
 
 def test_the_divided_picture_is_what_one_lamp_at_the_centre_makes():
     problem, seen = problem_of("curved", 80)
-    lamps = problem.photometry.place_lamps(*ONE_SIDE)
+    lamps = problem.photometry.with_lamps(ONE_SIDE)
     lit = el.render(SCENES["curved"], problem.camera, lamps)
     ratio = Lamps(lamps, Settings()).ratio(
         el.Iterate.of(problem, np.log(seen.distance))
