@@ -37,6 +37,7 @@ from endolab.reconstruction.contrast import (
     suggest_lam,
 )
 from endolab.reconstruction.found import Found
+from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find, solve_found
 from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
@@ -380,7 +381,8 @@ class Engine:
         elif self._look is None:
             self._look = Look(answer.result.iterate)
         else:
-            self._look.follow(problem_of(answer.settings, still))
+            surface = answer.result.iterate
+            self._look.follow(problem_of(answer.settings, still, surface))
             self._look.start_from(answer.result.iterate)
         if self._rests():
             self.note()
@@ -446,7 +448,8 @@ class Engine:
                 is_followed = near.settings.solver == FOLLOWS
                 self._look = Look(near.result.iterate, is_followed)
             with limit_threads(1):
-                look = self._look.follow(problem_of(wish, still))
+                surface = near.result.iterate
+                look = self._look.follow(problem_of(wish, still, surface))
             self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
             if not self._rests():
                 raise Stopped
@@ -503,11 +506,17 @@ class Engine:
                 wanted.append(most * LAM_STEP)
 
 
-def problem_of(wish: Knobs, still: Still) -> Problem:
-    """Return what a wish asks to be solved of what was found."""
-    assert still.found is not None
+def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
+    """Return what a wish asks to be solved of what was found; lamps that have moved, by a surface."""
+    found = still.found
+    assert found is not None
     settings = wish.solving_settings(still.subject).settings
-    return still.found.problem_with(settings, wish.calibration_of(still.subject))[0]
+    calibration = wish.calibration_of(still.subject)
+    problem, _ = found.problem_with(settings, calibration)
+    lamps = Lamps.of(calibration, settings)
+    if lamps is None or lamps.photometry.lights == found.believed.photometry.lights:
+        return problem
+    return divide_by_lamps(problem, lamps.ratio(surface))
 
 
 class Path:

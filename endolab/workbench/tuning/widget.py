@@ -175,6 +175,9 @@ class TunerBox(anywidget.AnyWidget):
             "k": {"first": calibration.photometry.k},
             "gamma": {"first": calibration.photometry.gamma},
         }
+        lights = calibration.photometry.lights
+        place = lights[0].position if len(lights) == 1 else (0.0, 0.0)
+        known |= {"lamp_x": {"first": place[0]}, "lamp_y": {"first": place[1]}}
         camera = calibration.evidence.get("camera", {})
         if camera.get("nominal"):
             known["fov"] = {"first": camera["fov"]}
