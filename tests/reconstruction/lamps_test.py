@@ -55,8 +55,8 @@ def test_the_error_is_that_of_a_lamp_at_the_centre(scene, lamps, options, percen
     frame, known, seen = seen_by(scene, lamps)
     result = el.reconstruct(frame, known, **options)
     assert percent_off(result, seen, result.mask) < percent
-    said = " ".join(meaning(result))
-    assert all(f"({x:g}, {y:g}, {z:g})" in said for x, y, z in lamps)
+    sentences = " ".join(meaning(result))
+    assert all(f"({x:g}, {y:g}, {z:g})" in sentences for x, y, z in lamps)
 
 
 def test_without_millimetres_the_lamps_are_left_out_and_that_is_said():
