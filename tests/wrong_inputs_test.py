@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +18,10 @@ from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.targets import Charuco, DotGrid
 from endolab.cli.main import main
 from endolab.io.video import write_video
+from endolab.numerics.iteration import finish
 from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.pipeline import find
+from endolab.reconstruction.settings import Settings
 from endolab.synthetic.scenes import Tube
 
 
@@ -40,6 +44,12 @@ SHEET = "--target chessboard --out"
 def solve(frame="frame.png", mask=None, **options):
     known = el.load_calibration("endoscope.json")
     return el.reconstruct(el.read_frame(frame, known, mask), known, **options)
+
+
+def solve_found(**options):
+    known = el.load_calibration("endoscope.json")
+    found = finish(find(el.read_frame("frame.png", known), known, Settings()))
+    return el.solve_found(found, known, **options)
 
 
 def film(**options):
@@ -297,7 +307,8 @@ CALLED = [
     Row("prepare", lambda: el.prepare(el.Frame(ONES / 2, ONES > 0)), "Result"),
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
-    Row("held", lambda: el.load_held("two.npz"), "two.npz"),
+    Row("found", lambda: el.load_found("two.npz"), "two.npz"),
+    Row("held", lambda: solve(held=1), "solve_found"),
     Row("record", lambda: el.record("run.txt"), "run.txt"),
     Row("tune", lambda: el.tune("a.png", el.load_calibration("c3vd")), "frame"),
     Row("no folder", lambda: el.open_dataset("none"), "none"),
@@ -315,6 +326,12 @@ CALLED = [
     Row("one path", lambda: sweep("frame.png"), "frames must be a list"),
     Row("jobs", lambda: sweep(n_jobs=0), "n_jobs"),
     Row("sheets", lambda: trajectory(el.TARGETS["vicalib_small"], None, 0), "count"),
+]
+ANEW = {"width": 48, "channel": "red", "contours": True, "highlights": "keep"}
+ANEW |= {"smooth": 1.0, "cuts": np.zeros((2, 48, 64), bool)}
+CALLED += [
+    Row(f"found {name}", partial(solve_found, **{name: value}), f"{name} belongs")
+    for name, value in ANEW.items()
 ]
 ROWS = [*OPTIONS, *PICTURES, *CALIBRATIONS, *SETTINGS, *TARGETS, *CALLED]
 ROWS += [Row(words, words, word) for words, word in TYPED.items()]

@@ -11,6 +11,7 @@ from endolab.cli.solving import (
     Count,
     Diameter,
     Distance,
+    Lamp,
     Rectangle,
     Several,
     Value,
@@ -39,6 +40,7 @@ def reconstruct(
     calibration: str | None = None,
     fov: float | None = None,
     crop: Rectangle = None,
+    lamp: list[Lamp] | None = None,
     out: str,
     mask: str | None = None,
     settings: str | None = None,
@@ -71,6 +73,8 @@ def reconstruct(
         Across what the picture shows, degrees, without a calibration (140).
     crop : COLUMN,ROW,WIDTH,HEIGHT
         The part of the calibration's picture that this one shows, as of a zoom, px.
+    lamp : X,Y[,Z]
+        Where a lamp stands, mm: x right, y down of the lens; once for each, instead of those listed.
     out : path
         Folder for the results.
     mask : path
@@ -102,7 +106,7 @@ def reconstruct(
     if (uncertainty or mesh or prepare) if is_video else every or limit:
         kinds = "--every and --limit are of a video, --uncertainty, --mesh and --prepare"
         raise ValueError(f"{kinds} of one picture")
-    endoscope = load_endoscope(calibration, [frame], fov, crop)
+    endoscope = load_endoscope(calibration, [frame], fov, crop, lamp)
     kept = None if settings is None else read_settings(settings)
     known, keywords = load(endoscope, options, albedo, threads, kept)
     if is_video:
@@ -195,6 +199,7 @@ def sweep(
     calibration: str | None = None,
     fov: float | None = None,
     crop: Rectangle = None,
+    lamp: list[Lamp] | None = None,
     out: str = "sweep.csv",
     truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     recording: str | None = None,
@@ -223,6 +228,8 @@ def sweep(
         Across what the picture shows, degrees, without a calibration (140).
     crop : COLUMN,ROW,WIDTH,HEIGHT
         The part of the calibration's picture that this one shows, as of a zoom, px.
+    lamp : X,Y[,Z]
+        Where a lamp stands, mm: x right, y down of the lens; once for each, instead of those listed.
     out : path
         The table.
     truth : paths
@@ -241,7 +248,7 @@ def sweep(
     """
     import endolab as el
 
-    endoscope = load_endoscope(calibration, frames, fov, crop)
+    endoscope = load_endoscope(calibration, frames, fov, crop, lamp)
     known, keywords = load(endoscope, options, albedo, threads)
     with announce_compiling(), show_progress("row") as show:
         rows = el.sweep(

@@ -55,6 +55,12 @@ def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
 
 
+def _lamp(_: Any, tokens: Sequence[Any]) -> tuple[float, ...]:
+    given = tokens[0].value
+    form = "X,Y,Z" if given.count(",") == 2 else "X,Y"
+    return _numbers(form)(_, tokens)
+
+
 def _read_by(read: Reader) -> Any:
     return Annotated[Any, Parameter(converter=read, n_tokens=1)]
 
@@ -64,6 +70,8 @@ Value = _read_by(_value)
 Distance = _read_by(_numbers("MM,COLUMN,ROW"))
 Diameter = _read_by(_diameter)
 Rectangle = _read_by(_numbers("COLUMN,ROW,WIDTH,HEIGHT", int))
+# mm in the camera frame: x right, y down.
+Lamp = Annotated[Any, Parameter(converter=_lamp, n_tokens=1, allow_leading_hyphen=True)]
 Size = _read_by(_numbers("COLUMNSxROWS", int, "x"))
 
 
@@ -99,8 +107,24 @@ def load_endoscope(
     sources: Sequence[str],
     fov: float | None = None,
     crop: tuple[int, int, int, int] | None = None,
+    lamps: Sequence[Sequence[float]] | None = None,
 ) -> Calibration:
-    """Load a calibration, or that of a part of its pictures; a nominal one of the first source without."""
+    """Load a calibration, or that of a part of its pictures; a nominal one of the first source without.
+
+    Its lamps, if any are given, are these.
+    """
+    known = _load_endoscope(calibration, sources, fov, crop)
+    if not lamps:
+        return known
+    return replace(known, photometry=known.photometry.with_lamps(lamps))
+
+
+def _load_endoscope(
+    calibration: str | None,
+    sources: Sequence[str],
+    fov: float | None,
+    crop: tuple[int, int, int, int] | None,
+) -> Calibration:
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.video import open_frames

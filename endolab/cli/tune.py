@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Count, Port, Rectangle, load_endoscope
+from endolab.cli.solving import Count, Lamp, Port, Rectangle, load_endoscope
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -25,6 +25,7 @@ def tune(
     calibration: str | None = None,
     fov: float | None = None,
     crop: Rectangle = None,
+    lamp: list[Lamp] | None = None,
     truth: str | None = None,
     width: Count = 320,
     port: Port = 8877,
@@ -49,6 +50,8 @@ def tune(
         Across what the picture shows, degrees, without a calibration (140).
     crop : COLUMN,ROW,WIDTH,HEIGHT
         The part of the calibration's picture that this one shows, as of a zoom, px.
+    lamp : X,Y[,Z]
+        Where a lamp stands, mm: x right, y down of the lens; once for each, instead of those listed.
     truth : path
         truth.npz of the frame, or its depth map of a published data set.
     width : int
@@ -67,7 +70,7 @@ def tune(
     from endolab.workbench.tuning.server import Page
 
     pictures = find_pictures(frame)
-    known = load_endoscope(calibration, [frame], fov, crop)
+    known = load_endoscope(calibration, [frame], fov, crop, lamp)
     first = read_frame(pictures[0], known)
     true = None if truth is None else read_truth(truth, known)
     if true is not None and len(pictures) > 1:

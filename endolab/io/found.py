@@ -22,7 +22,7 @@ from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
 
 FOUND_FILE = "light and contours that endolab found"
-ARRAYS = ("image", "mask", "evidence", "cuts", "picture", "seen")
+ARRAYS = ("image", "mask", "evidence", "cuts", "picture", "seen", "lamp_ratio")
 
 
 def save_found(found: Found, path: PathLike) -> None:

@@ -46,17 +46,25 @@ class SolvingSettings:
         light = dict(self.photometry)
         if "albedo" in light:
             light["brdf"] = Lambertian(light.pop("albedo"))
-        return replace(calibration, photometry=replace(calibration.photometry, **light))
+        lamps = light.pop("lamps", None)
+        photometry = replace(calibration.photometry, **light)
+        if lamps is not None:
+            photometry = photometry.with_lamps(lamps)
+        return replace(calibration, photometry=photometry)
 
 
 @checked
 class LightBelief:
-    """What may be believed of the light; an albedo is a matt wall's, one number or three, for the BRDF."""
+    """What may be believed of the light.
+
+    An albedo is a matt wall's, one number or three, for the BRDF; lamps stand at x, y, mm.
+    """
 
     k: float | None = None
     gamma: float | None = None
     gain: float | None = None
     albedo: float | tuple[float, float, float] | None = None
+    lamps: tuple[tuple[float, float], ...] | None = None
 
 
 @checked

@@ -27,6 +27,7 @@ MISFIT_LIMIT = 1.1
 # Steps of each uncut round, of each trial, and of the last round, whose ι is refined per pixel: earlier that
 # would fit every trial to the colours, so that they could tell the trials apart no more.
 UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)
+LAMP_ROUNDS: tuple[int, ...] = (4, 2, 2, 2)  # likewise, where lamps stand aside
 TRIAL_STEPS = 3
 REFINED_STEPS = 1
 RATIO_DOUBT = 0.15  # fraction of ι that may be wrong

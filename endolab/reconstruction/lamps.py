@@ -4,9 +4,9 @@ Solvers know one lamp, at the optical centre. At a surface that is known roughly
 
     ω = Σ_l b_l cosᵐψ_l f_r(θ_l) cos θ_l / d_l²  over  b cosᵐα f_r(θ) cos θ / d²,
 
-the real lamps' light over the virtual one's (`Photometry.intensity` of both). The picture divided by ω^(1/γ) is
-what the virtual lamp would have made; it is solved, and ω follows again from a better surface. As d_l is in mm,
-so must the surface be: by the gain, or by a length.
+the real lamps' light over the virtual one's (`Photometry.intensity` of both). The picture divided by ω^(1/γ)
+is what the virtual lamp would have made; it is solved, and ω follows again from a better surface. As d_l is
+in mm, so must the surface be: by the gain, or by a length.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from endolab.model.endoscope import Calibration
-from endolab.model.photometry import CENTRED_LIGHT, Photometry
+from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.resampling import resample
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.problem import Problem
-from endolab.solvers.result import Iterate, Solving
+from endolab.solvers.result import Iterate
 
 # Nearer than twice a lamp's offset ω has no bound, and there a surface is too rough to tell it.
 BOUNDS = (1 / 3, 3.0)
-MOVED = 0.005  # fraction of distances by which another ω must move them to be asked for once more
 
 
 @dataclass(frozen=True)
@@ -38,10 +37,24 @@ class Lamps:
 
     @classmethod
     def of(cls, calibration: Calibration, settings: Settings) -> Lamps | None:
-        """Return the lamps that a calibration lists; None if one at the centre says the same, or without mm."""
+        """Return the lamps that a calibration lists; None if one at the centre says the same, or without mm.
+
+        Of an endoscope whose usual distance is known, that will do.
+        """
         photometry = calibration.photometry
-        has_unit = photometry.gain is not None or any(settings.lengths.values())
-        return cls(photometry, settings) if has_unit and are_aside(photometry) else None
+        if not photometry.lamps_aside:
+            return None
+        if photometry.gain is None and not any(settings.lengths.values()):
+            usual = calibration.evidence.get("photometry", {}).get("usual_distance")
+            if usual is None:
+                return None
+            settings = replace(settings, median_distance=usual)
+        return cls(photometry, settings)
+
+    def median(self, surface: Iterate) -> float:
+        """Return the median distance of a surface, mm."""
+        scaled = to_scale(surface, self.settings)
+        return float(np.median(scaled.distance[scaled.mask]))
 
     def ratio(self, surface: Iterate) -> FloatArray:
         """Return ω at a surface, (H, W), within `BOUNDS`; 1 where it is unknown."""
@@ -49,20 +62,9 @@ class Lamps:
         real = replace(self.photometry, gain=1.0, brdf=scaled.problem.photometry.brdf)
         points, normals = scaled.points, scaled.normals
         with np.errstate(divide="ignore", invalid="ignore"):
-            stored = [
-                light.intensity(points, normals) for light in (real, real.simplify())
-            ]
+            stored = [light.intensity(points, normals) for light in (real, real.simplify())]
             ratio = (stored[0] / stored[1]) ** real.gamma
         return np.clip(np.where(np.isfinite(ratio), ratio, 1.0), *BOUNDS)
-
-
-def are_aside(photometry: Photometry) -> bool:
-    """Whether lamps are listed for which none at the optical centre can stand without an error."""
-    first, *others = (
-        replace(light, weight=1.0) for light in photometry.lights or (CENTRED_LIGHT,)
-    )
-    is_forward = first == replace(CENTRED_LIGHT, exponent=first.exponent)
-    return not is_forward or any(light != first for light in others)
 
 
 def divide_by_lamps(problem: Problem, ratio: FloatArray) -> Problem:

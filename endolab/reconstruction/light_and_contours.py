@@ -165,13 +165,7 @@ def light_and_contours(
     if lamps is not None:
         start = None if before is None else start_from(before.iterate, small)
         small = replace(small, colours=())
-        for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
-            options = {} if start is None else {"start": start}
-            surface = yield from solve_stage(
-                small, LAMPS, number, max_iterations=count, **options
-            )
-            small = divide_by_lamps(small, lamps.ratio(surface))
-            start = surface.log_distance
+        small, _ = yield from settle_lamps(small, start, lamps, constants.LAMP_ROUNDS)
         assert small.lamp_ratio is not None
         full = divide_by_lamps(full, small.lamp_ratio)
     return (yield from _cut_one_channel(small, full, contours, before))
@@ -231,7 +225,8 @@ def separate(
     ratio = np.zeros((*problem.mask.shape, 3))
     light = prior.light
     surface = None
-    for number, count in enumerate(constants.UNCUT_ROUNDS, 1):
+    rounds = constants.UNCUT_ROUNDS if lamps is None else constants.LAMP_ROUNDS
+    for number, count in enumerate(rounds, 1):
         lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
         colours = _lit_by_lamps(colours, lamps, surface)
@@ -271,13 +266,30 @@ def separate(
 
 
 def _lit_by_lamps(
-    colours: Sequence[Problem], lamps: Lamps | None, surface: Iterate
-) -> Sequence[Problem]:
+    colours: tuple[Problem, ...], lamps: Lamps | None, surface: Iterate
+) -> tuple[Problem, ...]:
     """Return the colours as one lamp at the optical centre would have lit them, by a surface."""
     if lamps is None:
         return colours
     ratio = lamps.ratio(surface)
     return tuple(divide_by_lamps(colour, ratio) for colour in colours)
+
+
+def settle_lamps(
+    problem: Problem,
+    start: FloatArray | None,
+    lamps: Lamps,
+    rounds: Sequence[int],
+) -> Solving[tuple[Problem, FloatArray]]:
+    """Solve, so many steps a round, and divide by ω after each; return the last surface, too."""
+    for number, count in enumerate(rounds, 1):
+        options = {} if start is None else {"start": start}
+        surface = yield from solve_stage(
+            problem, LAMPS, number, max_iterations=count, **options
+        )
+        problem = divide_by_lamps(problem, lamps.ratio(surface))
+        start = surface.log_distance
+    return problem, surface.log_distance
 
 
 def separate_from(

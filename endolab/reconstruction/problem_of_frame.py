@@ -90,6 +90,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             box_share=frame.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
+            lamps=tuple(light.position for light in photometry.lamps_aside),
         )
         problem = Problem(
             image=image,

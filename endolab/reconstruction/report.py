@@ -12,6 +12,7 @@ from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
+from endolab.reconstruction.lamps import BOUNDS
 from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
@@ -32,6 +33,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
     return (
         *_of_scale(result),
         *_of_wall(result),
+        *_of_lamps(result),
         _of_gamma(result),
         *_of_evidence(result.problem),
         *notes(result),
@@ -45,7 +47,11 @@ def notes(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def _of_picture(report: Report) -> Iterator[str]:
-    """Say that a calibration was scaled, and that a box was left out."""
+    """Say that a run was stopped early, that a calibration was scaled, and that a box was left out."""
+    if report.stage:
+        yield (
+            f"It was stopped in the stage '{report.stage}': light and contours were still being looked for."
+        )
     own, known = report.picture_size, report.calibrated_size
     if own and known and own != known:
         yield (
@@ -140,6 +146,32 @@ def _of_wall(result: Result | Iterate) -> Iterator[str]:
         yield (
             "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "
             "about 120 % to red, 30 % to green and 20 % to blue."
+        )
+
+
+def _of_lamps(result: Result | Iterate) -> Iterator[str]:
+    """Say where the lamps stand and what they change, by ω: distances go with its square root."""
+    problem = result.problem
+    ratio = problem.lamp_ratio
+    if not result.report.lamps or ratio is None:
+        return
+    places = " and ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in result.report.lamps)
+    factor = np.sqrt(ratio[result.mask])
+    far = result.distance[result.mask]
+    moves = 100 * float(np.median(factor[far >= np.quantile(far, 0.95)]) - 1)
+    way = "farther" if moves > 0 else "nearer"
+    yield (
+        f"The calibration's lamps stand at {places} mm (right, down, forward of the lens); their places move "
+        f"the far end, a twentieth of the pixels, {abs(moves):.2g} % {way} and the others by "
+        f"{100 * np.std(factor):.2g} %."
+    )
+    if scale_of(result) == "none":
+        yield "For that the median distance was assumed as usual of this endoscope: the unit stays arbitrary."
+    bounded = float(np.mean((ratio <= BOUNDS[0]) | (ratio >= BOUNDS[1])))
+    if bounded > LEAST_BOUNDED:
+        yield (
+            f"{100 * bounded:.2g} % of the pixels are so near to a lamp, or so far to its side, that its "
+            "light was bounded there."
         )
 
 
@@ -279,6 +311,7 @@ WITHOUT_RAY = 0.02  # of the picture's pixels
 # primal-dual's surfaces .24 and more.
 LEFT = 0.2
 DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
+LEAST_BOUNDED = 0.01  # of the pixels, of which it is said
 
 
 def warnings(result: Result) -> Iterator[str]:
@@ -361,6 +394,13 @@ def warnings(result: Result) -> Iterator[str]:
         yield (
             f"Columns {left} to {right - 1}, rows {top} to {bottom - 1} have straight edges, as a menu or a "
             "second picture has: if they show no wall, leave them out with --mask."
+        )
+    lamps = result.report.lamps
+    if lamps and problem.lamp_ratio is None:
+        aside = max(np.hypot(x, y) for x, y, _ in lamps)
+        yield (
+            f"The lamps stand up to {aside:.2g} mm aside, which needs millimetres and was left out: add "
+            "--median-distance."
         )
     albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", DARKEST_ALBEDO)))
     if albedo < DARKEST_ALBEDO:

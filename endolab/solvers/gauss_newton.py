@@ -247,7 +247,8 @@ class Look:
         With another gain it begins at the same surface in another unit.
         """
         before = self._coarse.problem
-        if any(
+        is_lit_alike = problem.image is before.image
+        if not is_lit_alike or any(
             getattr(problem, name) != getattr(before, name)
             for name in ("xi", "regulariser", "camera")
         ):

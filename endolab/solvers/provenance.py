@@ -78,6 +78,9 @@ class Report:
     indirect_factor: float = 0.0  # indirect light over what surface and albedos predict
     lamp: float = 0.0  # fraction of k that is the lamp's, the rest being the lens's
 
+    # x, y, z of the lamps that the calibration lists, mm, if they do not stand at the optical centre.
+    lamps: tuple[tuple[float, float, float], ...] = ()
+
     # Where the surface is cut
     contours: ContourOutcome | None = None
     cut_links: int = 0  # between neighbours
@@ -103,8 +106,12 @@ class Report:
         if self.picture_size is not None:
             names = "frame picture_size width height smooth highlights misplaced"
             done = {name: getattr(self, name) for name in names.split()}
+        if self.stage:
+            done["stage"] = self.stage
         if self.contours is not None:
             done["contours"] = self.cut_links > 0
+        if self.lamps:
+            done["lamps"] = [list(place) for place in self.lamps]
         if self.albedo is not None:
             done["albedo"] = list(self.albedo)
         if self.scale and self.length is None:

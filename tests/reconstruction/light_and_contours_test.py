@@ -8,7 +8,7 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import compare
-from endolab.numerics.iteration import Status, finish
+from endolab.numerics.iteration import finish
 from endolab.reconstruction.colours import AlbedoPrior
 from endolab.reconstruction.light_and_contours import separate
 from endolab.reconstruction.problem_of_frame import problem_of_frame
@@ -58,17 +58,6 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert report.cut_links > 0
     assert report.light is LightOutcome.REMOVED
     assert separated.metric
-
-
-def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
-    """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm."""
-    known = relit(dry.calibration, gain=None)
-    stop = [lambda step: (step.stage, step.k) == ("contours", 2)]
-    how = {"contours": True, "observers": stop, "median_distance": 50.0}
-    result = solved(dry.frame, known, width=320, **how)
-    assert result.status is Status.STOPPED
-    assert (result.distance.shape, result.metric) == ((240, 320), True)
-    assert np.median(result.distance[result.mask]) == pytest.approx(50)
 
 
 def test_the_computed_share_is_the_renderers(dry):

@@ -19,6 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -36,6 +37,7 @@ from endolab.reconstruction.contrast import (
     suggest_lam,
 )
 from endolab.reconstruction.found import Found
+from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find, solve_found
 from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
@@ -56,7 +58,7 @@ BETWEEN = 0.06
 LAMS = (1e-4, 100.0)  # that the slider reaches
 PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 PATH_BYTES = 24e6  # and of their maps
-KEPT_BYTES = 12e6  # of answers that are not on screen
+KEPT_ANSWERS = 12  # beside the one on screen: as much room as their distances take
 KEPT_FINDS = 2  # so many times light and contours are kept
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
@@ -174,7 +176,12 @@ class Answer:
         for stays in ("explained", "errors"):
             getattr(self, stays)
         iterate = self.result.iterate
-        iterate = replace(iterate, problem=replace(iterate.problem))
+        problem, found = iterate.problem, self.still.found
+        assert found is not None
+        camera = found.problem.camera  # rays are kept of this one alone
+        if camera != problem.camera:
+            camera = replace(problem.camera)
+        iterate = replace(iterate, problem=replace(problem, camera=camera))
         self.result = replace(self.result, iterate=iterate)
         self.path = ()
         vars(self).pop("residual", None)
@@ -196,7 +203,7 @@ def shown_as(iterate: Iterate, knobs: Knobs) -> Result:
     row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
     if iterate.stage == SOLUTION:
         iterate = to_scale(iterate, knobs)
-    return Result(iterate, Status.STOPPED, [row], 0.0)
+    return Result(replace(iterate), Status.STOPPED, [row], 0.0)  # with maps of its own
 
 
 def solve(
@@ -242,7 +249,9 @@ class Engine:
         ] = []  # what of these is kept, the last that was used at the end
         self.tried: list[Answer] = []  # with these, likewise
         self.shown: Answer | None = None  # the last one
-        self._look: Look | None = None
+        self.settled: Answer | None = None  # the last one that was final
+        self._still: Still | None = None  # of the last wish
+        self._look: Look | None = None  # at its surfaces
         self._wish = Knobs()  # the newest
         self._base: Knobs | None = None  # by which its light and contours are to be found
         self._asked = self._state = (
@@ -287,7 +296,9 @@ class Engine:
 
     def close(self) -> None:
         """Stop what is being solved, and end the thread."""
-        self._news.set()
+        with self._asking:
+            self._base = None
+            self._news.set()
         self._thread.shutdown(cancel_futures=True)
 
     def is_stale(self) -> bool:
@@ -339,19 +350,29 @@ class Engine:
             return
         with self._asking:
             self._news.clear()
-            wish = self._wish
-            base = self._base or wish
+            wish, base = self._wish, self._base
+            if base is None or not wish.follows(base):
+                base = wish
             self._state = self._asked
+        still = None
         try:
             still = self._find(base)
-        except Exception:
-            with self._asking:  # what cannot be found is nobody's base
-                if self._base == base:
-                    self._base = None if self.shown is None else self.shown.still.knobs
+            if still is not self._still:
+                self._still, self._look = still, None
+            answer = self.recall(wish, still) or self._follow(wish, still)
+        except Stopped:
             raise
-        if self.is_stale():
-            return
-        answer = self.recall(wish, still) or self._follow(wish, still)
+        except Exception:
+            settled = self.settled
+            with self._asking:
+                # What cannot be found is nobody's base.
+                if still is None and self._base == base:
+                    self._base = None if settled is None else settled.still.knobs
+            if self.is_stale():  # who asks for something else need not know
+                raise Stopped from None
+            if settled is not None and self.shown is not settled:
+                self._show(settled)
+            raise
         self._keep(answer)
         if answer is not self.shown or answer.state != self._state:
             self._show(answer)
@@ -360,24 +381,25 @@ class Engine:
         elif self._look is None:
             self._look = Look(answer.result.iterate)
         else:
-            self._look.follow(problem_of(answer.settings, still))
+            surface = answer.result.iterate
+            self._look.follow(problem_of(answer.settings, still, surface))
             self._look.start_from(answer.result.iterate)
         if self._rests():
             self.note()
             if answer.uses_lam:
-                self._try_others(answer)
+                with suppress(ValueError):  # nobody has asked for what cannot be solved
+                    self._try_others(answer)
 
     def _find(self, knobs: Knobs) -> Still:
-        """Return what these knobs find; what is found anew is shown by their own answer, which is kept."""
+        """Return what these knobs find, and keep their own answer; stopped, if nobody wants it any more."""
         still = next((one for one in self.stills if one.knobs == knobs), None)
         if still is None:
             subject = self.source.subject(knobs)
             show = self._show_long(knobs, subject)
-            is_first = self.shown is None
 
             def watch(iterate: Iterate) -> bool:
                 show(iterate)
-                return knobs != self._base and not is_first
+                return knobs != self._base
 
             def stop_or_show(iterate: Iterate) -> None:
                 if watch(iterate):
@@ -391,43 +413,43 @@ class Engine:
             if knobs not in self.finds:
                 self.finds.append(knobs)
             answer = Answer(knobs, AnswerKind.FINAL, still, result, path)
-            self._keep(answer)
-            self._show(answer)
+            self.tried.append(answer)
         self.stills = [*(one for one in self.stills if one is not still), still]
         self.stills = self.stills[-KEPT_FINDS:]
         self.tried = [one for one in self.tried if one.still in self.stills]
         return still
 
-    def _keep(self, answer: Answer) -> None:
-        """Keep an answer, with those of its λ curve; of others the last, as there is room."""
-        others = [one for one in self.tried if one is not answer]
+    def _keep(self, answer: Answer, other: Answer | None = None) -> None:
+        """Keep an answer to be shown, and another; as there is room, the last of its λ curve, and of all."""
+        new = [one for one in (other, answer) if one is not None]
+        self.tried = [*(one for one in self.tried if one not in new), *new]
         curve = self.curve_of(answer)
-        room = KEPT_BYTES
-        self.tried = [answer]
-        for one in reversed(others):
-            if one not in curve:
-                room -= one.nbytes
-            if one in curve or room > 0:
-                self.tried.insert(0, one)
+        room = KEPT_ANSWERS * answer.result.iterate.log_distance.nbytes
+        for one in sorted(self.tried[-2::-1], key=lambda one: one not in curve):
+            one.leave_screen()
+            room -= one.nbytes
+            if room < 0:
+                self.tried.remove(one)
 
     def _show(self, answer: Answer) -> None:
-        before = self.shown
         self.shown = answer
         answer.state = self._state
         self.show(answer)
-        if before is not None and before is not answer and before.is_final:
-            before.leave_screen()
+        if answer.is_final:
+            self.settled = answer
 
     def _follow(self, wish: Knobs, still: Still) -> Answer:
         """Show what follows at once; once the hand rests, solve at full size. Stopped by a newer wish."""
-        shown = self.shown
-        if shown is None or shown.still is not still:
-            self._look = None
-        elif wish.solver == FOLLOWS:
-            if self._look is None:  # another solver's surface
-                self._look = Look(shown.result.iterate, is_minimum=False)
+        near = self.shown
+        if near is None or near.still is not still:
+            near = self.recall(still.knobs, still)
+        if near is not None and wish.solver == FOLLOWS:
+            if self._look is None:
+                is_followed = near.settings.solver == FOLLOWS
+                self._look = Look(near.result.iterate, is_followed)
             with limit_threads(1):
-                look = self._look.follow(problem_of(wish, still))
+                surface = near.result.iterate
+                look = self._look.follow(problem_of(wish, still, surface))
             self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
             if not self._rests():
                 raise Stopped
@@ -440,7 +462,7 @@ class Engine:
 
         Stops when a newer wish came.
         """
-        before = self.shown
+        before = self.settled
         is_first = before is None or before.still.subject is not subject
         pause = FIRST_SIGHTS if still is None else BETWEEN
         last_shown = 0.0
@@ -469,27 +491,32 @@ class Engine:
         def stop(iterate: Iterate) -> bool:
             return self.is_stale()
 
+        curve = {one.settings.lam: one for one in self.curve_of(answer)}
         wanted = [wish.lam * factor for factor in LAM_FACTORS]
-        while wanted:
-            lams = [float(f"{lam:.2g}") for lam in wanted]
-            for lam in (lam for lam in lams if LAMS[0] <= lam <= LAMS[1]):
+        while wanted := [lam for lam in wanted if LAMS[0] <= lam <= LAMS[1]]:
+            for lam in (float(f"{lam:.2g}") for lam in wanted):
                 other = self.solve(replace(wish, lam=lam), answer.still, [stop])
+                curve[lam] = other
                 if other not in self.tried:
-                    other.leave_screen()
-                    self.tried.insert(0, other)
+                    self._keep(answer, other)
                     self.note()
-            curve = self.curve_of(answer)
-            ends = curve[0].settings.lam / LAM_STEP, curve[-1].settings.lam * LAM_STEP
-            wanted = [ends[0]] if curve[0].explained < ENOUGH_CONTRAST else []
-            wanted += [ends[1]] if curve[-1].explained >= ENOUGH_CONTRAST else []
-            wanted = [lam for lam in wanted if LAMS[0] <= lam <= LAMS[1]]
+            least, most = min(curve), max(curve)
+            wanted = [least / LAM_STEP] if curve[least].explained < ENOUGH_CONTRAST else []
+            if curve[most].explained >= ENOUGH_CONTRAST:
+                wanted.append(most * LAM_STEP)
 
 
-def problem_of(wish: Knobs, still: Still) -> Problem:
-    """Return what a wish asks to be solved of what was found."""
-    assert still.found is not None
+def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
+    """Return what a wish asks to be solved of what was found; lamps that have moved, by a surface."""
+    found = still.found
+    assert found is not None
     settings = wish.solving_settings(still.subject).settings
-    return still.found.problem_with(settings, wish.calibration_of(still.subject))[0]
+    calibration = wish.calibration_of(still.subject)
+    problem, _ = found.problem_with(settings, calibration)
+    lamps = Lamps.of(calibration, settings)
+    if lamps is None or lamps.photometry.lights == found.believed.photometry.lights:
+        return problem
+    return divide_by_lamps(problem, lamps.ratio(surface))
 
 
 class Path:

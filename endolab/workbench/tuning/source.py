@@ -32,6 +32,8 @@ FOLLOWED = (
     "k",
     "gamma",
     "gain",
+    "lamp_x",
+    "lamp_y",
     "fov",
     "solver",
     "max_iterations",
@@ -51,6 +53,8 @@ class Knobs(Settings):
     k: float | None = None
     gamma: float | None = None
     gain: float = 1.0  # that the solver believes in, over the true one
+    lamp_x: float | None = None  # mm, of one lamp in place of those that are listed
+    lamp_y: float | None = None
     fov: float | None = (
         None  # of a nominal camera, degrees across what it shows; None: as it is
     )
@@ -93,7 +97,13 @@ class Knobs(Settings):
         grey = subject.frame.image.ndim == 2
         chosen["channel"] = self.channel or ("grey" if grey else "green")
         chosen["width"] = min(self.width, known.camera.width)
-        light = {"k": self.k, "gamma": self.gamma, "albedo": self.albedo}
+        light: dict[str, Any] = {
+            "k": self.k,
+            "gamma": self.gamma,
+            "albedo": self.albedo,
+        }
+        if (self.lamp_x, self.lamp_y) != (None, None):
+            light["lamps"] = [[self.lamp_x or 0.0, self.lamp_y or 0.0]]
         if known.photometry.gain is not None and self.gain != 1:
             light["gain"] = known.photometry.gain * self.gain
         return SolvingSettings(_without_none(chosen), _without_none(light))

@@ -83,6 +83,8 @@ function render({ model, el }) {
   const lacks = {
     energy: () => !facts.with_energy.includes(now.knobs.solver) &&
       "Off: this solver minimises no energy, which this is a part of.",
+    mm: () => !now.still?.metric &&
+      "Nothing says how many millimetres a distance is: give a length, behind more ....",
     gain: () => !now.still?.has_gain &&
       "Off: the gain of this endoscope is unknown, so that there is nothing to multiply.",
   };

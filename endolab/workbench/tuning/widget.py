@@ -155,7 +155,6 @@ class TunerBox(anywidget.AnyWidget):
         pictures: Sequence[Path] = (),
     ) -> None:
         self.answer: Answer | None = None
-        self._settled: Answer | None = None  # the last that was final
         self._maps = set(PANELS[:2])  # that the page is sent
         self._change = ("", 0.0)  # by asking anew: a sentence, and % of the pixels
         self._finds = 0  # so many times all was found anew
@@ -176,6 +175,9 @@ class TunerBox(anywidget.AnyWidget):
             "k": {"first": calibration.photometry.k},
             "gamma": {"first": calibration.photometry.gamma},
         }
+        lights = calibration.photometry.lights
+        place = lights[0].position if len(lights) == 1 else (0.0, 0.0)
+        known |= {"lamp_x": {"first": place[0]}, "lamp_y": {"first": place[1]}}
         camera = calibration.evidence.get("camera", {})
         if camera.get("nominal"):
             known["fov"] = {"first": camera["fov"]}
@@ -226,8 +228,8 @@ class TunerBox(anywidget.AnyWidget):
         Light and contours stay as they are shown, if they can; or they are found `anew`; or are those of an
         answer before, whose message had the number `found`.
         """
-        self.knobs = replace(self.knobs, **values)
-        self.engine.ask(self.knobs, anew, found)
+        self.knobs = knobs = replace(self.knobs, **values)
+        self.engine.ask(knobs, anew, found)
 
     def _choose(self, names: list[str]) -> None:
         """Send these maps from now on."""
@@ -305,13 +307,11 @@ class TunerBox(anywidget.AnyWidget):
         is_new = before is None or answer.still is not before.still
         has_unit = before is not None and before.result.metric == answer.result.metric
         self.answer = answer
-        if answer.is_final:
-            if is_new:
-                finds = len(self.engine.finds)
-                is_found = finds > self._finds
-                self._change = _change(self._settled, answer) if is_found else ("", 0.0)
-                self._finds = finds
-            self._settled = answer
+        if answer.is_final and is_new:
+            finds, settled = len(self.engine.finds), self.engine.settled
+            is_found = finds > self._finds
+            self._change = _change(settled, answer) if is_found else ("", 0.0)
+            self._finds = finds
         self._send_answer(answer, still=is_new or not has_unit, anew=is_new)
 
     def _open(self) -> None:

@@ -3,7 +3,10 @@
 import contextlib
 import json
 import runpy
+import shutil
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 import endolab as el
 from endolab.cli import main as cli
 from endolab.io.images import write_image
+from endolab.io.settings import SolvingSettings, read_settings
 from endolab.io.surfaces import read_depth
 from endolab.reconstruction.settings import option_types
 from endolab.workbench.tuning.widget import KNOBS, TunerBox
@@ -47,23 +51,6 @@ def turn(box, **values):
     """Turn knobs as the page does, which says all of them."""
     box.turn(json.loads(json.dumps(vars(box.knobs) | values)))
     box.engine.wait(60)
-
-
-def test_contours_are_held_until_all_is_asked_anew(tune):
-    """They vanished when the hand came to rest."""
-    box, messages = tune()
-    del messages[:]  # on the way to the first answer
-    turn(box, gamma=1.9)
-    assert not box.answer.is_anew
-    assert not any(message.get("anew") for message, _ in messages)
-    badges = [message["badge"] for message, _ in messages if "badge" in message]
-    assert badges[-1] == "held"
-    box.turn({"gamma": 1.8})
-    box.turn({}, anew=True)  # though no answer was kept since
-    box.engine.wait(60)
-    anew = [message for message, _ in messages if message.get("anew")][-1]
-    assert anew["badge"] == ""
-    assert "deepest" in anew["line"]
 
 
 def test_each_map_that_a_panel_can_show_is_numbers_or_a_picture_of_the_frames_size(
@@ -148,26 +135,53 @@ def test_what_cannot_be_drawn_costs_no_export(tune, tmp_path, monkeypatch):
         assert lost in " ".join(warnings)
 
 
-def test_a_frame_that_cannot_be_used_is_passed_by(tune, seen, tmp_path):
+def test_an_export_answers_for_its_picture_alone_and_options_win(
+    tune, seen, tmp_path, monkeypatch, capsys
+):
+    """It answered for the exported picture, whatever picture it was given."""
+    monkeypatch.chdir(tmp_path)
     frame, calibration, _ = seen
-    paths = [tmp_path / f"{number}.png" for number in range(3)]
-    write_image(paths[0], frame.image)
-    paths[1].write_bytes(b"no picture")
-    write_image(paths[2], np.flip(frame.image, axis=1))
-    box, messages = tune(frame, calibration, pictures=paths)
-    turn(box, scene=1)
-    assert "the frame before is still shown" in messages[-1][0]["line"]
-    turn(box, scene=2)
-    assert box.answer.still.subject.frame.name == "2.png"
-
-
-def test_the_path_can_be_gone_through(tune):
-    box, messages = tune()
-    box.show_iterate(1)
-    message, _ = messages[-1]
-    assert "still falls" in message["line"]
-    with pytest.raises(ValueError, match="iterates"):
-        box.show_iterate(99)
+    Path("film").mkdir()
+    write_image("f.png", frame.image)
+    write_image("film/0.png", np.flip(frame.image, axis=1))
+    write_image("m.png", np.arange(160) < np.full((120, 1), 80))
+    box, _ = tune(frame, calibration, pictures=[Path("f.png")], width=80)
+    turn(box, lam=0.2, k=2.2, median_distance=40.0)
+    box.export("o", board=b"png")
+    saved = read_settings("o/settings.json")
+    narrow = {"width": 64, "channel": "red", "contours": True, "smooth": 1.0}
+    narrow |= {"highlights": "ignore"}
+    beside = {"mask": "m.png", "calibration": "simple", "albedo": 0.4}
+    for picture, options, anew in (
+        ("f.png", {"lam": 0.5, "xi": "d", "median_distance": 30.0}, ""),
+        ("f.png", narrow, "is width, channel, contours, highlights, smooth\n"),
+        ("f.png", beside, "is mask, camera, wall\n"),
+        ("film/0.png", {}, "is picture"),
+        ("film", {}, "in each frame"),
+    ):
+        typed = {"calibration": "o/endoscope.json", "settings": "o/settings.json"}
+        typed |= {"out": "again"} | options
+        words = [f"--{name.replace('_', '-')}={one}" for name, one in typed.items()]
+        words = ["reconstruct", picture, *words]
+        assert cli.main([one.replace("=True", "=yes") for one in words]) == 0
+        said = capsys.readouterr().out
+        assert ("found anew" in said) == (anew != "")
+        assert anew in said
+        [path] = Path("again").rglob("depth.npz")
+        albedo = {name: options.pop(name) for name in ["albedo"] if name in options}
+        mask = options.pop("mask", saved.mask if picture == "f.png" else None)
+        known = el.load_calibration(options.pop("calibration", "o/endoscope.json"))
+        known = SolvingSettings({}, saved.photometry | albedo).apply(known)
+        shown = el.read_frame(
+            "film/0.png" if "film" in picture else picture, None, mask
+        )
+        solve = partial(el.reconstruct, shown)
+        if not anew:
+            solve = partial(el.solve_found, el.load_found(saved.found))
+        expected = solve(known, **saved.keywords | options).distance
+        again = read_depth(path)["distance"]
+        np.testing.assert_array_equal(again, expected.astype("f4"))
+        shutil.rmtree("again")
 
 
 def test_a_page_without_python_holds_all_lams(tune, tmp_path):

@@ -1,0 +1,119 @@
+"""Lamps where they are: beside the lens they cost nothing more, once they are listed and there are mm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.io.found import load_found, save_found
+from endolab.model.lights import SpotLight
+from endolab.numerics.iteration import finish
+from endolab.reconstruction.lamps import Lamps, divide_by_lamps
+from endolab.reconstruction.pipeline import find
+from endolab.reconstruction.report import meaning, warnings
+from endolab.reconstruction.settings import Settings
+from endolab.synthetic.scenes import SCENES
+from tests.tools.problems import percent_off, problem_of, relit
+
+ONE = ((6.0, 0.0, 0.0),)
+PAIR = ((3.0, 0.0, 0.0), (-3.0, 0.0, 0.0))
+ONE_SIDE = ((4.0, 2.0, 0.0), (-1.0, 4.0, 0.0))
+
+
+def seen_by(scene, lamps, width=240):
+    """A scene that lamps at these places light, as a frame, its calibration and its truth."""
+    paper = el.load_calibration("paper", width)
+    light = paper.photometry.with_lamps(lamps) if lamps else paper.photometry
+    seen = el.render(SCENES[scene], paper.camera, light, noise=1, bits=8)
+    return (
+        el.Frame(seen.image, seen.mask),
+        el.Calibration(seen.camera, seen.photometry),
+        seen,
+    )
+
+
+@pytest.mark.parametrize(
+    ("scene", "lamps", "options", "percent"),
+    [
+        ("curved", ONE, {}, 0.4),  # 7.0 by one lamp at the centre
+        ("tube", ONE, {}, 1.2),  # 17.2
+        ("tube", PAIR, {}, 0.6),  # 1.8
+        ("colon", ONE, {}, 6.6),  # 19.0; 5.3 where the lamp is at the centre
+        ("colon", ONE_SIDE, {}, 6.2),  # 9.6
+        ("tube", ONE, {"channel": "green"}, 1.3),
+        ("tube", ONE, {"solver": "fast_marching"}, 3.5),
+        (
+            "curved",
+            ONE,
+            {"solver": "primal_dual", "lam": 0.1, "max_iterations": 200},
+            0.4,
+        ),
+    ],
+)
+def test_the_error_is_that_of_a_lamp_at_the_centre(scene, lamps, options, percent):
+    frame, known, seen = seen_by(scene, lamps)
+    result = el.reconstruct(frame, known, **options)
+    assert percent_off(result, seen, result.mask) < percent
+    sentences = " ".join(meaning(result))
+    assert all(f"({x:g}, {y:g}, {z:g})" in sentences for x, y, z in lamps)
+
+
+def test_without_millimetres_the_lamps_are_left_out_and_that_is_said():
+    frame, known, seen = seen_by("tube", ONE)
+    relative = relit(known, gain=None)
+    silent = el.reconstruct(frame, relative)
+    assert any("6 mm aside" in text for text in warnings(silent))
+    assert silent.problem.lamp_ratio is None
+    length = float(np.median(seen.distance[silent.mask]))
+    result = el.reconstruct(frame, relative, median_distance=length)
+    assert not any("aside" in text for text in warnings(result))
+    assert percent_off(result, seen, result.mask) < 2
+
+
+def test_an_endoscope_whose_usual_distance_is_known_needs_no_length():
+    frame, known, seen = seen_by("tube", ONE)
+    usual = float(np.median(seen.distance[seen.mask]))
+    errors = []
+    for off in (0.7, 1.0, 1.3):
+        stated = {"photometry": {"usual_distance": off * usual}}
+        result = el.reconstruct(
+            frame, replace(relit(known, gain=None), evidence=stated)
+        )
+        assert not result.metric
+        shape = result.distance / seen.distance
+        errors.append(100 * np.nanmean(np.abs(shape / np.nanmedian(shape) - 1)))
+    assert max(errors) < 7  # of 17
+
+
+def test_lamps_that_are_listed_at_the_centre_change_no_bit():
+    frame, known, _ = seen_by("tube", (), 160)
+    light = known.photometry
+    listed = relit(known, k=light.k - 1, lights=(SpotLight(exponent=1.0),))
+    one, other = (el.reconstruct(frame, endoscope) for endoscope in (known, listed))
+    assert np.array_equal(one.distance, other.distance, equal_nan=True)
+
+
+def test_what_was_found_has_the_lamps_to_the_bit_and_follows_when_they_move(tmp_path):
+    frame, known, seen = seen_by("tube", ONE)
+    found = finish(find(frame, known, Settings()))
+    save_found(found, tmp_path / "found.npz")
+    whole = el.reconstruct(frame, known)
+    again = el.solve_found(load_found(tmp_path / "found.npz"), known)
+    assert np.array_equal(again.distance, whole.distance, equal_nan=True)
+    centred = relit(known, **vars(known.photometry.simplify()))
+    moved = el.solve_found(finish(find(frame, centred, Settings())), known)
+    assert percent_off(moved, seen, moved.mask) < 4
+
+
+def test_the_divided_picture_is_what_one_lamp_at_the_centre_makes():
+    problem, seen = problem_of("curved", 80)
+    lamps = problem.photometry.with_lamps(ONE_SIDE)
+    lit = el.render(SCENES["curved"], problem.camera, lamps)
+    ratio = Lamps(lamps, Settings()).ratio(
+        el.Iterate.of(problem, np.log(seen.distance))
+    )
+    inside = problem.mask
+    divided = divide_by_lamps(replace(problem, image=lit.image), ratio).image
+    assert np.max(np.abs(divided / problem.image - 1)[inside]) < 0.02
+    assert np.ptp(lit.image[inside] / problem.image[inside]) > 0.1
