@@ -24,8 +24,8 @@ SETS = {
         "light, on the others",
     ),
     "c3vd": (
-        "C3VD, photographs, light measured on the other frame",
-        "light, on the other; thresholds",
+        "C3VD, photographs, light and lamp measured on the other frame",
+        "light, on the other; how far off the axis it is measured; thresholds",
     ),
     "scenes": ("rendered by the model: plane, bowl, tube, colon", THRESHOLDS),
     "rendered": ("colons, a bag, polyps", THRESHOLDS),

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.compiled import pad_maps
 from endolab.reconstruction.colours import prior_of
+from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.light_and_contours import estimate_indirect, merge
 from endolab.reconstruction.pipeline import SETTLED_CUT
 from endolab.reconstruction.problem_of_frame import in_units, problem_of_frame
@@ -77,6 +78,10 @@ def with_true_light(case, cuts):
     settings = Settings(cuts=cuts if cuts.any() else None)
     colours = problem_of_frame(case.frame, case.calibration, settings).colours
     surface = Iterate(colours[1], 0, np.log(case.distance), {})
+    lamps = Lamps.of(case.calibration, settings)
+    if lamps is not None:
+        lamp_ratio = lamps.ratio(surface)
+        colours = [divide_by_lamps(colour, lamp_ratio) for colour in colours]
     ratio, light = estimate_indirect(colours, surface, prior_of(case.calibration))
     if case.indirect_ratio is not None:
         ratio = case.indirect_ratio

@@ -23,7 +23,6 @@ from endolab.frames.frame import SATURATED
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
-from endolab.model.lights import SpotLight
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
 from endolab.reconstruction.estimate_light import EXPONENTS
@@ -32,7 +31,7 @@ from endolab.reconstruction.walls import Walls, bounced_light_and_slope, sectors
 
 WIDTH = 225  # px, of what is fitted
 # Degrees from the axis. The nearest walls, at the rim, tell where lamps are: up to 60°, C3VD's came out at
-# (-0.1, 2.2) and k at 1.2, and its frames read 7.2 %; up to the rim (0.5, 1.8), 1.6, and 5.9 %.
+# (-0.1, 2.2) and k at 1.2, and its frames read 7.2 %; up to the rim (0.5, 1.8), 1.6, and 6.1 %.
 WIDEST = 80.0
 LAMP = 0.8  # b
 GAMMA, GAMMA_SIGMA = (
@@ -50,10 +49,10 @@ SECTORS = 4  # around the axis, each with a near and a far part
 def measure_light(frames, camera, distances, lamps=0):
     """Measure k, γ and a matt wall's albedos on colour frames of known distances, mm, nan where unknown.
 
-    And the places of so many `lamps` beside the lens, of equal weight; 0: one at the optical centre.
+    And the places of so many `lamps` beside the lens (`Photometry.with_lamps`); 0: one at the optical centre.
 
-    Returned are the light, of unknown gain, the standard errors of "k", "gamma", "red", "green" and "blue",
-    and of the "lamps", x and y of each, mm, and the median size of what the model leaves, grey levels.
+    Returned are the light, of unknown gain, the standard errors of "k" (joint), "gamma", "red", "green",
+    "blue", and "lamp 1 x" ..., mm, and the median size of what the model leaves, grey levels.
     """
     seen = [_Patches(*pair, camera) for pair in zip(frames, distances, strict=True)]
     levels = []
@@ -78,25 +77,16 @@ def measure_light(frames, camera, distances, lamps=0):
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
     albedo = np.clip(np.exp(logs), LEAST_ALBEDO, MOST_ALBEDO)
     spread[2:5] *= albedo
-    lights = lights_at(found[5:].reshape(-1, 2).round(1).tolist())
     light = Photometry(
-        round(max(float(k) - bool(lights), 0.0), 2),
+        round(max(float(k), 0.0), 2),
         round(float(gamma), 2),
         brdf=Lambertian(tuple(albedo.round(2).tolist())),
-        lights=lights,
     )
-    errors = dict(zip(("k", "gamma", *CHANNELS), spread[:5].tolist(), strict=True))
     if lamps:
-        errors["lamps"] = spread[5:].reshape(-1, 2).tolist()
+        light = light.with_lamps(found[5:].reshape(-1, 2).round(1).tolist())
+    names = [f"lamp {number} {axis}" for number in range(1, lamps + 1) for axis in "xy"]
+    errors = dict(zip(("k", "gamma", *CHANNELS, *names), spread.tolist(), strict=True))
     return light, errors, float(np.median(np.abs(_left(seen, fitted, lamps))))
-
-
-def lights_at(places):
-    """Lamps of a matt emitter's spread at (x, y) in the tip, mm, that share the light."""
-    return tuple(
-        SpotLight(position=(x, y, 0.0), exponent=1.0, weight=1 / len(places))
-        for x, y in places
-    )
 
 
 class _Patches:
@@ -134,12 +124,9 @@ class _Patches:
         """ω of lamps at places (L, 2), mm, (P,)."""
         if not len(places):
             return np.ones(len(self.points))
-        real, virtual = (
-            Photometry(0.0, 1.0, 1.0, lights=lights_at(at)).intensity(
-                self.points, self.normals
-            )
-            for at in (places.tolist(), [(0.0, 0.0)])
-        )
+        light = Photometry(1.0, 1.0, 1.0)
+        virtual = light.intensity(self.points, self.normals)
+        real = light.with_lamps(places.tolist()).intensity(self.points, self.normals)
         return np.clip(real / np.maximum(virtual, 1e-12), *BOUNDS)
 
     def light(self, k, albedo, places):
