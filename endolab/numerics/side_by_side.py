@@ -1,4 +1,4 @@
-"""Work on several threads: large maps by bands of rows or one by one, and what can be done meanwhile.
+"""Work on several threads: large maps by bands of rows or one by one, and generators at once.
 
 NumPy, OpenCV and compiled loops let others run.
 
@@ -7,9 +7,8 @@ fresh memory and read from it.
 """
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
-from functools import partial
 from typing import TypeVar
 
 from endolab.numerics.iteration import finish
@@ -51,21 +50,6 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
     side_by_side(function, bands, rows * columns)
 
 
-def in_background(function: Callable[[], Found]) -> Callable[[], Found]:
-    """Begin something on a thread of its own; what is returned waits for it and gives what it found.
-
-    On one thread, it is done when it is asked for.
-    """
-    if threads() == 1:
-        return function
-
-    pool = ThreadPoolExecutor(1)
-    with limit_threads(1):  # the other cores are those of who goes on meanwhile
-        doing = pool.submit(copy_context().run, function)
-    pool.shutdown(wait=False)
-    return doing.result
-
-
 def run_together(
     generators: Sequence[Generator[Item, None, Found]],
 ) -> list[Generator[Item, None, Found]]:
@@ -76,11 +60,16 @@ def run_together(
         return items, finish(steps, items.append)
 
     def replay(
-        wait: Callable[[], tuple[list[Item], Found]],
+        doing: Future[tuple[list[Item], Found]],
     ) -> Generator[Item, None, Found]:
-        items, found = wait()
+        items, found = doing.result()
         yield from items
         return found
 
-    waits = [in_background(partial(record, steps)) for steps in generators]
-    return [replay(wait) for wait in waits]
+    if threads() == 1 or not generators:
+        return list(generators)
+    pool = ThreadPoolExecutor(len(generators))
+    with limit_threads(1):
+        begun = [pool.submit(copy_context().run, record, steps) for steps in generators]
+    pool.shutdown(wait=False)
+    return [replay(doing) for doing in begun]

@@ -19,7 +19,7 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.pipeline import reconstruct
-from endolab.reconstruction.scale import in_unit, to_scale
+from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.settings import LENGTHS, Settings
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import ContourOutcome, Report
@@ -134,7 +134,7 @@ def reconstruct_sequence(
         If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
     lengths = {name: options.pop(name, None) for name in LENGTHS}
-    known = Settings(**lengths)
+    Settings(**lengths)  # checks them
     is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     carried = before
@@ -144,12 +144,12 @@ def reconstruct_sequence(
         try:
             frame = as_frame(name, picture)
             start = carried if can_start else None
-            found, warm = _solve_next(frame, calibration, start, options)
+            asked = options | (lengths if carried is None else {})
+            believed = _usually_as_far(calibration, carried)
+            found, warm = _solve_next(frame, believed, start, asked)
             result = found.result
             iterate = result.iterate
-            if carried is None:
-                iterate = to_scale(iterate, known)
-            else:
+            if carried is not None:
                 factor = scale_between(carried.result, result)
                 if not (result.metric and np.isclose(factor, 1)):
                     metric = carried.result.metric
@@ -165,6 +165,15 @@ def reconstruct_sequence(
         yield replace(step, seconds=time.perf_counter() - started)
         if step.result is not None and step.result.status is Status.STOPPED:
             return
+
+
+def _usually_as_far(calibration: Calibration, before: Carried | None) -> Calibration:
+    """Return a calibration whose usual distance, by which lamps are placed, is that of the frame before."""
+    if before is None or not before.result.metric:
+        return calibration
+    median = float(np.nanmedian(before.result.distance))
+    light = calibration.evidence.get("photometry", {}) | {"usual_distance": median}
+    return replace(calibration, evidence=calibration.evidence | {"photometry": light})
 
 
 def _solve_next(

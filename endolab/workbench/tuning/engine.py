@@ -176,7 +176,8 @@ class Answer:
         for stays in ("explained", "errors"):
             getattr(self, stays)
         iterate = self.result.iterate
-        problem, found = iterate.problem, self.still.found
+        problem = iterate.problem
+        found = self.still.found
         assert found is not None
         camera = found.problem.camera  # rays are kept of this one alone
         if camera != problem.camera:
@@ -350,7 +351,8 @@ class Engine:
             return
         with self._asking:
             self._news.clear()
-            wish, base = self._wish, self._base
+            wish = self._wish
+            base = self._base
             if base is None or not wish.follows(base):
                 base = wish
             self._state = self._asked
@@ -358,7 +360,8 @@ class Engine:
         try:
             still = self._find(base)
             if still is not self._still:
-                self._still, self._look = still, None
+                self._still = still
+                self._look = None
             answer = self.recall(wish, still) or self._follow(wish, still)
         except Stopped:
             raise
@@ -495,15 +498,17 @@ class Engine:
         wanted = [wish.lam * factor for factor in LAM_FACTORS]
         while wanted := [lam for lam in wanted if LAMS[0] <= lam <= LAMS[1]]:
             for lam in (float(f"{lam:.2g}") for lam in wanted):
-                other = self.solve(replace(wish, lam=lam), answer.still, [stop])
-                curve[lam] = other
+                other = curve[lam] = self.solve(
+                    replace(wish, lam=lam), answer.still, [stop]
+                )
                 if other not in self.tried:
                     self._keep(answer, other)
                     self.note()
-            least, most = min(curve), max(curve)
-            wanted = [least / LAM_STEP] if curve[least].explained < ENOUGH_CONTRAST else []
-            if curve[most].explained >= ENOUGH_CONTRAST:
-                wanted.append(most * LAM_STEP)
+            wanted = []
+            if curve[min(curve)].explained < ENOUGH_CONTRAST:
+                wanted.append(min(curve) / LAM_STEP)
+            if curve[max(curve)].explained >= ENOUGH_CONTRAST:
+                wanted.append(max(curve) * LAM_STEP)
 
 
 def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:

@@ -308,10 +308,10 @@ class TunerBox(anywidget.AnyWidget):
         has_unit = before is not None and before.result.metric == answer.result.metric
         self.answer = answer
         if answer.is_final and is_new:
-            finds, settled = len(self.engine.finds), self.engine.settled
-            is_found = finds > self._finds
-            self._change = _change(settled, answer) if is_found else ("", 0.0)
-            self._finds = finds
+            is_found = len(self.engine.finds) > self._finds
+            before = self.engine.settled
+            self._change = _change(before, answer) if is_found else ("", 0.0)
+            self._finds = len(self.engine.finds)
         self._send_answer(answer, still=is_new or not has_unit, anew=is_new)
 
     def _open(self) -> None:

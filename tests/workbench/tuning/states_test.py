@@ -76,7 +76,8 @@ def is_refused(knobs):
 
 def arrays_of(*things):
     """Return the bytes of all arrays that things refer to, by their ids."""
-    stack, sizes = [*things], {}
+    stack = [*things]
+    sizes = {}
     while stack:
         thing = stack.pop()
         if id(thing) in sizes or isinstance(thing, type | ModuleType | FunctionType):

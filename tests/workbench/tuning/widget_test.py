@@ -164,9 +164,9 @@ def test_an_export_answers_for_its_picture_alone_and_options_win(
         words = [f"--{name.replace('_', '-')}={one}" for name, one in typed.items()]
         words = ["reconstruct", picture, *words]
         assert cli.main([one.replace("=True", "=yes") for one in words]) == 0
-        said = capsys.readouterr().out
-        assert ("found anew" in said) == (anew != "")
-        assert anew in said
+        printed = capsys.readouterr().out
+        assert ("found anew" in printed) == (anew != "")
+        assert anew in printed
         [path] = Path("again").rglob("depth.npz")
         albedo = {name: options.pop(name) for name in ["albedo"] if name in options}
         mask = options.pop("mask", saved.mask if picture == "f.png" else None)
