@@ -80,7 +80,9 @@ def with_true_light(case, cuts):
     surface = Iterate(colours[1], 0, np.log(case.distance), {})
     lamps = Lamps.of(case.calibration, settings)
     if lamps is not None:
-        lamp_ratio = lamps.ratio(surface)
+        known = surface.mask & np.isfinite(case.distance)
+        seen = replace(surface, problem=replace(surface.problem, mask=known))
+        lamp_ratio = lamps.ratio(seen)
         colours = [divide_by_lamps(colour, lamp_ratio) for colour in colours]
     ratio, light = estimate_indirect(colours, surface, prior_of(case.calibration))
     if case.indirect_ratio is not None:
