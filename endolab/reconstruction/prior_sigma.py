@@ -52,10 +52,19 @@ class PriorSigma:
         evidence = getattr(calibration, "evidence", None) or {}
         is_unmeasured = _at(evidence, "photometry", "nominal") is True
         is_unmeasured |= "unknown_light" in evidence
+        errors = _at(evidence, "photometry", "standard_errors") or {}
+        places = [
+            error
+            for name, error in errors.items()
+            if name.startswith("lamp ") and isinstance(error, int | float)
+        ]
+        # Of the mean place of n lamps, each way, of which there are 2 n numbers.
+        common = np.sqrt(2 * np.sum(np.square(places))) / len(places) if places else None
         stated = (
+            ("lamp", common and float(common)),
             ("k", _at(evidence, "unknown_light", "standard_error")),
-            ("k", _at(evidence, "photometry", "standard_errors", "k")),
-            ("gamma", _at(evidence, "photometry", "standard_errors", "gamma")),
+            ("k", _at(errors, "k")),
+            ("gamma", _at(errors, "gamma")),
         )
         measured = {  # a fixed γ's 0 says nothing
             name: float(error)

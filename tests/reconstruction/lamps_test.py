@@ -11,6 +11,7 @@ from endolab.model.lights import SpotLight
 from endolab.numerics.iteration import finish
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find
+from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.synthetic.scenes import SCENES
@@ -117,3 +118,12 @@ def test_the_divided_picture_is_what_one_lamp_at_the_centre_makes():
     divided = divide_by_lamps(replace(problem, image=lit.image), ratio).image
     assert np.max(np.abs(divided / problem.image - 1)[inside]) < 0.02
     assert np.ptp(lit.image[inside] / problem.image[inside]) > 0.1
+
+
+def test_the_place_that_a_calibration_found_is_as_uncertain_as_it_says():
+    _, known, _ = seen_by("tube", ONE, 120)
+    errors = {f"lamp {lamp} {axis}": 0.3 for lamp in (1, 2) for axis in "xy"}
+    stated = {"photometry": {"standard_errors": errors}}
+    assert PriorSigma.of(replace(known, evidence=stated)).lamp == pytest.approx(
+        0.3 / np.sqrt(2)  # of the mean of two
+    )
