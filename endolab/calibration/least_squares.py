@@ -34,6 +34,7 @@ from endolab.numerics.iteration import Status
 
 HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
+FINEST_STEP = 1e-4  # of a standard error
 SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
 
 
@@ -249,12 +250,17 @@ def _descend(
 
 
 def fit(
-    model: Model, common: FloatArray, own: FloatArray, smallest: float = SMALLEST_SIGMA
+    model: Model,
+    common: FloatArray,
+    own: FloatArray,
+    smallest: float = SMALLEST_SIGMA,
+    finest: float = FINEST_STEP,
 ) -> Fit:
     """Fit a model from its unknowns: the common ones, (p,), and each group's own, (groups, b).
 
-    σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
-    measurement is usable, or too few are left.
+    σ is never taken to be below `smallest`: what the measurements are good for at best. A step that moves no
+    unknown by more than `finest` of its standard error is the last. ValueError if no measurement is usable,
+    or too few are left.
     """
     free = model.sd > 0
     count = np.sum(free) + len(own) * np.sum(np.isinf(model.own_sd))
@@ -277,7 +283,7 @@ def fit(
             choices.add(good.tobytes())
         used = good
         # The Huber penalty only has to come near.
-        limit, tolerance = (1e9, 1e-4) if near else (HUBER, 1.0)
+        limit, tolerance = (1e9, finest) if near else (HUBER, 1.0)
         equations = partial(_equations, model, used, sigma, limit)
         common, own, status = _descend(equations, common, own, free, tolerance)
         residual = model.linearise(common, own)[0]

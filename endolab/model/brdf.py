@@ -79,8 +79,8 @@ class TabulatedBRDF:
         return self
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
-        """See `BRDF.value`; the half angle plays no part."""
-        theta = np.arccos(np.clip(cos_incidence, 0.0, 1.0))
+        """See `BRDF.value`; beside the lens θ is the half angle, of which a sheen is."""
+        theta = np.arccos(np.clip(cos_half, 0.0, 1.0))
         return np.interp(theta, self.theta, self.values)
 
     def slope(self, cosine: ArrayLike) -> FloatArray:

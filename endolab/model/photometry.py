@@ -11,6 +11,7 @@ With the one light at the optical centre, looking forward (the default, eq. 9):
 and k is then the joint exponent of light spread and vignetting.
 """
 
+from collections.abc import Sequence
 from dataclasses import field, replace
 from typing import Annotated, Self
 
@@ -28,6 +29,7 @@ CHANNELS = ("red", "green", "blue")
 # Of stored values; ITU-R BT.601, as cv2 and JPEG use.
 GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
 CENTRED_LIGHT = SpotLight()
+FARTHEST_LAMP = 50.0  # mm aside of the lens
 
 
 @checked
@@ -106,6 +108,23 @@ class Photometry:
             gain=gain,
             lights=(),
         )
+
+    def with_lamps(self, places: Sequence[Sequence[float]]) -> Self:
+        """Replace the lights by alike lamps at `places`, (x, y) or (x, y, z) in the camera frame, mm.
+
+        They look forward, with 1 of the joint exponent, and k is the rest; together they are as strong.
+        ValueError if one stands more than 50 mm aside.
+        """
+        known = self.simplify()
+        spread = min(1.0, known.k)
+        lights = []
+        for x, y, *z in places:
+            if not np.hypot(x, y) <= FARTHEST_LAMP:
+                limit = f"{FARTHEST_LAMP:g} mm at most"
+                raise ValueError(f"lamps stand {limit} aside of the lens, got {x:g}, {y:g}")
+            place = float(x), float(y), float(sum(z))
+            lights.append(SpotLight(place, exponent=spread, weight=1 / len(places)))
+        return replace(known, k=known.k - spread, lights=tuple(lights))
 
     def attenuation(self, cos_alpha: ArrayLike) -> FloatArray:
         """μ′ = cos^k α, α being the angle between ray and axis; 0 from 90° on."""

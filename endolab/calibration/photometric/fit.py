@@ -7,7 +7,7 @@ r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF,
            \ / θ                + log a + log g          the patch, and the frame's gain
       ------x------ sheet
 
-    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `_result` (checks, doubts)
+    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `choose_lamps` -> `_result` (checks, doubts)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
@@ -31,9 +31,16 @@ from endolab.calibration.least_squares import Fit, fit
 from endolab.calibration.photometric.identifiability import (
     LEAST_GAMMA_SIGNAL,
     LEAST_K_SIGNAL,
+    LEAST_LAMP_SIGNAL,
+    one_sided,
     power_of_lamp,
     refuse,
     signals,
+)
+from endolab.calibration.photometric.lamps import (
+    Lamps,
+    choose_lamps,
+    with_lamps,
 )
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
@@ -64,6 +71,7 @@ LEAST_POWER = 0.6
 USUAL_POWER = 0.85
 # Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
 LARGEST_SIGMA = 15.0
+LARGEST_SIDE = 0.05  # part of the light by which one side of the picture may be too bright
 HELD_TO = 1e-3  # of its standard deviation, to which an unknown is held
 # Standard deviations of the noise by which levels should stay inside the sensor's range.
 CLEARANCE = 3.5
@@ -93,6 +101,8 @@ class LightOptions:
     reflectance : sequence
         Of materials 1 and up, relative to material 0: a number, (value, sd), or None if free.
         They share the shape of the BRDF.
+    lamps : {"auto", "centre", "one", "two"}
+        Lamps whose places beside the lens are sought; auto: the fewest that explain frames held out.
     """
 
     gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = FIRST_GAMMA
@@ -100,6 +110,7 @@ class LightOptions:
     nodes: Annotated[Whole, Field(ge=2)] = 15
     gain: Literal["free", "locked"] = "free"
     reflectance: tuple[Known, ...] = ()
+    lamps: Lamps = "auto"
 
 
 def _belief(known: Any, first: float) -> tuple[float, float]:
@@ -117,7 +128,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     samples : Samples
         Of a calibration sheet, or of any surface that is known.
     **options
-        Of `LightOptions`: gamma, brdf, nodes, gain, reflectance.
+        Of `LightOptions`: gamma, brdf, nodes, gain, reflectance, lamps.
 
     Returns
     -------
@@ -155,7 +166,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
         ("light", good.sum() < LEAST_SAMPLES, f"{lit}, {LEAST_SAMPLES} are needed; {ways}")
     )
     model = _model(samples, good, how)
-    of_k, of_gamma = signals(model, good)
+    of_k, of_gamma, of_lamp = signals(model, good)
     _refuse_untold(model, of_k, of_gamma)
     # What is roughly known is held at its value: a γ that the samples cannot tell, and beside a γ that is
     # sought reflectances. Left to the fit, they would follow the error of interpolating the BRDF between few
@@ -164,13 +175,26 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
     fitted = fit(stiff, model.mean, _start(model, good))
-    covariance = fitted.covariance
-    # Its uncertainty is given back, and with it that of what hangs on it.
-    for i in np.flatnonzero(held):
-        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
-        wider = model.sd[i] ** 2 - covariance[i, i]
-        covariance = covariance + wider * np.outer(along, along)
-    return _result(model, replace(fitted, covariance=covariance))
+    told = how.lamps == "centre" or of_lamp >= LEAST_LAMP_SIGNAL
+    if how.lamps == "auto":  # another light than an endoscope's is refused before a search
+        centred = _result(model, stiff, fitted, {}, told)
+        if not told:
+            return centred
+    held_out: dict[str, float] = {}
+    if how.lamps != "centre":
+        near = f"{samples.distance[good].min():.0f} mm"
+        refuse(
+            (
+                "lamps",
+                not told,
+                "these samples do not determine where the lamps are: 1 mm changes the light by "
+                f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} "
+                "away or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
+            )
+        )
+        stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
+        model = with_lamps(model, stiff.lamps)
+    return _result(model, stiff, fitted, held_out, told)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -269,7 +293,8 @@ def _standard_errors(
 ) -> dict[str, float]:
     """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
     slopes = np.eye(len(vector) + 1, len(vector))
-    slopes[:, 2:] *= np.exp(vector[2:])  # of logarithms
+    start = model.of_brdf.start
+    slopes[:, start:] *= np.exp(vector[start:])  # of logarithms
     slopes[-1, :2] = 1 / vector[1], -vector[0] / vector[1] ** 2  # of k/γ
     errors = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
     return dict(zip([*model.names, "k/gamma"], errors.tolist(), strict=True))
@@ -279,20 +304,37 @@ def _range(values: FloatArray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
-    """Check a fit and name what it found."""
+def _result(
+    model: LightModel,
+    stiff: LightModel,
+    fitted: Fit,
+    held_out: dict[str, float],
+    told: bool,
+) -> PhotometricFit:
+    """Check a fit of the model with some unknowns held, and name what it found."""
+    covariance = fitted.covariance
+    # Their uncertainty is given back, and with it that of what hangs on them.
+    for i in np.flatnonzero(model.sd != stiff.sd):
+        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
+        wider = model.sd[i] ** 2 - covariance[i, i]
+        covariance = covariance + wider * np.outer(along, along)
+    fitted = replace(fitted, covariance=covariance)
     vector = fitted.common
+    places = vector[model.of_lamps].reshape(-1, 2)
     own = fitted.own
     errors = _standard_errors(model, vector, fitted.covariance)
     power = np.nan, np.nan
     # A free γ would make up for another light, and run out of its bounds.
     if np.isfinite(model.sd[1]):
-        power = power_of_lamp(model, vector[1], fitted.used & (model.samples.level > 0))
+        seen = fitted.used & (model.samples.level > 0)
+        power = power_of_lamp(model, vector[1], seen)
     _refuse_run_away(model, fitted, errors, power)
     clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
         Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
+        Doubt.UNTOLD_PLACE: not told,
+        Doubt.OTHER_PLACE: one_sided(model, fitted) > LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
         Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,
     }
@@ -307,8 +349,9 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
     locked = float(gains[0]) if alike > 1 else None
     counted = model.samples[fitted.used]
     free = np.flatnonzero(model.sd)
+    light = Photometry(float(vector[0]), float(vector[1]), locked, surface)
     return PhotometricFit(
-        photometry=Photometry(float(vector[0]), float(vector[1]), locked, surface),
+        photometry=light.with_lamps(places.tolist()) if len(places) else light,
         frames=frames,
         gains=gains,
         gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
@@ -322,6 +365,7 @@ def _result(model: LightModel, fitted: Fit) -> PhotometricFit:
         alpha_range=_range(np.arccos(np.minimum(counted.cos_alpha, 1.0))),
         theta_range=_range(counted.theta),
         power=power,
+        held_out=held_out,
         doubts=[doubt for doubt, is_so in doubts.items() if is_so],
         status=fitted.status,
     )

@@ -25,11 +25,16 @@ from typing import Any
 
 import numpy as np
 
-from endolab.calibration.least_squares import Arrow
-from endolab.calibration.photometric.model import LightModel, hats
+from endolab.calibration.least_squares import Arrow, Fit
+from endolab.calibration.photometric.model import (
+    GREY_LEVELS,
+    LightModel,
+    hats,
+    light_beside,
+)
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-# What samples must show before k and γ are believed.
+# What samples must show before k, γ and a lamp's place are believed.
 #
 # Errors of the poses make up some signal where there is none: 0.3 % of the distance and 0.1° of the
 # normal, apart for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give
@@ -37,6 +42,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 RICH_NODES = 60  # of the BRDF, in the regression
 LEAST_GAMMA_SIGNAL = 0.018
 LEAST_K_SIGNAL = 0.012
+LEAST_LAMP_SIGNAL = 0.006  # of 1 mm
 
 
 class NotIdentifiableError(ValueError):
@@ -67,8 +73,11 @@ def regress(
     return solved, target - columns @ solved - constant[model.group, 0], arrow
 
 
-def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
-    """Measure what the good samples know of k, and of γ; what is roughly known is believed."""
+def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
+    """Measure what the good samples know of k, of γ, and of 1 mm of a lamp's place (the worse of x and y).
+
+    What is roughly known is believed.
+    """
     weight = np.where(good, model.samples.level**2, 0.0)
     material = slice(model.of_brdf.stop, None)
     others = model.materials[:, np.isinf(model.sd[material])].astype(float)
@@ -79,9 +88,13 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float]:
     k = model.log_cos_alpha
     gamma = model.falloff + model.materials @ model.mean[material]
     _, of_k, _ = regress(model, k, others, weight)
-    _, of_gamma, _ = regress(model, gamma, np.column_stack([others, k]), weight)
-    squares = np.average([of_k**2, of_gamma**2], axis=1, weights=weight)
-    return float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
+    known = np.column_stack([others, k])
+    _, of_gamma, _ = regress(model, gamma, known, weight)
+    by_place = light_beside(model.samples, np.zeros(2))[1]
+    of_lamp = [regress(model, axis, known, weight)[1] for axis in by_place.T]
+    left = np.square([of_k, of_gamma, *of_lamp])
+    of_k, of_gamma, *sides = np.sqrt(np.average(left, axis=1, weights=weight)).tolist()
+    return of_k, of_gamma, min(sides)
 
 
 def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[float, float]:
@@ -101,3 +114,25 @@ def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[flo
     solved, left, arrow = regress(model, light, np.column_stack(lamp), weight)
     rest = np.sum(weight * left**2) / (used.sum() + 1)
     return float(solved[0]), float(np.sqrt(rest * arrow.covariance()[0][0, 0]))
+
+
+def left_of_light(model: LightModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return what a fit leaves of the logarithm of the light, (n,), and what each sample counts, (n,)."""
+    level = model.samples.level - fitted.residual[:, 0] / GREY_LEVELS  # predicted
+    level = np.where(fitted.used, level, 1.0)
+    off = fitted.common[1] * fitted.residual[:, 0] / GREY_LEVELS / level
+    return off, np.where(fitted.used, level**2, 0.0)
+
+
+def one_sided(model: LightModel, fitted: Fit) -> float:
+    """Measure by what part of the light one side of the picture is brighter than a fit says, for certain.
+
+    From rim to rim of what was seen, less two standard errors.
+    """
+    across = model.samples.points[:, :2] / model.samples.distance[:, None]
+    off, weight = left_of_light(model, fitted)
+    slope, left, arrow = regress(model, off, across, weight)
+    rest = np.sum(weight * left**2) / fitted.used.sum()
+    error = np.sqrt(rest * np.trace(arrow.covariance()[0]))
+    wide = 2 * np.linalg.norm(across[fitted.used], axis=1).max()
+    return float(wide * (np.linalg.norm(slope) - 2 * error))

@@ -24,6 +24,14 @@ class Doubt(Enum):
         "The brightness falls less with distance and tilt than a lamp's at the lens: there was another "
         "light, γ is larger, or the paper is rough."
     )
+    UNTOLD_PLACE = (
+        "Where the lamp is was not told, and it was left at the lens: the sheet was never near enough, or "
+        "never off the axis."
+    )
+    OTHER_PLACE = (
+        "One side of the picture is brighter than the lamps that were fitted explain: there are others, "
+        "or elsewhere."
+    )
     MATT = "The surface was taken to be matt (Lambertian): a sheen would show as wrong k and γ."
     CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
 
@@ -48,10 +56,10 @@ class AngleErrors:
 class PhotometricFit:
     """A photometric calibration with its evidence.
 
-    `covariance`, (p, p), is of the unknowns that all frames share, `names`: "k", "gamma", "brdf j",
-    "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors` are of the values
-    themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only known beforehand,
-    `gain_errors` are those at its given value.
+    `covariance`, (p, p), is of the unknowns that all frames share, `names`: "k", "gamma", "lamp l x" and
+    "lamp l y", mm, "brdf j", "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors`
+    are of the values themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only
+    known beforehand, `gain_errors` are those at its given value.
     """
 
     photometry: Photometry  # its gain is None, or the one that all frames share
@@ -70,13 +78,15 @@ class PhotometricFit:
     # Power of the fall-off of a lamp at the lens that the brightness shows, and its standard error: 1 of
     # such a lamp, 0 of a lit room; nan if γ was sought.
     power: tuple[float, float]
+    # Lamps that were tried → root mean square residual of frames held out, grey levels; auto alone tries.
+    held_out: dict[str, float]
     doubts: list[Doubt]
     status: Status
 
     @property
     def k(self) -> float:
         """Joint exponent of light and vignetting."""
-        return self.photometry.k
+        return self.photometry.simplify().k
 
     @property
     def ratio(self) -> float:
@@ -95,14 +105,25 @@ class PhotometricFit:
         An error of 0 is that of a given number.
         """
         values = {"k": self.k, "gamma": self.photometry.gamma, "k/gamma": self.ratio}
+        for number, light in enumerate(self.photometry.lights, 1):
+            for axis, value in zip("xy", light.position, strict=False):
+                values[f"lamp {number} {axis}"] = value
         for material in range(1, len(self.reflectance)):
             values[f"reflectance {material}"] = float(self.reflectance[material])
-        rows = [(name, values[name], self.standard_errors[name], "") for name in values]
+        rows = [
+            (name, value, self.standard_errors[name], "mm" if "lamp" in name else "")
+            for name, value in values.items()
+        ]
+        tried = [
+            (f"lamps {lamps}, held out", rms, np.nan, "grey levels")
+            for lamps, rms in self.held_out.items()
+        ]
         edge = self.alpha_range[1]
         at_edge = -100 * float(np.log(np.cos(edge))) * self.standard_errors["k"]
         return [
             *rows,
             ("residual of the light", self.sigma, np.nan, "grey levels"),
+            *tried,
             ("light seen to", float(np.rad2deg(edge)), np.nan, "°"),
             ("σ of the light there", at_edge, np.nan, "%"),
         ]
