@@ -52,6 +52,7 @@ def calibrate(
     gamma: Value = 2.2,
     gain: Literal["free", "locked"] = "free",
     reflectance: list[Value] | None = None,
+    lamps: Literal["auto", "centre", "one", "two"] = "auto",
 ) -> None:
     """Make an endoscope.json of frames of a target.
 
@@ -86,6 +87,8 @@ def calibrate(
     reflectance : float
         Of a grey patch relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free; once for
         each kind of patch.
+    lamps : str
+        Whose places are sought; auto: the fewest that explain frames held out.
     """
     import endolab as el
     from endolab.calibration.session import check_names
@@ -119,6 +122,7 @@ def calibrate(
                 gamma=gamma,
                 gain=gain,
                 reflectance=known,
+                lamps=lamps,
                 progress=lambda stage, done, total: show(done, total, stage),
             )
         write_report(session, found, folder, channel)

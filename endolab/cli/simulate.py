@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from endolab.cli.solving import Count, show_progress
+from endolab.cli.solving import Count, Lamps, show_progress
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -27,6 +27,7 @@ def simulate(
     noise: float = 1.0,
     seed: int = 0,
     highlights: float | None = None,
+    lamp: Lamps = None,
     target: str | None = None,
     frames: Count | None = None,
     video: bool = False,
@@ -36,6 +37,7 @@ def simulate(
     - endolab simulate colon --out sim
     - endolab simulate tube --calibration simple --width 320 --noise 0 --out sim
     - endolab simulate sheet --target vicalib_folded --video --out v
+    - endolab simulate sheet --lamp 4,-2 --frames 60 --out v
 
     Parameters
     ----------
@@ -55,6 +57,8 @@ def simulate(
         Of all that is random.
     highlights : float
         Of a frame: share of light that a wet film mirrors (0).
+    lamp : X,Y[,Z]
+        Where a lamp stands, mm: x right, y down of the lens; once for each, instead of those listed.
     target : str
         Of a calibration video: as for `target` (vicalib_small).
     frames : int
@@ -71,6 +75,8 @@ def simulate(
         frames_only = "--highlights is of a frame, --target, --frames and --video"
         raise ValueError(f"{frames_only} are of a calibration video")
     known = el.load_calibration(calibration, width)
+    if lamp:
+        known = replace(known, photometry=known.photometry.with_lamps(lamp))
     random: Any = {"noise": noise, "seed": seed}
     with stage_folder(out, overwrite=overwrite, read=[calibration]) as folder:
         if scene == "sheet":
