@@ -7,7 +7,7 @@ r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF,
            \ / θ                + log a + log g          the patch, and the frame's gain
       ------x------ sheet
 
-    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `choose_lamps` -> `_result` (checks, doubts)
+    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `choose_lamps` -> `_result` (checks)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
