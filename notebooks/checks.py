@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import endolab as el
 import numpy as np
-from endolab.calibration.photometric.fit import calibrate_light
 from endolab.model.surface import XI, to_xi
 from endolab.numerics.stencils import hessian
 from endolab.reconstruction.problem_of_frame import make_problem
@@ -186,12 +185,20 @@ def residual(answer, samples):
     yield Part("residual", found, 255 * (level - few.level), 1e-3, "grey levels")
 
 
-@exercise("γ less its truth, over the standard error of the fit that takes the paper for matt.")
-def glossy_paper(off_by, warned, folded, glossy, truth):
-    matt = calibrate_light(folded, gamma="free", brdf="lambertian")
-    right = abs(matt.photometry.gamma - truth.gamma) / matt.standard_errors["gamma"]
-    yield Part("off_by", abs(off_by), right, 0.05 * right, "standard errors")
-    yield Part("what warned", warned, "residuals")
+ASIDE = 5.0  # mm to the left, of the lamp by which the photograph was taken
+
+
+def photograph(camera, light):
+    """A matt wall that faces the camera, 30 mm away, by a lamp beside the lens."""
+    points = camera.field.rays * (30 / camera.field.rays[..., 2:])
+    lit = replace(light.with_lamps([(-ASIDE, 0.0)]), gain=500.0, brdf=el.Lambertian())
+    return lit.intensity(points, [0, 0, -1.0])
+
+
+@exercise("Divide by the picture of a lamp at the lens: γ log of it is 4 x X / d², and a constant.")
+def lamp_aside(side, aside):
+    yield Part("side", side, "left")
+    yield Part("aside", aside, ASIDE, 0.2 * ASIDE, "mm")
 
 
 @exercise("I^γ falls as 1/d²: with the wrong γ, to which power does the ratio of two distances come?")
@@ -199,7 +206,9 @@ def wrong_gamma(factor):
     yield Part("factor", factor, 4 ** (2.0 / 2.2), 0.02, "times")
 
 
-photometric_calibration = SimpleNamespace(residual=residual, exercise_1=glossy_paper, exercise_2=wrong_gamma)
+photometric_calibration = SimpleNamespace(
+    residual=residual, photograph=photograph, exercise_1=lamp_aside, exercise_2=wrong_gamma
+)
 
 
 # 04 ---------------------------------------------------------------------------------------

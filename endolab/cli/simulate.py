@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from endolab.cli.solving import Count, Lamp, show_progress
+from endolab.cli.solving import Count, Lamps, show_progress
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -27,7 +27,7 @@ def simulate(
     noise: float = 1.0,
     seed: int = 0,
     highlights: float | None = None,
-    lamp: list[Lamp] | None = None,
+    lamp: Lamps = None,
     target: str | None = None,
     frames: Count | None = None,
     video: bool = False,

@@ -55,10 +55,9 @@ def _diameter(_: Any, tokens: Sequence[Any]) -> tuple[Any, ...]:
     return mm, tuple(pixels[:2]), tuple(pixels[2:])
 
 
-def _lamp(_: Any, tokens: Sequence[Any]) -> tuple[float, ...]:
-    given = tokens[0].value
-    form = "X,Y,Z" if given.count(",") == 2 else "X,Y"
-    return _numbers(form)(_, tokens)
+def _lamps(_: Any, tokens: Sequence[Any]) -> list[tuple[float, ...]]:
+    forms = ["X,Y,Z" if token.value.count(",") == 2 else "X,Y" for token in tokens]
+    return [_numbers(form)(_, [token]) for form, token in zip(forms, tokens, strict=True)]
 
 
 def _read_by(read: Reader) -> Any:
@@ -70,8 +69,10 @@ Value = _read_by(_value)
 Distance = _read_by(_numbers("MM,COLUMN,ROW"))
 Diameter = _read_by(_diameter)
 Rectangle = _read_by(_numbers("COLUMN,ROW,WIDTH,HEIGHT", int))
-# mm in the camera frame: x right, y down.
-Lamp = Annotated[Any, Parameter(converter=_lamp, n_tokens=1, allow_leading_hyphen=True)]
+# X,Y or X,Y,Z, mm, once for each lamp; the first number may be below 0.
+Lamps = Annotated[
+    list[Any] | None, Parameter(converter=_lamps, n_tokens=1, allow_leading_hyphen=True)
+]
 Size = _read_by(_numbers("COLUMNSxROWS", int, "x"))
 
 

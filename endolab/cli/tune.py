@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Count, Lamp, Port, Rectangle, load_endoscope
+from endolab.cli.solving import Count, Lamps, Port, Rectangle, load_endoscope
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -25,7 +25,7 @@ def tune(
     calibration: str | None = None,
     fov: float | None = None,
     crop: Rectangle = None,
-    lamp: list[Lamp] | None = None,
+    lamp: Lamps = None,
     truth: str | None = None,
     width: Count = 320,
     port: Port = 8877,

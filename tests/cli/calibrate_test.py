@@ -21,7 +21,7 @@ def work(tmp_path_factory):
     """A simulated video `v`, and its calibration `cal.json` with its report."""
     folder = tmp_path_factory.mktemp("work")
     sheet = ("--target", "vicalib_folded", "--out")
-    how = ("--frames", 24, "--video", *sheet)
+    how = ("--frames", 24, "--lamp", "-3,2", "--video", *sheet)
     assert call("simulate", "sheet", *how, folder / "v") == 0
     how = ("--gamma", "free", "--leave-out", "000003", *sheet)
     assert call("calibrate", folder / "v/sheet.mkv", *how, folder / "cal.json") == 0
@@ -34,7 +34,9 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     for name in ("fx", "fy", "cx", "cy"):
         true = truth["camera"][name]
         assert getattr(found.camera, name) == pytest.approx(true, abs=0.15)
-    light = found.photometry
+    (lamp,) = found.photometry.lights
+    np.testing.assert_allclose(lamp.position, (-3, 2, 0), atol=0.1)
+    light = found.photometry.simplify()
     assert light.k == pytest.approx(2.5, abs=0.06)
     assert light.k / light.gamma == pytest.approx(2.5 / 2.2, abs=0.01)
     # But for one factor, that of the paper.
@@ -45,6 +47,7 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     assert "asked" in found.evidence["frames"]["dropped"]["000003"]
     for name in ("report.html", "report.json", "camera.json"):
         assert (work / "cal_report" / name).is_file()
+    assert 'id="tip"' in (work / "cal_report/report.html").read_text(encoding="utf-8")
 
 
 def test_a_sheet_to_print(tmp_path):

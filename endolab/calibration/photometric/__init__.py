@@ -1,4 +1,4 @@
 """The light, from how bright the paper is.
 
-Read `samples`, `model`, `identifiability`, `result`, `fit`.
+Read `samples`, `model`, `identifiability`, `lamps`, `result`, `fit`.
 """

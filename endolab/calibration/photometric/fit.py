@@ -7,7 +7,7 @@ r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF,
            \ / θ                + log a + log g          the patch, and the frame's gain
       ------x------ sheet
 
-    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `_result` (checks, doubts)
+    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `choose_lamps` -> `_result` (checks)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
@@ -188,8 +188,8 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
                 "lamps",
                 not told,
                 "these samples do not determine where the lamps are: 1 mm changes the light by "
-                f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} away "
-                "or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
+                f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} "
+                "away or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
             )
         )
         stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
@@ -329,13 +329,12 @@ def _result(
         seen = fitted.used & (model.samples.level > 0)
         power = power_of_lamp(model, vector[1], seen)
     _refuse_run_away(model, fitted, errors, power)
-    side = one_sided(model, fitted)
     clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
         Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
         Doubt.UNTOLD_PLACE: not told,
-        Doubt.OTHER_PLACE: side[0] - 2 * side[1] > LARGEST_SIDE,
+        Doubt.OTHER_PLACE: one_sided(model, fitted) > LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
         Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,
     }

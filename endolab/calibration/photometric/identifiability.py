@@ -34,7 +34,7 @@ from endolab.calibration.photometric.model import (
 )
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-# What samples must show before k and γ are believed.
+# What samples must show before k, γ and a lamp's place are believed.
 #
 # Errors of the poses make up some signal where there is none: 0.3 % of the distance and 0.1° of the
 # normal, apart for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give
@@ -116,20 +116,23 @@ def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[flo
     return float(solved[0]), float(np.sqrt(rest * arrow.covariance()[0][0, 0]))
 
 
-def one_sided(model: LightModel, fitted: Fit) -> tuple[float, float]:
-    """Measure by what part of the light one side of the picture is brighter than a fit says.
-
-    From rim to rim of what was seen, by the residuals of the samples that count; and its standard error.
-    """
-    samples = model.samples
-    predicted = samples.level - fitted.residual[:, 0] / GREY_LEVELS
-    level = np.where(fitted.used, predicted, 1.0)
-    weight = np.where(fitted.used, level**2, 0.0)
+def left_of_light(model: LightModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return what a fit leaves of the logarithm of the light, (n,), and what each sample counts, (n,)."""
+    level = model.samples.level - fitted.residual[:, 0] / GREY_LEVELS  # predicted
+    level = np.where(fitted.used, level, 1.0)
     off = fitted.common[1] * fitted.residual[:, 0] / GREY_LEVELS / level
-    across = samples.points[:, :2] / samples.distance[:, None]
+    return off, np.where(fitted.used, level**2, 0.0)
+
+
+def one_sided(model: LightModel, fitted: Fit) -> float:
+    """Measure by what part of the light one side of the picture is brighter than a fit says, for certain.
+
+    From rim to rim of what was seen, less two standard errors.
+    """
+    across = model.samples.points[:, :2] / model.samples.distance[:, None]
+    off, weight = left_of_light(model, fitted)
     slope, left, arrow = regress(model, off, across, weight)
+    rest = np.sum(weight * left**2) / fitted.used.sum()
+    error = np.sqrt(rest * np.trace(arrow.covariance()[0]))
     wide = 2 * np.linalg.norm(across[fitted.used], axis=1).max()
-    error = np.sqrt(
-        arrow.covariance()[0].trace() * np.sum(weight * left**2) / fitted.used.sum()
-    )
-    return wide * float(np.linalg.norm(slope)), wide * float(error)
+    return float(wide * (np.linalg.norm(slope) - 2 * error))

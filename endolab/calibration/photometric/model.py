@@ -11,10 +11,9 @@ Of lamps beside the lens, at (x, y, 0), of exponent 1 and equal weight, f is the
 lamp's light over that of one at the lens, θ_l the half angle, and k stays the joint exponent.
 
 What is common to all frames is one vector: k, γ, x and y of the lamps, log f at the nodes, log a of the
-materials. Each number
-has a mean and a standard deviation before the fit: 0 if it is given, inf if nothing is known. The scale of f
-is that of the gains and the light together, so one node, the one with the most light, is given: f is 1/π
-there.
+materials. Each number has a mean and a standard deviation before the fit: 0 if it is given, inf if nothing is
+known. The scale of f is that of the gains and the light together, so one node, the one with the most light,
+is given: f is 1/π there.
 """
 
 from __future__ import annotations
@@ -95,7 +94,7 @@ def light_beside(
     return ratio, by_place[:, :2], np.arccos(cosine), turn[:, :2]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class LightModel(Model):
     """The photometric fit as `least_squares` asks for it.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from endolab._extras import lacking
 from endolab.calibration import summary
+from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session
 from endolab.io.atomic import as_json, say_undrawn, write_atomically
 from endolab.io.descriptions import write_camera
@@ -46,6 +47,17 @@ def _frames_of(session: Session) -> list[dict[str, Any]]:
                 ],
             }
         )
+    return listed
+
+
+def _lamps_of(light: PhotometricFit) -> list[list[float]]:
+    """X and y, mm, of each lamp that was found, and the matrix that makes its ellipse of a circle."""
+    listed = []
+    for number, lamp in enumerate(light.photometry.lights, 1):
+        first = light.names.index(f"lamp {number} x")
+        covariance = light.covariance[first : first + 2, first : first + 2]
+        ellipse = np.linalg.cholesky(covariance).T.ravel()
+        listed.append([*lamp.position[:2], *ellipse.tolist()])
     return listed
 
 
@@ -104,6 +116,7 @@ def write_report(
                 source=source,
                 shown=name,
                 frames=_frames_of(session),
+                lamps=_lamps_of(session.light) if session.light else [],
             )
             write_atomically(path, text.encode())
     facts = {

@@ -4,21 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.photometric.identifiability import NotIdentifiableError
+from endolab.calibration.photometric.lamps import with_lamps
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LightModel,
     place_nodes,
 )
+from endolab.calibration.photometric.result import Doubt
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.simulation.video import PAPER_SHEET
-from tests.tools.shooting import video
+from tests.tools.shooting import TRUTH, video
 
 
-def test_every_derivative_agrees_with_finite_differences(rng):
+@pytest.mark.parametrize("lamps", [0, 1, 2])
+def test_every_derivative_agrees_with_finite_differences(rng, lamps):
     """Of a model with every kind of unknown."""
     samples, _ = video("vicalib_grey", 6, per_frame=40, noise=0.0)
     samples = replace(samples, slack=rng.normal(0, 0.01, (len(samples), 2)))
@@ -30,10 +33,12 @@ def test_every_derivative_agrees_with_finite_differences(rng):
     own_sd = np.array([np.inf, 1.0, 1.0])
     model = LightModel(samples.frame, mean, sd, own_sd, samples, nodes, [])
     own = np.column_stack([rng.normal(8, 0.3, 6), rng.normal(size=(6, 2))])
-    vector = mean + 0.1 * (sd > 0)
+    model = with_lamps(model, lamps)
+    vector = model.mean + 0.1 * (model.sd > 0)
+    vector[model.of_lamps] = rng.uniform(-5, 5, 2 * lamps)
     _, by_vector, by_own = model.linearise(vector, own)
     for _ in range(10):
-        step, own_step = rng.normal(size=len(mean)), rng.normal(size=own.shape)
+        step, own_step = rng.normal(size=len(vector)), rng.normal(size=own.shape)
         slopes = by_vector[:, 0] @ step
         slopes += np.sum(by_own[:, 0] * own_step[samples.frame], axis=1)
         after, before = (
@@ -41,7 +46,7 @@ def test_every_derivative_agrees_with_finite_differences(rng):
             for size in (1e-6, -1e-6)
         )
         expected = (after - before) / 2e-6
-        assert_allclose(slopes, expected, rtol=2e-5, atol=1e-3)
+        np.testing.assert_allclose(slopes, expected, rtol=2e-5, atol=1e-3)
 
 
 def check_residuals(fit, samples):
@@ -50,7 +55,7 @@ def check_residuals(fit, samples):
     light = fit.gains[np.searchsorted(fit.frames, samples.frame)]
     light = light * fit.reflectance[samples.material]
     left = samples.level - level * light ** (1 / fit.photometry.gamma)
-    assert_allclose(GREY_LEVELS * left, fit.residuals, atol=1e-9)
+    np.testing.assert_allclose(GREY_LEVELS * left, fit.residuals, atol=1e-9)
 
 
 def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
@@ -66,7 +71,7 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     assert np.std(brdf / brdf.mean()) < 0.006
     scale = fit.gains / gains
     assert np.std(scale / scale.mean()) < 0.008
-    assert_allclose(scale.mean() * brdf.mean(), 1.0, atol=0.01)
+    np.testing.assert_allclose(scale.mean() * brdf.mean(), 1.0, atol=0.01)
 
 
 def moved_planes(samples, size, rng):
@@ -131,10 +136,10 @@ def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_p
 ):
     rows = [flat.frame, flat.level, flat.points / 1000, flat.normals, flat.material]
     rows[0] = 1000 - 7 * flat.frame
-    fit = calibrate_light(Samples(*(row[::-1] for row in rows)))
-    assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
-    assert_allclose(fit.gains[::-1], flat_fit.gains / 1e6, rtol=1e-6)
-    assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
+    fit = calibrate_light(Samples(*(row[::-1] for row in rows)), lamps="centre")
+    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
+    np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains / 1e6, rtol=1e-6)
+    np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
 
 
 def test_a_locked_gain_is_one_number_and_gives_gamma():
@@ -171,5 +176,51 @@ def test_a_fall_off_of_another_shape_shows_by_angle(flat, flat_fit):
 def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     level = np.where(flat.frame == 7, 1.0, flat.level)
     fit = calibrate_light(replace(flat, level=level))
-    assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
+    np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
     assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
+
+
+def beside(*places, **how):
+    """Samples of lamps at places, of the same joint exponent."""
+    return video(count=120, light=TRUTH.with_lamps(places), **how)[0]
+
+
+@pytest.mark.parametrize(
+    ("places", "tolerance"), [([(4, -2)], 0.1), ([(3, 1), (-3, -1)], 0.25)]
+)
+def test_lamps_beside_the_lens_are_found_and_no_more_than_there_are(places, tolerance):
+    """A lamp at the lens in their stead leaves what goes with the side of the picture, or k wrong."""
+    samples = beside(*places)
+    fit = calibrate_light(samples)
+    found = sorted(light.position[:2] for light in fit.photometry.lights)
+    off = np.ravel(found) - np.ravel(sorted(places))
+    errors = [fit.standard_errors[name] for name in fit.names if "lamp" in name]
+    assert np.abs(off).max() < tolerance
+    assert np.sqrt(np.mean((off / errors) ** 2)) < 2
+    assert abs(fit.k - 2.5) < 0.01
+    assert not fit.doubts
+    check_residuals(fit, samples)
+    centred = calibrate_light(samples, lamps="centre")
+    assert abs(centred.k - 2.5) > 0.01
+    assert (Doubt.OTHER_PLACE in centred.doubts) is (len(places) == 1)
+
+
+def test_a_lamp_at_the_lens_stays_there_as_it_was(flat, flat_fit):
+    """Two that are sought about it change k by less than its ±."""
+    centred, two = (calibrate_light(flat, lamps=lamps) for lamps in ("centre", "two"))
+    assert centred.photometry == flat_fit.photometry
+    assert list(flat_fit.held_out)[:2] == ["centre", "one"]
+    assert abs(two.k - centred.k) < centred.standard_errors["k"]
+
+
+def test_a_sheet_seen_from_afar_does_not_tell_where_the_lamp_is():
+    samples = beside((4, -2), distance=(150.0, 200.0))
+    fit, centred = (
+        calibrate_light(samples, lamps=lamps) for lamps in ("auto", "centre")
+    )
+    assert (fit.photometry, Doubt.UNTOLD_PLACE in fit.doubts) == (
+        centred.photometry,
+        True,
+    )
+    with pytest.raises(NotIdentifiableError, match="nearer"):
+        calibrate_light(samples, lamps="one")
