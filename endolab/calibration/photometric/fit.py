@@ -175,10 +175,10 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
     fitted = fit(stiff, model.mean, _start(model, good))
-    told = how.lamps == "centre" or of_lamp >= LEAST_LAMP_SIGNAL
+    determined = how.lamps == "centre" or of_lamp >= LEAST_LAMP_SIGNAL
     if how.lamps == "auto":  # another light than an endoscope's is refused before a search
-        centred = _result(model, stiff, fitted, {}, told)
-        if not told:
+        centred = _result(model, stiff, fitted, {}, determined)
+        if not determined:
             return centred
     held_out: dict[str, float] = {}
     if how.lamps != "centre":
@@ -186,7 +186,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
         refuse(
             (
                 "lamps",
-                not told,
+                not determined,
                 "these samples do not determine where the lamps are: 1 mm changes the light by "
                 f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} "
                 "away or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
@@ -194,7 +194,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
         )
         stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
         model = with_lamps(model, stiff.lamps)
-    return _result(model, stiff, fitted, held_out, told)
+    return _result(model, stiff, fitted, held_out, determined)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -309,7 +309,7 @@ def _result(
     stiff: LightModel,
     fitted: Fit,
     held_out: dict[str, float],
-    told: bool,
+    determined: bool,
 ) -> PhotometricFit:
     """Check a fit of the model with some unknowns held, and name what it found."""
     covariance = fitted.covariance
@@ -333,7 +333,7 @@ def _result(
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
         Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
-        Doubt.UNTOLD_PLACE: not told,
+        Doubt.UNTOLD_PLACE: not determined,
         Doubt.OTHER_PLACE: one_sided(model, fitted) > LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
         Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,
