@@ -94,7 +94,7 @@ def light_beside(
     return ratio, by_place[:, :2], np.arccos(cosine), turn[:, :2]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightModel(Model):
     """The photometric fit as `least_squares` asks for it.
 
