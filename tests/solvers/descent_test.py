@@ -7,7 +7,8 @@ import pytest
 
 import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.reconstruction.scale import scale_by_length
+from endolab.reconstruction.scale import to_scale
+from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE
@@ -54,7 +55,7 @@ def test_what_is_left_is_what_a_step_from_the_answer_removes(result):
 
 
 def test_it_is_the_same_in_every_unit(result):
-    scaled = scale_by_length(result.iterate, median_distance=40.0)
+    scaled = to_scale(result.iterate, Settings(median_distance=40.0))
     assert replace(result, iterate=scaled).left == pytest.approx(result.left, rel=1e-6)
 
 

@@ -226,6 +226,28 @@ def solve(
     return result, steps.iterates
 
 
+def solve_anew(
+    wish: Knobs,
+    subject: Subject,
+    watch: Callable[[Iterate], bool] = lambda iterate: False,
+) -> Answer:
+    """Find light and contours by a wish's knobs, and solve with them, here and now.
+
+    Stopped, if `watch` wants no answer any more.
+    """
+
+    def stop_or_show(iterate: Iterate) -> None:
+        if watch(iterate):
+            raise Stopped
+
+    settings = wish.solving_settings(subject).settings
+    steps = find(subject.frame, wish.calibration_of(subject), settings)
+    found = finish(steps, stop_or_show)
+    result, path = solve(wish, subject, found, [watch])
+    still = Still.of(wish, subject, result.iterate, found)
+    return Answer(wish, AnswerKind.FINAL, still, result, path)
+
+
 class Engine:
     """Answers the newest wish in a thread of its own.
 
@@ -404,18 +426,10 @@ class Engine:
                 show(iterate)
                 return knobs != self._base
 
-            def stop_or_show(iterate: Iterate) -> None:
-                if watch(iterate):
-                    raise Stopped
-
-            settings = knobs.solving_settings(subject).settings
-            steps = find(subject.frame, knobs.calibration_of(subject), settings)
-            found = finish(steps, stop_or_show)
-            result, path = solve(knobs, subject, found, [watch])
-            still = Still.of(knobs, subject, result.iterate, found)
+            answer = solve_anew(knobs, subject, watch)
+            still = answer.still
             if knobs not in self.finds:
                 self.finds.append(knobs)
-            answer = Answer(knobs, AnswerKind.FINAL, still, result, path)
             self.tried.append(answer)
         self.stills = [*(one for one in self.stills if one is not still), still]
         self.stills = self.stills[-KEPT_FINDS:]
