@@ -52,7 +52,8 @@ class PriorSigma:
         evidence = getattr(calibration, "evidence", None) or {}
         is_unmeasured = _at(evidence, "photometry", "nominal") is True
         is_unmeasured |= "unknown_light" in evidence
-        errors = _at(evidence, "photometry", "standard_errors") or {}
+        errors = _at(evidence, "photometry", "standard_errors")
+        errors = errors if isinstance(errors, Mapping) else {}
         places = [
             error
             for name, error in errors.items()
