@@ -17,7 +17,8 @@ const FACTORS = [
   ["L = their product times g", { low: 0, high: 1 }],
 ];
 
-// L = g cos^k′ α cosᵐ ψ / d² f_r(θ) cos θ, I = L^(1/γ), of each ray that meets the plane; d from the lamp.
+// L = g cos^k′ α cosᵐ ψ / d² f_r cos θ, I = L^(1/γ), of each ray that meets the plane; d from the lamp, f_r at the half
+// angle of lamp and lens.
 function shade({ rays, width, height }, { k, m, gamma, gain, lamp, tilt, depth }, nodes, brdf) {
   const [across, , ahead] = turned([tilt, 0])[2], size = width * height; // the normal's, away from the camera
   const maps = [0, 1, 2, 3, 4, 5].map(() => new Float32Array(size).fill(NaN)), [light, fall, f_r, slant, linear, image] = maps;
@@ -27,7 +28,9 @@ function shade({ rays, width, height }, { k, m, gamma, gain, lamp, tilt, depth }
     if (!(z > 0 && facing > 0)) continue;
     const distance = depth * ahead / facing, right = distance * x - lamp, down = distance * y, far = distance * z;
     const reach = Math.sqrt(right * right + down * down + far * far), cosine = (right * across + far * ahead) / reach;
-    const place = Math.acos(Math.min(1, Math.max(0, cosine))) / apart, node = Math.min(last - 1, Math.floor(place));
+    const half = [x + right / reach, y + down / reach, z + far / reach]; // between lamp and lens
+    const halfway = Math.acos(Math.min(1, Math.max(0, (half[0] * across + half[2] * ahead) / Math.hypot(...half))));
+    const place = halfway / apart, node = Math.min(last - 1, Math.floor(place));
     light[p] = z ** k * (far / reach) ** m;
     fall[p] = 1 / reach ** 2;
     f_r[p] = brdf[node] + Math.min(1, place - node) * (brdf[node + 1] - brdf[node]);
