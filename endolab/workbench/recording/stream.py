@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +14,26 @@ import rerun as rr
 from endolab.io.atomic import PathLike, check_writable, say_undrawn, write_atomically
 from endolab.workbench.recording.layouts import Shown, layout
 from endolab.workbench.recording.pictures import Painted
+
+
+@contextmanager
+def delay_interrupts() -> Iterator[None]:
+    """Let an interrupt wait until a block has ended: half a picture or import would spoil the rest."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(came[0])
 
 
 class Sink:
@@ -43,7 +65,7 @@ class Sink:
         """Log within a block; if it fails, there is no recording, and `undrawn` says why."""
         if not self.open:
             raise ValueError("the recording is closed")
-        with say_undrawn(self.path, self.undrawn):
+        with say_undrawn(self.path, self.undrawn), delay_interrupts():
             yield
         if self.undrawn:
             self.close(failed=True)
