@@ -90,7 +90,9 @@ function render({ model, el }) {
   };
   const show_knobs = () => {
     for (const { name, tip, needs, show, box } of shown) {
-      if (name in now.knobs) show(now.knobs[name]);
+      const typing = document.activeElement; // what is being typed stays
+      const is_typed = box.contains(typing) && typing.matches("input:not([type=range])");
+      if (name in now.knobs && !is_typed) show(now.knobs[name]);
       const why = needs && lacks[needs]();
       box.title = why || tip;
       for (const part of box.querySelectorAll("input, select")) part.disabled = Boolean(why);
