@@ -17,6 +17,7 @@ import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
+from endolab.model.surface import normals, points
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.resampling import resample
 from endolab.reconstruction.scale import to_scale
@@ -56,13 +57,20 @@ class Lamps:
         scaled = to_scale(surface, self.settings)
         return float(np.median(scaled.distance[scaled.mask]))
 
-    def ratio(self, surface: Iterate) -> FloatArray:
-        """Return ω at a surface, (H, W), within `BOUNDS`; 1 where it is unknown."""
+    def ratio(self, surface: Iterate, step: int = 1) -> FloatArray:
+        """Return ω at a surface, (H, W), within `BOUNDS`; 1 where it is unknown.
+
+        Of every `step`-th row and column alone, if it is given.
+        """
         scaled = to_scale(surface, self.settings)
         real = replace(self.photometry, gain=1.0, brdf=scaled.problem.photometry.brdf)
-        points, normals = scaled.points, scaled.normals
+        field, v = scaled.problem.field, scaled.log_distance
+        seen = (
+            points(v[::step, ::step], field.every(step)),
+            normals(v, field, scaled.mask, step),
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
-            stored = [light.intensity(points, normals) for light in (real, real.simplify())]
+            stored = [light.intensity(*seen) for light in (real, real.simplify())]
             ratio = (stored[0] / stored[1]) ** real.gamma
         return np.clip(np.where(np.isfinite(ratio), ratio, 1.0), *BOUNDS)
 

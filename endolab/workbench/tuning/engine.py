@@ -60,6 +60,7 @@ PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 PATH_BYTES = 24e6  # and of their maps
 KEPT_ANSWERS = 12  # beside the one on screen: as much room as their distances take
 KEPT_FINDS = 2  # so many times light and contours are kept
+LAMP_STEP = 3  # rows and columns from one pixel that lamps are asked of to the next
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
 
@@ -532,10 +533,11 @@ def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
     settings = wish.solving_settings(still.subject).settings
     calibration = wish.calibration_of(still.subject)
     problem, _ = found.problem_with(settings, calibration)
-    lamps = Lamps.of(calibration, settings)
-    if lamps is None or lamps.photometry.lights == found.believed.photometry.lights:
+    if calibration.photometry.lights == found.believed.photometry.lights:
         return problem
-    return divide_by_lamps(problem, lamps.ratio(surface))
+    lamps = Lamps.of(calibration, settings)
+    ratio = np.ones((1, 1)) if lamps is None else lamps.ratio(surface, LAMP_STEP)
+    return divide_by_lamps(problem, ratio)
 
 
 class Path:
