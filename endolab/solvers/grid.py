@@ -118,7 +118,7 @@ class Grid(Structure):
         )
 
     def coarser_under(self, problem: Problem) -> Grid:
-        """The coarser grid for a problem that differs by its light and penalties alone; with edges as before."""
+        """The coarser grid for a problem that differs by its light and penalties alone; edges stay."""
         maps = _light_of(problem)
         maps["image"], _ = replace(self, **maps)._coarser_evidence()
         for name in ("log_scale", "factor"):

@@ -191,13 +191,13 @@ class Answer:
     @property
     def nbytes(self) -> int:
         """Of the maps that are its own."""
-        found = self.uncertainty
-        maps = (
-            []
-            if found is None
-            else [found.sigma, found.sigma_shape, *found.causes.values()]
-        )
-        return sum(one.nbytes for one in [self.result.iterate.log_distance, *maps])
+        maps = [self.result.iterate.log_distance]
+        sigma, problem, found = self.uncertainty, self.result.problem, self.still.found
+        if sigma is not None:
+            maps += [sigma.sigma, sigma.sigma_shape, *sigma.causes.values()]
+        if found is not None and problem.image is not found.problem.image:  # lamps moved
+            maps += 2 * [problem.image]  # and ω
+        return sum(one.nbytes for one in maps)
 
 
 def shown_as(iterate: Iterate, knobs: Knobs) -> Result:
