@@ -75,14 +75,20 @@ class Lamps:
         return np.clip(np.where(np.isfinite(ratio), ratio, 1.0), *BOUNDS)
 
 
-def divide_by_lamps(problem: Problem, ratio: FloatArray) -> Problem:
-    """Return a problem, and its colours, as the virtual lamp would have lit it; ω is (h, w) of any size."""
-    whole = np.clip(resample(ratio, problem.mask.shape), *BOUNDS)
-    before = 1.0 if problem.lamp_ratio is None else problem.lamp_ratio
-    factor = (before / whole) ** (1 / problem.photometry.gamma)
+def divide_by_lamps(problem: Problem, ratio: FloatArray | None) -> Problem:
+    """Return a problem, and its colours, as the virtual lamp would have lit it.
+
+    ω is (h, w) of any size; None: as it was lit.
+    """
+    before, after = problem.lamp_ratio, None
+    if ratio is not None:
+        after = np.clip(resample(ratio, problem.mask.shape), *BOUNDS)
+    elif before is None:
+        return problem
+    factor = (1.0 if before is None else before) / (1.0 if after is None else after)
     return replace(
         problem,
-        image=problem.image * factor,
-        lamp_ratio=whole,
+        image=problem.image * factor ** (1 / problem.photometry.gamma),
+        lamp_ratio=after,
         colours=tuple(divide_by_lamps(colour, ratio) for colour in problem.colours),
     )

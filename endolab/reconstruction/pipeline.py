@@ -28,7 +28,6 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
@@ -267,18 +266,15 @@ def find(
     return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
 
 
-def _are_as_found(
-    found: Found,
-    before: Lamps | None,
-    problem: Problem,
-    start: FloatArray | None,
-    lamps: Lamps,
-) -> bool:
+def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
     """Whether ω stays: the lamps stand as before, and the surface is as far away, but for a twentieth."""
-    if before is None or found.start is None or start is None:
+    before = Lamps.of(found.believed, found.settings)
+    if before is None or problem.lamp_ratio is None:
         return False
-    was = before.median(Iterate(found.problem, 0, found.start, {}))
-    now = lamps.median(Iterate(problem, 0, start, {}))
+    was, now = (
+        one.median(Iterate(of, 0, of.log_d0, {}))
+        for one, of in ((before, found.problem), (lamps, problem))
+    )
     same = lamps.photometry.lights == before.photometry.lights
     return same and abs(np.log(now / was)) < MOVED
 
@@ -287,10 +283,9 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     """Solve what was found, under the energy and the light's law that are asked for."""
     problem, start = found.problem_with(settings, calibration)
     lamps = Lamps.of(calibration, settings)
-    before = Lamps.of(found.believed, found.settings)
-    if lamps is None and before is not None:  # they cannot be used any more
-        problem = divide_by_lamps(problem, np.ones((1, 1)))
-    elif lamps is not None and not _are_as_found(found, before, problem, start, lamps):
+    if lamps is None:
+        problem = divide_by_lamps(problem, None)
+    elif not are_as_found(found, problem, lamps):
         if start is not None:
             problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start, {})))
         problem, start = yield from settle_lamps(problem, start, lamps, MOVED_ROUNDS)

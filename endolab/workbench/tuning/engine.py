@@ -38,7 +38,7 @@ from endolab.reconstruction.contrast import (
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
-from endolab.reconstruction.pipeline import find, solve_found
+from endolab.reconstruction.pipeline import are_as_found, find, solve_found
 from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
@@ -533,10 +533,10 @@ def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
     settings = wish.solving_settings(still.subject).settings
     calibration = wish.calibration_of(still.subject)
     problem, _ = found.problem_with(settings, calibration)
-    if calibration.photometry.lights == found.believed.photometry.lights:
-        return problem
     lamps = Lamps.of(calibration, settings)
-    ratio = np.ones((1, 1)) if lamps is None else lamps.ratio(surface, LAMP_STEP)
+    if lamps is not None and are_as_found(found, problem, lamps):
+        return problem
+    ratio = None if lamps is None else lamps.ratio(surface, LAMP_STEP)
     return divide_by_lamps(problem, ratio)
 
 
