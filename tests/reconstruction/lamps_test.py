@@ -123,7 +123,9 @@ def test_what_was_found_has_the_lamps_to_the_bit_and_follows_when_they_move(tmp_
         ({"gain": None}, {"median_distance": 100.0}),
     ],
 )
-def test_what_was_found_is_solved_as_if_anew_once_light_or_unit_are_others(now, options):
+def test_what_was_found_is_solved_as_if_anew_once_light_or_unit_are_others(
+    now, options
+):
     frame, known, _ = seen_by("tube", ONE, 160)
     how = {"channel": "green", "contours": False}
     found = finish(find(frame, known, Settings(**how)))
@@ -167,3 +169,5 @@ def test_the_place_that_a_calibration_found_is_as_uncertain_as_it_says():
     assert PriorSigma.of(replace(known, evidence=stated)).lamp == pytest.approx(
         0.3 / np.sqrt(2)  # of the mean of two
     )
+    by_hand = replace(known, evidence=stated | {"lamps": "given"})
+    assert PriorSigma.of(by_hand).lamp == PriorSigma().lamp
