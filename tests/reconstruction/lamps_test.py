@@ -107,9 +107,9 @@ def test_what_was_found_has_the_lamps_to_the_bit_and_follows_when_they_move(tmp_
     found = finish(find(frame, centred, Settings()))
     before, moved = (el.solve_found(found, one) for one in (centred, known))
     assert percent_off(moved, seen, moved.mask) < 4
-    (said,) = (text for text in meaning(moved) if "(6, 0, 0)" in text)
+    (sentence,) = (text for text in meaning(moved) if "(6, 0, 0)" in text)
     change = 100 * np.nanmean(np.abs(moved.distance / before.distance - 1))
-    assert float(re.search(r"by (\S+) % in the mean", said)[1]) == pytest.approx(
+    assert float(re.search(r"by (\S+) % in the mean", sentence)[1]) == pytest.approx(
         change, rel=0.3
     )
 
