@@ -1,5 +1,6 @@
 """Lamps where they are: beside the lens they cost nothing more, once they are listed and there are mm."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -103,8 +104,49 @@ def test_what_was_found_has_the_lamps_to_the_bit_and_follows_when_they_move(tmp_
     again = el.solve_found(load_found(tmp_path / "found.npz"), known)
     assert np.array_equal(again.distance, whole.distance, equal_nan=True)
     centred = relit(known, **vars(known.photometry.simplify()))
-    moved = el.solve_found(finish(find(frame, centred, Settings())), known)
+    found = finish(find(frame, centred, Settings()))
+    before, moved = (el.solve_found(found, one) for one in (centred, known))
     assert percent_off(moved, seen, moved.mask) < 4
+    (sentence,) = (text for text in meaning(moved) if "(6, 0, 0)" in text)
+    change = 100 * np.nanmean(np.abs(moved.distance / before.distance - 1))
+    assert float(re.search(r"by (\S+) % in the mean", sentence)[1]) == pytest.approx(
+        change, rel=0.3
+    )
+
+
+@pytest.mark.parametrize(
+    ("now", "options"),
+    [
+        ({"gamma": 1.7}, {}),
+        ({"lights": ()}, {}),
+        ({"gain": None}, {}),
+        ({"gain": None}, {"median_distance": 100.0}),
+    ],
+)
+def test_what_was_found_is_solved_as_if_anew_once_light_or_unit_are_others(
+    now, options
+):
+    frame, known, _ = seen_by("tube", ONE, 160)
+    how = {"channel": "green", "contours": False}
+    found = finish(find(frame, known, Settings(**how)))
+    other = relit(known, **now)
+    again = el.solve_found(found, other, **options)
+    anew = el.reconstruct(frame, other, **how, **options)
+    apart = again.distance / anew.distance
+    assert np.nanmean(np.abs(apart / np.nanmedian(apart) - 1)) < 0.012
+    assert [*warnings(again)] == [*warnings(anew)]
+    assert again.report.lamps == anew.report.lamps
+
+
+def test_a_start_keeps_the_lamps_and_takes_others():
+    frame, known, _ = seen_by("tube", ONE, 160)
+    first = el.reconstruct(frame, known)
+    finer = el.reconstruct(frame, known, start=first, lam=0.5)
+    assert np.array_equal(finer.problem.lamp_ratio, first.problem.lamp_ratio)
+    lamps = known.photometry.with_lamps(((-6.0, 0.0),))
+    other = el.reconstruct(frame, relit(known, lights=lamps.lights), start=first)
+    right, left = (one.problem.lamp_ratio for one in (first, other))
+    assert np.corrcoef(right[first.mask], left[first.mask])[0, 1] < 0
 
 
 def test_the_divided_picture_is_what_one_lamp_at_the_centre_makes():
@@ -127,3 +169,5 @@ def test_the_place_that_a_calibration_found_is_as_uncertain_as_it_says():
     assert PriorSigma.of(replace(known, evidence=stated)).lamp == pytest.approx(
         0.3 / np.sqrt(2)  # of the mean of two
     )
+    by_hand = replace(known, evidence=stated | {"lamps": "given"})
+    assert PriorSigma.of(by_hand).lamp == PriorSigma().lamp
