@@ -48,7 +48,7 @@ class Photometry:
     brdf : BRDF
         Of the surface.
     lights : tuple of SpotLight
-        The real lights; empty means one at the optical centre.
+        The real lights; empty means one at the optical centre. Their shadows are not modelled.
 
     Examples
     --------

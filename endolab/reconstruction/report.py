@@ -33,7 +33,6 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
     return (
         *_of_scale(result),
         *_of_wall(result),
-        *_of_lamps(result),
         _of_gamma(result),
         *_of_evidence(result.problem),
         *notes(result),
@@ -41,9 +40,14 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
-    """Say what was done about indirect light and contours, and why, in a sentence each."""
+    """Say what was done about lamps, indirect light and contours, and why, in a sentence each."""
     report = result.report
-    return (*_of_picture(report), *_of_light(report), *_of_contours(report))
+    return (
+        *_of_picture(report),
+        *_of_lamps(result),
+        *_of_light(report),
+        *_of_contours(report),
+    )
 
 
 def _of_picture(report: Report) -> Iterator[str]:
