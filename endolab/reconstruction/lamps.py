@@ -67,7 +67,7 @@ class Lamps:
         field, v = scaled.problem.field, scaled.log_distance
         seen = (
             points(v[::step, ::step], field.every(step)),
-            normals(v, field, scaled.mask, step),
+            normals(v, field, scaled.mask, step, scaled.problem.cuts),
         )
         with np.errstate(divide="ignore", invalid="ignore"):
             stored = [light.intensity(*seen) for light in (real, real.simplify())]

@@ -10,6 +10,7 @@ import endolab as el
 from endolab.io.found import load_found, save_found
 from endolab.model.lights import SpotLight
 from endolab.numerics.iteration import finish
+from endolab.reconstruction.contrast import explained_contrast
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find
 from endolab.reconstruction.prior_sigma import PriorSigma
@@ -41,7 +42,7 @@ def seen_by(scene, lamps, width=240):
         ("curved", ONE, {}, 0.4),  # 7.0 by one lamp at the centre
         ("tube", ONE, {}, 1.2),  # 17.2
         ("tube", PAIR, {}, 0.6),  # 1.8
-        ("colon", ONE, {}, 6.6),  # 19.0; 5.3 where the lamp is at the centre
+        ("colon", ONE, {}, 6.2),  # 19.0; 5.3 where the lamp is at the centre
         ("colon", ONE_SIDE, {}, 6.2),  # 9.6
         ("tube", ONE, {"channel": "green"}, 1.3),
         ("tube", ONE, {"solver": "fast_marching"}, 3.5),
@@ -57,6 +58,7 @@ def test_the_error_is_that_of_a_lamp_at_the_centre(scene, lamps, options, percen
     frame, known, seen = seen_by(scene, lamps)
     result = el.reconstruct(frame, known, **options)
     assert percent_off(result, seen, result.mask) < percent
+    assert explained_contrast(result) > 0.97  # beside cuts, too
     sentences = " ".join(meaning(result))
     assert all(f"({x:g}, {y:g}, {z:g})" in sentences for x, y, z in lamps)
 
@@ -85,7 +87,7 @@ def test_an_endoscope_whose_usual_distance_is_known_needs_no_length():
         assert not result.metric
         shape = result.distance / seen.distance
         errors.append(100 * np.nanmean(np.abs(shape / np.nanmedian(shape) - 1)))
-    assert max(errors) < 8  # of 17
+    assert max(errors) < 8.5  # of 17
 
 
 def test_lamps_that_are_listed_at_the_centre_change_no_bit():
