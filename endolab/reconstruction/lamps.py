@@ -5,8 +5,9 @@ Solvers know one lamp, at the optical centre. At a surface that is known roughly
     ω = Σ_l b_l cosᵐψ_l f_r(θ_l) cos θ_l / d_l²  over  b cosᵐα f_r(θ) cos θ / d²,
 
 the real lamps' light over the virtual one's (`Photometry.intensity` of both). The picture divided by ω^(1/γ)
-is what the virtual lamp would have made; it is solved, and ω follows again from a better surface. As d_l is
-in mm, so must the surface be: by the gain, or by a length.
+is what the virtual lamp would have made; it is solved, and ω follows again from a better surface. Light that
+bounced does not follow ω: of the divided picture ι is S/(ωE). As d_l is in mm, so must the surface be: by the
+gain, or by a length.
 """
 
 from __future__ import annotations

@@ -441,7 +441,8 @@ def estimate_indirect(
     k = green.photometry.k
     v = surface.log_distance
     mask = np.any([colour.mask for colour in colours], axis=0) & np.isfinite(v)
-    walls = Walls.of(v, mask, green.field, k, surface.problem.cuts)
+    cuts = surface.problem.cuts
+    walls = Walls.of(v, mask, green.field, k, cuts, green.lamp_ratio)
     light = fit_light(Patches.of(colours, walls), prior)
     ratio = light.indirect_ratio(walls, k)
     return (refine_per_pixel(colours, ratio, light) if per_pixel else ratio), light

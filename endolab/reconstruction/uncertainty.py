@@ -348,7 +348,9 @@ def bounced_light(iterate: Iterate) -> FloatArray:
         facing = np.ones(1)
         rho = float(np.pi * problem.photometry.brdf.value(facing, facing)[0])
     k = problem.photometry.k
-    walls = Walls.of(iterate.log_distance, mask, problem.field, k, problem.cuts)
+    walls = Walls.of(
+        iterate.log_distance, mask, problem.field, k, problem.cuts, problem.lamp_ratio
+    )
     return np.where(mask, np.log1p(walls.indirect_ratio(min(rho, 0.95))), 0.0)
 
 

@@ -151,11 +151,12 @@ class Walls:
         field: RayField,
         k: float,
         cuts: BoolArray | None = None,
+        lamp_ratio: FloatArray | None = None,
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
         k is the exponent of the lamp's spread; `cuts` (2, H, W) are links over which the
-        surface is cut, see `Problem`.
+        surface is cut, and `lamp_ratio` is ω, (H, W), see `Problem`.
         """
         f_u, f_v = gradient(log_distance, mask, cuts)
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
@@ -164,7 +165,7 @@ class Walls:
         cosine = 1 / np.sqrt(1 + slant(f_u, f_v, field))
         distance = np.exp(log_distance)
         cos_alpha = np.where(mask, np.maximum(field.cos_alpha, GRAZING), 1.0)
-        light = cos_alpha**k
+        light = cos_alpha**k * (1.0 if lamp_ratio is None else lamp_ratio)
         area = solid * distance**2 / cosine
 
         step = max(1.0, np.sqrt(mask.sum() / PATCHES))

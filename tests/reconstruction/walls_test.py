@@ -45,6 +45,15 @@ def walls(colon):
     return walls_of(*colon)
 
 
+def test_bounced_light_does_not_follow_the_lamps_from_pixel_to_pixel(colon, walls):
+    v, field = colon
+    ratio = np.where(np.arange(v.shape[1]) % 2, 1.5, 0.5) * np.ones(v.shape)
+    aside = Walls.of(v, np.isfinite(v), field, walls.k, lamp_ratio=ratio)
+    assert_allclose(
+        ratio * aside.indirect_ratio(0.4), walls.indirect_ratio(0.4), rtol=0.1
+    )
+
+
 def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     """An integrating sphere: S = mean E · ρ/(1 - ρ), wherever the light fell first."""
     x, n, area = ball()
