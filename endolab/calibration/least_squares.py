@@ -23,8 +23,9 @@ residuals are frozen while a cost is minimised; rounds repeat until a choice com
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar, Self
 
 import numpy as np
 import scipy
@@ -35,6 +36,11 @@ from endolab.numerics.iteration import Status
 HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
 FINEST_STEP = 1e-4  # of a standard error
+COARSE_STEP = 0.03  # likewise, where the cost has kinks that a finer step need never pass
+PARTS = 6  # of the frames, of which each is held out once
+LEAST_FALL = (
+    2.0  # of its own ±, by which what has more unknowns explains frames held out better
+)
 SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
 
 
@@ -47,6 +53,14 @@ class Model:
     mean: FloatArray  # (p,), of each common unknown before the fit
     sd: FloatArray  # (p,), its standard deviation: 0 if it is given, inf if nothing is known
     own_sd: FloatArray  # (b,), of a group's own unknowns, likewise; their mean is 0
+
+    of_each: ClassVar[tuple[str, ...]]  # fields that have a row for each measurement
+
+    def part(self, which: BoolArray) -> Self:
+        """Return the same problem of some of the measurements, and of the groups that they are of."""
+        _, group = np.unique(self.group[which], return_inverse=True)
+        rows = {name: getattr(self, name)[which] for name in self.of_each}
+        return replace(self, group=group, **rows)
 
     def linearise(
         self, common: FloatArray, own: FloatArray
@@ -294,3 +308,38 @@ def fit(
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = of_free
     return Fit(common, own, residual, used, sigma, covariance, of_own, status)
+
+
+# Frames held out ------------------------------------------------------------------------
+def hold_out(model: Model, fitted: Fit, frame: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Fit all but a part of the frames, and predict that part but for its own unknowns; each part in turn.
+
+    `frame`, (n,), is the number of each measurement's. Returns the common unknowns of each fit, (parts, p),
+    and the squared residuals of what is predicted, (n,): nan where that cannot be used, inf if nothing can.
+    """
+    _, number = np.unique(frame, return_inverse=True)
+    parts = min(PARTS, number.max() + 1)
+    squares = np.full(len(number), np.nan)
+    found = []
+    for part in range(parts):
+        held = number % parts == part
+        try:
+            own = fitted.own[np.unique(model.group[~held])]
+            common = fit(model.part(~held), fitted.common, own, finest=COARSE_STEP).common
+            others = replace(model.part(held), mean=common, sd=0 * common)
+            own = fitted.own[np.unique(model.group[held])]
+            predicted = fit(others, common, own)
+        except (ValueError, ArithmeticError):
+            squares[held] = np.inf
+            continue
+        found.append(common)
+        good = others.usable(common, predicted.own)
+        squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
+    return np.array(found), squares
+
+
+def is_better(squares: FloatArray, than: FloatArray, frame: IntArray) -> bool:
+    """Tell whether squared residuals, (n,), of frames held out are less, by more than 2 of the ± of that."""
+    _, number = np.unique(frame, return_inverse=True)
+    falls = np.bincount(number, np.nan_to_num(than - squares))
+    return bool(falls.sum() > LEAST_FALL * falls.std() * np.sqrt(len(falls)))

@@ -37,11 +37,7 @@ from endolab.calibration.photometric.identifiability import (
     refuse,
     signals,
 )
-from endolab.calibration.photometric.lamps import (
-    Lamps,
-    choose_lamps,
-    with_lamps,
-)
+from endolab.calibration.photometric.lamps import Lamps, choose_lamps
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LEVELS,
@@ -193,7 +189,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
             )
         )
         stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
-        model = with_lamps(model, stiff.lamps)
+        model = model.with_lamps(stiff.lamps)
     return _result(model, stiff, fitted, held_out, determined)
 
 

@@ -30,7 +30,6 @@ from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LightModel,
     hats,
-    light_beside,
 )
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -90,7 +89,9 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     _, of_k, _ = regress(model, k, others, weight)
     known = np.column_stack([others, k])
     _, of_gamma, _ = regress(model, gamma, known, weight)
-    by_place = light_beside(model.samples, np.zeros(2))[1]
+    beside = model.with_lamps(1)
+    own = np.zeros((int(model.group[-1]) + 1, len(model.own_sd)))
+    by_place = beside.shine(beside.mean, own)[1][:, beside.of_lamps]
     of_lamp = [regress(model, axis, known, weight)[1] for axis in by_place.T]
     left = np.square([of_k, of_gamma, *of_lamp])
     of_k, of_gamma, *sides = np.sqrt(np.average(left, axis=1, weights=weight)).tolist()
@@ -118,21 +119,16 @@ def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[flo
 
 def left_of_light(model: LightModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
     """Return what a fit leaves of the logarithm of the light, (n,), and what each sample counts, (n,)."""
-    level = model.samples.level - fitted.residual[:, 0] / GREY_LEVELS  # predicted
-    level = np.where(fitted.used, level, 1.0)
-    off = fitted.common[1] * fitted.residual[:, 0] / GREY_LEVELS / level
-    return off, np.where(fitted.used, level**2, 0.0)
+    off = fitted.residual[:, 0] / GREY_LEVELS
+    level = np.where(fitted.used, model.samples.level - off, 1.0)  # predicted
+    return fitted.common[1] * off / level, np.where(fitted.used, level**2, 0.0)
 
 
 def one_sided(model: LightModel, fitted: Fit) -> float:
-    """Measure by what part of the light one side of the picture is brighter than a fit says, for certain.
-
-    From rim to rim of what was seen, less two standard errors.
-    """
+    """Measure by what part of the light one side of the picture is brighter than a fit says, rim to rim."""
     across = model.samples.points[:, :2] / model.samples.distance[:, None]
     off, weight = left_of_light(model, fitted)
-    slope, left, arrow = regress(model, off, across, weight)
-    rest = np.sum(weight * left**2) / fitted.used.sum()
-    error = np.sqrt(rest * np.trace(arrow.covariance()[0]))
-    wide = 2 * np.linalg.norm(across[fitted.used], axis=1).max()
-    return float(wide * (np.linalg.norm(slope) - 2 * error))
+    slope, *_ = regress(model, off, across, weight)
+    return float(
+        2 * np.linalg.norm(across[fitted.used], axis=1).max() * np.linalg.norm(slope)
+    )

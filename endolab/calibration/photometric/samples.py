@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Self
 
 import cv2
@@ -60,7 +60,7 @@ class Samples:
         columns = ([getattr(part, column.name) for part in parts] for column in fields(cls))
         return cls(*map(np.concatenate, columns))
 
-    @property
+    @cached_property
     def distance(self) -> FloatArray:
         """Euclidean distance from the optical centre, (n,), mm."""
         return np.linalg.norm(self.points, axis=1)

@@ -8,7 +8,6 @@ import pytest
 import endolab as el
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.identifiability import NotIdentifiableError
-from endolab.calibration.photometric.lamps import with_lamps
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LightModel,
@@ -33,7 +32,7 @@ def test_every_derivative_agrees_with_finite_differences(rng, lamps):
     own_sd = np.array([np.inf, 1.0, 1.0])
     model = LightModel(samples.frame, mean, sd, own_sd, samples, nodes, [])
     own = np.column_stack([rng.normal(8, 0.3, 6), rng.normal(size=(6, 2))])
-    model = with_lamps(model, lamps)
+    model = model.with_lamps(lamps)
     vector = model.mean + 0.1 * (model.sd > 0)
     vector[model.of_lamps] = rng.uniform(-5, 5, 2 * lamps)
     _, by_vector, by_own = model.linearise(vector, own)
