@@ -30,7 +30,7 @@ from typing import ClassVar, Self
 import numpy as np
 import scipy
 
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
 
 HUBER = 1.5  # standard deviations where the parabola becomes a line
@@ -38,10 +38,7 @@ OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
 FINEST_STEP = 1e-4  # of a standard error
 COARSE_STEP = 0.03  # likewise, where the cost has kinks that a finer step need never pass
 PARTS = 6  # of the frames, of which each is held out once
-LEAST_FALL = (
-    2.0  # of its own ±, by which what has more unknowns explains frames held out better
-)
-SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
+LEAST_FALL = 2.0  # of its own ±, by which frames held out must be predicted better
 
 
 # The problem ----------------------------------------------------------------------------
@@ -54,7 +51,9 @@ class Model:
     sd: FloatArray  # (p,), its standard deviation: 0 if it is given, inf if nothing is known
     own_sd: FloatArray  # (b,), of a group's own unknowns, likewise; their mean is 0
 
-    of_each: ClassVar[tuple[str, ...]]  # fields that have a row for each measurement
+    of_each: ClassVar[tuple[str, ...]] = ()  # fields that have a row for each measurement
+    # Of one number of a measurement, the least standard deviation; by default, rounding.
+    smallest: ClassVar[float] = 1e-4
 
     def part(self, which: BoolArray) -> Self:
         """Return the same problem of some of the measurements, and of the groups that they are of."""
@@ -176,7 +175,7 @@ def robust_sigma(
     residual: FloatArray,
     used: BoolArray,
     unknowns: int,
-    smallest: float = SMALLEST_SIGMA,
+    smallest: float = 0.0,
 ) -> float:
     """Estimate σ of one number of a residual, (n, m), from measurements that may hold outliers.
 
@@ -267,14 +266,12 @@ def fit(
     model: Model,
     common: FloatArray,
     own: FloatArray,
-    smallest: float = SMALLEST_SIGMA,
     finest: float = FINEST_STEP,
 ) -> Fit:
     """Fit a model from its unknowns: the common ones, (p,), and each group's own, (groups, b).
 
-    σ is never taken to be below `smallest`: what the measurements are good for at best. A step that moves no
-    unknown by more than `finest` of its standard error is the last. ValueError if no measurement is usable,
-    or too few are left.
+    A step that moves no unknown by more than `finest` of its standard error is the last. ValueError if no
+    measurement is usable, or too few are left.
     """
     free = model.sd > 0
     count = np.sum(free) + len(own) * np.sum(np.isinf(model.own_sd))
@@ -286,7 +283,7 @@ def fit(
     for _ in range(30):
         good = model.usable(common, own)
         before = sigma
-        sigma = robust_sigma(residual, good, count, smallest)
+        sigma = robust_sigma(residual, good, count, model.smallest)
         near = near or abs(before - sigma) < 0.1 * sigma
         if near:
             size = np.linalg.norm(residual, axis=1)
@@ -311,35 +308,56 @@ def fit(
 
 
 # Frames held out ------------------------------------------------------------------------
-def hold_out(model: Model, fitted: Fit, frame: IntArray) -> tuple[FloatArray, FloatArray]:
+def hold_out(
+    model: Model, fitted: Fit, frame: IntArray, sigma: float
+) -> tuple[Fit, FloatArray]:
     """Fit all but a part of the frames, and predict that part but for its own unknowns; each part in turn.
 
-    `frame`, (n,), is the number of each measurement's. Returns the common unknowns of each fit, (parts, p),
-    and the squared residuals of what is predicted, (n,): nan where that cannot be used, inf if nothing can.
+    `frame`, (n,), is the number of each measurement's, from 0. What is wrong with a frame is wrong with many
+    of its measurements: the covariance C of the fit is too small. By the jackknife over g parts, without
+    which the p numbers that are told are off by Δ, it is
+
+        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
+
+    times as large: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit with such
+    covariances, and of each frame the mean square of the residuals predicted, each at most
+    (`OUTLIER` `sigma`)², as where nothing can be predicted; nan where none can be used.
     """
-    _, number = np.unique(frame, return_inverse=True)
-    parts = min(PARTS, number.max() + 1)
-    squares = np.full(len(number), np.nan)
-    found = []
+    parts = min(PARTS, frame.max() + 1)
+    variance = np.diag(fitted.covariance)
+    told = np.flatnonzero((variance > 0) & np.isfinite(variance))
+    certainty = np.linalg.inv(fitted.covariance[np.ix_(told, told)])
+    squares = np.full(len(frame), np.inf)
+    lengths = []
     for part in range(parts):
-        held = number % parts == part
+        held = frame % parts == part
         try:
             own = fitted.own[np.unique(model.group[~held])]
-            common = fit(model.part(~held), fitted.common, own, finest=COARSE_STEP).common
+            common = fit(model.part(~held), fitted.common, own, COARSE_STEP).common
             others = replace(model.part(held), mean=common, sd=0 * common)
             own = fitted.own[np.unique(model.group[held])]
             predicted = fit(others, common, own)
         except (ValueError, ArithmeticError):
-            squares[held] = np.inf
             continue
-        found.append(common)
+        off = (common - fitted.common)[told]
+        lengths.append(off @ certainty @ off)
         good = others.usable(common, predicted.own)
         squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
-    return np.array(found), squares
+    if lengths:
+        q = (parts - 1) * np.median(lengths) / (len(told) - 2 / 3)
+        fitted = replace(
+            fitted,
+            covariance=q * fitted.covariance,
+            own_covariance=q * fitted.own_covariance,
+        )
+    squares = np.minimum(squares, (OUTLIER * sigma) ** 2)
+    known = np.isfinite(squares)
+    with nan_if_undefined():
+        means = np.bincount(frame, np.where(known, squares, 0)) / np.bincount(frame, known)
+    return fitted, means
 
 
-def is_better(squares: FloatArray, than: FloatArray, frame: IntArray) -> bool:
-    """Tell whether squared residuals, (n,), of frames held out are less, by more than 2 of the ± of that."""
-    _, number = np.unique(frame, return_inverse=True)
-    falls = np.bincount(number, np.nan_to_num(than - squares))
+def is_better(squares: FloatArray, than: FloatArray) -> bool:
+    """Tell whether frames held out are predicted better, by more than 2 of the ± of that."""
+    falls = np.nan_to_num(than - squares)
     return bool(falls.sum() > LEAST_FALL * falls.std() * np.sqrt(len(falls)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,14 +27,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 USUAL_BROWN = np.array([1.0, 1.0, 0.02, 0.02, 1.0, 1.0, 1.0, 1.0])
 
-
-# How wrong the points of a panel are, beside their noise.
-#
-# They are not off independently, but as the panel's light makes them, and all frames alike: poses are off
-# by `SHARED` times what independent points would give, and by more where few px lie between them.
-SHARED = 2.0
-# px between points, where errors have doubled; they grow with the fourth power.
-DOUBLED_AT = 17.0
 # Spacings from a fold, within which light and paper break, and sway a point.
 BESIDE_FOLD = 0.75
 # px; detectors have systematic errors of that size, whatever the noise.
@@ -74,6 +67,8 @@ class Reprojection(Model):
     points: FloatArray  # (n, 3), mm
     radii: FloatArray  # (n,), mm
     pixels: FloatArray  # (n, 2), where they were measured
+    of_each: ClassVar = ("points", "radii", "pixels")
+    smallest: ClassVar = FINEST
 
     @classmethod
     def of(
@@ -136,16 +131,8 @@ def find_pose(
     """
     model = Reprojection.of([view], target, camera, 0)
     start = planar_pose(view.pixels, model.points, camera)
-    fitted = fit(model, model.mean, start.vector[None], smallest=FINEST)
+    fitted = fit(model, model.mean, start.vector[None])
     inliers = fitted.used
     if why := disagree(inliers):
         raise ValueError(why)
-    pose = Pose.of(fitted.own[0])
-    # Scale of the panel in the picture about its middle, where it is least, px/mm.
-    middle = target.points[view.ids].mean(axis=0, keepdims=True)
-    by_pose = project(model.mean, fitted.own, np.zeros(1, int), middle, np.zeros(1))[2]
-    by_shift = by_pose[0, :, 3:] @ pose.rotation[:, :2]
-    apart = target.spacing * np.linalg.svd(by_shift, compute_uv=False)[-1]
-    worse = SHARED * (1 + (DOUBLED_AT / apart) ** 4)
-    pose = replace(pose, covariance=worse**2 * fitted.own_covariance[0])
-    return pose, inliers, fitted.residual
+    return Pose.of(fitted.own[0]), inliers, fitted.residual

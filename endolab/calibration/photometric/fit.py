@@ -172,25 +172,21 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
     fitted = fit(stiff, model.mean, _start(model, good))
     determined = how.lamps == "centre" or of_lamp >= LEAST_LAMP_SIGNAL
-    if how.lamps == "auto":  # another light than an endoscope's is refused before a search
-        centred = _result(model, stiff, fitted, {}, determined)
-        if not determined:
-            return centred
-    held_out: dict[str, float] = {}
-    if how.lamps != "centre":
-        near = f"{samples.distance[good].min():.0f} mm"
-        refuse(
-            (
-                "lamps",
-                not determined,
-                "these samples do not determine where the lamps are: 1 mm changes the light by "
-                f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} "
-                "away or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
-            )
+    refuse(
+        (
+            "lamps",
+            not (determined or how.lamps == "auto"),
+            "these samples do not determine where the lamps are: 1 mm changes the light by "
+            f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was "
+            f"{samples.distance[good].min():.0f} mm away or more; bring it nearer, all over the picture, "
+            "or take lamps (--lamps) centre",
         )
-        stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
-        model = model.with_lamps(stiff.lamps)
-    return _result(model, stiff, fitted, held_out, determined)
+    )
+    power = _refuse_other_light(model, fitted)  # before a search
+    wanted = how.lamps if determined else "centre"
+    stiff, fitted, held_out = choose_lamps(stiff, fitted, wanted)
+    model = model.with_lamps(stiff.lamps)
+    return _result(model, stiff, fitted, held_out, power, determined)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -198,7 +194,6 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
     _, group = np.unique(samples.frame, return_inverse=True)
     if how.gain == "locked":  # then the frames have no unknowns of their own
         group = np.zeros(len(samples), int)
-        samples = replace(samples, slack=np.zeros((0, 0)))
     theta = samples.theta[good]
     nodes = place_nodes(theta, 1 if how.brdf == "lambertian" else how.nodes)
     pinned = int(np.argmax(hats(nodes, theta).T @ samples.level[good] ** 2))
@@ -209,14 +204,13 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
         value, sd = _belief(one, 1.0)
         known[f"reflectance {material}"] = float(np.log(value)), sd / value
     mean, sds = np.array(list(known.values())).T
-    own_sd = np.append(np.inf, np.ones(samples.slack.shape[1]))  # of the gain, of the poses
-    return LightModel(group, mean, sds, own_sd, samples, nodes, list(known))
+    return LightModel(group, mean, sds, np.array([np.inf]), samples, nodes, list(known))
 
 
 def _start(model: LightModel, good: BoolArray) -> FloatArray:
     """Begin with the gains that the good samples of each frame show if all else is as on the mean."""
     level = np.maximum(model.samples.level, 1e-3)
-    own = np.zeros((int(model.group[-1]) + 1, len(model.own_sd)))
+    own = np.zeros((int(model.group[-1]) + 1, 1))
     light, _ = model.shine(model.mean, own)
     # The gain of a frame without good samples is read from the others.
     weight = level**2 * np.maximum(good, 1e-9)
@@ -246,15 +240,13 @@ def _refuse_untold(model: LightModel, of_k: float, of_gamma: float) -> None:
     )
 
 
-def _refuse_run_away(
-    model: LightModel, fitted: Fit, errors: dict[str, float], power: tuple[float, float]
-) -> None:
-    """Refuse what was fitted if it is of no use, or of no endoscope's light."""
-    k, gamma = fitted.common[:2].tolist()
-    error = gamma * errors["k/gamma"]
-    low, high = GAMMA_BOUNDS
-    most = LARGEST_GAMMA_ERROR
-    frames = len(np.unique(model.samples.frame))
+def _refuse_other_light(model: LightModel, fitted: Fit) -> tuple[float, float]:
+    """Refuse the light of no endoscope; return the power of a lamp's at the lens that there is, and its ±."""
+    power = np.nan, np.nan
+    # A free γ would make up for another light, and run out of its bounds.
+    if np.isfinite(model.sd[1]):
+        seen = fitted.used & (model.samples.level > 0)
+        power = power_of_lamp(model, fitted.common[1], seen)
     ways = "use the endoscope's own light, and no other"
     refuse(
         (
@@ -268,6 +260,18 @@ def _refuse_run_away(
             fitted.sigma > LARGEST_SIGMA,
             f"residuals of {fitted.sigma:.0f} grey levels are too large for a lamp at the lens; {ways}",
         ),
+    )
+    return power
+
+
+def _refuse_run_away(model: LightModel, fitted: Fit, errors: dict[str, float]) -> None:
+    """Refuse what was fitted if it is of no use."""
+    k, gamma = fitted.common[:2].tolist()
+    error = gamma * errors["k/gamma"]
+    low, high = GAMMA_BOUNDS
+    most = LARGEST_GAMMA_ERROR
+    frames = len(np.unique(model.samples.frame))
+    refuse(
         (
             "k",
             not (k >= 0 and error <= LARGEST_K_ERROR),
@@ -305,6 +309,7 @@ def _result(
     stiff: LightModel,
     fitted: Fit,
     held_out: dict[str, float],
+    power: tuple[float, float],
     determined: bool,
 ) -> PhotometricFit:
     """Check a fit of the model with some unknowns held, and name what it found."""
@@ -319,12 +324,7 @@ def _result(
     places = vector[model.of_lamps].reshape(-1, 2)
     own = fitted.own
     errors = _standard_errors(model, vector, fitted.covariance)
-    power = np.nan, np.nan
-    # A free γ would make up for another light, and run out of its bounds.
-    if np.isfinite(model.sd[1]):
-        seen = fitted.used & (model.samples.level > 0)
-        power = power_of_lamp(model, vector[1], seen)
-    _refuse_run_away(model, fitted, errors, power)
+    _refuse_run_away(model, fitted, errors)
     clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,

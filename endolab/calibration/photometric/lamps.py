@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from endolab.calibration import least_squares
-from endolab.calibration.least_squares import COARSE_STEP, OUTLIER, Fit, hold_out, is_better
+from endolab.calibration.least_squares import COARSE_STEP, Fit, hold_out, is_better
 from endolab.calibration.photometric.identifiability import left_of_light, regress
 from endolab.calibration.photometric.model import LightModel
 from endolab.numerics.arrays import FloatArray
@@ -30,29 +30,28 @@ def choose_lamps(
 ) -> tuple[LightModel, Fit, dict[str, float]]:
     """Fit as many lamps as are wanted, from the fit of one at the lens.
 
-    Returns their model and fit, and, where they were chosen by frames held out, the root mean square residual
-    of these, grey levels, of each that was tried.
+    Returns their model and fit, and the root mean square residual, grey levels, of frames held out by each
+    number that was tried.
     """
     models = [model.with_lamps(lamps) for lamps in range(len(LAMPS))]
-    fits = [centred, fit(models[1], np.insert(centred.common, 2, [0.0, 0.0]), centred.own)]
-    apart = _halves(models[1], models[2], fits[1])
-    if wanted == "two" or np.linalg.norm(apart) > LEAST_APART:
-        fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
-    if wanted != "auto":
-        best = LAMPS.index(wanted)
-        return models[best], fits[best], {}
-    frame = model.samples.frame
-    limit = (OUTLIER * centred.sigma) ** 2
-    squares = [
-        np.minimum(hold_out(*tried, frame)[1], limit)
-        for tried in zip(models, fits, strict=False)
-    ]
-    best = 0
-    for lamps in range(1, len(fits)):
-        if is_better(squares[lamps], squares[best], frame):
+    fits = [centred]
+    if wanted != "centre":
+        begin = np.insert(centred.common, 2, [0.0, 0.0])
+        fits.append(fit(models[1], begin, centred.own))
+        apart = _halves(models[1], models[2], fits[1])
+        if wanted == "two" or (wanted == "auto" and np.linalg.norm(apart) > LEAST_APART):
+            fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
+    _, frame = np.unique(model.samples.frame, return_inverse=True)
+    tried = range(0 if wanted == "auto" else len(fits) - 1, len(fits))
+    held = {
+        lamps: hold_out(models[lamps], fits[lamps], frame, centred.sigma) for lamps in tried
+    }
+    best = tried[0]
+    for lamps in tried:
+        if is_better(held[lamps][1], than=held[best][1]):
             best = lamps
-    rms = np.sqrt(np.nanmean(squares, axis=1)).tolist()
-    return models[best], fits[best], dict(zip(LAMPS, rms, strict=False))
+    rms = {LAMPS[lamps]: float(np.sqrt(np.nanmean(held[lamps][1]))) for lamps in tried}
+    return models[best], held[best][0], rms
 
 
 def _pair(common: FloatArray, apart: FloatArray) -> FloatArray:

@@ -86,8 +86,8 @@ def light_beside(samples: Samples, place: FloatArray) -> tuple[FloatArray, Float
 class LightModel(Model):
     """The photometric fit as `least_squares` asks for it.
 
-    A group is what shares a gain: a frame, or all if it is locked. Its own unknowns are the logarithm of the
-    gain and errors of the frame's poses, in standard deviations.
+    A group is what shares a gain: a frame, or all if it is locked. Its own unknown is the logarithm of
+    the gain.
     """
 
     samples: Samples
@@ -142,11 +142,6 @@ class LightModel(Model):
         untouched = np.zeros((len(k), self.of_lamps.stop - 1))
         return np.column_stack([k, untouched, hat, self.materials])
 
-    @cached_property
-    def own_columns(self) -> FloatArray:
-        """Derivatives of L by the own unknowns, (n, 1 + b)."""
-        return np.column_stack([np.ones(len(self.samples)), self.samples.slack])
-
     def shine(self, vector: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return L, the logarithm of the light, (n,), and its derivatives by the vector, (n, p), γ apart."""
         columns = self.columns.copy()
@@ -175,8 +170,7 @@ class LightModel(Model):
         others = vector.copy()
         others[self.of_lamps.start : self.of_brdf.stop] = 0
         light = self.falloff + columns @ others + np.log(f[:, 0])
-        light += np.einsum("nb,nb->n", self.own_columns, own[self.group])
-        return light, columns
+        return light + own[self.group, 0], columns
 
     def usable(self, common: FloatArray, own: FloatArray) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
@@ -201,5 +195,4 @@ class LightModel(Model):
         if not 0.1 < gamma < 20:  # it would lose its meaning
             off = off * np.nan
         by_vector = slope * columns
-        by_own = slope * self.own_columns
-        return off[:, None], by_vector[:, None], by_own[:, None]
+        return off[:, None], by_vector[:, None], slope[:, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Self
 
@@ -36,13 +36,8 @@ class Samples:
     points: FloatArray  # (n, 3), place on the surface in the camera frame, mm
     normals: FloatArray  # (n, 3), unit normal there, towards the camera
     material: IntArray  # (n,), 0 for the white of the paper; grey patches, or other channels, count from 1
-    # (n, b), what b independent errors of the frame's poses, of one standard deviation each, add to the
-    # logarithm of the light; none by default.
-    slack: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        if not self.slack.size:
-            object.__setattr__(self, "slack", np.zeros((len(self), 0)))
         if np.any(np.diff(self.frame) < 0):
             raise ValueError("frame must be in ascending order")
 
@@ -148,15 +143,9 @@ def sample_sheet(
         points = rays[read] * (height / facing[read])[:, None]
         column, row = nearest[read].astype(int).T
         level = linear[row, column].astype(np.float64) ** (1 / ROUGH_GAMMA)
-        # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
-        plane = pose.normal / height
-        errors = pose.plane_errors()
-        slack = np.zeros((len(read), 3 * target.panels))
-        change = 3 * points @ errors - plane @ errors / (plane @ plane)
-        slack[:, 3 * number : 3 * number + 3] = change
         frames = np.full(len(read), frame)
         normals = np.tile(pose.normal, (len(read), 1))
-        parts.append(Samples(frames, level, points, normals, material[read], slack))
+        parts.append(Samples(frames, level, points, normals, material[read]))
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples
