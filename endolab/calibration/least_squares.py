@@ -30,15 +30,9 @@ from typing import ClassVar, Self
 import numpy as np
 import scipy
 
+from endolab.calibration import constants
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
-
-HUBER = 1.5  # standard deviations where the parabola becomes a line
-OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
-FINEST_STEP = 1e-4  # of a standard error
-COARSE_STEP = 0.03  # likewise, where the cost has kinks that a finer step need never pass
-PARTS = 6  # of the frames, of which each is held out once
-LEAST_FALL = 2.0  # of its own ±, by which frames held out must be predicted better
 
 
 # The problem ----------------------------------------------------------------------------
@@ -188,10 +182,10 @@ def robust_sigma(
         raise ValueError("no measurement is left to fit")
     sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
     # E[r² | r < OUTLIER σ] of a chi-squared variable, per number.
-    limit = OUTLIER**2 / 2
+    limit = constants.OUTLIER**2 / 2
     kept = scipy.special.gammainc(m / 2 + 1, limit) / scipy.special.gammainc(m / 2, limit)
     for _ in range(30):
-        inner = size[size < OUTLIER * sigma]
+        inner = size[size < constants.OUTLIER * sigma]
         count = max(m * len(inner) - unknowns, 1)
         sigma = max(float(np.sqrt(np.sum(inner**2) / count / kept)), smallest)
     return sigma
@@ -266,7 +260,7 @@ def fit(
     model: Model,
     common: FloatArray,
     own: FloatArray,
-    finest: float = FINEST_STEP,
+    finest: float = constants.FINEST_STEP,
 ) -> Fit:
     """Fit a model from its unknowns: the common ones, (p,), and each group's own, (groups, b).
 
@@ -288,13 +282,13 @@ def fit(
         if near:
             size = np.linalg.norm(residual, axis=1)
             # A measurement on the border would go in and out for ever: who is in stays a little longer.
-            good = good & (size < np.where(used, 1.01, 1.0) * OUTLIER * sigma)
+            good = good & (size < np.where(used, 1.01, 1.0) * constants.OUTLIER * sigma)
             if good.tobytes() in choices:
                 break
             choices.add(good.tobytes())
         used = good
         # The Huber penalty only has to come near.
-        limit, tolerance = (1e9, finest) if near else (HUBER, 1.0)
+        limit, tolerance = (1e9, finest) if near else (constants.HUBER, 1.0)
         equations = partial(_equations, model, used, sigma, limit)
         common, own, status = _descend(equations, common, own, free, tolerance)
         residual = model.linearise(common, own)[0]
@@ -323,7 +317,7 @@ def hold_out(
     covariances, and of each frame the mean square of the residuals predicted, each at most
     (`OUTLIER` `sigma`)², as where nothing can be predicted; nan where none can be used.
     """
-    parts = min(PARTS, frame.max() + 1)
+    parts = min(constants.PARTS, frame.max() + 1)
     variance = np.diag(fitted.covariance)
     told = np.flatnonzero((variance > 0) & np.isfinite(variance))
     certainty = np.linalg.inv(fitted.covariance[np.ix_(told, told)])
@@ -333,7 +327,9 @@ def hold_out(
         held = frame % parts == part
         try:
             own = fitted.own[np.unique(model.group[~held])]
-            common = fit(model.part(~held), fitted.common, own, COARSE_STEP).common
+            common = fit(
+                model.part(~held), fitted.common, own, constants.COARSE_STEP
+            ).common
             others = replace(model.part(held), mean=common, sd=0 * common)
             own = fitted.own[np.unique(model.group[held])]
             predicted = fit(others, common, own)
@@ -350,7 +346,7 @@ def hold_out(
             covariance=q * fitted.covariance,
             own_covariance=q * fitted.own_covariance,
         )
-    squares = np.minimum(squares, (OUTLIER * sigma) ** 2)
+    squares = np.minimum(squares, (constants.OUTLIER * sigma) ** 2)
     known = np.isfinite(squares)
     with nan_if_undefined():
         means = np.bincount(frame, np.where(known, squares, 0)) / np.bincount(frame, known)
@@ -360,4 +356,4 @@ def hold_out(
 def is_better(squares: FloatArray, than: FloatArray) -> bool:
     """Tell whether frames held out are predicted better, by more than 2 of the ± of that."""
     falls = np.nan_to_num(than - squares)
-    return bool(falls.sum() > LEAST_FALL * falls.std() * np.sqrt(len(falls)))
+    return bool(falls.sum() > constants.LEAST_FALL * falls.std() * np.sqrt(len(falls)))

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.detection.detect import Detection, detect, no_features, see_board
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens
-from endolab.calibration.geometric.reprojection import FINEST, find_pose, views_of
+from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.photometric.fit import LightOptions, calibrate_light
 from endolab.calibration.photometric.result import PhotometricFit, Row
 from endolab.calibration.photometric.samples import Samples, sample_sheet
@@ -30,12 +31,6 @@ Progress = Callable[[str, int, int], None]
 Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
-# Frames that the geometry should have; with fewer, more than one in `every` go into it.
-ENOUGH_VIEWS = 15
-# A frame whose points are so many times as far off as usual does not belong to the others.
-ALIEN = 10.0
-# Share of the points that agree with a camera which suits its lens; of simulated ones, all but 2 to 8 %.
-LEAST_AGREEMENT = 0.85
 
 
 class Verdict(Enum):
@@ -70,7 +65,10 @@ class Session:
     @property
     def verdict(self) -> Verdict:
         """What can be used of it."""
-        if self.geometry is not None and self.geometry.agreement < LEAST_AGREEMENT:
+        if (
+            self.geometry is not None
+            and self.geometry.agreement < constants.LEAST_AGREEMENT
+        ):
             return Verdict.USELESS
         return Verdict.CAMERA_ALONE if self.light is None else Verdict.USE
 
@@ -147,7 +145,7 @@ def detect_all(
 def choose_views(detections: Mapping[str, Detection], every: int = 20) -> list[str]:
     """Name frames for the geometry, in order: the best of each `every` that show the target; more if few."""
     seen = [name for name in detections if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
+    every = max(1, min(every, len(seen) // constants.ENOUGH_VIEWS))
     groups = (seen[start : start + every] for start in range(0, len(seen), every))
     return [max(group, key=lambda name: len(detections[name].ids)) for group in groups]
 
@@ -186,7 +184,7 @@ def locate(
         progress("locating", number + 1, len(detections))
     usual = float(np.median(list(errors.values()) or [0.0]))
     for name, off in errors.items():
-        if off > ALIEN * max(usual, FINEST):
+        if off > constants.ALIEN * max(usual, constants.FINEST):
             del poses[name]
             why = f"its points are {off:.3g} px off, of other frames {usual:.2g} px"
             dropped[name] = why

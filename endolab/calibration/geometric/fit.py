@@ -13,6 +13,7 @@ from itertools import compress
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.geometric.planar_pose import planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
@@ -30,13 +31,10 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
 
-LEAST_VIEWS = 3
-VIEWS_NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
+VIEWS_NEEDED = (
+    f"a calibration needs {constants.LEAST_VIEWS} views from different directions at least"
+)
 LENSES = ("auto", "fisheye", "brown")
-# rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
-WIDEST_BROWN = 1.2
-# A Brown-Conrady lens is not tried if it is farther off from a fisheye, in root mean square errors of that.
-FARTHEST_BROWN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +136,10 @@ def calibrate_camera(
     fisheye, squares = _calibrate(views, target, _start(views, target, width, height))
     _refuse_untold(fisheye)
     begin, off = _begin_brown(fisheye)
-    is_near = fisheye.max_angle_seen < WIDEST_BROWN and off < FARTHEST_BROWN * fisheye.rmse
+    is_near = (
+        fisheye.max_angle_seen < constants.WIDEST_BROWN
+        and off < constants.FARTHEST_BROWN * fisheye.rmse
+    )
     if lens == "fisheye" or (lens == "auto" and not is_near):
         return fisheye
     brown, of_brown = _calibrate(views, target, begin, fisheye.sigma)
@@ -247,7 +248,7 @@ def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
     """
     camera = fitted.camera
     vector = camera_vector(camera)
-    theta = np.linspace(0.02, min(fitted.max_angle_seen, WIDEST_BROWN), 100)
+    theta = np.linspace(0.02, min(fitted.max_angle_seen, constants.WIDEST_BROWN), 100)
     h = theta + theta[:, None] ** [3, 5, 7, 9] @ vector[4:]
     r = np.tan(theta)
     odd = r[:, None] ** [3, 5, 7]
@@ -263,7 +264,9 @@ def _reasons(dropped: dict[str, str]) -> str:
     return shown + ("; …" if len(dropped) > 3 else "")
 
 
-def _refuse_few(count: int, dropped: dict[str, str], least: int = LEAST_VIEWS) -> None:
+def _refuse_few(
+    count: int, dropped: dict[str, str], least: int = constants.LEAST_VIEWS
+) -> None:
     if count < least:
         why = f" ({_reasons(dropped)})" if dropped else ""
         raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
@@ -279,7 +282,7 @@ def _refuse_untold(result: GeometricFit) -> None:
         place = np.append(pose.rotation * far / np.sqrt(2), pose.translation)
         if all(np.linalg.norm(place - other) > 0.02 * far for other in places):
             places.append(place)
-    if len(places) < LEAST_VIEWS:
+    if len(places) < constants.LEAST_VIEWS:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
         raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)

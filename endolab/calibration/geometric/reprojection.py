@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from endolab.calibration import constants
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS, planar_pose
+from endolab.calibration.geometric.planar_pose import planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     Lens,
@@ -26,11 +27,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 USUAL_BROWN = np.array([1.0, 1.0, 0.02, 0.02, 1.0, 1.0, 1.0, 1.0])
-
-# Spacings from a fold, within which light and paper break, and sway a point.
-BESIDE_FOLD = 0.75
-# px; detectors have systematic errors of that size, whatever the noise.
-FINEST = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +46,13 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     """
     points = target.points[detection.ids]
     apart = np.abs(points[:, 0] - target.fold_x)
-    panel = np.where(apart < BESIDE_FOLD * target.spacing, -1, target.panel_of(points))
+    panel = np.where(
+        apart < constants.BESIDE_FOLD * target.spacing, -1, target.panel_of(points)
+    )
     views = []
     for number in range(target.panels):
         on_panel = panel == number
-        if np.sum(on_panel) >= LEAST_POINTS:
+        if np.sum(on_panel) >= constants.LEAST_POINTS:
             ids = detection.ids[on_panel]
             views.append(View(name, number, ids, detection.pixels[on_panel]))
     return views
@@ -68,7 +66,7 @@ class Reprojection(Model):
     radii: FloatArray  # (n,), mm
     pixels: FloatArray  # (n, 2), where they were measured
     of_each: ClassVar = ("points", "radii", "pixels")
-    smallest: ClassVar = FINEST
+    smallest: ClassVar = constants.FINEST
 
     @classmethod
     def of(
@@ -115,7 +113,7 @@ class Reprojection(Model):
 
 def disagree(used: BoolArray) -> str:
     """Say that too few points of a view are used, if so."""
-    if used.sum() >= max(LEAST_POINTS, len(used) / 2):
+    if used.sum() >= max(constants.LEAST_POINTS, len(used) / 2):
         return ""
     return f"only {used.sum()} of its {len(used)} points agree with the others"
 

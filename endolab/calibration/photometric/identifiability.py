@@ -21,10 +21,9 @@ The regression gives f many more nodes than the fit has. Else the error of inter
 few nodes would count as information, and would fix γ at a wrong value.
 """
 
-from typing import Any
-
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.least_squares import Arrow, Fit
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
@@ -32,31 +31,6 @@ from endolab.calibration.photometric.model import (
     hats,
 )
 from endolab.numerics.arrays import BoolArray, FloatArray
-
-# What samples must show before k, γ and a lamp's place are believed.
-#
-# Errors of the poses make up some signal where there is none: 0.3 % of the distance and 0.1° of the
-# normal, apart for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give
-# 0.02 of log cos α.
-RICH_NODES = 60  # of the BRDF, in the regression
-LEAST_GAMMA_SIGNAL = 0.018
-LEAST_K_SIGNAL = 0.012
-LEAST_LAMP_SIGNAL = 0.006  # of 1 mm
-
-
-class NotIdentifiableError(ValueError):
-    """The samples do not tell an unknown: "gamma", "k", "brdf" or "light"."""
-
-    def __init__(self, unknown: str, reason: str) -> None:
-        super().__init__(reason)
-        self.unknown = unknown
-
-
-def refuse(*cases: tuple[str, Any, str]) -> None:
-    """Raise for the first case, of an unknown, a condition and the reason, that is so."""
-    for unknown, is_so, reason in cases:
-        if is_so:
-            raise NotIdentifiableError(unknown, reason)
 
 
 def regress(
@@ -81,7 +55,7 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     material = slice(model.of_brdf.stop, None)
     others = model.materials[:, np.isinf(model.sd[material])].astype(float)
     if len(model.nodes) > 1:
-        count = int(np.clip(good.sum() // 10, len(model.nodes), RICH_NODES))
+        count = int(np.clip(good.sum() // 10, len(model.nodes), constants.RICH_NODES))
         rich = np.linspace(model.nodes[0], model.nodes[-1], count)
         others = np.column_stack([hats(rich, model.samples.theta), others])
     k = model.log_cos_alpha

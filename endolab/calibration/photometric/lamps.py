@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from endolab.calibration import least_squares
-from endolab.calibration.least_squares import COARSE_STEP, Fit, hold_out, is_better
+from endolab.calibration import constants, least_squares
+from endolab.calibration.least_squares import Fit, hold_out, is_better
 from endolab.calibration.photometric.identifiability import left_of_light, regress
 from endolab.calibration.photometric.model import LightModel
 from endolab.numerics.arrays import FloatArray
@@ -19,10 +19,9 @@ from endolab.numerics.arrays import FloatArray
 Lamps = Literal["auto", "centre", "one", "two"]
 LAMPS = ("centre", "one", "two")  # by their number
 WAYS = 3.0 * np.array([[1, 0], [0, 1], [1, 1]])  # mm, of pairs that try how two lamps lie
-LEAST_APART = 1.5  # mm from their middle, below which two lamps pass for one
 
 # Where a sample's half angle passes a node of the BRDF the cost has a kink.
-fit = partial(least_squares.fit, finest=COARSE_STEP)
+fit = partial(least_squares.fit, finest=constants.COARSE_STEP)
 
 
 def choose_lamps(
@@ -39,7 +38,9 @@ def choose_lamps(
         begin = np.insert(centred.common, 2, [0.0, 0.0])
         fits.append(fit(models[1], begin, centred.own))
         apart = _halves(models[1], models[2], fits[1])
-        if wanted == "two" or (wanted == "auto" and np.linalg.norm(apart) > LEAST_APART):
+        if wanted == "two" or (
+            wanted == "auto" and np.linalg.norm(apart) > constants.LEAST_APART
+        ):
             fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
     _, frame = np.unique(model.samples.frame, return_inverse=True)
     tried = range(0 if wanted == "auto" else len(fits) - 1, len(fits))

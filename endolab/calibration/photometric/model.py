@@ -25,18 +25,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.least_squares import Model
 from endolab.calibration.photometric.samples import Samples
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 GREY_LEVELS = 255.0  # of a stored value of 1
-# Stored values that the model may predict for a sample to count: noise of 3 grey levels cannot clip them.
-LEVELS = (12 / 255, 240 / 255)
-# Exponent that brings the BRDF's nodes closer together near θ = 0.
-NODE_EXPONENT = 1.15
-STEP = 1e-3  # mm, by which a lamp is moved for the derivatives by its place
-PLACE_SD = 10.0  # mm; what is believed of a lamp's place beforehand
-LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
 
 
 def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
@@ -51,10 +45,12 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     They are closer together near the least angle, where paper has its sheen; with too few samples
     between two of them, one is left out.
     """
-    nodes = theta.min() + np.ptp(theta) * np.linspace(0, 1, count) ** NODE_EXPONENT
+    nodes = (
+        theta.min() + np.ptp(theta) * np.linspace(0, 1, count) ** constants.NODE_EXPONENT
+    )
     while len(nodes) > 2:
         inside, _ = np.histogram(theta, nodes)
-        thin = np.flatnonzero(inside < LEAST_SUPPORT)
+        thin = np.flatnonzero(inside < constants.LEAST_SUPPORT)
         if not thin.size:
             break
         # Joining a thin interval with its neighbour removes the node between them.
@@ -102,7 +98,7 @@ class LightModel(Model):
         return replace(
             self,
             mean=np.insert(self.mean, 2, np.zeros(2 * lamps)),
-            sd=np.insert(self.sd, 2, np.full(2 * lamps, PLACE_SD)),
+            sd=np.insert(self.sd, 2, np.full(2 * lamps, constants.PLACE_SD)),
             names=[*self.names[:2], *names, *self.names[2:]],
             lamps=lamps,
         )
@@ -154,7 +150,9 @@ class LightModel(Model):
                 columns[:, self.of_brdf] += (ratio / self.lamps)[:, None] * hats(
                     self.nodes, theta
                 )
-            for index, (place, move) in enumerate(product(places, STEP * np.eye(2))):
+            for index, (place, move) in enumerate(
+                product(places, constants.STEP * np.eye(2))
+            ):
                 before, after = (
                     ratio * np.interp(theta, self.nodes, values)
                     for ratio, theta in (
@@ -162,7 +160,7 @@ class LightModel(Model):
                         for moved in (place - move, place + move)
                     )
                 )
-                columns[:, 2 + index] = (after - before) / (2 * STEP * self.lamps)
+                columns[:, 2 + index] = (after - before) / (2 * constants.STEP * self.lamps)
         share = columns[:, self.of_brdf] * values
         f = share.sum(axis=1, keepdims=True)
         columns[:, self.of_brdf] = share / f
@@ -180,7 +178,7 @@ class LightModel(Model):
         """
         off, *_ = self.linearise(common, own)
         level = self.samples.level - off[:, 0] / GREY_LEVELS
-        return (level > LEVELS[0]) & (level < LEVELS[1])
+        return (level > constants.LEVELS[0]) & (level < constants.LEVELS[1])
 
     def linearise(  # noqa: D102
         self, common: FloatArray, own: FloatArray

@@ -7,13 +7,12 @@ import pytest
 
 import endolab as el
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.photometric.identifiability import NotIdentifiableError
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LightModel,
     place_nodes,
 )
-from endolab.calibration.photometric.result import Doubt
+from endolab.calibration.photometric.refusals import Doubt, NotIdentifiableError
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.simulation.video import PAPER_SHEET
 from tests.tools.shooting import TRUTH, video

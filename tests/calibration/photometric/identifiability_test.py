@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.photometric.identifiability import NotIdentifiableError
-from endolab.calibration.photometric.result import Doubt
+from endolab.calibration.photometric.refusals import Doubt, NotIdentifiableError
 from tests.tools import shooting
 from tests.tools.shooting import TRUTH
 
