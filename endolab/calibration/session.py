@@ -33,6 +33,11 @@ Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
 
 
+LENSES_ALIKE = (
+    "Both lenses predict views that were held out alike within their noise: fisheye."
+)
+
+
 class Verdict(Enum):
     """What can be used of a calibration."""
 
@@ -71,6 +76,13 @@ class Session:
         ):
             return Verdict.USELESS
         return Verdict.CAMERA_ALONE if self.light is None else Verdict.USE
+
+    @property
+    def remarks(self) -> list[str]:
+        """What may be wrong with it, or was left to choose, a sentence each."""
+        alike = self.geometry is not None and self.geometry.alike
+        doubts = self.light.doubts if self.light is not None else []
+        return [LENSES_ALIKE] * alike + [doubt.value for doubt in doubts]
 
     def table(self) -> list[Row]:
         """Name, value, standard error and unit of all that was found: the camera, the light, how they fit.
@@ -219,7 +231,7 @@ def _nothing_found_error(
             columns, rows = max(sizes, key=np.prod)
             return ValueError(
                 f"found no {target.kind} of {target.columns}×{target.rows} squares; these pictures "
-                f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE"
+                f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE, SIZE as in 3mm"
             )
     how = "the whole of it in view" if target.found_whole else "a part of it is enough"
     return ValueError(

@@ -272,7 +272,7 @@ TARGETS: dict[str, Target] = {
     "chessboard": Chessboard(12, 8, 7.0),
 }
 AnyTarget = Annotated[Target, OneOf(DotGrid, Chessboard, Charuco, key="kind")]
-PRINTED = "chessboard:COLUMNSxROWS:SIZEmm, charuco:COLUMNSxROWS:SIZEmm:MARKERmm:DICTIONARY"
+PRINTED = "chessboard:14x9:3mm, charuco:11x8:15mm:11mm:4X4_50"
 
 
 def target_in_words(words: str) -> Target | None:
@@ -288,7 +288,7 @@ def target_in_words(words: str) -> Target | None:
         return None
     kind, columns, rows, side, marker, dictionary, old = found.groups()
     if side is None or (kind == "charuco") != (marker is not None):
-        raise ValueError(f"{words} is no whole board: add :SIZEmm, as in {PRINTED}")
+        raise ValueError(f"{words} is no whole board: add its :SIZE, as in {PRINTED}")
     size = int(columns), int(rows), float(side)
     if kind == "chessboard":
         return Chessboard(*size)

@@ -69,7 +69,15 @@ def see_board(image: Numbers) -> tuple[int, int] | None:
     for pattern in ((9, 6), (7, 5), (5, 4), (3, 3)):
         rows, columns = np.add(_search_board(picture, pattern)[1].shape, 1).tolist()
         for size in sorted([(columns, rows), (rows, columns)], reverse=True):
-            if min(size) >= 4 and len(detect(image, Chessboard(*size, 1.0)).ids):
+            found = (
+                detect(image, Chessboard(*size, 1.0)) if min(size) >= 4 else no_features("")
+            )
+            if not len(found.ids):
+                continue
+            grid = np.full((size[1] - 1, size[0] - 1, 2), np.nan)
+            grid.reshape(-1, 2)[found.ids] = found.pixels
+            near, middle = (_contrast(grid, _grey(image), share) for share in (0.2, 0.5))
+            if constants.SQUARE[0] < near / middle < constants.SQUARE[1]:  # else of dots
                 return size
     return None
 
@@ -202,17 +210,25 @@ def _roughness(grid: Numbers) -> float:
     return float(np.abs(np.diff(grid, 4, axis=1)).sum())
 
 
+def _contrast(grid: FloatArray, grey: FloatArray, share: float) -> float:
+    """How much brighter white squares are than black ones, at a share of the way from corner to corner."""
+    along = np.diff(grid, axis=1)[:-1]
+    down = np.diff(grid, axis=0)[:, :-1]
+    place = grid[:-1, :-1] + share * (along + down)
+    known = np.isfinite(place[..., 0])
+    column, row = place[known].astype(int).T
+    level = grey[row, column]
+    is_black = np.indices(known.shape).sum(axis=0)[known] % 2 == 0
+    return float(level[~is_black].mean() - level[is_black].mean())
+
+
 def _looks_right(grid: FloatArray, grey: FloatArray) -> tuple[bool, bool, bool]:
     """Tell whether a grid of corners is not mirrored, its upper left square is black, its rows run right."""
     along = np.diff(grid, axis=1)[:-1]
     down = np.diff(grid, axis=0)[:, :-1]
-    middle = grid[:-1, :-1] + (along + down) / 2
-    column, row = np.moveaxis(middle.astype(int), -1, 0)
-    level = grey[row, column]
-    is_black = np.indices(level.shape).sum(axis=0) % 2 == 0
     return (
         bool(np.median(cross(along, down)) > 0),
-        bool(level[is_black].mean() < level[~is_black].mean()),
+        _contrast(grid, grey, 0.5) > 0,
         bool(np.median(along[..., 0]) >= 0),
     )
 

@@ -60,6 +60,7 @@ class GeometricFit:
     status: Status
     # Lens that was tried → root mean square error of views held out, px.
     held_out: dict[str, float] = field(default_factory=dict)
+    alike: bool = False  # another lens was tried, too, and predicted them as well
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -146,11 +147,16 @@ def calibrate_camera(
     _refuse_untold(brown)
     if lens == "brown":
         return brown
-    both = np.array(
-        [(of_brown[name], squares[name]) for name in squares if name in of_brown]
+    names = squares.keys() & of_brown.keys()
+    theirs, others = (
+        np.array([one[name] for name in names]) for one in (squares, of_brown)
     )
-    best = brown if is_better(*both.T) else fisheye
-    return replace(best, held_out=fisheye.held_out | brown.held_out)
+    best = brown if is_better(others, than=theirs) else fisheye
+    return replace(
+        best,
+        held_out=fisheye.held_out | brown.held_out,
+        alike=best is fisheye and not is_better(theirs, than=others),
+    )
 
 
 def _label(view: View, target: Target) -> str:

@@ -28,15 +28,16 @@ class Refusal(Enum):
     FACING = (
         "k",
         "these samples do not determine k: in all frames the incidence angle goes with the angle off the "
-        "axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; tilt the sheet, "
-        "or assume a matt sheet (brdf='lambertian')",
+        "axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; tilt "
+        "the sheet by 10° or more",
     )
     FLAT = (
         "gamma",
         "these samples do not determine gamma, only k/gamma: a change of gamma is made up for by k, the "
         "gains and the BRDF to {share:.2g} % of the light "
-        f"({100 * constants.LEAST_GAMMA_SIGNAL:g} % is needed); fold the sheet, print grey patches of known "
-        "ratio, or lock the gain and vary the distance, or give gamma",
+        f"({100 * constants.LEAST_GAMMA_SIGNAL:g} % is needed); fold the sheet (vicalib_folded), "
+        "print grey patches (vicalib_grey) of known ratio (--reflectance), lock the gain (--gain locked) "
+        "and vary the distance, or give gamma (--gamma)",
     )
     AFAR = (
         "lamps",
@@ -62,7 +63,7 @@ class Refusal(Enum):
         "gamma",
         "gamma ran to {gamma:.2f} ± {error:.2g}, of "
         f"{constants.GAMMA_BOUNDS[0]:g} to {constants.GAMMA_BOUNDS[1]:g} ± "
-        f"{100 * constants.LARGEST_GAMMA_ERROR:g} % at most; check the distances, or give gamma",
+        f"{100 * constants.LARGEST_GAMMA_ERROR:g} % at most; check the distances, or give gamma (--gamma)",
     )
 
     def if_(self, is_so: Any, **facts: float) -> None:
