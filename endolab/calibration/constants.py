@@ -38,8 +38,8 @@ LEAST_CORNERS = 6  # of a ChArUco board
 WINDOW = 0.45
 # Of the roughness of refined corners, below which those that were found are better.
 SPOILT = 0.8
-# Contrast near the corners over that of the middles: of boards .8 to 1, of dots beyond.
-SQUARE = (0.3, 1.15)
+# Contrast near the corners over that of the middles: of boards .8 to 1.15, of dots 1.6 or more.
+SQUARE = (0.3, 1.3)
 
 # Poses (`geometric/planar_pose`)
 LEAST_POINTS = 8  # points of a view that count as evidence
