@@ -288,7 +288,7 @@ def target_in_words(words: str) -> Target | None:
         return None
     kind, columns, rows, side, marker, dictionary, old = found.groups()
     if side is None or (kind == "charuco") != (marker is not None):
-        raise ValueError(f"{words} is no whole board: add its :SIZE, as in {PRINTED}")
+        raise ValueError(f"{words} is no whole board: add :SIZEmm, as in {PRINTED}")
     size = int(columns), int(rows), float(side)
     if kind == "chessboard":
         return Chessboard(*size)
