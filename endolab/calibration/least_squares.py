@@ -23,19 +23,16 @@ residuals are frozen while a cost is minimised; rounds repeat until a choice com
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar, Self
 
 import numpy as np
 import scipy
 
-from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.calibration import constants
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
-
-HUBER = 1.5  # standard deviations where the parabola becomes a line
-OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
-FINEST_STEP = 1e-4  # of a standard error
-SMALLEST_SIGMA = 1e-4  # be it of pixels or grey levels: rounding would count
 
 
 # The problem ----------------------------------------------------------------------------
@@ -47,6 +44,16 @@ class Model:
     mean: FloatArray  # (p,), of each common unknown before the fit
     sd: FloatArray  # (p,), its standard deviation: 0 if it is given, inf if nothing is known
     own_sd: FloatArray  # (b,), of a group's own unknowns, likewise; their mean is 0
+
+    of_each: ClassVar[tuple[str, ...]] = ()  # fields that have a row for each measurement
+    # Of one number of a measurement, the least standard deviation; by default, rounding.
+    smallest: ClassVar[float] = 1e-4
+
+    def part(self, which: BoolArray) -> Self:
+        """Return the same problem of some of the measurements, and of the groups that they are of."""
+        _, group = np.unique(self.group[which], return_inverse=True)
+        rows = {name: getattr(self, name)[which] for name in self.of_each}
+        return replace(self, group=group, **rows)
 
     def linearise(
         self, common: FloatArray, own: FloatArray
@@ -162,7 +169,7 @@ def robust_sigma(
     residual: FloatArray,
     used: BoolArray,
     unknowns: int,
-    smallest: float = SMALLEST_SIGMA,
+    smallest: float = 0.0,
 ) -> float:
     """Estimate σ of one number of a residual, (n, m), from measurements that may hold outliers.
 
@@ -175,10 +182,10 @@ def robust_sigma(
         raise ValueError("no measurement is left to fit")
     sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
     # E[r² | r < OUTLIER σ] of a chi-squared variable, per number.
-    limit = OUTLIER**2 / 2
+    limit = constants.OUTLIER**2 / 2
     kept = scipy.special.gammainc(m / 2 + 1, limit) / scipy.special.gammainc(m / 2, limit)
     for _ in range(30):
-        inner = size[size < OUTLIER * sigma]
+        inner = size[size < constants.OUTLIER * sigma]
         count = max(m * len(inner) - unknowns, 1)
         sigma = max(float(np.sqrt(np.sum(inner**2) / count / kept)), smallest)
     return sigma
@@ -253,14 +260,12 @@ def fit(
     model: Model,
     common: FloatArray,
     own: FloatArray,
-    smallest: float = SMALLEST_SIGMA,
-    finest: float = FINEST_STEP,
+    finest: float = constants.FINEST_STEP,
 ) -> Fit:
     """Fit a model from its unknowns: the common ones, (p,), and each group's own, (groups, b).
 
-    σ is never taken to be below `smallest`: what the measurements are good for at best. A step that moves no
-    unknown by more than `finest` of its standard error is the last. ValueError if no measurement is usable,
-    or too few are left.
+    A step that moves no unknown by more than `finest` of its standard error is the last. ValueError if no
+    measurement is usable, or too few are left.
     """
     free = model.sd > 0
     count = np.sum(free) + len(own) * np.sum(np.isinf(model.own_sd))
@@ -272,18 +277,18 @@ def fit(
     for _ in range(30):
         good = model.usable(common, own)
         before = sigma
-        sigma = robust_sigma(residual, good, count, smallest)
+        sigma = robust_sigma(residual, good, count, model.smallest)
         near = near or abs(before - sigma) < 0.1 * sigma
         if near:
             size = np.linalg.norm(residual, axis=1)
             # A measurement on the border would go in and out for ever: who is in stays a little longer.
-            good = good & (size < np.where(used, 1.01, 1.0) * OUTLIER * sigma)
+            good = good & (size < np.where(used, 1.01, 1.0) * constants.OUTLIER * sigma)
             if good.tobytes() in choices:
                 break
             choices.add(good.tobytes())
         used = good
         # The Huber penalty only has to come near.
-        limit, tolerance = (1e9, finest) if near else (HUBER, 1.0)
+        limit, tolerance = (1e9, finest) if near else (constants.HUBER, 1.0)
         equations = partial(_equations, model, used, sigma, limit)
         common, own, status = _descend(equations, common, own, free, tolerance)
         residual = model.linearise(common, own)[0]
@@ -294,3 +299,61 @@ def fit(
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = of_free
     return Fit(common, own, residual, used, sigma, covariance, of_own, status)
+
+
+# Frames held out ------------------------------------------------------------------------
+def hold_out(
+    model: Model, fitted: Fit, frame: IntArray, sigma: float
+) -> tuple[Fit, FloatArray]:
+    """Fit all but a part of the frames, and predict that part but for its own unknowns; each part in turn.
+
+    `frame`, (n,), is the number of each measurement's, from 0. What is wrong with a frame is wrong with many
+    of its measurements: the covariance C of the fit is too small. By the jackknife over g parts, without
+    which the p numbers that are told are off by Δ, it is
+
+        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
+
+    times as large: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit with such
+    covariances, and of each frame the mean square of the residuals predicted, each at most
+    (`OUTLIER` `sigma`)², as where nothing can be predicted; nan where none can be used.
+    """
+    parts = min(constants.PARTS, frame.max() + 1)
+    variance = np.diag(fitted.covariance)
+    told = np.flatnonzero((variance > 0) & np.isfinite(variance))
+    certainty = np.linalg.inv(fitted.covariance[np.ix_(told, told)])
+    squares = np.full(len(frame), np.inf)
+    lengths = []
+    for part in range(parts):
+        held = frame % parts == part
+        try:
+            own = fitted.own[np.unique(model.group[~held])]
+            common = fit(
+                model.part(~held), fitted.common, own, constants.COARSE_STEP
+            ).common
+            others = replace(model.part(held), mean=common, sd=0 * common)
+            own = fitted.own[np.unique(model.group[held])]
+            predicted = fit(others, common, own)
+        except (ValueError, ArithmeticError):
+            continue
+        off = (common - fitted.common)[told]
+        lengths.append(off @ certainty @ off)
+        good = others.usable(common, predicted.own)
+        squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
+    if lengths:
+        q = (parts - 1) * np.median(lengths) / (len(told) - 2 / 3)
+        fitted = replace(
+            fitted,
+            covariance=q * fitted.covariance,
+            own_covariance=q * fitted.own_covariance,
+        )
+    squares = np.minimum(squares, (constants.OUTLIER * sigma) ** 2)
+    known = np.isfinite(squares)
+    with nan_if_undefined():
+        means = np.bincount(frame, np.where(known, squares, 0)) / np.bincount(frame, known)
+    return fitted, means
+
+
+def is_better(squares: FloatArray, than: FloatArray) -> bool:
+    """Tell whether frames held out are predicted better, by more than 2 of the ± of that."""
+    falls = np.nan_to_num(than - squares)
+    return bool(falls.sum() > constants.LEAST_FALL * falls.std() * np.sqrt(len(falls)))

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.detection.detect import Detection, detect, no_features, see_board
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens
-from endolab.calibration.geometric.reprojection import FINEST, find_pose, views_of
+from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.photometric.fit import LightOptions, calibrate_light
 from endolab.calibration.photometric.result import PhotometricFit, Row
 from endolab.calibration.photometric.samples import Samples, sample_sheet
@@ -30,12 +31,11 @@ Progress = Callable[[str, int, int], None]
 Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | None]]
 LEFT_OUT_REASON = "left out, as asked"
-# Frames that the geometry should have; with fewer, more than one in `every` go into it.
-ENOUGH_VIEWS = 15
-# A frame whose points are so many times as far off as usual does not belong to the others.
-ALIEN = 10.0
-# Share of the points that agree with a camera which suits its lens; of simulated ones, all but 2 to 8 %.
-LEAST_AGREEMENT = 0.85
+
+
+LENSES_ALIKE = (
+    "Both lenses predict views that were held out alike within their noise: fisheye."
+)
 
 
 class Verdict(Enum):
@@ -70,9 +70,19 @@ class Session:
     @property
     def verdict(self) -> Verdict:
         """What can be used of it."""
-        if self.geometry is not None and self.geometry.agreement < LEAST_AGREEMENT:
+        if (
+            self.geometry is not None
+            and self.geometry.agreement < constants.LEAST_AGREEMENT
+        ):
             return Verdict.USELESS
         return Verdict.CAMERA_ALONE if self.light is None else Verdict.USE
+
+    @property
+    def remarks(self) -> list[str]:
+        """What may be wrong with it, or was left to choose, a sentence each."""
+        alike = self.geometry is not None and self.geometry.alike
+        doubts = self.light.doubts if self.light is not None else []
+        return [LENSES_ALIKE] * alike + [doubt.value for doubt in doubts]
 
     def table(self) -> list[Row]:
         """Name, value, standard error and unit of all that was found: the camera, the light, how they fit.
@@ -147,7 +157,7 @@ def detect_all(
 def choose_views(detections: Mapping[str, Detection], every: int = 20) -> list[str]:
     """Name frames for the geometry, in order: the best of each `every` that show the target; more if few."""
     seen = [name for name in detections if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
+    every = max(1, min(every, len(seen) // constants.ENOUGH_VIEWS))
     groups = (seen[start : start + every] for start in range(0, len(seen), every))
     return [max(group, key=lambda name: len(detections[name].ids)) for group in groups]
 
@@ -186,7 +196,7 @@ def locate(
         progress("locating", number + 1, len(detections))
     usual = float(np.median(list(errors.values()) or [0.0]))
     for name, off in errors.items():
-        if off > ALIEN * max(usual, FINEST):
+        if off > constants.ALIEN * max(usual, constants.FINEST):
             del poses[name]
             why = f"its points are {off:.3g} px off, of other frames {usual:.2g} px"
             dropped[name] = why
@@ -221,7 +231,7 @@ def _nothing_found_error(
             columns, rows = max(sizes, key=np.prod)
             return ValueError(
                 f"found no {target.kind} of {target.columns}×{target.rows} squares; these pictures "
-                f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE"
+                f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE, SIZE as in 3mm"
             )
     how = "the whole of it in view" if target.found_whole else "a part of it is enough"
     return ValueError(

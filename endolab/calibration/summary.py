@@ -98,8 +98,8 @@ def account(session: Session) -> list[str]:
         for name, value, error, unit in session.table()
     ]
     if session.light is None:
-        return [*lines, f"light: refused: {session.refused}"]
-    return lines + [doubt.value for doubt in session.light.doubts]
+        lines.append(f"light: refused: {session.refused}")
+    return lines + session.remarks
 
 
 def count_of(number: int, what: str) -> str:

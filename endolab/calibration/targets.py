@@ -272,7 +272,7 @@ TARGETS: dict[str, Target] = {
     "chessboard": Chessboard(12, 8, 7.0),
 }
 AnyTarget = Annotated[Target, OneOf(DotGrid, Chessboard, Charuco, key="kind")]
-PRINTED = "chessboard:COLUMNSxROWS:SIZEmm, charuco:COLUMNSxROWS:SIZEmm:MARKERmm:DICTIONARY"
+PRINTED = "chessboard:14x9:3mm, charuco:11x8:15mm:11mm:4X4_50"
 
 
 def target_in_words(words: str) -> Target | None:

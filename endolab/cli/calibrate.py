@@ -28,12 +28,13 @@ def target(name: str, /, *, out: str, overwrite: bool = False) -> None:
     from endolab.calibration.session import describe_target
     from endolab.io.atomic import check_new
     from endolab.io.descriptions import read_target
-    from endolab.workbench.reports.target_sheet import write_sheet
+    from endolab.workbench.reports.target_sheet import paper_of, write_sheet
 
     sheet = read_target(name)
     check_new(out, overwrite)
     write_sheet(sheet, out)
-    print(f"{describe_target(sheet)}; print at 100 %, and check the ruler")
+    print(describe_target(sheet))
+    print(f"print at 100 % on {paper_of(sheet)} paper, and check the ruler")
     print(f"written to {out}")
 
 

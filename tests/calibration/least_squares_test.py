@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from endolab.calibration.constants import OUTLIER
 from endolab.calibration.least_squares import (
-    OUTLIER,
     Model,
     fit,
     robust_sigma,

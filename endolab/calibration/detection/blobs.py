@@ -7,18 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from endolab.calibration import constants
 from endolab.numerics.arrays import nan_if_undefined
 
 Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
-
-
-# What a dark round spot on lit paper is; shares and levels are chosen by hand.
-LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
-LARGEST = 0.11  # size of a spot over the picture's width
-GREY_SHARE = 0.6  # darkness of a grey spot over that of a black one, at most
-# Darkness of a spot against the paper around it, and the same where there is grey, too.
-LEAST_DARKNESS = 0.25
-GREY_DARKNESS = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +31,7 @@ def shrink_picture(image: Numbers) -> Numbers:
 
 def white_of(small: Numbers) -> Numbers:
     """Brightness of the bare paper at each place of a picture, made up where there is ink."""
-    side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
+    side = 2 * round(constants.LARGEST / 2 * small.shape[1]) + 1
     # Closing keeps what is bright and fills what is dark and narrower than the window.
     white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     return cv2.GaussianBlur(white, (0, 0), side / 6)
@@ -56,18 +48,18 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     window = small.shape[1] // 40 * 2 + 1
     median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), window)
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
-    gain = cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height))
+    gain = cv2.resize(1 / np.maximum(white, constants.LEAST_WHITE), (width, height))
     level = cv2.multiply(image, gain)
-    least = GREY_DARKNESS if greys else LEAST_DARKNESS
+    least = constants.GREY_DARKNESS if greys else constants.LEAST_DARKNESS
     dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
         dark, connectivity=4, ltype=cv2.CV_32S
     )
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
-    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
+    good = whole & (area >= 9) & (np.maximum(wide, high) <= constants.LARGEST * width)
     column, row = np.nan_to_num(centroids).astype(int).T
-    good &= gain[row, column] < 1 / LEAST_WHITE
+    good &= gain[row, column] < 1 / constants.LEAST_WHITE
     good[0] = False
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
     # Closing is swayed by noise: only its mean level nearby makes the bare paper 1.
@@ -114,5 +106,5 @@ def _measure(level: Numbers, labels: Numbers, greys: bool) -> Blobs:
         short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
     good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
     if greys and good.any():
-        good &= depth > GREY_SHARE * np.quantile(depth[good], 0.8)
+        good &= depth > constants.GREY_SHARE * np.quantile(depth[good], 0.8)
     return Blobs(centres[good], ink[good])

@@ -18,31 +18,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from endolab.calibration.detection.blobs import (
-    LEAST_WHITE,
-    Numbers,
-    shrink_picture,
-    white_of,
-)
+from endolab.calibration import constants
+from endolab.calibration.detection.blobs import Numbers, shrink_picture, white_of
 from endolab.calibration.detection.dots import NotFoundError, detect_dots
 from endolab.calibration.detection.lattice import check_places, cross
 from endolab.calibration.targets import Charuco, Chessboard, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.numerics.checks import excerpt
-
-# How large a picture is searched, and which corners are kept; chosen by hand.
-# px, Full HD; larger pictures are made half as large as this before anything is sought.
-MOST_PIXELS = 2_100_000
-# px; OpenCV's second search for a chessboard takes too long in larger pictures.
-MOST_QUICK_PIXELS = 400_000
-# px of the shorter side; smaller pictures are enlarged before corners are sought in them ...
-FINE_SIDE = 600
-LONGEST_SIDE = 2000  # ... until the longer side is as long as this
-LEAST_CORNERS = 6  # of a ChArUco board
-# Half the side of what a corner is refined by, as a share of the way to the next one.
-WINDOW = 0.45
-# Of the roughness of refined corners, below which those that were found are better.
-SPOILT = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +51,11 @@ def detect(image: Numbers, target: Target) -> Detection:
     board in a mirror is refused.
     """
     grey = _grey(image)
-    picture = grey if grey.size <= MOST_PIXELS else _shrink_to(grey, MOST_PIXELS // 2)
+    picture = (
+        grey
+        if grey.size <= constants.MOST_PIXELS
+        else _shrink_to(grey, constants.MOST_PIXELS // 2)
+    )
     try:
         ids, pixels = SEARCHES[type(target)](picture, target)
     except (NotFoundError, cv2.error) as why:
@@ -79,11 +65,19 @@ def detect(image: Numbers, target: Target) -> Detection:
 
 def see_board(image: Numbers) -> tuple[int, int] | None:
     """Columns and rows of squares of the chessboard that a picture shows, of whatever size; None if none."""
-    picture = _enlarge(_even_paper(_shrink_to(_grey(image), MOST_PIXELS // 2)))
+    picture = _enlarge(_even_paper(_shrink_to(_grey(image), constants.MOST_PIXELS // 2)))
     for pattern in ((9, 6), (7, 5), (5, 4), (3, 3)):
         rows, columns = np.add(_search_board(picture, pattern)[1].shape, 1).tolist()
         for size in sorted([(columns, rows), (rows, columns)], reverse=True):
-            if min(size) >= 4 and len(detect(image, Chessboard(*size, 1.0)).ids):
+            found = (
+                detect(image, Chessboard(*size, 1.0)) if min(size) >= 4 else no_features("")
+            )
+            if not len(found.ids):
+                continue
+            grid = np.full((size[1] - 1, size[0] - 1, 2), np.nan)
+            grid.reshape(-1, 2)[found.ids] = found.pixels
+            near, middle = (_contrast(grid, _grey(image), share) for share in (0.2, 0.5))
+            if constants.SQUARE[0] < near / middle < constants.SQUARE[1]:  # else of dots
                 return size
     return None
 
@@ -109,7 +103,10 @@ def _shrink_to(picture: Numbers, most: int) -> Numbers:
 
 def _enlarge(picture: Numbers) -> Numbers:
     """Enlarge a picture, (H, W), that is small or narrow."""
-    enough = min(FINE_SIDE / min(picture.shape), LONGEST_SIDE / max(picture.shape))
+    enough = min(
+        constants.FINE_SIDE / min(picture.shape),
+        constants.LONGEST_SIDE / max(picture.shape),
+    )
     scale = max(round(enough), 1)
     return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
 
@@ -122,7 +119,7 @@ def _rescale(pixels: Numbers, from_: Numbers, to: Numbers) -> FloatArray:
 def _even_paper(grey: FloatArray) -> Numbers:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
-    level = grey / np.maximum(white, LEAST_WHITE)
+    level = grey / np.maximum(white, constants.LEAST_WHITE)
     return cv2.convertScaleAbs(level, alpha=220)
 
 
@@ -151,14 +148,14 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatA
         fits, _ = check_places(grid, np.zeros(grid.shape[:2], int), least=4)
         grid[~fits] = np.nan
     kept = np.flatnonzero(fits)
-    if len(kept) < LEAST_CORNERS:
+    if len(kept) < constants.LEAST_CORNERS:
         own = np.ravel(target.board.getIds())
         read = "no marker is read"
         if markers is not None:
             read = f"{len(markers)} markers are read, {markers.min()} to {markers.max()}"
         raise NotFoundError(
             f"{read}, of the board's {own.min()} to {own.max()}; {len(kept)} corners agree, "
-            f"{LEAST_CORNERS} are needed"
+            f"{constants.LEAST_CORNERS} are needed"
         )
     return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey)
 
@@ -182,17 +179,17 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> tuple[IntArray, 
         raise NotFoundError(f"a board of {columns}×{rows} squares is seen")
     if not seen.size:
         how = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        small = _shrink_to(picture, MOST_QUICK_PIXELS)
+        small = _shrink_to(picture, constants.MOST_QUICK_PIXELS)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=how)
         if not is_there:
             raise NotFoundError("no chessboard of this size, or not all of it is in view")
         corners = _rescale(corners, small, picture)
     given = corners.reshape(*pattern[::-1], 2).astype(np.float32)
     sides = (np.linalg.norm(np.diff(given, axis=axis), axis=-1) for axis in (0, 1))
-    half = max(int(WINDOW * min(side.min() for side in sides)), 2)
+    half = max(int(constants.WINDOW * min(side.min() for side in sides)), 2)
     grid = _refine(picture, given.reshape(-1, 1, 2), half).reshape(given.shape)
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
-    if seen.size and _roughness(given) < SPOILT * _roughness(grid):
+    if seen.size and _roughness(given) < constants.SPOILT * _roughness(grid):
         grid = given
     grid = _rescale(grid, picture, grey)
     turns = [grid[::i, ::j] for i in (1, -1) for j in (1, -1)]
@@ -213,17 +210,25 @@ def _roughness(grid: Numbers) -> float:
     return float(np.abs(np.diff(grid, 4, axis=1)).sum())
 
 
+def _contrast(grid: FloatArray, grey: FloatArray, share: float) -> float:
+    """How much brighter white squares are than black ones, at a share of the way from corner to corner."""
+    along = np.diff(grid, axis=1)[:-1]
+    down = np.diff(grid, axis=0)[:, :-1]
+    place = grid[:-1, :-1] + share * (along + down)
+    known = np.isfinite(place[..., 0])
+    column, row = place[known].astype(int).T
+    level = grey[row, column]
+    is_black = np.indices(known.shape).sum(axis=0)[known] % 2 == 0
+    return float(level[~is_black].mean() - level[is_black].mean())
+
+
 def _looks_right(grid: FloatArray, grey: FloatArray) -> tuple[bool, bool, bool]:
     """Tell whether a grid of corners is not mirrored, its upper left square is black, its rows run right."""
     along = np.diff(grid, axis=1)[:-1]
     down = np.diff(grid, axis=0)[:, :-1]
-    middle = grid[:-1, :-1] + (along + down) / 2
-    column, row = np.moveaxis(middle.astype(int), -1, 0)
-    level = grey[row, column]
-    is_black = np.indices(level.shape).sum(axis=0) % 2 == 0
     return (
         bool(np.median(cross(along, down)) > 0),
-        bool(level[is_black].mean() < level[~is_black].mean()),
+        _contrast(grid, grey, 0.5) > 0,
         bool(np.median(along[..., 0]) >= 0),
     )
 

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.detection.blobs import Blobs, find_blobs
 from endolab.calibration.detection.lattice import (
     check_places,
@@ -16,13 +17,6 @@ from endolab.calibration.detection.lattice import (
 )
 from endolab.calibration.targets import DotGrid
 from endolab.numerics.arrays import FloatArray, IntArray
-
-# When a piece of a lattice is a part of the sheet; chosen by hand.
-LEAST_DOTS = 20  # to tell the code by
-PAD = 2  # columns and rows beside the sheet in which false spots may lie
-MOST_WRONG = 0.1  # share of the bits
-SURETY = 5.0  # logarithm of the odds against a match by chance
-MOST_OFF = 0.8  # of a dot's size, where 1 is halfway to the other size
 
 
 class NotFoundError(Exception):
@@ -61,7 +55,7 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
     All turns, shears and shifts of a piece are tried, never mirrored; it must lie within the padded sheet.
     """
     value = np.clip(size, -1, 1)
-    table = np.pad(2.0 * code - 1, PAD)
+    table = np.pad(2.0 * code - 1, constants.PAD)
     found = [(-np.inf, places), (-np.inf, places)]
     trials = 1
     for turn in TURNS:
@@ -74,13 +68,19 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
         row, column = (spot + shift[:, None]).transpose(2, 0, 1)
         score = table[row, column] @ value
         trials += len(shift)
-        found += [(score[n], spot + shift[n] - PAD) for n in np.argsort(-score)[:2]]
+        found += [
+            (score[n], spot + shift[n] - constants.PAD) for n in np.argsort(-score)[:2]
+        ]
     (score, onto), (second, _) = sorted(found, key=lambda one: -one[0])[:2]
     # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
     total = np.abs(value).sum()
     wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    if wrong > MOST_WRONG or score - second < 3 or rarity < np.log(trials) + SURETY:
+    if (
+        wrong > constants.MOST_WRONG
+        or score - second < 3
+        or rarity < np.log(trials) + constants.SURETY
+    ):
         return None
     return onto
 
@@ -88,7 +88,7 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
 def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArray]:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending, and pixels."""
     blobs = find_blobs(image, greys=target.greys is not None)
-    if len(blobs.ink) < LEAST_DOTS:
+    if len(blobs.ink) < constants.LEAST_DOTS:
         raise NotFoundError("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
     area = np.pi * target.radii**2 / target.spacing**2
@@ -114,8 +114,8 @@ def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArra
     for _ in range(2):
         fits, cell = check_places(places_of(sheet, blobs), panel)
         off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
-        sheet = np.where(fits & (off < MOST_OFF), sheet, -1)
-        if (sheet >= 0).sum() < LEAST_DOTS:
+        sheet = np.where(fits & (off < constants.MOST_OFF), sheet, -1)
+        if (sheet >= 0).sum() < constants.LEAST_DOTS:
             raise NotFoundError("the dots do not lie on a smooth sheet")
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]]

@@ -13,6 +13,7 @@ from itertools import compress
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.geometric.planar_pose import planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
@@ -22,31 +23,18 @@ from endolab.calibration.geometric.projection import (
     camera_of,
     camera_vector,
 )
-from endolab.calibration.geometric.reprojection import (
-    FINEST,
-    Reprojection,
-    View,
-    disagree,
-    find_pose,
-)
-from endolab.calibration.least_squares import fit
+from endolab.calibration.geometric.reprojection import Reprojection, View, disagree
+from endolab.calibration.least_squares import fit, hold_out, is_better
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
 
-LEAST_VIEWS = 3
-VIEWS_NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
+VIEWS_NEEDED = (
+    f"a calibration needs {constants.LEAST_VIEWS} views from different directions at least"
+)
 LENSES = ("auto", "fisheye", "brown")
-# rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
-WIDEST_BROWN = 1.2
-# Another lens than the fisheye has to predict views held out better by this share: six views of
-# `chessboard_storz` gain 2 %, and its published focal length is nearer to the fisheye's.
-LEAST_GAIN = 0.05
-# A Brown-Conrady lens is not tried if it is farther off from a fisheye, in root mean square errors of that.
-FARTHEST_BROWN = 3.0
-HOLD_OUT = 6  # parts of the views, of which each is held out once
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +60,7 @@ class GeometricFit:
     status: Status
     # Lens that was tried → root mean square error of views held out, px.
     held_out: dict[str, float] = field(default_factory=dict)
+    alike: bool = False  # another lens was tried, too, and predicted them as well
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -132,8 +121,7 @@ def calibrate_camera(
     Returns
     -------
     GeometricFit
-        Camera, poses, residuals and standard errors. These cover how far the cameras of other views are
-        apart, and where both lenses fit as well, how far these are.
+        Camera, poses, residuals and standard errors: how far the cameras of other views would be apart.
 
     Raises
     ------
@@ -144,28 +132,31 @@ def calibrate_camera(
     if lens not in LENSES:
         raise unknown_name("lens", lens, LENSES)
     if start is not None:
-        return _calibrate(views, target, start)
+        return _calibrate(views, target, start)[0]
     _refuse_few(len(views), {})
-    fisheye = _calibrate(views, target, _start(views, target, width, height))
+    fisheye, squares = _calibrate(views, target, _start(views, target, width, height))
     _refuse_untold(fisheye)
     begin, off = _begin_brown(fisheye)
-    is_near = fisheye.max_angle_seen < WIDEST_BROWN and off < FARTHEST_BROWN * fisheye.rmse
+    is_near = (
+        fisheye.max_angle_seen < constants.WIDEST_BROWN
+        and off < constants.FARTHEST_BROWN * fisheye.rmse
+    )
     if lens == "fisheye" or (lens == "auto" and not is_near):
-        return _hold_out(fisheye, target)
-    brown = _calibrate(views, target, begin)
+        return fisheye
+    brown, of_brown = _calibrate(views, target, begin, fisheye.sigma)
     _refuse_untold(brown)
-    brown = _hold_out(brown, target)
     if lens == "brown":
         return brown
-    fisheye = _hold_out(fisheye, target)
-    errors = fisheye.held_out | brown.held_out
-    ratio = errors["brown"] / errors["fisheye"]
-    if ratio < 1 - LEAST_GAIN:
-        return replace(brown, held_out=errors)
-    if ratio < 1 + LEAST_GAIN:
-        apart = camera_vector(brown.camera)[:4] - camera_vector(fisheye.camera)[:4]
-        fisheye.covariance[:4, :4] += np.outer(apart, apart)
-    return replace(fisheye, held_out=errors)
+    names = squares.keys() & of_brown.keys()
+    theirs, others = (
+        np.array([one[name] for name in names]) for one in (squares, of_brown)
+    )
+    best = brown if is_better(others, than=theirs) else fisheye
+    return replace(
+        best,
+        held_out=fisheye.held_out | brown.held_out,
+        alike=best is fisheye and not is_better(theirs, than=others),
+    )
 
 
 def _label(view: View, target: Target) -> str:
@@ -211,22 +202,21 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
 
 
 def _calibrate(
-    views: Sequence[View], target: Target, start: Lens, poses: Sequence[Pose] = ()
-) -> GeometricFit:
-    """Fit a camera of the kind of `start`, from given poses or from linear ones.
+    views: Sequence[View], target: Target, start: Lens, sigma: float | None = None
+) -> tuple[GeometricFit, dict[str, float]]:
+    """Fit a camera of the kind of `start`, from linear poses.
 
-    Views of which fewer than half the points agree are left out, until all agree.
+    Views of which fewer than half the points agree are left out, until all agree. Returns mean squares of
+    the frames held out, too, of which outliers are beyond 3.5 times `sigma`, that of the fit by default.
     """
-    dropped: dict[str, str] = {}
-    if not poses:
-        views, poses, dropped = _first_poses(views, target, start)
+    views, poses, dropped = _first_poses(views, target, start)
     camera = start
     good = [False]
     while not all(good):
         _refuse_few(len(views), dropped, least=1)
         begin = camera_vector(camera), np.array([pose.vector for pose in poses])
         model = Reprojection.of(views, target, start, free=9)
-        fitted = fit(model, *begin, FINEST)
+        fitted = fit(model, *begin)
         camera = camera_of(fitted.common, start.width, start.height)
         cuts = np.cumsum([len(view.ids) for view in views])[:-1]
         inliers = np.split(fitted.used, cuts)
@@ -236,7 +226,11 @@ def _calibrate(
         good = [_label(view, target) not in dropped for view in views]
         views = list(compress(views, good))
         poses = [Pose.of(vector) for vector in fitted.own[good]]
-    return GeometricFit(
+    frames = list(dict.fromkeys(view.name for view in views))
+    frame = np.array([frames.index(view.name) for view in views])[model.group]
+    fitted, squares = hold_out(model, fitted, frame, sigma or fitted.sigma)
+    name = "fisheye" if isinstance(camera, KannalaBrandt) else "brown"
+    found = GeometricFit(
         camera=camera,
         views=tuple(views),
         poses=tuple(poses),
@@ -248,7 +242,9 @@ def _calibrate(
         covariance=fitted.covariance,
         max_angle_seen=float(model.angles(fitted.own)[fitted.used].max()),
         status=fitted.status,
+        held_out={name: float(np.sqrt(np.nanmean(squares)))},
     )
+    return found, dict(zip(frames, squares.tolist(), strict=True))
 
 
 def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
@@ -258,7 +254,7 @@ def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
     """
     camera = fitted.camera
     vector = camera_vector(camera)
-    theta = np.linspace(0.02, min(fitted.max_angle_seen, WIDEST_BROWN), 100)
+    theta = np.linspace(0.02, min(fitted.max_angle_seen, constants.WIDEST_BROWN), 100)
     h = theta + theta[:, None] ** [3, 5, 7, 9] @ vector[4:]
     r = np.tan(theta)
     odd = r[:, None] ** [3, 5, 7]
@@ -269,53 +265,14 @@ def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
     return camera_of(likest, camera.width, camera.height), rms
 
 
-def _hold_out(fitted: GeometricFit, target: Target) -> GeometricFit:
-    """Hold views out, in turn, and widen the standard errors to how far the cameras of the others are apart.
-
-    A detector's errors are not independent within a view, so that the covariance C of the fit is too small.
-    By the jackknife over g parts, whose cameras are off that of all by Δ, its p numbers have
-
-        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
-
-    times that variance: the median of χ² of p degrees of freedom is p - 2/3. The error of the views as others
-    predict them leaves out the worst points; it is inf if they cannot.
-    """
-    name = "fisheye" if isinstance(fitted.camera, KannalaBrandt) else "brown"
-    frames = list(dict.fromkeys(view.name for view in fitted.views))
-    parts = min(HOLD_OUT, len(frames))
-    squares = []
-    off = []
-    for part in range(parts):
-        held = [view.name in frames[part::parts] for view in fitted.views]
-        known = np.logical_not(held)
-        views = list(compress(fitted.views, known))
-        poses = list(compress(fitted.poses, known))
-        try:
-            camera = _calibrate(views, target, fitted.camera, poses).camera
-            for view in compress(fitted.views, held):
-                residual = find_pose(view, target, camera)[2]
-                squares.append(np.sum(residual**2, axis=1))
-        except (ValueError, ArithmeticError):
-            return replace(fitted, held_out={name: np.inf})
-        off.append(camera_vector(camera) - camera_vector(fitted.camera))
-    variance = np.diag(fitted.covariance)
-    determined = (variance > 0) & np.isfinite(variance)
-    inverse = np.linalg.inv(fitted.covariance[np.ix_(determined, determined)])
-    apart = np.array(off)[:, determined]
-    lengths = np.sum(apart @ inverse * apart, axis=1)
-    q = float((parts - 1) * np.median(lengths) / (determined.sum() - 2 / 3))
-    ordered = np.sort(np.concatenate(squares))
-    error = float(np.sqrt(np.mean(ordered[: int(0.95 * len(ordered))])))
-    wider = max(1.0, q) * fitted.covariance
-    return replace(fitted, covariance=wider, held_out={name: error})
-
-
 def _reasons(dropped: dict[str, str]) -> str:
     shown = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
     return shown + ("; …" if len(dropped) > 3 else "")
 
 
-def _refuse_few(count: int, dropped: dict[str, str], least: int = LEAST_VIEWS) -> None:
+def _refuse_few(
+    count: int, dropped: dict[str, str], least: int = constants.LEAST_VIEWS
+) -> None:
     if count < least:
         why = f" ({_reasons(dropped)})" if dropped else ""
         raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
@@ -331,7 +288,7 @@ def _refuse_untold(result: GeometricFit) -> None:
         place = np.append(pose.rotation * far / np.sqrt(2), pose.translation)
         if all(np.linalg.norm(place - other) > 0.02 * far for other in places):
             places.append(place)
-    if len(places) < LEAST_VIEWS:
+    if len(places) < constants.LEAST_VIEWS:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
         raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)

@@ -4,16 +4,12 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from endolab.calibration import constants
 from endolab.calibration.geometric.pose import Pose
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 
-LEAST_POINTS = 8  # points of a view that count as evidence
-# Of the rays' spread: a median miss beyond it is no view of a plane, whatever the lens.
-LARGEST_MISS = 0.25
 DISORDER = "its points do not lie to each other as the target's do"
-# Cosine of the angle to the middle ray, up to which rays have a place in a pinhole camera's picture.
-WIDEST = 0.15
 
 
 def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
@@ -27,8 +23,10 @@ def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
     has_ray = np.isfinite(rays[:, 0])
     rays = rays[has_ray]
     points = points[has_ray]
-    if len(rays) < LEAST_POINTS:
-        raise ValueError(f"a pose needs {LEAST_POINTS} points at least, got {len(rays)}")
+    if len(rays) < constants.LEAST_POINTS:
+        raise ValueError(
+            f"a pose needs {constants.LEAST_POINTS} points at least, got {len(rays)}"
+        )
     middle = points[:, :2].mean(axis=0)
     centred = points[:, :2] - middle
     extent = np.linalg.svd(centred, compute_uv=False)
@@ -39,10 +37,10 @@ def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
         0
     ].as_matrix()
     turned = rays @ look.T
-    seen = turned[:, 2] > WIDEST
+    seen = turned[:, 2] > constants.WIDEST
     plane = turned[seen, :2] / turned[seen, 2:]
     homography = None
-    if seen.sum() >= LEAST_POINTS:
+    if seen.sum() >= constants.LEAST_POINTS:
         size = extent[0] / np.sqrt(len(points))
         homography, _ = cv2.findHomography(centred[seen] / size, plane, cv2.LMEDS)
     if homography is None:
@@ -51,7 +49,9 @@ def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
     expected = np.column_stack([centred, np.ones(len(points))]) @ homography.T
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     miss = np.median(np.linalg.norm(expected - turned, axis=1))
-    if miss > LARGEST_MISS * np.median(np.linalg.norm(rays - rays.mean(axis=0), axis=1)):
+    if miss > constants.LARGEST_MISS * np.median(
+        np.linalg.norm(rays - rays.mean(axis=0), axis=1)
+    ):
         raise ValueError(DISORDER)
     if np.linalg.det(homography) <= 0:
         raise ValueError("its points are mirrored: the paper would be seen from behind")

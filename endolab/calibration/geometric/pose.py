@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
@@ -18,8 +17,6 @@ class Pose:
 
     rotation: FloatArray  # R, (3, 3)
     translation: FloatArray  # t, (3,), mm: where the target's origin is
-    # Of `vector`, (6, 6).
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
 
     @classmethod
     def of(cls, vector: FloatArray) -> Pose:
@@ -41,22 +38,6 @@ class Pose:
     def normal(self) -> FloatArray:
         """Unit normal of the panel in the camera frame, out of the paper: towards who reads it, (3,)."""
         return -self.rotation[:, 2]
-
-    def plane_errors(self) -> FloatArray:
-        """Return what the plane m, m · x = 1 for all its points x, may be off: (3, 3), 1/mm.
-
-        Columns are independent errors, of one standard deviation each.
-        """
-        normal = self.normal
-        height = self.normal @ self.translation
-        turned = -cv2.Rodrigues(self.vector[:3])[1][:, 2::3].T  # δn by the rotation vector
-        rise = np.append(self.translation @ turned, normal)  # δ(n · t)
-        slopes = (
-            np.hstack([turned, np.zeros((3, 3))]) / height
-            - np.outer(normal, rise) / height**2
-        )
-        values, vectors = np.linalg.eigh(slopes @ self.covariance @ slopes.T)
-        return vectors * np.sqrt(np.maximum(values, 0.0))
 
     @property
     def tilt(self) -> float:

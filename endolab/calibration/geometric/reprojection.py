@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from endolab.calibration import constants
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import LEAST_POINTS, planar_pose
+from endolab.calibration.geometric.planar_pose import planar_pose
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import (
     Lens,
@@ -25,19 +27,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 USUAL_BROWN = np.array([1.0, 1.0, 0.02, 0.02, 1.0, 1.0, 1.0, 1.0])
-
-
-# How wrong the points of a panel are, beside their noise.
-#
-# They are not off independently, but as the panel's light makes them, and all frames alike: poses are off
-# by `SHARED` times what independent points would give, and by more where few px lie between them.
-SHARED = 2.0
-# px between points, where errors have doubled; they grow with the fourth power.
-DOUBLED_AT = 17.0
-# Spacings from a fold, within which light and paper break, and sway a point.
-BESIDE_FOLD = 0.75
-# px; detectors have systematic errors of that size, whatever the noise.
-FINEST = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +46,13 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     """
     points = target.points[detection.ids]
     apart = np.abs(points[:, 0] - target.fold_x)
-    panel = np.where(apart < BESIDE_FOLD * target.spacing, -1, target.panel_of(points))
+    panel = np.where(
+        apart < constants.BESIDE_FOLD * target.spacing, -1, target.panel_of(points)
+    )
     views = []
     for number in range(target.panels):
         on_panel = panel == number
-        if np.sum(on_panel) >= LEAST_POINTS:
+        if np.sum(on_panel) >= constants.LEAST_POINTS:
             ids = detection.ids[on_panel]
             views.append(View(name, number, ids, detection.pixels[on_panel]))
     return views
@@ -74,6 +65,8 @@ class Reprojection(Model):
     points: FloatArray  # (n, 3), mm
     radii: FloatArray  # (n,), mm
     pixels: FloatArray  # (n, 2), where they were measured
+    of_each: ClassVar = ("points", "radii", "pixels")
+    smallest: ClassVar = constants.FINEST
 
     @classmethod
     def of(
@@ -120,7 +113,7 @@ class Reprojection(Model):
 
 def disagree(used: BoolArray) -> str:
     """Say that too few points of a view are used, if so."""
-    if used.sum() >= max(LEAST_POINTS, len(used) / 2):
+    if used.sum() >= max(constants.LEAST_POINTS, len(used) / 2):
         return ""
     return f"only {used.sum()} of its {len(used)} points agree with the others"
 
@@ -136,16 +129,8 @@ def find_pose(
     """
     model = Reprojection.of([view], target, camera, 0)
     start = planar_pose(view.pixels, model.points, camera)
-    fitted = fit(model, model.mean, start.vector[None], smallest=FINEST)
+    fitted = fit(model, model.mean, start.vector[None])
     inliers = fitted.used
     if why := disagree(inliers):
         raise ValueError(why)
-    pose = Pose.of(fitted.own[0])
-    # Scale of the panel in the picture about its middle, where it is least, px/mm.
-    middle = target.points[view.ids].mean(axis=0, keepdims=True)
-    by_pose = project(model.mean, fitted.own, np.zeros(1, int), middle, np.zeros(1))[2]
-    by_shift = by_pose[0, :, 3:] @ pose.rotation[:, :2]
-    apart = target.spacing * np.linalg.svd(by_shift, compute_uv=False)[-1]
-    worse = SHARED * (1 + (DOUBLED_AT / apart) ** 4)
-    pose = replace(pose, covariance=worse**2 * fitted.own_covariance[0])
-    return pose, inliers, fitted.residual
+    return Pose.of(fitted.own[0]), inliers, fitted.residual

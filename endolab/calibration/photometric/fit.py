@@ -7,7 +7,7 @@ r"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF,
            \ / θ                + log a + log g          the patch, and the frame's gain
       ------x------ sheet
 
-    `signals`, `refuse` (what can be told) -> `_start` -> `fit` -> `choose_lamps` -> `_result` (checks)
+    `signals` (what can be told) -> `_start` -> `fit` -> `choose_lamps` -> `_result` (checks)
 
 After Section IV of the paper, with three differences: the gains are eliminated from the normal
 equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
@@ -27,29 +27,17 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from endolab.calibration import constants
 from endolab.calibration.least_squares import Fit, fit
 from endolab.calibration.photometric.identifiability import (
-    LEAST_GAMMA_SIGNAL,
-    LEAST_K_SIGNAL,
-    LEAST_LAMP_SIGNAL,
     one_sided,
     power_of_lamp,
-    refuse,
     signals,
 )
-from endolab.calibration.photometric.lamps import (
-    Lamps,
-    choose_lamps,
-    with_lamps,
-)
-from endolab.calibration.photometric.model import (
-    GREY_LEVELS,
-    LEVELS,
-    LightModel,
-    hats,
-    place_nodes,
-)
-from endolab.calibration.photometric.result import Doubt, PhotometricFit
+from endolab.calibration.photometric.lamps import Lamps, choose_lamps
+from endolab.calibration.photometric.model import GREY_LEVELS, LightModel, hats, place_nodes
+from endolab.calibration.photometric.refusals import Doubt, Refusal
+from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.photometry import Photometry
@@ -58,25 +46,8 @@ from endolab.numerics.checked_types import Whole, checked
 from endolab.numerics.iteration import Status
 
 LOG_MATT = -float(np.log(np.pi))  # log f_r of a perfectly white sheet
-# Where the fit begins, and what it may not leave.
-FIRST_K = 2.0
-FIRST_GAMMA = 2.2
-GAMMA_BOUNDS = (0.5, 5.0)
-LEAST_SAMPLES = 10
-LARGEST_GAMMA_ERROR = 0.05  # relative
-LARGEST_K_ERROR = 0.1
-# Power of 1/d² cos θ: between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a
-# room, 0. Below the first the light is refused, below the second it is in doubt.
-LEAST_POWER = 0.6
-USUAL_POWER = 0.85
-# Grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13.
-LARGEST_SIGMA = 15.0
-LARGEST_SIDE = 0.05  # part of the light by which one side of the picture may be too bright
-HELD_TO = 1e-3  # of its standard deviation, to which an unknown is held
-# Standard deviations of the noise by which levels should stay inside the sensor's range.
-CLEARANCE = 3.5
 
-Gamma = Annotated[float, Field(ge=GAMMA_BOUNDS[0], le=GAMMA_BOUNDS[1])]
+Gamma = Annotated[float, Field(ge=constants.GAMMA_BOUNDS[0], le=constants.GAMMA_BOUNDS[1])]
 Reflectance = Annotated[float, Field(ge=1e-6)]
 Deviation = Annotated[float, Field(ge=1e-9)]
 Known = Reflectance | tuple[Reflectance, Deviation] | None
@@ -105,7 +76,7 @@ class LightOptions:
         Lamps whose places beside the lens are sought; auto: the fewest that explain frames held out.
     """
 
-    gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = FIRST_GAMMA
+    gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = constants.FIRST_GAMMA
     brdf: Literal["tabulated", "lambertian"] = "tabulated"
     nodes: Annotated[Whole, Field(ge=2)] = 15
     gain: Literal["free", "locked"] = "free"
@@ -159,42 +130,35 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
         each = f"each of materials 1 to {samples.material.max()} of the samples"
         given = f"got {len(how.reflectance)}"
         raise ValueError(f"reflectance must have an entry for {each}, {given}")
-    good = samples.lit & (samples.level > LEVELS[0]) & (samples.level < LEVELS[1])
-    lit = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
-    ways = "change the exposure, or bring the sheet nearer: white paper must show"
-    refuse(
-        ("light", good.sum() < LEAST_SAMPLES, f"{lit}, {LEAST_SAMPLES} are needed; {ways}")
+    good = (
+        samples.lit
+        & (samples.level > constants.LEVELS[0])
+        & (samples.level < constants.LEVELS[1])
     )
+    few = good.sum() < constants.LEAST_SAMPLES
+    Refusal.FEW.if_(few, good=good.sum(), count=len(good))
     model = _model(samples, good, how)
     of_k, of_gamma, of_lamp = signals(model, good)
-    _refuse_untold(model, of_k, of_gamma)
+    is_free = np.isinf(model.sd[1])
+    Refusal.FACING.if_(len(model.nodes) > 1 and of_k < constants.LEAST_K_SIGNAL)
+    is_flat = is_free and of_gamma < constants.LEAST_GAMMA_SIGNAL
+    Refusal.FLAT.if_(is_flat, share=100 * of_gamma)
     # What is roughly known is held at its value: a γ that the samples cannot tell, and beside a γ that is
     # sought reflectances. Left to the fit, they would follow the error of interpolating the BRDF between few
     # nodes, and would seem to be known.
     held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
-    held[1] &= of_gamma < LEAST_GAMMA_SIGNAL
-    stiff = replace(model, sd=np.where(held, HELD_TO * model.sd, model.sd))
+    held[1] &= of_gamma < constants.LEAST_GAMMA_SIGNAL
+    stiff = replace(model, sd=np.where(held, constants.HELD_TO * model.sd, model.sd))
     fitted = fit(stiff, model.mean, _start(model, good))
-    determined = how.lamps == "centre" or of_lamp >= LEAST_LAMP_SIGNAL
-    if how.lamps == "auto":  # another light than an endoscope's is refused before a search
-        centred = _result(model, stiff, fitted, {}, determined)
-        if not determined:
-            return centred
-    held_out: dict[str, float] = {}
-    if how.lamps != "centre":
-        near = f"{samples.distance[good].min():.0f} mm"
-        refuse(
-            (
-                "lamps",
-                not determined,
-                "these samples do not determine where the lamps are: 1 mm changes the light by "
-                f"{100 * of_lamp:.2g} % ({100 * LEAST_LAMP_SIGNAL:g} % is needed), as the sheet was {near} "
-                "away or more; bring it nearer, all over the picture, or take lamps (--lamps) centre",
-            )
-        )
-        stiff, fitted, held_out = choose_lamps(stiff, fitted, how.lamps)
-        model = with_lamps(model, stiff.lamps)
-    return _result(model, stiff, fitted, held_out, determined)
+    determined = how.lamps == "centre" or of_lamp >= constants.LEAST_LAMP_SIGNAL
+    untold = not (determined or how.lamps == "auto")
+    near = samples.distance[good].min()
+    Refusal.AFAR.if_(untold, share=100 * of_lamp, near=near)
+    power = _refuse_other_light(model, fitted)  # before a search
+    wanted = how.lamps if determined else "centre"
+    stiff, fitted, held_out = choose_lamps(stiff, fitted, wanted)
+    model = model.with_lamps(stiff.lamps)
+    return _result(model, stiff, fitted, held_out, power, determined)
 
 
 def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
@@ -202,25 +166,26 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
     _, group = np.unique(samples.frame, return_inverse=True)
     if how.gain == "locked":  # then the frames have no unknowns of their own
         group = np.zeros(len(samples), int)
-        samples = replace(samples, slack=np.zeros((0, 0)))
     theta = samples.theta[good]
     nodes = place_nodes(theta, 1 if how.brdf == "lambertian" else how.nodes)
     pinned = int(np.argmax(hats(nodes, theta).T @ samples.level[good] ** 2))
-    known = {"k": (FIRST_K, np.inf), "gamma": _belief(how.gamma, FIRST_GAMMA)}
+    known = {
+        "k": (constants.FIRST_K, np.inf),
+        "gamma": _belief(how.gamma, constants.FIRST_GAMMA),
+    }
     known |= {f"brdf {node}": (LOG_MATT, np.inf) for node in range(len(nodes))}
     known |= {f"brdf {pinned}": (LOG_MATT, 0.0), "reflectance 0": (0.0, 0.0)}
     for material, one in enumerate(how.reflectance, 1):
         value, sd = _belief(one, 1.0)
         known[f"reflectance {material}"] = float(np.log(value)), sd / value
     mean, sds = np.array(list(known.values())).T
-    own_sd = np.append(np.inf, np.ones(samples.slack.shape[1]))  # of the gain, of the poses
-    return LightModel(group, mean, sds, own_sd, samples, nodes, list(known))
+    return LightModel(group, mean, sds, np.array([np.inf]), samples, nodes, list(known))
 
 
 def _start(model: LightModel, good: BoolArray) -> FloatArray:
     """Begin with the gains that the good samples of each frame show if all else is as on the mean."""
     level = np.maximum(model.samples.level, 1e-3)
-    own = np.zeros((int(model.group[-1]) + 1, len(model.own_sd)))
+    own = np.zeros((int(model.group[-1]) + 1, 1))
     light, _ = model.shine(model.mean, own)
     # The gain of a frame without good samples is read from the others.
     weight = level**2 * np.maximum(good, 1e-9)
@@ -229,63 +194,30 @@ def _start(model: LightModel, good: BoolArray) -> FloatArray:
     return own
 
 
-def _refuse_untold(model: LightModel, of_k: float, of_gamma: float) -> None:
-    """Refuse samples whose signals do not tell k, or a γ that is to be found from them alone."""
-    refuse(
-        (
-            "k",
-            len(model.nodes) > 1 and of_k < LEAST_K_SIGNAL,
-            "these samples do not determine k: in all frames the incidence angle goes with the angle off "
-            "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
-            "tilt the sheet, or assume a matt sheet (lambertian BRDF)",
-        ),
-        (
-            "gamma",
-            np.isinf(model.sd[1]) and of_gamma < LEAST_GAMMA_SIGNAL,
-            "these samples do not determine gamma, only k/gamma: a change of gamma is made up for by "
-            f"k, the gains and the BRDF to {100 * of_gamma:.2g} % of the light "
-            f"({100 * LEAST_GAMMA_SIGNAL:g} % is needed); fold the sheet, print grey patches of known ratio, "
-            "or lock the gain and vary the distance, or give gamma",
-        ),
-    )
+def _refuse_other_light(model: LightModel, fitted: Fit) -> tuple[float, float]:
+    """Refuse the light of no endoscope; return the power of a lamp's at the lens that there is, and its ±."""
+    power = np.nan, np.nan
+    # A free γ would make up for another light, and run out of its bounds.
+    if np.isfinite(model.sd[1]):
+        seen = fitted.used & (model.samples.level > 0)
+        power = power_of_lamp(model, fitted.common[1], seen)
+    is_room = power[0] + 2 * power[1] < constants.LEAST_POWER
+    Refusal.LIT_ROOM.if_(is_room, power=power[0], error=power[1])
+    Refusal.UNLIKE.if_(fitted.sigma > constants.LARGEST_SIGMA, sigma=fitted.sigma)
+    return power
 
 
-def _refuse_run_away(
-    model: LightModel, fitted: Fit, errors: dict[str, float], power: tuple[float, float]
-) -> None:
-    """Refuse what was fitted if it is of no use, or of no endoscope's light."""
+def _refuse_run_away(model: LightModel, fitted: Fit, errors: dict[str, float]) -> None:
+    """Refuse what was fitted if it is of no use."""
     k, gamma = fitted.common[:2].tolist()
     error = gamma * errors["k/gamma"]
-    low, high = GAMMA_BOUNDS
-    most = LARGEST_GAMMA_ERROR
-    frames = len(np.unique(model.samples.frame))
-    ways = "use the endoscope's own light, and no other"
-    refuse(
-        (
-            "light",
-            power[0] + 2 * power[1] < LEAST_POWER,
-            "the brightness hardly falls with distance and tilt, as in a lit room: to the power "
-            f"{power[0]:.2f} ± {power[1]:.2f} of what a lamp at the lens does; {ways}",
-        ),
-        (
-            "light",
-            fitted.sigma > LARGEST_SIGMA,
-            f"residuals of {fitted.sigma:.0f} grey levels are too large for a lamp at the lens; {ways}",
-        ),
-        (
-            "k",
-            not (k >= 0 and error <= LARGEST_K_ERROR),
-            f"{len(model.samples)} samples of {frames} frames do not determine k: it is {k:.2f} ± "
-            f"{error:.2g}, of which ± {LARGEST_K_ERROR:g} at most is of use; take more, over a wider field",
-        ),
-        (
-            "gamma",
-            np.isinf(model.sd[1])
-            and not (low <= gamma <= high and errors["gamma"] <= most * gamma),
-            f"gamma ran to {gamma:.2f} ± {errors['gamma']:.2g}, of {low:g} to {high:g} ± {100 * most:g} % at "
-            "most; check the distances, or give gamma",
-        ),
-    )
+    is_sure = k >= 0 and error <= constants.LARGEST_K_ERROR
+    count = {"samples": len(model.samples), "frames": len(np.unique(model.samples.frame))}
+    Refusal.UNSURE_K.if_(not is_sure, k=k, error=error, **count)
+    low, high = constants.GAMMA_BOUNDS
+    is_sure = errors["gamma"] <= constants.LARGEST_GAMMA_ERROR * gamma
+    ran = np.isinf(model.sd[1]) and not (low <= gamma <= high and is_sure)
+    Refusal.UNSURE_GAMMA.if_(ran, gamma=gamma, error=errors["gamma"])
 
 
 def _standard_errors(
@@ -309,6 +241,7 @@ def _result(
     stiff: LightModel,
     fitted: Fit,
     held_out: dict[str, float],
+    power: tuple[float, float],
     determined: bool,
 ) -> PhotometricFit:
     """Check a fit of the model with some unknowns held, and name what it found."""
@@ -323,20 +256,15 @@ def _result(
     places = vector[model.of_lamps].reshape(-1, 2)
     own = fitted.own
     errors = _standard_errors(model, vector, fitted.covariance)
-    power = np.nan, np.nan
-    # A free γ would make up for another light, and run out of its bounds.
-    if np.isfinite(model.sd[1]):
-        seen = fitted.used & (model.samples.level > 0)
-        power = power_of_lamp(model, vector[1], seen)
-    _refuse_run_away(model, fitted, errors, power)
-    clear = GREY_LEVELS * min(LEVELS[0], 1 - LEVELS[1])
+    _refuse_run_away(model, fitted, errors)
+    clear = GREY_LEVELS * min(constants.LEVELS[0], 1 - constants.LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
-        Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < USUAL_POWER,
+        Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < constants.USUAL_POWER,
         Doubt.UNTOLD_PLACE: not determined,
-        Doubt.OTHER_PLACE: one_sided(model, fitted) > LARGEST_SIDE,
+        Doubt.OTHER_PLACE: one_sided(model, fitted) > constants.LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
-        Doubt.CLIPPED: clear < CLEARANCE * fitted.sigma,
+        Doubt.CLIPPED: clear < constants.OUTLIER * fitted.sigma,
     }
     f = tuple(np.exp(vector[model.of_brdf]).tolist())
     surface: BRDF = Lambertian(1.0)

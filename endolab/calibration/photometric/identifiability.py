@@ -21,43 +21,16 @@ The regression gives f many more nodes than the fit has. Else the error of inter
 few nodes would count as information, and would fix γ at a wrong value.
 """
 
-from typing import Any
-
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.least_squares import Arrow, Fit
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
     LightModel,
     hats,
-    light_beside,
 )
 from endolab.numerics.arrays import BoolArray, FloatArray
-
-# What samples must show before k, γ and a lamp's place are believed.
-#
-# Errors of the poses make up some signal where there is none: 0.3 % of the distance and 0.1° of the
-# normal, apart for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give
-# 0.02 of log cos α.
-RICH_NODES = 60  # of the BRDF, in the regression
-LEAST_GAMMA_SIGNAL = 0.018
-LEAST_K_SIGNAL = 0.012
-LEAST_LAMP_SIGNAL = 0.006  # of 1 mm
-
-
-class NotIdentifiableError(ValueError):
-    """The samples do not tell an unknown: "gamma", "k", "brdf" or "light"."""
-
-    def __init__(self, unknown: str, reason: str) -> None:
-        super().__init__(reason)
-        self.unknown = unknown
-
-
-def refuse(*cases: tuple[str, Any, str]) -> None:
-    """Raise for the first case, of an unknown, a condition and the reason, that is so."""
-    for unknown, is_so, reason in cases:
-        if is_so:
-            raise NotIdentifiableError(unknown, reason)
 
 
 def regress(
@@ -82,7 +55,7 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     material = slice(model.of_brdf.stop, None)
     others = model.materials[:, np.isinf(model.sd[material])].astype(float)
     if len(model.nodes) > 1:
-        count = int(np.clip(good.sum() // 10, len(model.nodes), RICH_NODES))
+        count = int(np.clip(good.sum() // 10, len(model.nodes), constants.RICH_NODES))
         rich = np.linspace(model.nodes[0], model.nodes[-1], count)
         others = np.column_stack([hats(rich, model.samples.theta), others])
     k = model.log_cos_alpha
@@ -90,7 +63,9 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     _, of_k, _ = regress(model, k, others, weight)
     known = np.column_stack([others, k])
     _, of_gamma, _ = regress(model, gamma, known, weight)
-    by_place = light_beside(model.samples, np.zeros(2))[1]
+    beside = model.with_lamps(1)
+    own = np.zeros((int(model.group[-1]) + 1, len(model.own_sd)))
+    by_place = beside.shine(beside.mean, own)[1][:, beside.of_lamps]
     of_lamp = [regress(model, axis, known, weight)[1] for axis in by_place.T]
     left = np.square([of_k, of_gamma, *of_lamp])
     of_k, of_gamma, *sides = np.sqrt(np.average(left, axis=1, weights=weight)).tolist()
@@ -118,21 +93,16 @@ def power_of_lamp(model: LightModel, gamma: float, used: BoolArray) -> tuple[flo
 
 def left_of_light(model: LightModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
     """Return what a fit leaves of the logarithm of the light, (n,), and what each sample counts, (n,)."""
-    level = model.samples.level - fitted.residual[:, 0] / GREY_LEVELS  # predicted
-    level = np.where(fitted.used, level, 1.0)
-    off = fitted.common[1] * fitted.residual[:, 0] / GREY_LEVELS / level
-    return off, np.where(fitted.used, level**2, 0.0)
+    off = fitted.residual[:, 0] / GREY_LEVELS
+    level = np.where(fitted.used, model.samples.level - off, 1.0)  # predicted
+    return fitted.common[1] * off / level, np.where(fitted.used, level**2, 0.0)
 
 
 def one_sided(model: LightModel, fitted: Fit) -> float:
-    """Measure by what part of the light one side of the picture is brighter than a fit says, for certain.
-
-    From rim to rim of what was seen, less two standard errors.
-    """
+    """Measure by what part of the light one side of the picture is brighter than a fit says, rim to rim."""
     across = model.samples.points[:, :2] / model.samples.distance[:, None]
     off, weight = left_of_light(model, fitted)
-    slope, left, arrow = regress(model, off, across, weight)
-    rest = np.sum(weight * left**2) / fitted.used.sum()
-    error = np.sqrt(rest * np.trace(arrow.covariance()[0]))
-    wide = 2 * np.linalg.norm(across[fitted.used], axis=1).max()
-    return float(wide * (np.linalg.norm(slope) - 2 * error))
+    slope, *_ = regress(model, off, across, weight)
+    return float(
+        2 * np.linalg.norm(across[fitted.used], axis=1).max() * np.linalg.norm(slope)
+    )

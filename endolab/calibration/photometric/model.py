@@ -18,28 +18,25 @@ is given: f is 1/π there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
+from typing import ClassVar
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.least_squares import Model
 from endolab.calibration.photometric.samples import Samples
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 GREY_LEVELS = 255.0  # of a stored value of 1
-# Stored values that the model may predict for a sample to count: noise of 3 grey levels cannot clip them.
-LEVELS = (12 / 255, 240 / 255)
-# Exponent that brings the BRDF's nodes closer together near θ = 0.
-NODE_EXPONENT = 1.15
-# Cosine of the steepest incidence of lamps' light, on average, at which a sample counts.
-GRAZING = 0.05
-LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
 
 
 def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
     """Return the interpolation between nodes as a matrix, (n, nodes); constant beyond them."""
-    return np.column_stack([np.interp(theta, nodes, unit) for unit in np.eye(len(nodes))])
+    number = np.arange(len(nodes))
+    return np.maximum(1 - np.abs(np.interp(theta, nodes, number)[:, None] - number), 0.0)
 
 
 def place_nodes(theta: FloatArray, count: int) -> FloatArray:
@@ -48,10 +45,12 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     They are closer together near the least angle, where paper has its sheen; with too few samples
     between two of them, one is left out.
     """
-    nodes = theta.min() + np.ptp(theta) * np.linspace(0, 1, count) ** NODE_EXPONENT
+    nodes = (
+        theta.min() + np.ptp(theta) * np.linspace(0, 1, count) ** constants.NODE_EXPONENT
+    )
     while len(nodes) > 2:
         inside, _ = np.histogram(theta, nodes)
-        thin = np.flatnonzero(inside < LEAST_SUPPORT)
+        thin = np.flatnonzero(inside < constants.LEAST_SUPPORT)
         if not thin.size:
             break
         # Joining a thin interval with its neighbour removes the node between them.
@@ -59,53 +58,50 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     return nodes
 
 
-def light_beside(
-    samples: Samples, place: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def light_beside(samples: Samples, place: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compare the light of a lamp at (x, y, 0), mm, with that of one at the lens, both of exponent 1.
 
     With n the normal, o = (x, y, 0) - X, r = |o| and d = |X|, a lamp's light is z (n·o) / r⁴, so that
 
-        ω = (n·o) / (-n·X) · (d / r)⁴,      θ = arccos(n·h / |h|),  h = o/r - X/d
+        ω = (n·o) / (-n·X) · (d / r)⁴,      cos θ = n·h / |h|,  h = o/r - X/d
 
-    Returns ω, (n,), and the half angle θ, rad, (n,), each with its derivatives by x and y, (n, 2).
+    Returns ω and the half angle θ, rad, (n,) each.
     """
     points, normals = samples.points, samples.normals
     distance = samples.distance
     offset = np.append(place, 0.0) - points
     reach = np.linalg.norm(offset, axis=1)
-    height = np.vecdot(normals, offset)
-    behind = height < 1e-4 * reach
-    height = np.where(behind, 1e-4 * reach, height)
-    nearer = (distance / reach) ** 4 / np.maximum(-np.vecdot(normals, points), 1e-9)
-    ratio = height * nearer
-    by_place = nearer[:, None] * normals - 4 * (ratio / reach**2)[:, None] * offset
-    by_place[behind] = 0
-
-    to_lamp = offset / reach[:, None]
-    half = to_lamp - points / distance[:, None]
-    length = np.linalg.norm(half, axis=1)
-    half /= length[:, None]
-    cosine = np.clip(np.vecdot(normals, half), 0.0, 1.0)
-    across = normals - cosine[:, None] * half
-    across -= np.vecdot(across, to_lamp)[:, None] * to_lamp
-    sine = np.maximum(np.sqrt(1 - cosine**2), 1e-9)
-    turn = -across / (sine * reach * length)[:, None]
-    return ratio, by_place[:, :2], np.arccos(cosine), turn[:, :2]
+    height = np.maximum(np.vecdot(normals, offset), 1e-4 * reach)
+    ratio = height / np.maximum(-np.vecdot(normals, points), 1e-9) * (distance / reach) ** 4
+    half = offset / reach[:, None] - points / distance[:, None]
+    cosine = np.vecdot(normals, half) / np.linalg.norm(half, axis=1)
+    return ratio, np.arccos(np.clip(cosine, 0.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class LightModel(Model):
     """The photometric fit as `least_squares` asks for it.
 
-    A group is what shares a gain: a frame, or all if it is locked. Its own unknowns are the logarithm of the
-    gain and errors of the frame's poses, in standard deviations.
+    A group is what shares a gain: a frame, or all if it is locked. Its own unknown is the logarithm of
+    the gain.
     """
 
     samples: Samples
     nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
     names: list[str]  # of the common unknowns, (p,)
     lamps: int = 0  # beside the lens; 0: one at the optical centre
+    of_each: ClassVar = ("samples",)
+
+    def with_lamps(self, lamps: int) -> LightModel:
+        """Add the places of so many lamps to the unknowns of a model whose lamp is at the lens."""
+        names = [f"lamp {number} {axis}" for number in range(1, lamps + 1) for axis in "xy"]
+        return replace(
+            self,
+            mean=np.insert(self.mean, 2, np.zeros(2 * lamps)),
+            sd=np.insert(self.sd, 2, np.full(2 * lamps, constants.PLACE_SD)),
+            names=[*self.names[:2], *names, *self.names[2:]],
+            lamps=lamps,
+        )
 
     @property
     def of_lamps(self) -> slice:
@@ -142,35 +138,37 @@ class LightModel(Model):
         untouched = np.zeros((len(k), self.of_lamps.stop - 1))
         return np.column_stack([k, untouched, hat, self.materials])
 
-    @cached_property
-    def own_columns(self) -> FloatArray:
-        """Derivatives of L by the own unknowns, (n, 1 + b)."""
-        return np.column_stack([np.ones(len(self.samples)), self.samples.slack])
-
     def shine(self, vector: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return L, the logarithm of the light, (n,), and its derivatives by the vector, (n, p), γ apart."""
         columns = self.columns.copy()
         values = np.exp(vector[self.of_brdf])
-        share = columns[:, self.of_brdf] * values
-        slopes = np.zeros((len(columns), 2 * self.lamps))
         if self.lamps:
-            bends = np.concatenate([[0], np.diff(values) / np.diff(self.nodes), [0]])
-            share = np.zeros_like(share)
-            for number, place in enumerate(vector[self.of_lamps].reshape(-1, 2)):
-                ratio, by_place, theta, turn = light_beside(self.samples, place)
-                hat = hats(self.nodes, theta)
-                share += ratio[:, None] * hat * values / self.lamps
-                bend = (ratio * bends[np.searchsorted(self.nodes, theta)])[:, None] * turn
-                slope = (hat @ values)[:, None] * by_place + bend
-                slopes[:, 2 * number : 2 * number + 2] = slope / self.lamps
+            columns[:, self.of_brdf] = 0
+            places = vector[self.of_lamps].reshape(-1, 2)
+            for place in places:
+                ratio, theta = light_beside(self.samples, place)
+                columns[:, self.of_brdf] += (ratio / self.lamps)[:, None] * hats(
+                    self.nodes, theta
+                )
+            for index, (place, move) in enumerate(
+                product(places, constants.STEP * np.eye(2))
+            ):
+                before, after = (
+                    ratio * np.interp(theta, self.nodes, values)
+                    for ratio, theta in (
+                        light_beside(self.samples, moved)
+                        for moved in (place - move, place + move)
+                    )
+                )
+                columns[:, 2 + index] = (after - before) / (2 * constants.STEP * self.lamps)
+        share = columns[:, self.of_brdf] * values
         f = share.sum(axis=1, keepdims=True)
         columns[:, self.of_brdf] = share / f
+        columns[:, self.of_lamps] /= f
         others = vector.copy()
         others[self.of_lamps.start : self.of_brdf.stop] = 0
         light = self.falloff + columns @ others + np.log(f[:, 0])
-        columns[:, self.of_lamps] = slopes / f
-        light += np.einsum("nb,nb->n", self.own_columns, own[self.group])
-        return light, columns
+        return light + own[self.group, 0], columns
 
     def usable(self, common: FloatArray, own: FloatArray) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
@@ -180,15 +178,7 @@ class LightModel(Model):
         """
         off, *_ = self.linearise(common, own)
         level = self.samples.level - off[:, 0] / GREY_LEVELS
-        good = (level > LEVELS[0]) & (level < LEVELS[1])
-        if self.lamps:
-            cosines = []
-            for place in common[self.of_lamps].reshape(-1, 2):
-                offset = np.append(place, 0.0) - self.samples.points
-                cosine = np.vecdot(self.samples.normals, offset)
-                cosines.append(np.maximum(cosine / np.linalg.norm(offset, axis=1), 0))
-            good &= np.mean(cosines, axis=0) > GRAZING
-        return good
+        return (level > constants.LEVELS[0]) & (level < constants.LEVELS[1])
 
     def linearise(  # noqa: D102
         self, common: FloatArray, own: FloatArray
@@ -203,5 +193,4 @@ class LightModel(Model):
         if not 0.1 < gamma < 20:  # it would lose its meaning
             off = off * np.nan
         by_vector = slope * columns
-        by_own = slope * self.own_columns
-        return off[:, None], by_vector[:, None], by_own[:, None]
+        return off[:, None], by_vector[:, None], slope[:, None]

@@ -1,39 +1,19 @@
 """What a photometric calibration returns: the model, its uncertainties, and how far it is off."""
 
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.photometric.model import GREY_LEVELS
+from endolab.calibration.photometric.refusals import Doubt
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
 
-LEAST_SCORED = 10  # samples of a bin of angles that are worth a word
 Row = tuple[str, float, float, str]  # name, value, its standard error, unit
-
-
-class Doubt(Enum):
-    """Why a light that was found may not be the right one."""
-
-    UNFINISHED = "The fit of the light did not end as it should."
-    OTHER_LIGHT = (
-        "The brightness falls less with distance and tilt than a lamp's at the lens: there was another "
-        "light, γ is larger, or the paper is rough."
-    )
-    UNTOLD_PLACE = (
-        "Where the lamp is was not told, and it was left at the lens: the sheet was never near enough, or "
-        "never off the axis."
-    )
-    OTHER_PLACE = (
-        "One side of the picture is brighter than the lamps that were fitted explain: there are others, "
-        "or elsewhere."
-    )
-    MATT = "The surface was taken to be matt (Lambertian): a sheen would show as wrong k and γ."
-    CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +28,7 @@ class AngleErrors:
     @property
     def largest(self) -> float:
         """Largest error of the bins that have enough samples; nan without any."""
-        known = np.abs(self.error[self.count >= LEAST_SCORED])
+        known = np.abs(self.error[self.count >= constants.LEAST_SCORED])
         return float(known.max()) if known.size else np.nan
 
 

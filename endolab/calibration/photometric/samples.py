@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
-from functools import lru_cache
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
 from typing import Self
 
 import cv2
 import numpy as np
 
+from endolab.calibration import constants
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.numerics.checks import readonly_copy
-
-# Which pixels of a sheet can be read, and how many of them.
-# px; in pictures as wide as this the light of 3x3 pixels is averaged.
-LARGE_PICTURE = 960
-ROUGH_GAMMA = 2.2  # makes values linear enough, as the light hardly changes within
-# px between a window and the rim of the ink: half of rounding, the rest of blur.
-RIM = 1.5
-GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
-# Samples of a frame; more would only make one frame count more than another.
-MOST_OF_A_FRAME = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +27,8 @@ class Samples:
     points: FloatArray  # (n, 3), place on the surface in the camera frame, mm
     normals: FloatArray  # (n, 3), unit normal there, towards the camera
     material: IntArray  # (n,), 0 for the white of the paper; grey patches, or other channels, count from 1
-    # (n, b), what b independent errors of the frame's poses, of one standard deviation each, add to the
-    # logarithm of the light; none by default.
-    slack: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        if not self.slack.size:
-            object.__setattr__(self, "slack", np.zeros((len(self), 0)))
         if np.any(np.diff(self.frame) < 0):
             raise ValueError("frame must be in ascending order")
 
@@ -60,7 +46,7 @@ class Samples:
         columns = ([getattr(part, column.name) for part in parts] for column in fields(cls))
         return cls(*map(np.concatenate, columns))
 
-    @property
+    @cached_property
     def distance(self) -> FloatArray:
         """Euclidean distance from the optical centre, (n,), mm."""
         return np.linalg.norm(self.points, axis=1)
@@ -100,7 +86,7 @@ def sample_places(target: Target) -> tuple[FloatArray, IntArray]:
     """
     white = target.white_places()
     white = np.column_stack([white, np.ones(len(white))])
-    greys = target.grey_discs * [1, 1, GREY_CLEARANCE, 1]
+    greys = target.grey_discs * [1, 1, constants.GREY_CLEARANCE, 1]
     spots = np.concatenate([white, greys])
     _, material = np.unique(-spots[:, 3], return_inverse=True)
     return readonly_copy(spots), material
@@ -113,7 +99,7 @@ def sample_sheet(
     camera: Camera,
     *,
     frame: int = 0,
-    most: int = MOST_OF_A_FRAME,
+    most: int = constants.MOST_OF_A_FRAME,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
 
@@ -125,9 +111,9 @@ def sample_sheet(
     centre = np.column_stack([spots[:, :2], np.zeros(len(spots))])
     edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[:, 2, None]
     size = np.array(image.shape[::-1])
-    side = 3 if size[0] >= LARGE_PICTURE else 1
+    side = 3 if size[0] >= constants.LARGE_PICTURE else 1
     half = side // 2
-    linear = cv2.blur(image.astype(np.float32) ** ROUGH_GAMMA, (side, side))
+    mean = cv2.blur(image.astype(np.float32), (side, side))
     parts = []
     for number, pose in enumerate(poses):
         if pose is None:
@@ -137,7 +123,10 @@ def sample_sheet(
         # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
         # in the narrowest direction: the short axis of the ellipse that these two axes span.
         axes = np.nan_to_num(axes).transpose(1, 2, 0)
-        bare = np.linalg.svd(axes, compute_uv=False)[:, 1] >= RIM + np.sqrt(2) * side / 2
+        bare = (
+            np.linalg.svd(axes, compute_uv=False)[:, 1]
+            >= constants.RIM + np.sqrt(2) * side / 2
+        )
         nearest = np.round(pixel)
         inside = np.all((nearest >= half) & (nearest < size - half), axis=1)
         rays = camera.unproject(nearest)
@@ -147,16 +136,10 @@ def sample_sheet(
         read = np.flatnonzero(seen & (panel == number))
         points = rays[read] * (height / facing[read])[:, None]
         column, row = nearest[read].astype(int).T
-        level = linear[row, column].astype(np.float64) ** (1 / ROUGH_GAMMA)
-        # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
-        plane = pose.normal / height
-        errors = pose.plane_errors()
-        slack = np.zeros((len(read), 3 * target.panels))
-        change = 3 * points @ errors - plane @ errors / (plane @ plane)
-        slack[:, 3 * number : 3 * number + 3] = change
+        level = mean[row, column].astype(np.float64)
         frames = np.full(len(read), frame)
         normals = np.tile(pose.normal, (len(read), 1))
-        parts.append(Samples(frames, level, points, normals, material[read], slack))
+        parts.append(Samples(frames, level, points, normals, material[read]))
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples

@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from scipy.stats import norm
 
+from endolab.calibration.constants import LEAST_SCORED
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import GeometricFit
-from endolab.calibration.photometric.result import LEAST_SCORED, AngleErrors, PhotometricFit
+from endolab.calibration.photometric.result import AngleErrors, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session
 from endolab.calibration.summary import count_of, mean_distances

@@ -21,6 +21,17 @@ RULER = 50  # mm
 SIDES = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])  # once around a square
 
 
+def paper_of(target: Target) -> str:
+    """Name the smallest paper that a sheet is printed on."""
+    long, short = A4
+    taken = draw_sheet(target).get_size_inches() * 25.4 - 0.01
+    for name in ("A4", "A3", "A2", "A1", "A0"):
+        if taken[0] < long and taken[1] < short:
+            return name
+        long, short = long * np.sqrt(2), long
+    return f"{taken[0]:.0f} x {taken[1]:.0f} mm"
+
+
 def draw_sheet(target: Target) -> Figure:
     """Draw a sheet on its page, with its name in `TARGETS`, if it has one, and what it is.
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import endolab as el
 from endolab import datasets
-from endolab.calibration.detection.detect import detect
+from endolab.calibration.detection.detect import detect, see_board
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.trajectory import fold_pose
 from endolab.calibration.simulation.video import render_sheet, simulate_video
@@ -245,6 +245,9 @@ def test_the_published_frame_of_the_sheet(data):
 def test_published_chessboards(data):
     for file in sorted((data / "checkerboard_capsule").glob("*.jpg")):
         assert len(detect(read(file), Chessboard(8, 7, 2.0)).ids) >= 38
+    assert see_board(read(file))
+    dots = data / "circles_fetoscope/sample_001/frame_001.jpg"
+    assert see_board(read(dots)) is None
     for file in sorted((data / "plates_laparoscope" / "chessboard").glob("*.png")):
         found = detect(read(file), Chessboard(15, 11, 3.0))
         published = np.loadtxt(f"{file}.points.txt")
