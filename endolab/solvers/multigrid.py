@@ -7,7 +7,7 @@ and the matrix Pᵀ M P (Briggs, Henson, McCormick, "A multigrid tutorial", 2000
     all pixels     smooth                  smooth
     a quarter        Pᵀr ↘ smooth    smooth ↗ x + P x
     ...                        ↘    ↗
-    at most 96                 invert
+    at most 320                solve
 
 Smoothing changes all pixels at once, so that a mirrored picture has the mirrored solution. It is Chebyshev's
 of the fourth kind (Lottes, "Optimal polynomial smoothers for multigrid V-cycles", 2023) by rows' sums,
@@ -23,6 +23,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
@@ -48,7 +49,9 @@ from endolab.solvers.normal_equations import (
 )
 
 # How a V-cycle is made; chosen by hand.
-COARSEST = 96  # pixels; so many or fewer are solved by an inverse matrix
+# Pixels; so many or fewer are solved as they are. Of usual pictures these are 20×15, each a whole number of
+# times halved: a row that is left over at one end would know left from right.
+COARSEST = 320
 # Fraction of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
 RIDGE = 1e-4
 
@@ -179,8 +182,8 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
 
-def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
-    """Inverse of the matrix of a small grid's active pixels."""
+def _factorise(m: FloatArray, active: ByteArray) -> tuple[FloatArray, bool]:
+    """Cholesky's factor of the matrix of a small grid's active pixels, as `scipy.linalg` has it."""
     i, j = np.nonzero(active)
     number = np.full(active.shape, -1)
     dense = np.zeros((i.size, i.size))
@@ -193,7 +196,7 @@ def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
         dense[row, column] = dense[column, row] = m[entry, i, j][known]
     diagonal = np.diag(dense)
     dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
-    return np.asarray(np.linalg.inv(dense), dtype=np.float64)
+    return cho_factor(dense, overwrite_a=True, check_finite=False)
 
 
 class _Level:
@@ -249,14 +252,16 @@ class Multigrid:
             _invert_sums(level.inverse, level.matrix, level.structure.active)
             coarsen(coarser.matrix, level.matrix, level.structure.way)
         coarsest = self.levels[-1]
-        self.solution = _invert(coarsest.matrix, coarsest.structure.active)
+        self.factor = _factorise(coarsest.matrix, coarsest.structure.active)
         self.places = np.flatnonzero(coarsest.structure.active)
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
         at = self.levels[depth]
         if depth + 1 == len(self.levels):
-            at.x.flat[self.places] = self.solution @ at.b.flat[self.places]
+            at.x.flat[self.places] = cho_solve(
+                self.factor, at.b.flat[self.places], check_finite=False
+            )
             return
         at.begin()
         below = self.levels[depth + 1]
