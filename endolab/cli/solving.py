@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import getpass
 import logging
 import os
+import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from endolab.io.settings import SolvingSettings
     from endolab.model.endoscope import Calibration
 
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
 Port = Annotated[int, Parameter(validator=Number(gte=1, lte=65535))]
 Reader = Callable[[Any, Sequence[Any]], Any]
@@ -153,6 +156,28 @@ def _load_endoscope(
             raise
         known = load_calibration(calibration, size=image.shape[1::-1])
     return known if crop is None else known.crop(*crop)
+
+
+# Pages ----------------------------------------------------------------------------------
+def free_port(first: int) -> int:
+    """Find the first port from `first` on that nobody listens to."""
+    for port in range(first, 65536):
+        with suppress(OSError, OverflowError), socket.create_server(("127.0.0.1", port)):
+            return port
+    raise ValueError(f"--port must be below 65536, got {first}")
+
+
+def is_remote() -> bool:
+    """Whether no browser can open here, where the user would see it."""
+    has_display = sys.platform != "linux" or any(map(os.environ.get, DISPLAYS))
+    return "SSH_CONNECTION" in os.environ or not has_display
+
+
+def tunnel(port: int) -> str:
+    """Return what to type on another machine, so that links to this one open there."""
+    told = os.environ.get("SSH_CONNECTION", "").split()  # two addresses, each with its port
+    host = told[2] if len(told) > 2 else socket.gethostname()
+    return f"ssh -L {port}:127.0.0.1:{port} {getpass.getuser()}@{host}"
 
 
 @contextmanager

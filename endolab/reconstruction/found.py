@@ -42,7 +42,7 @@ class Found:
             found,
             camera=calibration.camera.resize(columns, rows),
             **settings.energy,
-            report=replace(found.report, asked=asked),
+            report=replace(found.report, asked=asked, calibration=calibration),
         )
         channel = found.report.channel
         channel = "green" if channel in (SEPARATED, None) else channel
